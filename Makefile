@@ -1,0 +1,57 @@
+# The commands that people type. `make` alone lists them.
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+.PHONY: help setup build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports format bench clean distclean
+
+# Choices, also taken from the environment; see tools/bootstrap.sh --help.
+PYTHON ?=
+LITSIM_TORCH ?=
+TORCH_INDEX ?=
+export PYTHON LITSIM_TORCH TORCH_INDEX
+
+# Passed on to pytest, for example: make test ARGS="-k takeover -x"
+ARGS ?=
+
+BIN := .venv/bin
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@echo "  ./litsim        run one executable; alone, it lists them"
+	@echo "Variables: PYTHON, LITSIM_TORCH=cpu|gpu|none, TORCH_INDEX (tools/bootstrap.sh --help), ARGS for pytest"
+
+setup: ## Python packages, ROS 2 Jazzy and torch, into .venv
+	@tools/bootstrap.sh
+
+build: setup ## setup, then the ROS 2 workspace, into build/ and install/
+	@tools/build.sh
+
+demo: build ## the embedded scenario, closed loop; leaves bags/demo
+	./litsim litsim_sim launch --scenario demo --ego idm --policy litsim --out bags/demo --overwrite
+
+test: build ## every test
+	./litsim exec python -m pytest $(ARGS)
+
+lint: lint-rules lint-format lint-types lint-spelling lint-imports ## ruff, mypy, codespell, import-linter
+lint-rules: setup
+	$(BIN)/ruff check
+lint-format: setup
+	$(BIN)/ruff format --check
+lint-types: setup
+	$(BIN)/mypy
+lint-spelling: setup
+	$(BIN)/codespell
+lint-imports: setup
+	PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy $(BIN)/lint-imports
+
+format: setup ## put the sources into the format that lint asks for
+	$(BIN)/ruff check --fix-only --quiet
+	$(BIN)/ruff format
+
+bench: build ## how fast the stages and the loop are on this machine
+	./litsim litsim_policy bench
+
+clean: ## remove what build made
+	rm -rf build install log
+
+distclean: clean ## remove the environment and every cache as well
+	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,0 +1,1 @@
+"""Conflict detection, takeover and policies, ego drivers and experiments."""

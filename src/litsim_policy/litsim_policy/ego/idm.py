@@ -1,0 +1,36 @@
+"""The ego that keeps its lane and follows its leader by the Intelligent Driver Model; it deviates from its log."""
+
+from __future__ import annotations
+
+from litsim_policy.car_following import IdmConfig, along_path, idm_acceleration
+from litsim_policy.path import ReferencePath, lane_path, pursuit_yaw_rate
+from litsim_sim.scenario import Scenario
+from litsim_sim.scene import AgentTable, EgoCommand
+
+
+CAREFUL = IdmConfig(desired_speed=10.0, headway=1.5, standstill_gap=1.0, acceleration=1.0, deceleration=3.0)
+"""Textbook parameters (Treiber 2000): the distance that an ADS keeps, and that dense traffic does not; it deviates."""
+
+
+class IdmEgo:
+    """Drives along the centre line of the lane that it is on when its history is over."""
+
+    def __init__(self, scenario: Scenario, config: IdmConfig = CAREFUL) -> None:
+        self._scenario = scenario
+        self._config = config
+        self._path: ReferencePath | None = None
+
+    def plan(self, table: AgentTable) -> EgoCommand:
+        """See :class:`litsim_policy.ego.Ego`."""
+        row = table.row(self._scenario.ego_id)
+        if row < 0 or table.step < self._scenario.history_steps:
+            return EgoCommand(table.step)
+        x, y, yaw, speed = (float(getattr(table, f)[row]) for f in ("x", "y", "yaw", "speed"))
+        if self._path is None:
+            self._path = lane_path(self._scenario.lane_map, x, y, yaw)
+        view = along_path(self._path, table, row)
+        leads = view.ahead & view.in_path
+        acceleration = idm_acceleration(
+            self._config, speed, self._config.desired_speed, view.gap[leads], view.speed[leads]
+        )
+        return EgoCommand(table.step, acceleration, pursuit_yaw_rate(self._path, x, y, yaw, speed))

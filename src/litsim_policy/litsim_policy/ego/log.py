@@ -1,0 +1,13 @@
+"""The ego that replays its own log: the sanity case, in which every takeover is a false alarm."""
+
+from __future__ import annotations
+
+from litsim_sim.scene import AgentTable, EgoCommand, EgoMode
+
+
+class LogEgo:
+    """Asks the bridge to follow the log."""
+
+    def plan(self, table: AgentTable) -> EgoCommand:
+        """See :class:`litsim_policy.ego.Ego`."""
+        return EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG)

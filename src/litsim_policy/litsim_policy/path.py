@@ -1,0 +1,115 @@
+"""Reference paths: polylines in frame map that a vehicle follows, and where things are along them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_sim.geometry import wrap_angle
+from litsim_sim.log import Log
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scene import FloatArray
+
+SPACING = 1.0  # [m] between points; recorded positions jitter at shorter distances
+BEYOND = 300.0  # [m] by which a logged path goes on along its lane, for vehicles whose log ends
+
+
+@dataclass(frozen=True)
+class ReferencePath:
+    """A polyline with its arc length.
+
+    Attributes:
+        points: (m, 2) in frame map [m], m >= 2, no two neighbours equal.
+        s: (m,) arc length from the first point [m].
+    """
+
+    points: FloatArray
+    s: FloatArray
+
+    @classmethod
+    def through(cls, points: FloatArray) -> ReferencePath:
+        """Path through `points` (m, 2); points closer than half the spacing to their predecessor are dropped."""
+        kept = [points[0]]
+        for point in points[1:]:
+            if np.hypot(*(point - kept[-1])) >= 0.5 * SPACING:
+                kept.append(point)
+        if len(kept) < 2:
+            raise ValueError("a path needs two points that differ")
+        line = np.array(kept)
+        return cls(line, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))]))
+
+    def project(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Arc length s (n,) and offset d (n,), positive to the left, of the nearest point of the path [m].
+
+        The first and last segments are prolonged, so points before or beyond the path have s < 0 or s > length.
+        """
+        start, along = self.points[:-1], np.diff(self.points, axis=0)
+        length = np.diff(self.s)
+        unit = along / length[:, None]
+        dx, dy = x[:, None] - start[:, 0], y[:, None] - start[:, 1]
+        t = dx * unit[:, 0] + dy * unit[:, 1]
+        low, high = np.zeros(len(length)), length.copy()
+        low[0], high[-1] = -np.inf, np.inf
+        t = np.clip(t, low, high)
+        off_x, off_y = dx - t * unit[:, 0], dy - t * unit[:, 1]
+        best = np.argmin(off_x**2 + off_y**2, axis=1)
+        rows = np.arange(len(x))
+        left = unit[best, 0] * dy[rows, best] - unit[best, 1] * dx[rows, best]
+        return self.s[best] + t[rows, best], left
+
+    def point(self, s: float) -> FloatArray:
+        """(2,) point at arc length `s`, ends prolonged."""
+        if s <= 0.0:
+            return self.points[0] + s * self._unit(0)
+        if s >= self.s[-1]:
+            return self.points[-1] + (s - self.s[-1]) * self._unit(-1)
+        return np.array([np.interp(s, self.s, self.points[:, 0]), np.interp(s, self.s, self.points[:, 1])])
+
+    def heading(self, s: FloatArray) -> FloatArray:
+        """(n,) direction of the path at arc lengths `s` (n,) [rad]."""
+        at = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        along = np.diff(self.points, axis=0)[at]
+        return np.arctan2(along[:, 1], along[:, 0])
+
+    def _unit(self, end: int) -> FloatArray:
+        along = self.points[1] - self.points[0] if end == 0 else self.points[-1] - self.points[-2]
+        return along / np.hypot(*along)
+
+
+def logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
+    """Where `agent` went in the recording, and then on along its last lane."""
+    row = int(np.searchsorted(log.ids, agent))
+    valid = log.valid[row]
+    points = np.column_stack([log.x[row][valid], log.y[row][valid]])
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    marks = np.arange(0.0, travelled[-1], SPACING)
+    steps = np.interp(marks, travelled, np.arange(len(points)))
+    smooth = np.column_stack([np.interp(steps, np.arange(len(points)), points[:, i]) for i in (0, 1)])
+    end, yaw = points[-1:], log.yaw[row][valid][-1:]
+    at = lane_map.nearest(end[:, 0], end[:, 1], yaw)
+    beyond = lane_map.path_from(int(at.lane[0]), float(at.s[0]) + 3.0 * SPACING, BEYOND)
+    return ReferencePath.through(np.concatenate([smooth, end, _shifted(beyond, float(at.d[0]))]))
+
+
+def lane_path(lane_map: LaneMap, x: float, y: float, yaw: float, length: float = 2000.0) -> ReferencePath:
+    """The centre line of the lane at a pose, from there on."""
+    at = lane_map.nearest(np.array([x]), np.array([y]), np.array([yaw]))
+    return ReferencePath.through(lane_map.path_from(int(at.lane[0]), float(at.s[0]), length))
+
+
+def _shifted(points: FloatArray, left: float) -> FloatArray:
+    """A polyline moved to the left, the shift fading out over its length."""
+    direction = np.gradient(points, axis=0)
+    direction /= np.hypot(direction[:, 0], direction[:, 1])[:, None]
+    normal = np.column_stack([-direction[:, 1], direction[:, 0]])
+    return points + np.linspace(left, 0.0, len(points))[:, None] * normal
+
+
+def pursuit_yaw_rate(path: ReferencePath, x: float, y: float, yaw: float, speed: float) -> float:
+    """Yaw rate [rad/s] of a pure pursuit of `path` (Coulter 1992), looking a second ahead but at least 4 m."""
+    s, _ = path.project(np.array([x]), np.array([y]))
+    reach = max(4.0, speed)
+    target = path.point(float(s[0]) + reach)
+    bearing = np.arctan2(target[1] - y, target[0] - x) - yaw
+    return float(2.0 * speed * np.sin(wrap_angle(np.array([bearing]))[0]) / np.hypot(target[0] - x, target[1] - y))

@@ -1,0 +1,32 @@
+"""Policies by name."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from litsim_policy.takeover import TakeoverTable
+from litsim_policy.yield_policy import YieldPolicy
+from litsim_sim.errors import InputError
+from litsim_sim.scenario import Scenario
+from litsim_sim.scene import AgentTable, ControlTable
+
+DEFAULT = "yield"
+"""What `litsim` takes over with."""
+
+
+class Policy(Protocol):
+    """Called once a step, in order."""
+
+    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
+        """Controls of the agents that are off their log."""
+
+
+def make_policy(name: str, scenario: Scenario) -> Policy:
+    """The policy called `name`, for a run of `scenario`.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name not in ("litsim", "yield"):
+        raise InputError(f"policy: {name!r} is unknown, expected litsim or yield")
+    return YieldPolicy(scenario)

@@ -1,0 +1,149 @@
+"""The in-process shell: the cores of the graph composed without ROS, bit-identical to the graph."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import yaml
+
+from litsim_policy.conflict import ConflictConfig
+from litsim_policy.ego import make_ego
+from litsim_policy.policies import make_policy
+from litsim_policy.takeover import Takeover, TakeoverConfig, TakeoverManager, TakeoverTable
+from litsim_predictor.models import MODELS, make_predictor
+from litsim_sim.analysis.run import RunInfo, StageState, Status
+from litsim_sim.analysis.run import Run as RecordedRun
+from litsim_sim.analysis.run import Takeover as RecordedTakeover
+from litsim_sim.analysis.run import TakeoverReason, TakeoverState
+from litsim_sim.recording import STEP_S
+from litsim_sim.run_info import RunPlan
+from litsim_sim.scene import AgentTable, ControlTable, EgoCommand
+from litsim_sim.world import Mirror, World, WorldConfig
+
+
+@dataclass(frozen=True)
+class Round:
+    """One step and the answers to it.
+
+    Attributes:
+        takeovers, controls: None where the policy is replay.
+        stage_s: wall time of each stage [s].
+    """
+
+    table: AgentTable
+    takeovers: TakeoverTable | None
+    controls: ControlTable | None
+    ego: EgoCommand
+    stage_s: dict[str, float]
+
+
+class Runner:
+    """Runs a plan in this process; with a mirror (libsumo: one per process) or without."""
+
+    def __init__(
+        self,
+        plan: RunPlan,
+        mirror: Mirror | None = None,
+        *,
+        model: str = MODELS[0],
+        conflict: ConflictConfig | None = None,
+        takeover: TakeoverConfig | None = None,
+    ) -> None:
+        scenario = plan.scenario
+        self.plan = plan
+        self.world = World(scenario, WorldConfig(guard_entries=plan.policy != "replay"), mirror)
+        self._ego = make_ego(plan.ego, scenario)
+        self._reacts = plan.policy != "replay"
+        if self._reacts:
+            self._predictor = make_predictor(model, scenario)
+            self._manager = TakeoverManager(scenario, conflict or ConflictConfig(), takeover or TakeoverConfig())
+            self._policy = make_policy(plan.policy, scenario)
+
+    def rounds(self) -> Iterator[Round]:
+        """Every step of the run with its answers, in order."""
+        begin = time.perf_counter()
+        table = self.world.reset()
+        try:
+            for step in range(self.plan.scenario.total_steps + 1):
+                marks = {"bridge": time.perf_counter() - begin}
+                takeovers, controls = None, None
+                if self._reacts:
+                    begin = time.perf_counter()
+                    forecast = self._predictor.forecast(table)
+                    marks["predictor"] = time.perf_counter() - begin
+                    begin = time.perf_counter()
+                    takeovers = self._manager.update(table, forecast)
+                    marks["conflict"] = time.perf_counter() - begin
+                    begin = time.perf_counter()
+                    controls = self._policy.act(table, takeovers)
+                    marks["policy"] = time.perf_counter() - begin
+                begin = time.perf_counter()
+                ego = self._ego.plan(table)
+                marks["ego"] = time.perf_counter() - begin
+                yield Round(table, takeovers, controls, ego, marks)
+                begin = time.perf_counter()
+                if step < self.plan.scenario.total_steps:
+                    table = self.world.step(controls or ControlTable.empty(step), ego)
+        finally:
+            self.world.close()
+
+
+def record(runner: Runner, progress: Callable[[int], None] = lambda step: None) -> RecordedRun:
+    """Run to the end and return what a recording of the same run would be read as.
+
+    Args:
+        runner: fresh.
+        progress: called with every step.
+    """
+    plan, scenario = runner.plan, runner.plan.scenario
+    begin = time.perf_counter()
+    rounds = []
+    for now in runner.rounds():
+        rounds.append(now)
+        progress(now.table.step)
+    wall = time.perf_counter() - begin
+    info = RunInfo(
+        run_id=plan.run_id,
+        scenario=scenario.name,
+        scenario_yaml=scenario.to_yaml(),
+        ego=plan.ego,
+        policy=plan.policy,
+        ego_id=scenario.ego_id,
+        seed=scenario.seed,
+        total_steps=scenario.total_steps,
+        history_steps=scenario.history_steps,
+        dt=STEP_S,
+        mode="in-process",
+        stages=plan.stages,
+        topics=(),
+        configuration="",
+        versions="",
+    )
+    finished = Status(scenario.total_steps, "bridge", StageState.FINISHED, wall, yaml.safe_dump(runner.world.summary()))
+    return RecordedRun(
+        path=Path(plan.run_id),
+        info=info,
+        tables=[r.table for r in rounds],
+        log=[scenario.log.table(r.table.step) for r in rounds],
+        controls={r.table.step: r.controls for r in rounds if r.controls is not None},
+        ego_commands={r.table.step: r.ego for r in rounds},
+        takeovers={
+            r.table.step: [_recorded(t) for t in r.takeovers.takeovers] for r in rounds if r.takeovers is not None
+        },
+        timing={
+            stage: {r.table.step: r.stage_s[stage] for r in rounds} for stage in (rounds[0].stage_s if rounds else ())
+        },
+        statuses=[finished],
+        scenario_yaml=scenario.to_yaml(),
+        net_xml=scenario.net_path.read_bytes(),
+    )
+
+
+def _recorded(takeover: Takeover) -> RecordedTakeover:
+    values = {f.name: getattr(takeover, f.name) for f in fields(RecordedTakeover)}
+    poses = {name: tuple(float(v) for v in values[name]) for name in ("conflict_pose", "goal_pose")}
+    numbered = {"state": TakeoverState(takeover.state), "reason": TakeoverReason(takeover.reason)}
+    return RecordedTakeover(**(values | poses | numbered))

@@ -1,0 +1,40 @@
+"""Build description of litsim_policy: `colcon build` reads it, on stock ROS 2 as on the wheels."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "litsim_policy"
+# Files that code opens with importlib.resources; configurations, scenarios, nets and what they embed.
+DATA = [f"**/*.{ending}" for ending in ("css", "html", "js", "json", "parquet", "pt", "xml", "xml.gz", "yaml")]
+# Folders beside the package that are installed into its share folder, where `ros2 launch` and --params-file look.
+SHARED = ("config", "launch")
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Conflict detection, takeover and policies, ego drivers and experiments of LitSim-ROS.",
+    license="Apache-2.0",
+    maintainer="LitSim-ROS maintainers",
+    maintainer_email="maintainers@litsim.invalid",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: DATA},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *((f"share/{NAME}/{name}", sorted(map(str, Path(name).iterdir()))) for name in SHARED if Path(name).is_dir()),
+    ],
+    zip_safe=False,
+    install_requires=["setuptools"],
+    entry_points={
+        "console_scripts": [
+            "conflict = litsim_policy.conflict_node:main",
+            "policy = litsim_policy.policy_node:main",
+            "ego_log = litsim_policy.ego.log_node:main",
+            "ego_idm = litsim_policy.ego.idm_node:main",
+            "run = litsim_policy.cli.run:main",
+            "evaluate = litsim_policy.cli.evaluate:main",
+            "bench = litsim_policy.cli.bench:main",
+        ],
+    },
+)

@@ -1,0 +1,1 @@
+"""Joint predictors, kinematic and learned, and their node."""

@@ -1,0 +1,95 @@
+"""Constant turn rate and velocity, for every agent on its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_predictor.forecast import Forecast, agents_of_interest
+from litsim_sim.recording import STEP_S
+from litsim_sim.scene import AgentTable, FloatArray, History
+
+
+@dataclass(frozen=True)
+class KinematicConfig:
+    """Parameters of :class:`KinematicPredictor`.
+
+    Attributes:
+        horizon: [s].
+        dt: [s] between future steps.
+        rate_window: steps over which the turn rate is averaged; recorded headings are noisy.
+        rate_dead_band: turn rates [rad/s] below are noise, and taken as none.
+        rate_decay: time constant [s] with which drivers are expected to end a turn.
+        sigma_along, sigma_across: growth of the standard deviations, linear [m/s] and quadratic [m/s2] terms; the
+            defaults follow the published error of constant velocity on NGSIM, 0.7 m at 1 s to 6.7 m at 5 s.
+        sigma_start: standard deviation at the start [m].
+    """
+
+    horizon: float = 5.0
+    dt: float = 0.2
+    rate_window: int = 10
+    rate_dead_band: float = 0.03
+    rate_decay: float = 1.5
+    sigma_along: tuple[float, float] = (0.55, 0.16)
+    sigma_across: tuple[float, float] = (0.15, 0.02)
+    sigma_start: float = 0.1
+
+
+class KinematicPredictor:
+    """The `kinematic` model: needs no training, uses at most the last second of history."""
+
+    def __init__(self, ego_id: int, roi_m: float, config: KinematicConfig | None = None) -> None:
+        self._ego_id, self._roi_m = ego_id, roi_m
+        self._config = config or KinematicConfig()
+        self._history = History(self._config.rate_window + 1)
+
+    def forecast(self, table: AgentTable) -> Forecast:
+        """Forecast the agents of interest in `table`; see :class:`litsim_predictor.forecast.Forecast`."""
+        config = self._config
+        self._history.push(table)
+        agents = table.take(agents_of_interest(table, self._ego_id, self._roi_m))
+        steps = round(config.horizon / config.dt)
+        t = config.dt * np.arange(1, steps + 1)
+        rate = self._turn_rate(agents)[:, None]
+        yaw = agents.yaw[:, None] + rate * config.rate_decay * (1.0 - np.exp(-t / config.rate_decay))
+        middle = np.concatenate([agents.yaw[:, None], yaw], axis=1)
+        middle = 0.5 * (middle[:, 1:] + middle[:, :-1])
+        distance = (agents.speed * config.dt)[:, None]
+        mean = np.stack(
+            [
+                agents.x[:, None] + np.cumsum(distance * np.cos(middle), axis=1),
+                agents.y[:, None] + np.cumsum(distance * np.sin(middle), axis=1),
+            ],
+            axis=-1,
+        )
+        return Forecast(
+            step=table.step,
+            dt=config.dt,
+            id=agents.id,
+            mean=mean.astype(np.float32),
+            yaw=yaw.astype(np.float32),
+            covariance=self._covariance(yaw, t).astype(np.float32),
+            maneuver_probability=np.empty((len(agents), 0), np.float32),
+            valid=np.ones(len(agents), np.bool_),
+        )
+
+    def _turn_rate(self, agents: AgentTable) -> FloatArray:
+        """(n,) mean turn rate over the window [rad/s]; zero where an agent has just appeared or hardly turns."""
+        yaw, present = self._history.series("yaw", agents.id)
+        first = np.argmax(present, axis=1)
+        span = (yaw.shape[1] - 1 - first) * STEP_S
+        turned = np.arctan2(
+            np.sin(yaw[:, -1] - yaw[np.arange(len(yaw)), first]), np.cos(yaw[:, -1] - yaw[np.arange(len(yaw)), first])
+        )
+        rate = np.divide(turned, span, out=np.zeros(len(yaw)), where=span > 0.5 * self._config.rate_window * STEP_S)
+        return np.where(np.abs(rate) > self._config.rate_dead_band, rate, 0.0)
+
+    def _covariance(self, yaw: FloatArray, t: FloatArray) -> FloatArray:
+        """(n, T, 3) sigma_x, sigma_y, correlation of the along- and across-track spread turned into frame map."""
+        config = self._config
+        along = (config.sigma_start + config.sigma_along[0] * t + config.sigma_along[1] * t**2) ** 2
+        across = (config.sigma_start + config.sigma_across[0] * t + config.sigma_across[1] * t**2) ** 2
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        xx, yy = along * cos**2 + across * sin**2, along * sin**2 + across * cos**2
+        return np.stack([np.sqrt(xx), np.sqrt(yy), (along - across) * sin * cos / np.sqrt(xx * yy)], axis=-1)

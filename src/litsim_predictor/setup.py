@@ -1,0 +1,34 @@
+"""Build description of litsim_predictor: `colcon build` reads it, on stock ROS 2 as on the wheels."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "litsim_predictor"
+# Files that code opens with importlib.resources; configurations, scenarios, nets and what they embed.
+DATA = [f"**/*.{ending}" for ending in ("css", "html", "js", "json", "parquet", "pt", "xml", "xml.gz", "yaml")]
+# Folders beside the package that are installed into its share folder, where `ros2 launch` and --params-file look.
+SHARED = ("config", "launch")
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Joint predictors of LitSim-ROS, kinematic and learned, and their node.",
+    license="Apache-2.0",
+    maintainer="LitSim-ROS maintainers",
+    maintainer_email="maintainers@litsim.invalid",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: DATA},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *((f"share/{NAME}/{name}", sorted(map(str, Path(name).iterdir()))) for name in SHARED if Path(name).is_dir()),
+    ],
+    zip_safe=False,
+    install_requires=["setuptools"],
+    entry_points={
+        "console_scripts": [
+            "predictor = litsim_predictor.predictor_node:main",
+        ],
+    },
+)

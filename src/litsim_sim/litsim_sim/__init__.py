@@ -1,0 +1,1 @@
+"""Scenes, recordings, the SUMO world, bridge, recorder, launcher and analysis."""

@@ -1,0 +1,156 @@
+"""Collisions: who touched whom, what the log itself contains of it, and whose fault the ego's contacts were."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import shapely
+
+from litsim_sim.analysis.run import Run
+from litsim_sim.dynamics import VehicleLimits
+from litsim_sim.geometry import box_corners, overlapping_pairs, wrap_angle
+from litsim_sim.scene import AgentTable, Controller
+
+STOPPED_SPEED = 0.05  # [m/s] up to which a vehicle counts as stopped (nuPlan)
+BEHIND_ANGLE = np.deg2rad(150.0)  # from the ego's heading, beyond which a track is behind it (nuPlan)
+
+Pair = tuple[int, int]
+"""Ids of two agents, the smaller one first."""
+
+InLane = Callable[[AgentTable, int], bool]
+"""Whether the box of the agent in a row of a table lies wholly inside one lane."""
+
+
+class Verdict(StrEnum):
+    """nuPlan's kinds of contact of the ego, in the order in which they are asked."""
+
+    STOPPED_EGO = "stopped_ego"
+    STOPPED_TRACK = "stopped_track"
+    REAR = "rear"
+    FRONT = "front"
+    LATERAL = "lateral"
+
+
+@dataclass(frozen=True)
+class EgoContact:
+    """First contact of the ego with one agent.
+
+    Attributes:
+        agent: the other one.
+        step: of the first contact.
+        verdict: kind of contact.
+        ego_at_fault: nuPlan's attribution.
+        delta_v: change of the ego's velocity in a plastic impact of equal masses [m/s].
+    """
+
+    agent: int
+    step: int
+    verdict: Verdict
+    ego_at_fault: bool
+    delta_v: float
+
+
+@dataclass(frozen=True)
+class Collisions:
+    """Collisions over the steps after the history.
+
+    Attributes:
+        first: step of the first contact of each pair, in ascending order of steps.
+        log: the same of the logged agents, the ego's logged trajectory included.
+        agents: all agents that were on the road.
+        controlled: those that were ever under POLICY or BASELINE control.
+        ego: contacts of the ego.
+    """
+
+    first: dict[Pair, int]
+    log: dict[Pair, int]
+    agents: frozenset[int]
+    controlled: frozenset[int]
+    ego: tuple[EgoContact, ...]
+
+    @property
+    def excess(self) -> dict[Pair, int]:
+        """Pairs that touch in the run and not in the log."""
+        return {pair: step for pair, step in self.first.items() if pair not in self.log}
+
+    @property
+    def colliding(self) -> frozenset[int]:
+        """Agents that are part of any pair."""
+        return frozenset(agent for pair in self.first for agent in pair)
+
+
+def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
+    """Collisions of a run; without `in_lane` the ego counts as outside its lane in lateral contacts."""
+    tables = run.simulated
+    first = first_contacts(tables)
+    by_step = {table.step: table for table in tables}
+    return Collisions(
+        first=first,
+        log=first_contacts(run.simulated_log),
+        agents=agents_of(tables),
+        controlled=controlled_agents(tables),
+        ego=tuple(
+            judge(by_step[step], run.info.ego_id, pair[0] if pair[1] == run.info.ego_id else pair[1], in_lane)
+            for pair, step in first.items()
+            if run.info.ego_id in pair
+        ),
+    )
+
+
+def first_contacts(tables: Sequence[AgentTable]) -> dict[Pair, int]:
+    """Step of the first overlap of every pair of boxes that ever overlap; touching edges do not count."""
+    first: dict[Pair, int] = {}
+    for table in tables:
+        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width).tolist():
+            first.setdefault((int(table.id[i]), int(table.id[j])), table.step)
+    return first
+
+
+def agents_of(tables: Iterable[AgentTable]) -> frozenset[int]:
+    """Ids of all agents that are ever on the road."""
+    return frozenset(agent for table in tables for agent in table.id.tolist())
+
+
+def controlled_agents(tables: Iterable[AgentTable]) -> frozenset[int]:
+    """Ids of all agents that are ever under POLICY or BASELINE control."""
+    under = (Controller.POLICY, Controller.BASELINE)
+    return frozenset(agent for t in tables for agent in t.id[np.isin(t.controller, under)].tolist())
+
+
+def judge(table: AgentTable, ego: int, agent: int, in_lane: InLane | None = None) -> EgoContact:
+    """Kind and attribution of the contact between `ego` and `agent` in `table`.
+
+    The order of the questions, the thresholds and the attribution are those of nuPlan's no-at-fault-collision metric
+    (Caesar et al. 2021, nuplan-devkit): at fault are contacts with a stopped track, those of the ego's front bumper,
+    and lateral ones while the ego is not inside one lane.
+    """
+    e, a = table.row(ego), table.row(agent)
+    verdict = _verdict(table, e, a)
+    inside = verdict == Verdict.LATERAL and in_lane is not None and in_lane(table, e)
+    at_fault = verdict in (Verdict.STOPPED_TRACK, Verdict.FRONT) or (verdict == Verdict.LATERAL and not inside)
+    return EgoContact(agent, table.step, verdict, at_fault, _delta_v(table, e, a))
+
+
+def _verdict(table: AgentTable, e: int, a: int) -> Verdict:
+    if table.speed[e] <= STOPPED_SPEED:
+        return Verdict.STOPPED_EGO
+    if table.speed[a] <= STOPPED_SPEED:
+        return Verdict.STOPPED_TRACK
+    lever = VehicleLimits().rear_axle * table.length[e]
+    dx = table.x[a] - (table.x[e] - lever * np.cos(table.yaw[e]))
+    dy = table.y[a] - (table.y[e] - lever * np.sin(table.yaw[e]))
+    if abs(wrap_angle(np.arctan2(dy, dx) - table.yaw[e])) > BEHIND_ANGLE:
+        return Verdict.REAR
+    corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
+    bumper = shapely.LineString(corners[e][[0, 3]])  # front left, front right
+    return Verdict.FRONT if bumper.intersects(shapely.Polygon(corners[a])) else Verdict.LATERAL
+
+
+def _delta_v(table: AgentTable, e: int, a: int) -> float:
+    """Half the difference of the velocities: equal masses that stick together [m/s]."""
+    yaw, speed = table.yaw[[e, a]], table.speed[[e, a]]
+    difference = np.diff(np.stack([speed * np.cos(yaw), speed * np.sin(yaw)], axis=1), axis=0)
+    return 0.5 * float(np.hypot(*difference[0]))

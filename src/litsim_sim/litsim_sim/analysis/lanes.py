@@ -1,0 +1,43 @@
+"""The road of a run, from the net that its bag holds."""
+
+from __future__ import annotations
+
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+
+from litsim_sim.analysis.collision import InLane
+from litsim_sim.analysis.run import NET_FILE, Run
+from litsim_sim.errors import InputError
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scene import AgentTable
+
+
+def lane_map_of(run: Run) -> LaneMap | None:
+    """Lanes of the attached net, or None where there is none.
+
+    Raises:
+        InputError: the attachment is no SUMO net.
+    """
+    try:
+        return _read(run.net_xml) if run.net_xml else None
+    except InputError as error:
+        raise InputError(f"{run.path}: attachment {NET_FILE}: {error}") from error
+
+
+def in_lane_of(run: Run) -> InLane | None:
+    """Whether a box lies wholly inside one lane of the attached net, which is read at the first question."""
+
+    def in_lane(table: AgentTable, row: int) -> bool:
+        lane_map, one = lane_map_of(run), table.take(table.id == table.id[row])
+        return lane_map is not None and bool(lane_map.inside_lane(one.x, one.y, one.yaw, one.length, one.width)[0])
+
+    return in_lane if run.net_xml else None
+
+
+@lru_cache(maxsize=2)
+def _read(net_xml: bytes) -> LaneMap:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / NET_FILE
+        path.write_bytes(net_xml)
+        return LaneMap.from_net(path)

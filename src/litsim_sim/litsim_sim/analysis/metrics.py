@@ -1,0 +1,179 @@
+"""All measures of a run as one tree: `metrics.json`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from litsim_sim.analysis.collision import Collisions, collisions
+from litsim_sim.analysis.displacement import Displacements, displacements
+from litsim_sim.analysis.lanes import in_lane_of
+from litsim_sim.analysis.lockstep import Lockstep, lockstep
+from litsim_sim.analysis.progress import mean_progress
+from litsim_sim.analysis.run import Run
+from litsim_sim.analysis.takeover import Handback, Jump, LedgerEntry, handbacks, ledger
+from litsim_sim.analysis.timing import Timing, timing
+from litsim_sim.digest import RunDigest
+from litsim_sim.scene import ARRAY_FIELDS
+
+METRICS_FILE = "metrics.json"
+
+
+def compute_metrics(run: Run) -> dict[str, Any]:
+    """Every measure of a run.
+
+    Measures cover the steps after the history. Rates are shares between 0 and 1; a measure without anything to measure
+    is None. Agents are the background, without the ego, except in `collision` and in progress, where the ego is one of
+    them, as in the LitSim paper.
+    """
+    hits, far, back = collisions(run, in_lane_of(run)), displacements(run), handbacks(run)
+    entries, lock = ledger(run), lockstep(run)
+    driven = [table for table in run.tables if table.step >= run.info.history_steps]
+    background = hits.agents - {run.info.ego_id}
+    taken = {entry.agent for entry in entries}
+    problems = [*lock.problems, *_unusable(run)]
+    return {
+        "run_id": run.info.run_id,
+        "scenario": run.info.scenario,
+        "ego": run.info.ego,
+        "policy": run.info.policy,
+        "seed": run.info.seed,
+        "steps": run.tables[-1].step,
+        "total_steps": run.info.total_steps,
+        "agents": len(background),
+        "controlled_agents": len(hits.controlled),
+        "digest": digest(run),
+        "collision": _collision(hits),
+        "reactive": not hits.excess,
+        "ade_controlled_m": _by_horizon(far, far.ade_controlled),
+        "ade_all_m": _by_horizon(far, far.ade_all),
+        "ade_ego_m": _by_horizon(far, far.ade_ego),
+        "replay_error_max_m": max(far.replay_error().values(), default=None),
+        "progress_m": mean_progress(driven),
+        "progress_controlled_m": mean_progress(driven, hits.controlled),
+        "progress_log_m": mean_progress([t for t in run.log if t.step >= run.info.history_steps]),
+        "relevant_ratio": _share(len(taken & background), len(background)),
+        "takeovers": len(entries),
+        "false_alarms": sum(entry.false_alarm for entry in entries),
+        "ledger": [_ledger(entry) for entry in entries],
+        "handback": _handback(back),
+        "lockstep": _lockstep(lock),
+        "timing": _timing(timing(run)),
+        "world": {k: run.summary.get(k) for k in ("late_entries", "never_entered", "sumo_deviation_m")},
+        "valid": not problems,
+        "why": "; ".join(problems),
+    }
+
+
+def digest(run: Run) -> str:
+    """Digest of a run; that of the in-process runner is the same for an equal run."""
+    total = RunDigest()
+    for table in run.tables:
+        total.update(table, run.controls.get(table.step), run.ego_commands.get(table.step))
+    return total.hexdigest()
+
+
+def write_metrics(metrics: dict[str, Any], path: Path) -> None:
+    """Write `metrics` as JSON."""
+    path.write_text(json.dumps(metrics, indent=2, allow_nan=False) + "\n")
+
+
+def _unusable(run: Run) -> list[str]:
+    problems = [] if run.log else ["the bag holds no recording to compare with"]
+    bad = [t.step for t in run.tables if not all(np.isfinite(getattr(t, f)).all() for f in ARRAY_FIELDS)]
+    if bad:
+        problems.append(f"agent states are not finite at {len(bad)} steps (first {bad[0]})")
+    return problems
+
+
+def _share(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+def _by_horizon(far: Displacements, measure: Callable[[int], float | None]) -> dict[str, float | None]:
+    return {str(horizon): measure(horizon) for horizon in far.horizons}
+
+
+def _collision(hits: Collisions) -> dict[str, Any]:
+    return {
+        "agents": len(hits.colliding),
+        "pairs": len(hits.first),
+        "rate_all": _share(len(hits.colliding), len(hits.agents)),
+        "rate_controlled": _share(len(hits.colliding & hits.controlled), len(hits.controlled)),
+        "ego_at_fault": sum(contact.ego_at_fault for contact in hits.ego),
+        "background_at_fault": sum(not contact.ego_at_fault for contact in hits.ego),
+        "log_floor": len(hits.log),
+        "excess": len(hits.excess),
+        "contacts": [
+            {"pair": list(pair), "step": step, "in_log": pair in hits.log} for pair, step in hits.first.items()
+        ],
+        "ego_contacts": [
+            {
+                "agent": contact.agent,
+                "step": contact.step,
+                "verdict": contact.verdict.value,
+                "ego_at_fault": contact.ego_at_fault,
+                "delta_v_mps": contact.delta_v,
+            }
+            for contact in hits.ego
+        ],
+    }
+
+
+def _ledger(entry: LedgerEntry) -> dict[str, Any]:
+    return {
+        "agent": entry.agent,
+        "opponent": entry.opponent,
+        "reason": entry.reason.name.lower(),
+        "detected_step": entry.detected_step,
+        "handback_step": entry.handback_step,
+        "released_step": entry.released_step,
+        "held_s": entry.held_s,
+        "time_to_conflict_s": entry.time_to_conflict,
+        "overlap_probability": entry.overlap_probability,
+        "log_collision_predicted": entry.log_collision_predicted,
+        "replay_would_collide": entry.replay is not None,
+        "replay_step": entry.replay.step if entry.replay else None,
+        "replay_opponent": entry.replay.opponent if entry.replay else None,
+        "false_alarm": entry.false_alarm,
+        "residual_m": entry.residual_position,
+        "residual_mps": entry.residual_speed,
+    }
+
+
+def _handback(back: list[Handback]) -> dict[str, Any]:
+    found, noise = Jump(), Jump()
+    for each in back:
+        found, noise = found.largest(each.jump), noise.largest(each.log_jump)
+    residuals = [each.residual for each in back]
+    return {
+        "count": len(back),
+        "max_position_jump_m": found.position,
+        "max_speed_jump_mps": found.speed,
+        "max_yaw_jump_rad": found.yaw,
+        "residual_m": float(np.mean(residuals)) if residuals else None,
+        "max_residual_m": max(residuals, default=None),
+        "log_position_jump_m": noise.position,
+        "log_speed_jump_mps": noise.speed,
+        "log_yaw_jump_rad": noise.yaw,
+    }
+
+
+def _lockstep(lock: Lockstep) -> dict[str, Any]:
+    return {
+        "missed": sum(lock.missed.values()),
+        "gaps": sum(len(g.missing) + len(g.duplicated) + len(g.unordered) for g in lock.gaps.values()),
+        "missed_by_topic": lock.missed,
+    }
+
+
+def _timing(times: Timing) -> dict[str, Any]:
+    return {
+        "wall_s": times.wall_s,
+        "realtime_factor": times.realtime_factor,
+        "stage_ms": {name: {"min": s.min, "median": s.median, "max": s.max} for name, s in times.stages.items()},
+    }

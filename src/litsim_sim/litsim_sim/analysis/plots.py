@@ -1,0 +1,303 @@
+"""One picture of a run that says more than its table of numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from litsim_sim.analysis.collision import collisions
+from litsim_sim.analysis.lanes import lane_map_of
+from litsim_sim.analysis.run import Run
+from litsim_sim.analysis.takeover import LedgerEntry, ledger
+from litsim_sim.geometry import box_corners, to_body
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scene import AgentTable, Controller, FloatArray
+
+SIZE_PX, DPI = (1600, 1120), 100
+AHEAD, BEHIND = 70.0, 70.0  # [m] of road around the ego in the bird's-eye view
+SAME_LANE, BESIDE = 1.8, 5.5  # [m] to either side of the ego: its lane, and those beside it
+LATER = 5  # steps after a contact, for it to be seen
+ROUTE_MAX = 3000.0  # [m]
+
+COLOURS = {  # as in the LitSim paper
+    Controller.EGO: "#d62728",
+    Controller.POLICY: "#2ca02c",
+    Controller.LOG: "#f2c230",
+    Controller.BASELINE: "#4878b0",
+}
+NAMES = {
+    Controller.EGO: "ego",
+    Controller.POLICY: "taken over",
+    Controller.LOG: "log replay",
+    Controller.BASELINE: "baseline",
+}
+DASHED = (0, (3, 2))
+INK, ROAD, PAINT, FAINT = "#30343b", "#e6e8eb", "#ffffff", "#c9cdd3"
+
+
+def overview(run: Run, path: Path) -> None:
+    """Draw a run as a PNG of 1600 x 1120 px: bird's-eye view at a telling moment, space-time diagram of the ego's
+    surroundings, the ego's speed against its log, and the number of agents off their log.
+
+    Raises:
+        InputError: the attached net is no SUMO net.
+        OSError: `path` cannot be written.
+    """
+    figure = Figure(figsize=(SIZE_PX[0] / DPI, SIZE_PX[1] / DPI), dpi=DPI, layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    entries, lane_map = ledger(run), lane_map_of(run)
+    moment = telling_moment(run, entries)
+    grid = figure.add_gridspec(3, 3, height_ratios=(1.15, 1.0, 1.0))
+    figure.suptitle(_title(run, entries), x=0.012, ha="left", fontsize=15, color=INK)
+    _bird_view(figure.add_subplot(grid[0, :]), run, moment, lane_map)
+    _space_time(figure.add_subplot(grid[1:, :2]), run, moment, lane_map)
+    speed = figure.add_subplot(grid[1, 2])
+    _speed(speed, run, moment.step)
+    _off_log(figure.add_subplot(grid[2, 2], sharex=speed), run, moment.step)
+    figure.savefig(path, dpi=DPI)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A step worth looking at, and why."""
+
+    step: int
+    why: str
+
+
+def telling_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
+    """Where pure replay would have run into somebody, else the first takeover, else the first contact or the middle."""
+    dt = run.info.dt
+    for entry in entries:
+        if entry.replay is not None and entry.replay.step <= entry.detected_step + entry.held_s / dt:
+            who = "the ego" if entry.replay.opponent == run.info.ego_id else f"agent {entry.replay.opponent}"
+            step = min(entry.replay.step + LATER, run.tables[-1].step)
+            return Moment(step, f"the log of agent {entry.agent} has run into {who}, the agent itself is taken over")
+    if entries:
+        entry = entries[0]
+        middle = entry.detected_step + round(0.5 * entry.held_s / dt)
+        return Moment(min(middle, run.tables[-1].step), f"agent {entry.agent} is off its log")
+    hits = collisions(run)
+    for (a, b), step in hits.excess.items():
+        return Moment(step, f"agents {a} and {b} touch")
+    return Moment(run.tables[len(run.tables) // 2].step, "the middle of the run")
+
+
+def _title(run: Run, entries: list[LedgerEntry]) -> str:
+    info, hits = run.info, collisions(run)
+    who = f"{info.scenario}   ego {info.ego_id} by {info.ego}, background by {info.policy}, seed {info.seed}"
+    return f"{who}   takeovers: {len(entries)}, collisions that are not in the log: {len(hits.excess)}"
+
+
+def _at(run: Run, step: int) -> tuple[AgentTable, AgentTable | None]:
+    """Agents at the recorded step nearest to `step`, and those of the log."""
+    index = int(np.argmin([abs(table.step - step) for table in run.tables]))
+    return run.tables[index], run.log[index] if run.log else None
+
+
+def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
+    """Boxes around the ego in a frame that looks along the road, so that any road lies across the page."""
+    table, logged = _at(run, moment.step)
+    row = table.row(run.info.ego_id)
+    x, y, yaw = (
+        (float(values[row]) if row >= 0 else float(np.median(values))) for values in (table.x, table.y, table.yaw)
+    )
+    if lane_map is not None:
+        yaw = float(lane_map.nearest(np.array([x]), np.array([y]), np.array([yaw])).heading[0])
+
+    def to_view(points: FloatArray) -> FloatArray:
+        ahead, left = to_body(points[..., 0] - x, points[..., 1] - y, np.asarray(yaw))
+        return np.stack([ahead, left], axis=-1)
+
+    low, high = (_draw_road(axes, lane_map, to_view)) if lane_map is not None else (-12.0, 12.0)
+    for takeover in run.takeovers.get(table.step, []):
+        if len(takeover.reference_path):
+            axes.plot(*to_view(takeover.reference_path).T, color=COLOURS[Controller.POLICY], lw=1.2, zorder=2)
+            goal = to_view(np.array(takeover.goal_pose[:2]))
+            axes.plot(*goal, marker="x", color=COLOURS[Controller.POLICY], ms=7, zorder=6)
+    if logged is not None:
+        ghosts = logged.take(np.isin(logged.id, table.id[table.off_log]))
+        _fill(axes, to_view(_boxes(ghosts)), facecolors="none", linestyles=DASHED, linewidths=1.1, zorder=5)
+    boxes = to_view(_boxes(table))
+    colours = [COLOURS[Controller(c)] for c in table.controller]
+    _fill(axes, boxes, facecolors=colours, linewidths=0.7, zorder=4)
+    noses = list(boxes[:, [0, 3]])  # front left, front right
+    axes.add_collection(LineCollection(noses, colors=INK, linewidths=2.2, zorder=4))
+    for i in np.flatnonzero(table.off_log):
+        ahead, left = to_view(np.array([table.x[i], table.y[i]]))
+        if -BEHIND < ahead < AHEAD:
+            axes.text(ahead, left, str(table.id[i]), ha="center", va="center", fontsize=8, color="white", zorder=7)
+    axes.set(xlim=(-BEHIND, AHEAD), ylim=(low, high), aspect="equal", xlabel="along the road from the ego [m]")
+    axes.set_ylabel("to the left [m]")
+    axes.set_title(f"{table.step * run.info.dt:.1f} s: {moment.why}", loc="left", fontsize=12, color=INK)
+    shown = [c for c in COLOURS if c in table.controller]
+    handles: list[Any] = [Patch(facecolor=COLOURS[c], edgecolor=INK, label=NAMES[c]) for c in shown]
+    handles.append(Patch(facecolor="none", edgecolor=INK, linestyle=DASHED, label="where the log has it"))
+    axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, frameon=False, fontsize=10)
+    _plain(axes)
+
+
+def _fill(axes: Axes, boxes: FloatArray, **style: Any) -> None:
+    axes.add_collection(PolyCollection(list(boxes), edgecolors=INK, **style))
+
+
+def _draw_road(axes: Axes, lane_map: LaneMap, to_view: Any) -> tuple[float, float]:
+    """Lanes as a surface with painted borders; returns the extent to the right and left that is worth showing."""
+    window = shapely.box(-BEHIND, -60.0, AHEAD, 60.0)
+    low, high = -6.0, 6.0
+    for lane in lane_map.lanes:
+        line = shapely.LineString(to_view(lane.centerline))
+        surface = line.buffer(0.5 * lane.width, cap_style="flat").intersection(window)
+        for part in shapely.get_parts(surface):
+            if part.geom_type == "Polygon" and not part.is_empty:
+                ring = np.asarray(part.exterior.coords)
+                axes.fill(*ring.T, facecolor=ROAD, edgecolor="none", zorder=0)
+                low, high = min(low, ring[:, 1].min()), max(high, ring[:, 1].max())
+        for side in (-0.5, 0.5):
+            border = line.offset_curve(side * lane.width)
+            if not border.is_empty and border.geom_type == "LineString":
+                axes.plot(*np.asarray(border.coords).T, color=PAINT, lw=1.3, ls=(0, (6, 5)), zorder=1)
+    return max(low, -40.0) - 1.5, min(high, 40.0) + 1.5
+
+
+def _boxes(table: AgentTable) -> FloatArray:
+    return box_corners(table.x, table.y, table.yaw, table.length, table.width)
+
+
+@dataclass(frozen=True)
+class _Paths:
+    """Pieces (2, 2) of paths in time and space: by controller, and of logged agents in the lanes beside the ego's."""
+
+    lane: dict[Controller, list[FloatArray]]
+    beside: list[FloatArray]
+
+    def add(self, piece: FloatArray, table: AgentTable, row: int, aside: float) -> None:
+        controller = Controller(table.controller[row])
+        logged_beside = controller == Controller.LOG and aside > SAME_LANE
+        (self.beside if logged_beside else self.lane[controller]).append(piece)
+
+
+def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
+    """Paths of the agents in and beside the ego's lane, coloured by who moves them."""
+    route = _route(run, lane_map)
+    paths = _Paths({controller: [] for controller in Controller}, [])
+    before: dict[int, tuple[float, float]] = {}
+    extent: list[float] = []
+    for table in run.tables:
+        s, d = _along(route, table.x, table.y)
+        ego = table.row(run.info.ego_id)
+        if ego < 0:
+            break
+        aside = np.abs(d - d[ego])
+        now = {
+            agent: (table.step * run.info.dt, at)
+            for agent, at, off in zip(table.id.tolist(), s.tolist(), aside.tolist(), strict=True)
+            if off < BESIDE
+        }
+        for agent, at in now.items():
+            if agent in before:
+                paths.add(np.array([before[agent], at]), table, table.row(agent), float(aside[table.row(agent)]))
+        before = now
+        extent += [float(s[ego]) - AHEAD, float(s[ego]) + AHEAD]
+    axes.add_collection(LineCollection(paths.beside, colors=FAINT, linewidths=0.8))
+    for controller, width in ((Controller.LOG, 1.4), (Controller.BASELINE, 1.4), (Controller.POLICY, 2.4)):
+        axes.add_collection(LineCollection(paths.lane[controller], colors=COLOURS[controller], linewidths=width))
+    axes.add_collection(LineCollection(paths.lane[Controller.EGO], colors=COLOURS[Controller.EGO], linewidths=2.6))
+    ego_log = _logged_ego(run)
+    if len(ego_log):
+        s, _ = _along(route, ego_log[:, 1], ego_log[:, 2])
+        axes.plot(ego_log[:, 0], s, color=INK, lw=1.1, ls=DASHED)
+    handles = [Line2D([], [], color=COLOURS[c], lw=2.5, label=NAMES[c]) for c in COLOURS if paths.lane[c]]
+    handles.append(Line2D([], [], color=FAINT, lw=2.5, label="log replay, lane beside"))
+    handles.append(Line2D([], [], color=INK, lw=1.1, ls=DASHED, label="ego's log"))
+    axes.legend(handles=handles, loc="upper left", fontsize=10, framealpha=0.92, edgecolor="none")
+    end = run.tables[-1].step * run.info.dt
+    axes.set(xlim=(0.0, end), ylim=(min(extent, default=0.0), max(extent, default=1.0)))
+    axes.set(xlabel="time [s]", ylabel="along the ego's lane [m]")
+    axes.set_title("Traffic in the ego's lane and beside it", loc="left", fontsize=12, color=INK)
+    _mark(axes, run, moment.step)
+    _plain(axes)
+
+
+def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
+    """The line along which positions are measured: the lane from where the ego starts, or straight ahead of it."""
+    table = next((t for t in run.tables if t.row(run.info.ego_id) >= 0), run.tables[0])
+    row = max(0, table.row(run.info.ego_id))
+    x, y, yaw = (values[row : row + 1] for values in (table.x, table.y, table.yaw))
+    if lane_map is not None:
+        at = lane_map.nearest(x, y, yaw)
+        return shapely.LineString(lane_map.path_from(int(at.lane[0]), 0.0, ROUTE_MAX))
+    end = (x[0] + ROUTE_MAX * np.cos(yaw[0]), y[0] + ROUTE_MAX * np.sin(yaw[0]))
+    return shapely.LineString([(x[0], y[0]), end])
+
+
+def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distance along `route` and to its left [m]."""
+    points = shapely.points(x, y)
+    s = shapely.line_locate_point(route, points)
+    foot, ahead = shapely.line_interpolate_point(route, s), shapely.line_interpolate_point(route, s + 1.0)
+    (fx, fy), (ax, ay) = shapely.get_coordinates(foot).T, shapely.get_coordinates(ahead).T
+    _, left = to_body(x - fx, y - fy, np.arctan2(ay - fy, ax - fx))
+    return s, left
+
+
+def _logged_ego(run: Run) -> FloatArray:
+    """(k, 4) time [s], x, y [m] and speed [m/s] of the ego in the log."""
+    rows = [(table, table.row(run.info.ego_id)) for table in run.log]
+    found = [(t.step * run.info.dt, t.x[i], t.y[i], t.speed[i]) for t, i in rows if i >= 0]
+    return np.array(found).reshape(-1, 4)
+
+
+def _speed(axes: Axes, run: Run, step: int) -> None:
+    rows = [(table, table.row(run.info.ego_id)) for table in run.tables]
+    driven = np.array([(t.step * run.info.dt, t.speed[i]) for t, i in rows if i >= 0]).reshape(-1, 2)
+    logged = _logged_ego(run)
+    axes.plot(logged[:, 0], logged[:, 3], color=INK, lw=1.1, ls=DASHED, label="log")
+    axes.plot(driven[:, 0], driven[:, 1], color=COLOURS[Controller.EGO], lw=2.0, label=f"ego ({run.info.ego})")
+    axes.set_ylim(bottom=0.0)
+    axes.set(ylabel="speed [m/s]")
+    axes.legend(loc="best", frameon=False, fontsize=10)
+    axes.set_title("Speed of the ego", loc="left", fontsize=12, color=INK)
+    _mark(axes, run, step)
+    _plain(axes)
+
+
+def _off_log(axes: Axes, run: Run, step: int) -> None:
+    times = np.array([table.step for table in run.tables]) * run.info.dt
+    kinds = (Controller.POLICY, Controller.BASELINE)
+    counts = [np.array([int((table.controller == kind).sum()) for table in run.tables]) for kind in kinds]
+    axes.stackplot(times, *counts, colors=[COLOURS[k] for k in kinds], alpha=0.85, step="post")
+    excess = [at * run.info.dt for at in collisions(run).excess.values()]
+    if excess:
+        axes.plot(excess, np.zeros(len(excess)), "v", color=COLOURS[Controller.EGO], ms=8, clip_on=False)
+        handle = Line2D([], [], color=COLOURS[Controller.EGO], marker="v", ls="", label="collision not in the log")
+        axes.legend(handles=[handle], loc="upper left", frameon=False, fontsize=10)
+    axes.set(xlim=(0.0, float(times[-1])), xlabel="time [s]", ylabel="agents")
+    axes.set_ylim(0.0, max(1.0, 1.15 * float(np.sum(counts, axis=0).max())))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_title("Background off its log", loc="left", fontsize=12, color=INK)
+    _mark(axes, run, step)
+    _plain(axes)
+
+
+def _mark(axes: Axes, run: Run, step: int) -> None:
+    """The end of the history, and the moment of the bird's-eye view."""
+    axes.axvspan(0.0, run.info.history_steps * run.info.dt, color="#f4f5f7", zorder=0)
+    axes.axvline(step * run.info.dt, color=INK, lw=0.9, ls=":")
+
+
+def _plain(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#9aa0a8")
+    axes.tick_params(colors=INK, labelsize=10)

@@ -1,0 +1,229 @@
+"""The ledger of takeovers: who was off the log, why, what pure replay would have done, and how the return went."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from litsim_sim.analysis.run import Run, Takeover, TakeoverReason, TakeoverState
+from litsim_sim.dynamics import VehicleLimits
+from litsim_sim.geometry import boxes_overlap, wrap_angle
+from litsim_sim.scene import AgentTable, Controller, FloatArray
+
+SETTLED = 1e-3  # [m] from the log, below which the return is over
+SETTLING_MAX = 100  # steps after a release that are looked at
+
+
+@dataclass(frozen=True)
+class ReplayContact:
+    """Where the logged trajectory of an agent runs into one that is off its log."""
+
+    step: int
+    opponent: int
+
+
+@dataclass(frozen=True)
+class LedgerEntry:
+    """One takeover, from detection to release.
+
+    Attributes:
+        agent: who was taken over.
+        opponent: in the predicted overlap.
+        reason: of the takeover.
+        detected_step: step of the detection.
+        handback_step: first step of the way back to the log, or None.
+        released_step: last step off the log, or None where the run or the agent's road ended before.
+        held_s: time off the log [s].
+        time_to_conflict: predicted at detection [s].
+        overlap_probability: predicted at detection.
+        log_collision_predicted: whether the log itself led into the opponent's forecast.
+        replay: first contact that pure replay of this agent would have had after the detection, with where the ego and
+            the other agents off their logs really went; None where it would have had none.
+        residual_position: from the log at the last step of the takeover [m]; None where the log is over by then.
+        residual_speed: the same of the speed [m/s].
+    """
+
+    agent: int
+    opponent: int
+    reason: TakeoverReason
+    detected_step: int
+    handback_step: int | None
+    released_step: int | None
+    held_s: float
+    time_to_conflict: float
+    overlap_probability: float
+    log_collision_predicted: bool
+    replay: ReplayContact | None
+    residual_position: float | None
+    residual_speed: float | None
+
+    @property
+    def false_alarm(self) -> bool:
+        """Whether the agent could have stayed on its log."""
+        return self.replay is None and self.reason == TakeoverReason.CONFLICT
+
+
+@dataclass(frozen=True)
+class Jump:
+    """What motion from one step to the next is beyond what speeds and vehicle limits explain.
+
+    Attributes:
+        position: distance between where the mean velocity leads and where the agent is [m].
+        speed: change beyond the strongest braking or acceleration [m/s].
+        yaw: change beyond the tightest turn at this speed [rad].
+    """
+
+    position: float = 0.0
+    speed: float = 0.0
+    yaw: float = 0.0
+
+    def largest(self, other: Jump) -> Jump:
+        """The larger of each."""
+        return Jump(*(max(a, b) for a, b in zip(self.tuple, other.tuple, strict=True)))
+
+    @property
+    def tuple(self) -> tuple[float, float, float]:
+        """position, speed, yaw."""
+        return self.position, self.speed, self.yaw
+
+
+@dataclass(frozen=True)
+class Handback:
+    """One return to the log.
+
+    Attributes:
+        agent: who returned.
+        step: the last one under control.
+        residual: distance from the log at `step` [m].
+        jump: largest ones of the steps from `step` until the agent is on its log again.
+        log_jump: the same of the logged motion over the same steps: the noise of the recording.
+    """
+
+    agent: int
+    step: int
+    residual: float
+    jump: Jump
+    log_jump: Jump
+
+
+def ledger(run: Run) -> list[LedgerEntry]:
+    """Takeovers of a run in the order of detection."""
+    contacts = replay_contacts(run)
+    return sorted(
+        (_entry(run, episode, contacts.get(episode[0][1].agent, [])) for episode in _episodes(run)),
+        key=lambda entry: (entry.detected_step, entry.agent),
+    )
+
+
+def replay_contacts(run: Run) -> dict[int, list[ReplayContact]]:
+    """Where the logged box of every agent that was ever taken over meets boxes of agents off their log; ascending."""
+    taken = np.array(sorted({t.agent for records in run.takeovers.values() for t in records}), np.int64)
+    contacts: dict[int, list[ReplayContact]] = {int(agent): [] for agent in taken}
+    for table, logged in zip(run.simulated, run.simulated_log, strict=True) if run.log and len(taken) else ():
+        rows = logged.rows(taken)
+        ghosts, movers = logged.take(rows[rows >= 0]), table.take(table.off_log)
+        dx, dy = movers.x[None] - ghosts.x[:, None], movers.y[None] - ghosts.y[:, None]
+        size = (ghosts.length[:, None], ghosts.width[:, None])
+        hit = boxes_overlap(dx, dy, ghosts.yaw[:, None], movers.yaw[None], size, (movers.length, movers.width))
+        hit &= ghosts.id[:, None] != movers.id[None]
+        for i, j in np.argwhere(hit):
+            contacts[int(ghosts.id[i])].append(ReplayContact(table.step, int(movers.id[j])))
+    return contacts
+
+
+def handbacks(run: Run) -> list[Handback]:
+    """Returns to the log, in order: an agent is under POLICY at one step and under LOG at the next."""
+    found = []
+    for index, (table, after) in enumerate(pairwise(run.tables)):
+        for agent in table.id[table.controller == Controller.POLICY].tolist():
+            row = after.row(agent)
+            if row >= 0 and after.controller[row] == Controller.LOG:
+                found.append(_handback(run, index, agent))
+    return found
+
+
+def jump(before: AgentTable, after: AgentTable, agent: int, dt: float) -> Jump:
+    """Jump of `agent` between consecutive steps; with the limits of the vehicle model for speed and yaw."""
+    i, j = before.row(agent), after.row(agent)
+    limits = VehicleLimits()
+    v0, v1 = _velocity(before, i), _velocity(after, j)
+    moved = np.array([after.x[j] - before.x[i], after.y[j] - before.y[i]])
+    faster = float(after.speed[j] - before.speed[i])
+    mean_speed = 0.5 * float(before.speed[i] + after.speed[j])
+    turn_max = min(mean_speed * limits.curvature_max, limits.lateral_acceleration_max / max(mean_speed, 1e-3)) * dt
+    turned = abs(float(wrap_angle(after.yaw[j] - before.yaw[i])))
+    return Jump(
+        position=float(np.hypot(*(moved - 0.5 * (v0 + v1) * dt))),
+        speed=max(0.0, faster - limits.acceleration_max * dt, -faster - limits.deceleration_max * dt),
+        yaw=max(0.0, turned - turn_max),
+    )
+
+
+def _velocity(table: AgentTable, row: int) -> FloatArray:
+    return np.array([np.cos(table.yaw[row]), np.sin(table.yaw[row])]) * table.speed[row]
+
+
+def _episodes(run: Run) -> Iterator[list[tuple[int, Takeover]]]:
+    """Records of each takeover with their steps: one agent, consecutive steps, up to its release."""
+    open_episodes: dict[int, list[tuple[int, Takeover]]] = {}
+    for step in sorted(run.takeovers):
+        records = {record.agent: record for record in run.takeovers[step]}
+        for agent in [a for a, e in open_episodes.items() if a not in records or e[-1][0] != step - 1]:
+            yield open_episodes.pop(agent)
+        for agent, record in records.items():
+            open_episodes.setdefault(agent, []).append((step, record))
+            if record.state == TakeoverState.RELEASED:
+                yield open_episodes.pop(agent)
+    yield from open_episodes.values()
+
+
+def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayContact]) -> LedgerEntry:
+    (_, first), (last_step, last) = episode[0], episode[-1]
+    back = (step for step, record in episode if record.state == TakeoverState.HANDBACK)
+    later = (contact for contact in contacts if contact.step > first.detected_step)
+    logged = last.residual_position >= 0  # the conflict stage says -1 where there is no logged pose to compare with
+    return LedgerEntry(
+        agent=first.agent,
+        opponent=first.opponent,
+        reason=first.reason,
+        detected_step=first.detected_step,
+        handback_step=next(back, None),
+        released_step=last_step if last.state == TakeoverState.RELEASED else None,
+        held_s=len(episode) * run.info.dt,
+        time_to_conflict=first.time_to_conflict,
+        overlap_probability=first.overlap_probability,
+        log_collision_predicted=bool(first.log_collision_predicted),
+        replay=next(later, None),
+        residual_position=last.residual_position if logged else None,
+        residual_speed=last.residual_speed if logged else None,
+    )
+
+
+def _handback(run: Run, index: int, agent: int) -> Handback:
+    """The return of `agent`, which is under control for the last time in the table at `index`."""
+    residual = _from_log(run, index, agent)
+    found, noise = Jump(), Jump()
+    for k in range(index, min(index + SETTLING_MAX, len(run.tables) - 1)):
+        before, after = run.tables[k], run.tables[k + 1]
+        row = after.row(agent)
+        if row < 0 or after.controller[row] != Controller.LOG:
+            break
+        found = found.largest(jump(before, after, agent, run.info.dt))
+        if run.log and run.log[k].row(agent) >= 0 and run.log[k + 1].row(agent) >= 0:
+            noise = noise.largest(jump(run.log[k], run.log[k + 1], agent, run.info.dt))
+        apart = _from_log(run, k + 1, agent)
+        if apart is not None and apart < SETTLED:
+            break
+    return Handback(agent, run.tables[index].step, residual or 0.0, found, noise)
+
+
+def _from_log(run: Run, index: int, agent: int) -> float | None:
+    """Distance [m] of `agent` from its log at the table at `index`; None where it has no logged pose there."""
+    if not run.log:
+        return None
+    table, logged = run.tables[index], run.log[index]
+    i, j = table.row(agent), logged.row(agent)
+    return float(np.hypot(table.x[i] - logged.x[j], table.y[i] - logged.y[j])) if min(i, j) >= 0 else None

@@ -1,0 +1,114 @@
+"""The log: what every agent of a scenario really did, as dense arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_sim.geometry import wrap_angle
+from litsim_sim.recording import STEP_S, Recording
+from litsim_sim.scene import AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Log:
+    """Recorded motion over the steps of a scenario; n agents, zeros where an agent is not on the road.
+
+    Attributes:
+        ids: (n,) ascending.
+        kind: (n,) :class:`litsim_sim.recording.Kind`.
+        length, width: (n,) of the boxes [m].
+        first_step, last_step: (n,) between which, both included, an agent is on the road.
+        valid: (n, steps) mask of that.
+        x, y: (n, steps) box centres in frame map [m].
+        yaw: (n, steps) heading, counter-clockwise from +x, in [-pi, pi) [rad].
+        speed, acceleration: (n, steps) along the heading, as recorded [m/s], [m/s2].
+        yaw_rate: (n, steps) change of heading since the step before (at an agent's first step: to the next) [rad/s].
+    """
+
+    ids: IntArray
+    kind: ByteArray
+    length: FloatArray
+    width: FloatArray
+    first_step: IntArray
+    last_step: IntArray
+    valid: BoolArray
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+    yaw_rate: FloatArray
+
+    @classmethod
+    def from_recording(cls, recording: Recording, start_frame: int, steps: int) -> Log:
+        """The log of `steps` steps from `start_frame`, of the agents that appear in them."""
+        table = recording.table
+        step = table["frame"].to_numpy() - start_frame
+        inside = (step >= 0) & (step < steps)
+        table, step = table[inside], step[inside]
+        ids, first_row, agent = np.unique(table["vehicle_id"].to_numpy(), return_index=True, return_inverse=True)
+        valid = np.zeros((len(ids), steps), np.bool_)
+        valid[agent, step] = True
+
+        def dense(column: str) -> FloatArray:
+            values = np.zeros(valid.shape)
+            values[agent, step] = table[column].to_numpy(np.float64)
+            return values
+
+        yaw = dense("yaw")
+        rate = np.zeros(valid.shape)
+        both = valid[:, 1:] & valid[:, :-1]
+        rate[:, 1:] = np.where(both, wrap_angle(yaw[:, 1:] - yaw[:, :-1]) / STEP_S, 0.0)
+        first_step = np.argmax(valid, axis=1)
+        rows = np.arange(len(ids))
+        last_step = first_step + valid.sum(axis=1) - 1  # recordings have no holes
+        rate[rows, first_step] = np.where(
+            last_step > first_step, rate[rows, np.minimum(first_step + 1, steps - 1)], 0.0
+        )
+        return cls(
+            ids=ids,
+            kind=table["kind"].to_numpy()[first_row],
+            length=table["length"].to_numpy()[first_row],
+            width=table["width"].to_numpy()[first_row],
+            first_step=first_step,
+            last_step=last_step,
+            valid=valid,
+            x=dense("x"),
+            y=dense("y"),
+            yaw=np.where(valid, wrap_angle(yaw), 0.0),
+            speed=dense("speed"),
+            acceleration=dense("acceleration"),
+            yaw_rate=rate,
+        )
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return self.valid.shape[1]
+
+    def row(self, agent: int) -> int:
+        """Row of `agent`, or -1 where the log has no such agent."""
+        at = int(np.searchsorted(self.ids, agent))
+        return at if at < len(self.ids) and self.ids[at] == agent else -1
+
+    def table(self, step: int) -> AgentTable:
+        """All agents on the road at `step`, controller LOG, as arrays of their own; empty outside of the steps."""
+        if not 0 <= step < self.steps:
+            return AgentTable.empty(step)
+        rows = np.flatnonzero(self.valid[:, step])
+        return AgentTable(
+            step=step,
+            id=self.ids[rows],
+            kind=self.kind[rows],
+            controller=np.full(len(rows), Controller.LOG, np.uint8),
+            x=self.x[rows, step],
+            y=self.y[rows, step],
+            yaw=self.yaw[rows, step],
+            speed=self.speed[rows, step],
+            acceleration=self.acceleration[rows, step],
+            yaw_rate=self.yaw_rate[rows, step],
+            length=self.length[rows],
+            width=self.width[rows],
+        )

@@ -1,0 +1,1 @@
+"""Maps: lane queries on SUMO nets, and the nets of this package."""

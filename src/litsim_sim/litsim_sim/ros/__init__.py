@@ -1,0 +1,1 @@
+"""Everything that knows ROS: topic names, QoS, conversion between arrays and messages, the stage shell."""

@@ -1,0 +1,59 @@
+"""Message definitions as text and type hashes, for the recorder."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+
+_SEPARATOR = "\n" + "=" * 80 + "\n"
+_PRIMITIVE = re.compile(r"^(bool|byte|char|float32|float64|u?int(8|16|32|64)|w?string)\b")
+
+
+def type_name(message_type: Any) -> str:
+    """`package/msg/Name` of a message class."""
+    package, kind, _ = message_type.__module__.split(".", 2)
+    return f"{package}/{kind}/{message_type.__name__}"
+
+
+def definition(name: str) -> str:
+    """The definition of `package/msg/Name` followed by those of all types in it, as the `ros2msg` encoding asks."""
+    package, _, short = name.split("/")
+    parts, seen = [_read(package, short)], {(package, short)}
+    queue = _dependencies(package, parts[0])
+    while queue:
+        package, short = queue.pop(0)
+        if (package, short) in seen:
+            continue
+        seen.add((package, short))
+        text = _read(package, short)
+        parts.append(f"MSG: {package}/{short}\n{text}")
+        queue += _dependencies(package, text)
+    return _SEPARATOR.join(parts)
+
+
+def type_hash(name: str) -> str:
+    """`RIHS01_...` of `package/msg/Name` as rosidl has written it beside the definition; empty where it has not."""
+    package, kind, short = name.split("/")
+    path = Path(get_package_share_directory(package)) / kind / f"{short}.json"
+    if not path.is_file():
+        return ""
+    hashes = {entry["type_name"]: entry["hash_string"] for entry in json.loads(path.read_text())["type_hashes"]}
+    return str(hashes[name])
+
+
+def _read(package: str, short: str) -> str:
+    return (Path(get_package_share_directory(package)) / "msg" / f"{short}.msg").read_text()
+
+
+def _dependencies(package: str, text: str) -> list[tuple[str, str]]:
+    """Types other than primitives that a definition names, in its order."""
+    found = []
+    for line in text.splitlines():
+        field_type = line.split("#", 1)[0].strip().split(" ", 1)[0].split("[", 1)[0]
+        if field_type and not _PRIMITIVE.match(field_type):
+            found.append(tuple(field_type.split("/")) if "/" in field_type else (package, field_type))
+    return [(p, s) for p, s in found]

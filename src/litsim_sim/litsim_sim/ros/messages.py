@@ -1,0 +1,139 @@
+"""Conversion between the arrays of the cores and the messages of the graph.
+
+Primitive arrays go in as :class:`array.array` and come out through :func:`numpy.frombuffer`: both copy whole buffers,
+where lists and numpy arrays are converted element by element.
+"""
+
+from __future__ import annotations
+
+from array import array
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
+from litsim_msgs.msg import AgentStates, Controls, EgoControl, StageStatus
+from nav_msgs.msg import Odometry, Path
+from std_msgs.msg import Header
+
+from litsim_sim.recording import STEP_S
+from litsim_sim.scene import ARRAY_FIELDS, AgentTable, ControlTable, EgoCommand, EgoMode, FloatArray
+
+FRAME = "map"
+_NANOSECONDS_PER_STEP = round(STEP_S * 1e9)
+_TYPECODES = {"f8": "d", "f4": "f", "i8": "q", "u1": "B"}
+_CONTROL_FIELDS = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source")
+
+
+def stamp(step: int) -> Time:
+    """Simulation time of a step."""
+    seconds, nanoseconds = divmod(step * _NANOSECONDS_PER_STEP, 10**9)
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def nanoseconds(step: int) -> int:
+    """Simulation time of a step in nanoseconds."""
+    return step * _NANOSECONDS_PER_STEP
+
+
+def header(step: int) -> Header:
+    """Header of a message about a step, in frame map."""
+    return Header(stamp=stamp(step), frame_id=FRAME)
+
+
+def to_array(values: np.ndarray) -> array:
+    """A primitive array field from a numpy array of any shape, row-major."""
+    return array(_TYPECODES[values.dtype.str[1:]], np.ascontiguousarray(values).tobytes())
+
+
+def from_array(values: Any, dtype: type[np.generic]) -> np.ndarray:
+    """A writable (n,) numpy array from a primitive array field."""
+    return np.array(np.frombuffer(values, dtype)) if len(values) else np.empty(0, dtype)
+
+
+def agents_to_message(table: AgentTable, run_id: str, total_steps: int, ego_id: int) -> AgentStates:
+    """``AgentStates`` of a table."""
+    arrays = {name: to_array(getattr(table, name)) for name in ARRAY_FIELDS}
+    return AgentStates(
+        header=header(table.step), run_id=run_id, step=table.step, total_steps=total_steps, ego_id=ego_id, **arrays
+    )
+
+
+def agents_from_message(message: AgentStates) -> AgentTable:
+    """Table of an ``AgentStates``."""
+    arrays = {name: from_array(getattr(message, name), dtype) for name, dtype in _AGENT_DTYPES.items()}
+    return AgentTable(message.step, **arrays)
+
+
+def controls_to_message(controls: ControlTable, run_id: str) -> Controls:
+    """``Controls`` of a table."""
+    arrays = {name: to_array(getattr(controls, name)) for name in _CONTROL_FIELDS}
+    return Controls(header=header(controls.step), run_id=run_id, step=controls.step, **arrays)
+
+
+def controls_from_message(message: Controls) -> ControlTable:
+    """Table of a ``Controls``."""
+    return ControlTable(
+        message.step, **{name: from_array(getattr(message, name), _CONTROL_DTYPES[name]) for name in _CONTROL_FIELDS}
+    )
+
+
+def ego_to_message(command: EgoCommand, run_id: str) -> EgoControl:
+    """``EgoControl`` of a command."""
+    return EgoControl(
+        header=header(command.step),
+        run_id=run_id,
+        step=command.step,
+        mode=int(command.mode),
+        acceleration=float(command.acceleration),
+        yaw_rate=float(command.yaw_rate),
+    )
+
+
+def ego_from_message(message: EgoControl) -> EgoCommand:
+    """Command of an ``EgoControl``."""
+    return EgoCommand(message.step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
+
+
+def ego_odometry(table: AgentTable, ego_id: int) -> Odometry:
+    """Pose of the ego's box centre in frame map, twist in its body frame ``ego``; all zero once it has left."""
+    message = Odometry(header=header(table.step), child_frame_id="ego")
+    row = table.row(ego_id)
+    if row >= 0:
+        pose, twist = message.pose.pose, message.twist.twist
+        pose.position.x, pose.position.y = float(table.x[row]), float(table.y[row])
+        pose.orientation.z, pose.orientation.w = _quaternion(float(table.yaw[row]))
+        twist.linear.x, twist.angular.z = float(table.speed[row]), float(table.yaw_rate[row])
+    return message
+
+
+def route_path(points: FloatArray, step: int) -> Path:
+    """``nav_msgs/Path`` through `points` (m, 2), each pose looking at the next."""
+    message = Path(header=header(step))
+    direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
+    for (x, y), yaw in zip(points.tolist(), np.arctan2(direction[:, 1], direction[:, 0]).tolist(), strict=True):
+        pose = PoseStamped(header=message.header)
+        pose.pose.position.x, pose.pose.position.y = x, y
+        pose.pose.orientation.z, pose.pose.orientation.w = _quaternion(yaw)
+        message.poses.append(pose)
+    return message
+
+
+def status(run_id: str, stage: str, state: int, step: int = 0, compute_time: float = 0.0, text: str = "") -> StageStatus:
+    """``StageStatus`` of a stage."""
+    return StageStatus(
+        header=header(step), run_id=run_id, step=step, stage=stage, state=state, compute_time=compute_time, text=text
+    )
+
+
+def _quaternion(yaw: float) -> tuple[float, float]:
+    """z and w of the quaternion of a turn by `yaw` about the vertical."""
+    return float(np.sin(0.5 * yaw)), float(np.cos(0.5 * yaw))
+
+
+_AGENT_DTYPES: dict[str, type[np.generic]] = {
+    name: getattr(AgentTable.empty(0), name).dtype.type for name in ARRAY_FIELDS
+}
+_CONTROL_DTYPES: dict[str, type[np.generic]] = {
+    name: getattr(ControlTable.empty(0), name).dtype.type for name in _CONTROL_FIELDS
+}

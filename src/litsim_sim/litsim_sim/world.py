@@ -1,0 +1,245 @@
+"""The world that the bridge steps: logged agents, controlled agents, entries and exits, contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from litsim_sim.dynamics import Motion, VehicleLimits, bicycle_step
+from litsim_sim.geometry import boxes_overlap, overlapping_pairs, to_body
+from litsim_sim.log_policy import LogPolicy
+from litsim_sim.recording import STEP_S
+from litsim_sim.scenario import Scenario
+from litsim_sim.scene import (
+    ARRAY_FIELDS,
+    AgentTable,
+    Controller,
+    ControlSource,
+    ControlTable,
+    EgoCommand,
+    EgoMode,
+    FloatArray,
+    IntArray,
+)
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """How the world treats agents that cannot follow their log.
+
+    Attributes:
+        guard_entries: hold back an agent whose log begins where it would collide with an agent that is off its log;
+            False is pure replay, where it appears regardless.
+        entry_gap: free road [m] that a guarded entry needs ahead and behind.
+        entry_horizon: time [s] over which a guarded entry is checked at constant velocity.
+        entry_deceleration: braking [m/s2] that a guarded entry may need behind a slower agent.
+        limits: of controlled vehicles.
+    """
+
+    guard_entries: bool = True
+    entry_gap: float = 1.0
+    entry_horizon: float = 2.0
+    entry_deceleration: float = 2.0
+    limits: VehicleLimits = VehicleLimits()
+
+
+class Mirror(Protocol):
+    """Where the agents are shown: SUMO, or nothing."""
+
+    def show(self, table: AgentTable) -> None:
+        """Place the agents of `table` and advance by one step."""
+
+    def deviation(self, table: AgentTable) -> FloatArray:
+        """(n,) distance [m] between where the agents are shown and where `table` has them."""
+
+    def close(self) -> None:
+        """End the simulation."""
+
+
+class World:
+    """Steps the scenario at 10 Hz: :meth:`reset` gives step 0, :meth:`step` applies the answers to a step.
+
+    An agent follows its log unless the controls list it. One that is no longer listed rejoins its log, the residual
+    fading out. One whose log ends while it is controlled drives on until it has left the net. One whose log begins
+    where it would collide waits (`waiting`), and then enters under POLICY.
+    """
+
+    def __init__(self, scenario: Scenario, config: WorldConfig | None = None, mirror: Mirror | None = None) -> None:
+        self.scenario = scenario
+        self.config = config or WorldConfig()
+        self.contacts: dict[tuple[int, int], int] = {}
+        """First step of contact of every pair of ids that has ever overlapped."""
+        self.late_entries: set[int] = set()
+        self.waiting: dict[int, int] = {}
+        """Step at which the log of each agent that waits to enter began."""
+        self.mirror_deviation = 0.0
+        """Largest distance [m] so far between an agent and its image in SUMO."""
+        self._mirror = mirror
+        self._log_policy = LogPolicy(scenario.log)
+        self._table = AgentTable.empty(0)
+
+    def reset(self) -> AgentTable:
+        """Step 0."""
+        self._table = self._finish(self._log_policy.table(0))
+        return self._table
+
+    def step(self, controls: ControlTable, ego: EgoCommand) -> AgentTable:
+        """Apply the answers to the current step and return the next one.
+
+        Raises:
+            ValueError: `controls` or `ego` answer another step, or hold non-finite values.
+        """
+        table, step = self._table, self._table.step
+        if controls.step != step or ego.step != step:
+            raise ValueError(f"answers to steps {controls.step} (controls) and {ego.step} (ego), expected {step}")
+        if not np.isfinite([ego.acceleration, ego.yaw_rate]).all():
+            raise ValueError(f"ego control at step {step} is not finite: {ego.acceleration}, {ego.yaw_rate}")
+        if not (np.isfinite(controls.acceleration).all() and np.isfinite(controls.yaw_rate).all()):
+            raise ValueError(f"controls at step {step} are not finite")
+        driven = self._drive(table, controls, ego)
+        for agent in table.id[table.controller == Controller.POLICY]:
+            if driven.row(int(agent)) < 0:
+                self._log_policy.release(table, int(agent))
+        logged = self._log_policy.table(step + 1)
+        following = logged.take((driven.rows(logged.id) < 0) & self._may_follow(logged, table, driven))
+        self._table = self._finish(self._admit(_merge(step + 1, [driven, following]), logged))
+        return self._table
+
+    def summary(self) -> dict[str, Any]:
+        """What only the world knows, for the record."""
+        return {
+            "contacts": len(self.contacts),
+            "late_entries": sorted(self.late_entries),
+            "never_entered": sorted(self.waiting),
+            "sumo_deviation_m": self.mirror_deviation,
+        }
+
+    def close(self) -> None:
+        """End the mirror's simulation."""
+        if self._mirror is not None:
+            self._mirror.close()
+
+    @property
+    def ego_is_driven(self) -> bool:
+        """Whether the ego's answer to the current step counts: the history is over and the ego is on the road."""
+        return self._table.step >= self.scenario.history_steps and self._table.row(self.scenario.ego_id) >= 0
+
+    def _drive(self, table: AgentTable, controls: ControlTable, ego: EgoCommand) -> AgentTable:
+        """Agents under control, one step on; those that have left the net are gone."""
+        ids, acceleration, yaw_rate = controls.id, controls.acceleration, controls.yaw_rate
+        controller = np.where(controls.source == ControlSource.BASELINE, Controller.BASELINE, Controller.POLICY)
+        if self.ego_is_driven and ego.mode == EgoMode.CONTROL:
+            ids = np.append(ids, self.scenario.ego_id)
+            acceleration = np.append(acceleration, ego.acceleration)
+            yaw_rate = np.append(yaw_rate, ego.yaw_rate)
+            controller = np.append(controller, Controller.EGO)
+        rows = table.rows(ids)
+        listed = rows >= 0
+        rows, order = rows[listed], np.argsort(rows[listed], kind="stable")
+        now = table.take(rows[order])
+        moved = bicycle_step(
+            Motion(now.x, now.y, now.yaw, now.speed, now.acceleration, now.yaw_rate),
+            now.length,
+            acceleration[listed][order],
+            yaw_rate[listed][order],
+            self.config.limits,
+        )
+        driven = AgentTable(
+            table.step + 1,
+            now.id,
+            now.kind,
+            controller[listed][order].astype(np.uint8),
+            moved.x,
+            moved.y,
+            moved.yaw,
+            moved.speed,
+            moved.acceleration,
+            moved.yaw_rate,
+            now.length,
+            now.width,
+        )
+        log_over = self.scenario.log.last_step[self._log_rows(driven.id)] <= table.step
+        return driven.take(~log_over | self.scenario.lane_map.inside_road(driven.x, driven.y))
+
+    def _may_follow(self, logged: AgentTable, table: AgentTable, driven: AgentTable) -> np.ndarray:
+        """(n,) which agents of `logged` were on the road, or enter now and are not held back."""
+        here = table.rows(logged.id) >= 0
+        begins = self.scenario.log.first_step[self._log_rows(logged.id)] == logged.step
+        for row in np.flatnonzero(begins & ~here):
+            agent = int(logged.id[row])
+            if self.config.guard_entries and self._entry_speed(logged, row, driven) < logged.speed[row]:
+                self.waiting[agent] = logged.step
+            else:
+                here[row] = True
+        return here
+
+    def _admit(self, table: AgentTable, logged: AgentTable) -> AgentTable:
+        """Let agents that wait enter where their log begins, under POLICY, as soon as the road is free."""
+        for agent, began in sorted(self.waiting.items()):
+            if logged.row(agent) < 0:
+                del self.waiting[agent]  # its log is over: it never enters
+                continue
+            entry = self.scenario.log.table(began)
+            row = entry.row(agent)
+            speed = self._entry_speed(entry, row, table)
+            if began == table.step or speed <= 0.0:
+                continue
+            entering = entry.take(np.array([row]))
+            entering.speed[0] = min(speed, entering.speed[0])
+            entering.acceleration[0] = entering.yaw_rate[0] = 0.0
+            entering.controller[0] = Controller.POLICY
+            del self.waiting[agent]
+            self.late_entries.add(agent)
+            table = _merge(table.step, [table, entering])
+        return table
+
+    def _entry_speed(self, entry: AgentTable, row: int, others: AgentTable) -> float:
+        """Speed [m/s], at most the logged one, at which an agent can enter among `others`; 0 where it cannot."""
+        config, log_speed = self.config, float(entry.speed[row])
+        if not len(others):
+            return log_speed
+        dx, dy = others.x - entry.x[row], others.y - entry.y[row]
+        ahead, left = to_body(dx, dy, entry.yaw[row])
+        in_path = np.abs(left) < 0.5 * (others.width + entry.width[row]) + 0.3
+        gap = ahead - 0.5 * (others.length + entry.length[row]) - config.entry_gap
+        leads = in_path & (ahead > 0)
+        speed = log_speed
+        if leads.any():
+            room = np.maximum(gap[leads], 0.0) * 2.0 * config.entry_deceleration
+            speed = min(speed, float(np.sqrt(others.speed[leads] ** 2 + room).min()))
+            if (gap[leads] < 0).any():
+                return 0.0
+        times = np.arange(0.0, config.entry_horizon, 2 * STEP_S)[:, None]
+        relative_x = dx + times * (others.speed * np.cos(others.yaw) - speed * np.cos(entry.yaw[row]))
+        relative_y = dy + times * (others.speed * np.sin(others.yaw) - speed * np.sin(entry.yaw[row]))
+        size = (entry.length[row] + config.entry_gap, entry.width[row])
+        follows = in_path & (ahead <= 0)
+        hit = boxes_overlap(
+            relative_x, relative_y, entry.yaw[row], others.yaw, size, (others.length, others.width)
+        ) & ((times == 0.0) | follows)
+        return 0.0 if hit.any() else speed
+
+    def _finish(self, table: AgentTable) -> AgentTable:
+        """Mark the ego, note contacts, show the step in SUMO."""
+        ego = table.row(self.scenario.ego_id)
+        if ego >= 0 and table.step >= self.scenario.history_steps:
+            table.controller[ego] = Controller.EGO
+        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width):
+            self.contacts.setdefault((int(table.id[i]), int(table.id[j])), table.step)
+        if self._mirror is not None:
+            self._mirror.show(table)
+            self.mirror_deviation = max(self.mirror_deviation, float(self._mirror.deviation(table).max(initial=0.0)))
+        return table
+
+    def _log_rows(self, ids: IntArray) -> IntArray:
+        """Rows of agents in the log; every agent has one."""
+        return np.searchsorted(self.scenario.log.ids, ids)
+
+
+def _merge(step: int, tables: list[AgentTable]) -> AgentTable:
+    """One table of the agents of several, ids ascending."""
+    columns = {f: np.concatenate([getattr(t, f) for t in tables]) for f in ARRAY_FIELDS}
+    order = np.argsort(columns["id"], kind="stable")
+    return AgentTable(step, **{f: values[order] for f, values in columns.items()})

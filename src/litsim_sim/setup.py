@@ -1,0 +1,38 @@
+"""Build description of litsim_sim: `colcon build` reads it, on stock ROS 2 as on the wheels."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "litsim_sim"
+# Files that code opens with importlib.resources; configurations, scenarios, nets and what they embed.
+DATA = [f"**/*.{ending}" for ending in ("css", "html", "js", "json", "parquet", "pt", "xml", "xml.gz", "yaml")]
+# Folders beside the package that are installed into its share folder, where `ros2 launch` and --params-file look.
+SHARED = ("config", "launch")
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Scenes, recordings, the SUMO world, bridge, recorder, launcher and analysis of LitSim-ROS.",
+    license="Apache-2.0",
+    maintainer="LitSim-ROS maintainers",
+    maintainer_email="maintainers@litsim.invalid",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: DATA},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *((f"share/{NAME}/{name}", sorted(map(str, Path(name).iterdir()))) for name in SHARED if Path(name).is_dir()),
+    ],
+    zip_safe=False,
+    install_requires=["setuptools"],
+    entry_points={
+        "console_scripts": [
+            "bridge = litsim_sim.bridge_node:main",
+            "recorder = litsim_sim.recorder_node:main",
+            "launch = litsim_sim.cli.launch:main",
+            "analyze = litsim_sim.cli.analyze:main",
+            "data = litsim_sim.cli.data:main",
+        ],
+    },
+)

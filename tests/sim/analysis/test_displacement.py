@@ -1,0 +1,85 @@
+"""Distances to the log, on offsets that are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from litsim_sim.analysis.displacement import displacements
+from litsim_sim.analysis.progress import mean_progress, travelled
+from litsim_sim.scene import Controller
+
+Make = Callable[..., Any]
+HISTORY = 30
+
+
+def log_of(table: Make, steps: int) -> list[Any]:
+    """Ego 1 and agents 2 and 3, 10 m/s."""
+    return [table(k, *({"id": a, "x": 1.0 * k, "y": 10.0 * a} for a in (1, 2, 3))) for k in range(steps + 1)]
+
+
+def test_ade_of_a_constant_offset(table: Make, make_run: Make, moved: Make) -> None:
+    log = log_of(table, HISTORY + 100)
+    run = [t if t.step <= HISTORY else moved([t], 2, x=3.0, y=4.0, controller=Controller.POLICY)[0] for t in log]
+    far = displacements(make_run(run, log, history_steps=HISTORY))
+    assert far.horizons == (5, 10)
+    assert far.ade_controlled(5) == pytest.approx(5.0)
+    assert far.ade_all(5) == pytest.approx(2.5)  # the ego is no part of it
+    assert far.ade_ego(10) == 0.0
+
+
+def test_ade_counts_up_to_the_horizon_from_the_end_of_the_history(table: Make, make_run: Make, moved: Make) -> None:
+    log = log_of(table, HISTORY + 100)
+    late = HISTORY + 51
+    run = [t if t.step < late else moved([t], 2, y=2.0, controller=Controller.POLICY)[0] for t in log]
+    far = displacements(make_run(run, log, history_steps=HISTORY))
+    assert far.ade_all(5) == 0.0
+    assert far.ade_controlled(5) is None  # nobody was under control yet
+    assert far.ade_controlled(10) == pytest.approx(1.0)
+    assert far.ade_all(10) == pytest.approx(0.5)
+
+
+def test_ego_is_measured_apart(table: Make, make_run: Make, moved: Make) -> None:
+    log = log_of(table, HISTORY + 50)
+    far = displacements(make_run(moved(log, 1, x=-2.0, controller=Controller.EGO), log, history_steps=HISTORY))
+    assert far.ade_ego(5) == pytest.approx(2.0)
+    assert far.ade_all(5) == 0.0
+    assert far.ade_controlled(5) is None
+
+
+@pytest.mark.parametrize(("steps", "horizons"), [(49, ()), (50, (5,)), (250, (5, 10, 15, 20, 25))])
+def test_only_horizons_that_are_reached(table: Make, make_run: Make, steps: int, horizons: tuple[int, ...]) -> None:
+    log = log_of(table, HISTORY + steps)
+    assert displacements(make_run(log, history_steps=HISTORY)).horizons == horizons
+
+
+def test_agents_without_a_logged_pose_do_not_count(table: Make, make_run: Make) -> None:
+    log = log_of(table, 50)
+    gone = [t.take(t.id != 3) for t in log]
+    far = displacements(make_run(log, gone))
+    assert set(far.id.tolist()) == {1, 2}
+    assert far.ade_all(5) == 0.0
+
+
+def test_replay_error_is_that_of_agents_never_under_control(table: Make, make_run: Make, moved: Make) -> None:
+    log = log_of(table, 10)
+    run = moved(moved(log, 2, y=5.0, controller=Controller.POLICY), 3, x=0.25)
+    assert displacements(make_run(run, log)).replay_error() == pytest.approx({3: 0.25})
+    assert displacements(make_run(log)).replay_error() == {2: 0.0, 3: 0.0}
+
+
+def test_without_a_log_there_is_nothing(table: Make, make_run: Make) -> None:
+    far = displacements(make_run(log_of(table, 50), []))
+    assert far.ade_all(5) is None
+    assert far.replay_error() == {}
+
+
+def test_progress_is_the_mean_of_the_paths(table: Make) -> None:
+    tables = log_of(table, 20)
+    tables = [t if t.step < 10 else t.take(t.id != 3) for t in tables]
+    assert travelled(tables) == pytest.approx({1: 20.0, 2: 20.0, 3: 9.0})
+    assert mean_progress(tables) == pytest.approx(49.0 / 3)
+    assert mean_progress(tables, {3}) == pytest.approx(9.0)
+    assert mean_progress(tables, set()) is None

@@ -1,0 +1,172 @@
+"""metrics.json: its fields, when a run is valid, and the command that prints it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import litsim_sim
+from litsim_sim.analysis.lockstep import lockstep
+from litsim_sim.analysis.metrics import compute_metrics, write_metrics
+from litsim_sim.analysis.plots import telling_moment
+from litsim_sim.analysis.run import StageState, Status, TopicGaps
+from litsim_sim.analysis.timing import timing
+from litsim_sim.cli.analyze import analyze, main, print_metrics
+from litsim_sim.scene import Controller
+
+Make = Callable[..., Any]
+NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"
+HISTORY, STEPS = 10, 60
+FIELDS = {  # of the schema in the design; there may be more
+    "": "run_id scenario ego policy seed steps agents digest collision reactive ade_controlled_m ade_all_m progress_m "
+    "relevant_ratio takeovers handback lockstep timing valid why",
+    "collision": "agents pairs rate_all rate_controlled ego_at_fault background_at_fault log_floor",
+    "handback": "count max_position_jump_m max_speed_jump_mps max_yaw_jump_rad residual_m",
+    "lockstep": "missed gaps",
+    "timing": "wall_s realtime_factor stage_ms",
+}
+
+
+@pytest.fixture
+def run(table: Make, make_run: Make, moved: Make) -> Any:
+    """The ego slower than its log by up to 10 m, agent 2 behind it under control half of the time; agent 3 logged."""
+    rows = {1: (40.0, -1.83), 2: (20.0, -1.83), 3: (30.0, -5.49)}
+    log = [table(k, *({"id": a, "x": x + k, "y": y} for a, (x, y) in rows.items())) for k in range(STEPS + 1)]
+    tables = []
+    for k, each in enumerate(log):
+        late = max(0.0, 0.2 * (k - HISTORY))
+        out = moved([each], 1, x=-late, controller=Controller.EGO if k >= HISTORY else Controller.LOG)
+        tables += moved(out, 2, x=-5.0, controller=Controller.POLICY) if 20 < k <= 40 else out
+    times = {"policy": dict.fromkeys(range(STEPS + 1), 0.002) | {0: 3.0}}
+    return make_run(tables, log, history_steps=HISTORY, timing=times, net_xml=NET.read_bytes())
+
+
+def test_fields_are_those_of_the_design(run: Any) -> None:
+    metrics = json.loads(json.dumps(compute_metrics(run), allow_nan=False))
+    for part, names in FIELDS.items():
+        assert set(names.split()) <= set(metrics[part] if part else metrics)
+    assert metrics["steps"] == STEPS
+    assert metrics["agents"] == 2
+    assert metrics["controlled_agents"] == 1
+    assert metrics["valid"], metrics["why"]
+    assert metrics["why"] == ""
+    assert metrics["reactive"]
+    assert metrics["ade_all_m"] == {"5": pytest.approx(5.0 * 20 / 100)}
+    assert metrics["ade_ego_m"]["5"] == pytest.approx(0.2 * 25.5)
+    assert metrics["handback"]["count"] == 1
+    assert metrics["handback"]["max_position_jump_m"] == pytest.approx(5.0)
+    assert metrics["collision"]["rate_all"] == 0.0
+
+
+def test_collisions_show(run: Any, moved: Make) -> None:
+    hit = [t if t.step < 50 else moved([t], 3, y=3.66, x=-12.0)[0] for t in run.tables]
+    metrics = compute_metrics(replace(run, tables=hit))
+    assert not metrics["reactive"]
+    collision = metrics["collision"]
+    assert collision["pairs"] == collision["excess"] == 1
+    assert collision["contacts"] == [{"pair": [2, 3], "step": 50, "in_log": False}]
+    assert collision["rate_all"] == pytest.approx(2 / 3)
+    assert collision["rate_controlled"] == 1.0
+
+
+def said(*statuses: Status) -> list[Status]:
+    return list(statuses)
+
+
+FINISHED = Status(STEPS, "bridge", StageState.FINISHED, 3.0, "missed: {/litsim/controls: 2}\n")
+FAILED = Status(30, "bridge", StageState.FAILED, 0.0, "no answer to step 30\n")
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"complete": False, "problem": "cut short at byte 7"}, "the recording is cut short at byte 7"),
+        ({"statuses": []}, "the bridge did not finish: last step 60 of 60"),
+        ({"statuses": said(FINISHED)}, "2 answers missed on /litsim/controls"),
+        ({"statuses": said(FAILED)}, "bridge failed: no answer to step 30"),
+        ({"gaps": {"/clock": TopicGaps(missing=(3, 4))}}, "/clock: 2 steps missing (first 3)"),
+        ({"gaps": {"/clock": TopicGaps(duplicated=(5,))}}, "/clock: 1 steps duplicated (first 5)"),
+        ({"log": []}, "the bag holds no recording"),
+    ],
+)
+def test_runs_that_are_not_valid(run: Any, change: dict[str, Any], why: str) -> None:
+    metrics = compute_metrics(replace(run, **change))
+    assert not metrics["valid"]
+    assert why in metrics["why"]
+    json.dumps(metrics, allow_nan=False)
+
+
+def test_states_that_are_not_finite_are_not_valid(run: Any, moved: Make) -> None:
+    broken = [t if t.step < 55 else moved([t], 3, speed=float("nan"))[0] for t in run.tables]
+    metrics = compute_metrics(replace(run, tables=broken))
+    assert "not finite at 6 steps (first 55)" in metrics["why"]
+
+
+def test_times_leave_out_the_first_step(run: Any) -> None:
+    found = timing(run)
+    assert found.wall_s == 2.0
+    assert found.realtime_factor == pytest.approx(3.0)
+    assert found.stages["policy"].max == pytest.approx(2.0)
+    assert timing(replace(run, statuses=[])).realtime_factor is None
+    assert lockstep(run).problems == ()
+
+
+def test_analyze_writes_beside_the_bag_and_prints(
+    run: Any, write_run: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_run(run, tmp_path / "bag")
+    metrics = analyze(folder)
+    assert json.loads((folder / "metrics.json").read_text()) == metrics
+    header = (folder / "overview.png").read_bytes()[:24]
+    assert header[:4] == b"\x89PNG"
+    assert int.from_bytes(header[16:20], "big") == 1600
+    main([str(folder / "run_0.mcap"), "--json", str(tmp_path / "m.json"), "--plot", str(tmp_path / "p.png")])
+    assert json.loads((tmp_path / "m.json").read_text()) == metrics
+    assert (tmp_path / "p.png").stat().st_size > 20_000
+    out = capsys.readouterr().out
+    assert "ADE all" in out
+    assert metrics["digest"][:16] in out
+    main([str(folder), "--quiet"])
+    assert capsys.readouterr().out == ""
+
+
+def test_errors_are_one_line_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main([str(tmp_path / "none")])
+    assert stop.value.code == 2
+    captured = capsys.readouterr()
+    assert captured.err == f"error: {tmp_path / 'none'}: no such bag\n"
+    assert captured.out == ""
+
+
+def test_output_that_cannot_be_written_is_named(
+    run: Any, write_run: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_run(run, tmp_path / "bag")
+    with pytest.raises(SystemExit) as stop:
+        main([str(folder), "--json", str(tmp_path / "no/m.json")])
+    assert stop.value.code == 2
+    assert "no/m.json: cannot be written" in capsys.readouterr().err
+
+
+def test_bare_runs_can_be_drawn_and_printed(table: Make, make_run: Make, write_run: Make, tmp_path: Path) -> None:
+    """One agent, which is not the ego; no log, no net, nobody under control."""
+    run = make_run([table(k, {"id": 5, "x": 1.0 * k, "y": 0.0}) for k in range(3)], log=[], statuses=[])
+    metrics = analyze(write_run(run, tmp_path / "bag"))
+    assert metrics["collision"]["rate_controlled"] is None
+    assert metrics["timing"]["wall_s"] is None
+    print_metrics(metrics)
+
+
+def test_metrics_without_numbers_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_metrics({"x": float("nan")}, tmp_path / "m.json")
+
+
+def test_the_picture_shows_where_replay_would_have_failed(run: Any) -> None:
+    assert telling_moment(run, []).why == "the middle of the run"

@@ -1,0 +1,159 @@
+"""The ledger of takeovers, and jumps at hand-back that are there or not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_sim.analysis.run import Takeover, TakeoverReason, TakeoverState
+from litsim_sim.analysis.takeover import handbacks, jump, ledger
+from litsim_sim.scene import Controller
+
+Make = Callable[..., Any]
+HELD, HANDBACK, RELEASED = TakeoverState
+
+
+def record(agent: int, state: TakeoverState = HELD, **values: Any) -> Takeover:
+    usual: dict[str, Any] = {
+        "agent": agent,
+        "opponent": 1,
+        "state": state,
+        "reason": TakeoverReason.CONFLICT,
+        "detected_step": 5,
+        "time_to_conflict": 2.0,
+        "overlap_probability": 0.5,
+        "conflict_pose": (0.0, 0.0, 0.0),
+        "goal_pose": (0.0, 0.0, 0.0),
+        "reference_path": np.zeros((0, 2)),
+        "log_collision_predicted": True,
+        "residual_position": 1.5,
+        "residual_speed": 0.5,
+    }
+    return Takeover(**(usual | values))
+
+
+def follower_log(table: Make, steps: int = 40) -> list[Any]:
+    """Ego 1 ahead of agent 2 by 20 m, both at 10 m/s; agent 3 far off."""
+    where = {1: (20.0, 0.0), 2: (0.0, 0.0), 3: (0.0, 50.0)}
+    return [table(k, *({"id": a, "x": x + k, "y": y} for a, (x, y) in where.items())) for k in range(steps + 1)]
+
+
+def with_ego_stopped(log: list[Any], moved: Make, gap: float) -> list[Any]:
+    """The ego stays where it is `gap` metres before agent 2's log catches up, from step 5 on."""
+    return [t if t.step < 5 else moved([t], 1, x=min(0.0, 25.0 - gap - t.step - 20.0), controller=2)[0] for t in log]
+
+
+def episode(agent: int, first: int, back: int, last: int) -> dict[int, list[Takeover]]:
+    states = {k: HANDBACK if k >= back else HELD for k in range(first, last)} | {last: RELEASED}
+    return {k: [record(agent, state, detected_step=first)] for k, state in states.items()}
+
+
+def test_takeover_that_prevented_a_contact(table: Make, make_run: Make, moved: Make) -> None:
+    log = follower_log(table)
+    run = make_run(with_ego_stopped(log, moved, 0.0), log, takeovers=episode(2, 5, 20, 30))
+    (entry,) = ledger(run)
+    assert (entry.agent, entry.opponent, entry.detected_step) == (2, 1, 5)
+    assert (entry.handback_step, entry.released_step) == (20, 30)
+    assert entry.held_s == pytest.approx(2.6)
+    assert entry.replay is not None
+    assert entry.replay.opponent == 1
+    assert entry.replay.step == 22  # the ego stands at 25 m: the log's box begins to overlap beyond 21 m
+    assert not entry.false_alarm
+    assert (entry.residual_position, entry.residual_speed) == (1.5, 0.5)
+
+
+def test_takeover_without_need_is_a_false_alarm(table: Make, make_run: Make) -> None:
+    log = follower_log(table)
+    (entry,) = ledger(make_run(log, log, takeovers=episode(2, 5, 20, 30)))
+    assert entry.replay is None
+    assert entry.false_alarm
+
+
+def test_blocked_entry_is_never_a_false_alarm(table: Make, make_run: Make) -> None:
+    log = follower_log(table)
+    (entry,) = ledger(make_run(log, log, takeovers={5: [record(2, reason=TakeoverReason.BLOCKED_ENTRY)]}))
+    assert not entry.false_alarm
+
+
+def test_without_a_logged_pose_there_is_no_residual(table: Make, make_run: Make) -> None:
+    log = follower_log(table)
+    (entry,) = ledger(make_run(log, log, takeovers={5: [record(2, residual_position=-1.0)]}))
+    assert entry.residual_position is None
+    assert entry.residual_speed is None
+
+
+def test_contacts_before_the_detection_are_no_reason(table: Make, make_run: Make, moved: Make) -> None:
+    log = follower_log(table)
+    run = [moved([t], 1, x=-20.0, controller=2)[0] if t.step in (2, 3) else t for t in log]
+    (entry,) = ledger(make_run(run, log, takeovers=episode(2, 5, 20, 30)))
+    assert entry.replay is None
+
+
+def test_an_agent_that_is_taken_over_is_no_obstacle_to_its_own_log(table: Make, make_run: Make, moved: Make) -> None:
+    log = follower_log(table)
+    run = moved(log, 2, x=-1.0, controller=Controller.POLICY)
+    (entry,) = ledger(make_run(run, log, takeovers=episode(2, 5, 20, 30)))
+    assert entry.replay is None
+
+
+def test_another_agent_off_its_log_is_an_obstacle(table: Make, make_run: Make, moved: Make) -> None:
+    log = follower_log(table)
+    run = moved(log, 3, x=1.0, y=-50.0, controller=Controller.POLICY)
+    (entry,) = ledger(make_run(run, log, takeovers=episode(2, 5, 20, 30)))
+    assert entry.replay is not None
+    assert (entry.replay.opponent, entry.replay.step) == (3, 6)
+
+
+def test_two_takeovers_of_one_agent_are_two(table: Make, make_run: Make) -> None:
+    log = follower_log(table)
+    takeovers = episode(2, 5, 8, 10) | episode(2, 11, 13, 15) | {20: [record(2, detected_step=20)]}
+    entries = ledger(make_run(log, log, takeovers=takeovers))
+    assert [(e.detected_step, e.released_step) for e in entries] == [(5, 10), (11, 15), (20, None)]
+
+
+def handed_back(table: Make, moved: Make, offset: float, **other: float) -> tuple[list[Any], list[Any]]:
+    """Agent 2 under POLICY up to step 20 behind its log by `offset`, and on it from step 21."""
+    log = follower_log(table)
+    off = moved(log, 2, x=-offset, controller=Controller.POLICY, **other)
+    return [off[k] if k <= 20 else log[k] for k in range(len(log))], log
+
+
+def test_teleport_at_hand_back_is_measured(table: Make, make_run: Make, moved: Make) -> None:
+    (back,) = handbacks(make_run(*handed_back(table, moved, 2.0)))
+    assert (back.agent, back.step) == (2, 20)
+    assert back.residual == pytest.approx(2.0)
+    assert back.jump.position == pytest.approx(2.0)
+    assert (back.jump.speed, back.jump.yaw) == (0.0, 0.0)
+    assert back.log_jump.tuple == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+
+
+def test_smooth_return_has_no_jump(table: Make, make_run: Make, moved: Make) -> None:
+    log = follower_log(table, 80)
+    run = list(log)
+    for k in range(61):  # 2 m behind up to step 20, from there on to the log within 4 s, without a jerk
+        s = max(0, k - 20) / 40
+        left, faster = 2.0 * (1 - s**3 * (10 - 15 * s + 6 * s**2)), 2.0 * 30 * (s * (1 - s)) ** 2 / 4.0
+        controller = Controller.POLICY if k <= 20 else Controller.LOG
+        run[k] = moved([log[k]], 2, x=-left, speed=faster, controller=controller)[0]
+    (back,) = handbacks(make_run(run, log))
+    assert back.residual == pytest.approx(2.0)
+    assert back.jump.position < 0.001
+    assert (back.jump.speed, back.jump.yaw) == (0.0, 0.0)
+    assert handbacks(make_run(log, log)) == []
+
+
+def test_jumps_of_speed_and_yaw_are_measured(table: Make, make_run: Make, moved: Make) -> None:
+    (back,) = handbacks(make_run(*handed_back(table, moved, 0.0, speed=-3.0, yaw=0.5)))
+    assert back.jump.speed == pytest.approx(3.0 - 0.4)
+    assert back.jump.yaw == pytest.approx(0.5 - 0.1 * 4.89 / 8.5)
+
+
+def test_motion_within_the_vehicle_s_limits_is_no_jump(table: Make) -> None:
+    before = table(0, {"id": 2, "x": 0.0, "y": 0.0, "speed": 10.0})
+    after = table(1, {"id": 2, "x": 0.96, "y": 0.0, "speed": 9.2, "yaw": 0.04})
+    found = jump(before, after, 2, 0.1)
+    assert (found.speed, found.yaw) == (pytest.approx(0.0, abs=1e-9), 0.0)
+    assert found.position < 0.03

@@ -1,0 +1,50 @@
+#!/usr/bin/env bash
+# Builds the workspace on the environment of tools/bootstrap.sh, if anything that a build reads has changed.
+set -euo pipefail
+
+if [ $# -gt 0 ]; then
+  cat <<'TEXT'
+Usage: tools/build.sh   (make build)
+
+colcon build --symlink-install into build/, install/ and log/. Python sources are linked, so that only messages, build
+descriptions and the set of data files call for another build. On stock ROS 2 Jazzy, use plain `colcon build`.
+TEXT
+  exit 0
+fi
+
+cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.."
+stamp=install/.litsim-build
+exec 9<tools/build.sh
+flock 9 # one build at a time
+
+# What a build reads: the content of descriptions and messages, the names of files that it links one by one, and the
+# environment at its place.
+key=$(
+  {
+    echo "$PWD"
+    cat .venv/.litsim-packages colcon.meta tools/build.sh
+    find src -path '*/__pycache__' -prune -o -type f -path 'src/*/config/*' -print -o -type f -path 'src/*/launch/*' -print | sort
+    find src -type f \( -name package.xml -o -name setup.py -o -name setup.cfg -o -name CMakeLists.txt -o -name '*.msg' \
+      -o -name '*.srv' \) -print0 | sort -z | xargs -0 sha256sum
+  } | sha256sum
+)
+[ -f "$stamp" ] && [ "$(cat "$stamp")" = "$key" ] && exit 0
+
+# A ROS 2 that the shell has sourced would become a second underlay, of another build.
+unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
+# shellcheck disable=SC1091
+source .venv/setup.bash
+
+# CMake's cache holds absolute paths and the interpreter: it is good for one place and one environment.
+made_for="$PWD $(python -VV)"
+if [ -d build ] && [ "$(cat build/.litsim-made-for 2>/dev/null)" != "$made_for" ]; then
+  rm -rf build install log
+fi
+mkdir -p build
+printf '%s\n' "$made_for" >build/.litsim-made-for
+
+echo "build: colcon build (half a minute the first time)"
+rm -f "$stamp"
+colcon build --symlink-install --event-handlers console_direct- --cmake-args -G Ninja ||
+  { echo "build: colcon failed; its whole output is in log/latest_build" >&2; exit 1; }
+printf '%s\n' "$key" >"$stamp"
