@@ -12,17 +12,20 @@ from __future__ import annotations
 import argparse
 from importlib import metadata
 
-BY_VENV = {"pip"}  # comes with the virtual environment; nothing depends on its version
+LEFT_OUT = {
+    "pip",  # comes with the virtual environment; nothing depends on its version
+    "torch",  # torch.txt pins it; a second pin keeps pip from saying plainly that it has no CPU build
+}
 
 
 def installed_wheels() -> dict[str, str]:
-    """Name and public version of every package that pip installed here: those with a wheel's metadata."""
+    """Name and version of every package that pip installed here: those with a wheel's metadata."""
     wheels = {}
     for distribution in metadata.distributions():
         if distribution.read_text("WHEEL") and distribution.read_text("INSTALLER"):
             name = distribution.metadata["Name"].lower().replace("_", "-").replace(".", "-")
-            wheels[name] = distribution.version.partition("+")[0]  # torch 2.13.0+cpu: a pin of 2.13.0 admits it
-    return {name: version for name, version in wheels.items() if name not in BY_VENV}
+            wheels[name] = distribution.version
+    return {name: version for name, version in wheels.items() if name not in LEFT_OUT}
 
 
 def main() -> None:

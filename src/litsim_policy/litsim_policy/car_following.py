@@ -9,6 +9,7 @@ import numpy as np
 from litsim_policy.path import ReferencePath
 from litsim_sim.scene import AgentTable, FloatArray
 
+SIGHT = 120.0  # [m] beyond which nobody is looked at
 GAP_MIN = 0.1  # [m] below which the model is not evaluated: it has a pole at zero
 
 
@@ -72,7 +73,9 @@ def along_path(path: ReferencePath, agents: AgentTable, row: int, margin: float 
         row: of the agent that looks.
         margin: [m] kept to the side of the agent's box.
     """
-    s, d = path.project(agents.x, agents.y)
+    near = np.hypot(agents.x - agents.x[row], agents.y - agents.y[row]) < SIGHT
+    s, d = np.full(len(agents), -np.inf), np.full(len(agents), np.inf)
+    s[near], d[near] = path.project(agents.x[near], agents.y[near])
     turn = agents.yaw - path.heading(s)
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
     half_along = 0.5 * (agents.length * cos + agents.width * sin)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from litsim_sim.geometry import wrap_angle
 from litsim_sim.log import Log
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scene import FloatArray
@@ -36,17 +36,19 @@ class ReferencePath:
                 kept.append(point)
         if len(kept) < 2:
             raise ValueError("a path needs two points that differ")
-        line = np.array(kept)
-        return cls(line, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))]))
+        return cls.of(np.array(kept))
+
+    @classmethod
+    def of(cls, points: FloatArray) -> ReferencePath:
+        """Path through `points` (m, 2) as they are; no two neighbours may be equal."""
+        return cls(points, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]))
 
     def project(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Arc length s (n,) and offset d (n,), positive to the left, of the nearest point of the path [m].
 
         The first and last segments are prolonged, so points before or beyond the path have s < 0 or s > length.
         """
-        start, along = self.points[:-1], np.diff(self.points, axis=0)
-        length = np.diff(self.s)
-        unit = along / length[:, None]
+        start, length, unit = self._segments
         dx, dy = x[:, None] - start[:, 0], y[:, None] - start[:, 1]
         t = dx * unit[:, 0] + dy * unit[:, 1]
         low, high = np.zeros(len(length)), length.copy()
@@ -61,20 +63,22 @@ class ReferencePath:
     def point(self, s: float) -> FloatArray:
         """(2,) point at arc length `s`, ends prolonged."""
         if s <= 0.0:
-            return self.points[0] + s * self._unit(0)
+            return self.points[0] + s * self._segments[2][0]
         if s >= self.s[-1]:
-            return self.points[-1] + (s - self.s[-1]) * self._unit(-1)
+            return self.points[-1] + (s - self.s[-1]) * self._segments[2][-1]
         return np.array([np.interp(s, self.s, self.points[:, 0]), np.interp(s, self.s, self.points[:, 1])])
 
     def heading(self, s: FloatArray) -> FloatArray:
         """(n,) direction of the path at arc lengths `s` (n,) [rad]."""
         at = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
-        along = np.diff(self.points, axis=0)[at]
-        return np.arctan2(along[:, 1], along[:, 0])
+        unit = self._segments[2][at]
+        return np.arctan2(unit[:, 1], unit[:, 0])
 
-    def _unit(self, end: int) -> FloatArray:
-        along = self.points[1] - self.points[0] if end == 0 else self.points[-1] - self.points[-2]
-        return along / np.hypot(*along)
+    @cached_property
+    def _segments(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Start (m - 1, 2), length (m - 1,) and direction (m - 1, 2) of the segments."""
+        length = np.diff(self.s)
+        return self.points[:-1], length, np.diff(self.points, axis=0) / length[:, None]
 
 
 def logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
@@ -106,10 +110,14 @@ def _shifted(points: FloatArray, left: float) -> FloatArray:
     return points + np.linspace(left, 0.0, len(points))[:, None] * normal
 
 
+def pursuit_reach(speed: float) -> float:
+    """Distance [m] to the point that is pursued at `speed` [m/s]: a second ahead, but at least 4 m."""
+    return max(4.0, speed)
+
+
 def pursuit_yaw_rate(path: ReferencePath, x: float, y: float, yaw: float, speed: float) -> float:
-    """Yaw rate [rad/s] of a pure pursuit of `path` (Coulter 1992), looking a second ahead but at least 4 m."""
+    """Yaw rate [rad/s] of a pure pursuit of `path` (Coulter 1992) from a pose, at `speed` [m/s]."""
     s, _ = path.project(np.array([x]), np.array([y]))
-    reach = max(4.0, speed)
-    target = path.point(float(s[0]) + reach)
+    target = path.point(float(s[0]) + pursuit_reach(speed))
     bearing = np.arctan2(target[1] - y, target[0] - x) - yaw
-    return float(2.0 * speed * np.sin(wrap_angle(np.array([bearing]))[0]) / np.hypot(target[0] - x, target[1] - y))
+    return float(2.0 * speed * np.sin(bearing) / np.hypot(target[0] - x, target[1] - y))

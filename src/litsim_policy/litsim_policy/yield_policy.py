@@ -8,8 +8,9 @@ import numpy as np
 
 from litsim_policy.car_following import AlongPath, IdmConfig, along_path, idm_acceleration
 from litsim_policy.handback import HandbackConfig, catch_up
-from litsim_policy.path import ReferencePath, pursuit_yaw_rate
+from litsim_policy.path import ReferencePath, pursuit_reach, pursuit_yaw_rate
 from litsim_policy.takeover import State, Takeover, TakeoverTable
+from litsim_sim.geometry import to_body
 from litsim_sim.log import Log
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import AgentTable, ControlSource, ControlTable
@@ -24,6 +25,9 @@ class YieldConfig:
         courtesy_deceleration: hardest braking [m/s2] for an opponent that is ahead but not yet on the path.
         speed_reserve: faster than the agent's own log by this much at most [m/s] while it is held.
         speed_min: [m/s] that an agent may always drive on a free path, though it stood there in the log.
+        side_gap: free road [m] behind and ahead that a move to the side needs.
+        side_horizon: [s] for which whoever approaches is expected to go on doing so.
+        side_margin: [m] to the side that count as no move, and that are kept to others.
     """
 
     idm: IdmConfig = field(
@@ -32,6 +36,9 @@ class YieldConfig:
     courtesy_deceleration: float = 3.0
     speed_reserve: float = 1.0
     speed_min: float = 3.0
+    side_gap: float = 1.0
+    side_horizon: float = 1.5
+    side_margin: float = 0.3
 
 
 class YieldPolicy:
@@ -41,6 +48,7 @@ class YieldPolicy:
         self, scenario: Scenario, config: YieldConfig | None = None, handback: HandbackConfig | None = None
     ) -> None:
         self._log: Log = scenario.log
+        self._lane_map = scenario.lane_map
         self._config = config or YieldConfig()
         self._handback = handback or HandbackConfig()
 
@@ -53,15 +61,13 @@ class YieldPolicy:
         acceleration = np.zeros(len(driven))
         yaw_rate = np.zeros(len(driven))
         for k, (takeover, row) in enumerate(zip(driven, rows.tolist(), strict=True)):
-            path = ReferencePath.through(takeover.reference_path)
+            path = ReferencePath.of(takeover.reference_path)
             view = along_path(path, table, row)
             if takeover.state == State.HELD:
                 acceleration[k] = self._hold(table, row, takeover, view)
             else:
                 acceleration[k] = self._hand_back(table, row, path, view)
-            yaw_rate[k] = pursuit_yaw_rate(
-                path, float(table.x[row]), float(table.y[row]), float(table.yaw[row]), float(table.speed[row])
-            )
+            yaw_rate[k] = self._steer(table, row, path)
         source = [ControlSource.POLICY if t.state == State.HELD else ControlSource.HANDBACK for t in driven]
         return ControlTable(
             table.step,
@@ -73,15 +79,14 @@ class YieldPolicy:
         )
 
     def _hold(self, table: AgentTable, row: int, takeover: Takeover, view: AlongPath) -> float:
-        """Follow whatever is on the path, and the opponent if it is ahead, wherever it is."""
+        """Follow whatever is on the path, and give way to the opponent and to those alongside that are ahead."""
         speed, wanted = float(table.speed[row]), self._wanted_speed(table, row)
-        leads = view.ahead & view.in_path
+        leads = view.ahead & view.in_path & (view.gap > 0)
         follow = idm_acceleration(self._config.idm, speed, wanted, view.gap[leads], view.speed[leads])
-        opponent = table.row(takeover.opponent)
-        if opponent < 0 or opponent == row or not view.ahead[opponent] or leads[opponent]:
+        courted = view.ahead & (view.in_path | (table.id == takeover.opponent)) & ~leads
+        if not courted.any():
             return follow
-        at = slice(opponent, opponent + 1)
-        courtesy = idm_acceleration(self._config.idm, speed, wanted, view.gap[at], view.speed[at])
+        courtesy = idm_acceleration(self._config.idm, speed, wanted, view.gap[courted], view.speed[courted])
         return min(follow, max(courtesy, -self._config.courtesy_deceleration))
 
     def _hand_back(self, table: AgentTable, row: int, path: ReferencePath, view: AlongPath) -> float:
@@ -102,6 +107,30 @@ class YieldPolicy:
         free = log_speed + 2.0 * self._handback.speed_excess
         follow = idm_acceleration(self._config.idm, float(table.speed[row]), free, view.gap[leads], view.speed[leads])
         return min(wanted, follow)
+
+    def _steer(self, table: AgentTable, row: int, path: ReferencePath) -> float:
+        """Yaw rate [rad/s] along the path, or along the lane while the way to the side is taken."""
+        x, y, yaw, speed = (float(getattr(table, f)[row]) for f in ("x", "y", "yaw", "speed"))
+        at = self._lane_map.nearest(table.x[row : row + 1], table.y[row : row + 1], table.yaw[row : row + 1])
+        lane_heading = float(at.heading[0])
+        s, _ = path.project(table.x[row : row + 1], table.y[row : row + 1])
+        target = path.point(float(s[0]) + pursuit_reach(speed)) - np.array([x, y])
+        sideways = -np.sin(lane_heading) * target[0] + np.cos(lane_heading) * target[1]
+        if not self._side_taken(table, row, lane_heading, float(sideways)):
+            return pursuit_yaw_rate(path, x, y, yaw, speed)
+        return 2.0 * speed / pursuit_reach(speed) * float(np.sin(lane_heading - yaw))
+
+    def _side_taken(self, table: AgentTable, row: int, lane_heading: float, sideways: float) -> bool:
+        """Whether somebody is alongside, or will be soon, where a move by `sideways` [m] to the left would lead."""
+        heading = np.full(len(table), lane_heading)
+        ahead, left = to_body(table.x - table.x[row], table.y - table.y[row], heading)
+        clearance = np.abs(left) - 0.5 * (table.width + table.width[row])
+        closing = np.abs(table.speed - table.speed[row]) * self._config.side_horizon
+        approaching = np.sign(ahead) * (table.speed - table.speed[row]) < 0
+        reach = 0.5 * (table.length + table.length[row]) + self._config.side_gap + np.where(approaching, closing, 0.0)
+        taken = (np.abs(ahead) < reach) & (left * sideways > 0) & (clearance < abs(sideways) + self._config.side_margin)
+        taken[row] = False
+        return abs(sideways) > self._config.side_margin and bool(taken.any())
 
     def _wanted_speed(self, table: AgentTable, row: int) -> float:
         """Speed [m/s] of the agent's own log where it is now and at this time, whichever is faster, and a reserve."""

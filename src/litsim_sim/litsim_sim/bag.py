@@ -131,7 +131,8 @@ class BagWriter:
             self._writer = Writer(self._stream, chunk_size=2**62, compression=CompressionType.ZSTD)
             self._writer.start(profile="ros2", library=f"litsim {LIBRARY_IDENTIFIER}")
             self._writer.add_metadata(ROSBAG2_RECORD, {"ROS_DISTRO": ros_distro})
-            self._writer.add_metadata(RUN_RECORD, self._custom)
+            if self._custom:
+                self._writer.add_metadata(RUN_RECORD, self._custom)
             self._stream.flush()
 
     def add_topic(self, topic: str, type_name: str, definition: str, qos_yaml: str, type_hash: str) -> None:

@@ -119,10 +119,10 @@ class Recording:
                 expected += f" in [{low}, {high}]"
             if bad.any():
                 at = int(np.argmax(bad))
-                row = table.iloc[at]
+                vehicle, frame, value = (table[column].iloc[at] for column in ("vehicle_id", "frame", name))
                 raise InputError(
-                    f"{where}: row {at} (vehicle_id {row['vehicle_id']}, frame {row['frame']}): column {name} is "
-                    f"{row[name]}, expected {expected}; {int(bad.sum())} such rows"
+                    f"{where}: row {at} (vehicle_id {vehicle}, frame {frame}): column {name} is {value}, "
+                    f"expected {expected}; {int(bad.sum())} such rows"
                 )
         table = table.astype(COLUMNS).sort_values(["frame", "vehicle_id"], ignore_index=True)
         _check_tracks(table, where)

@@ -56,7 +56,7 @@ def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> No
     """Print the measures that people look at first."""
     console = console or Console()
     title = "{run_id}: {scenario}, ego {ego}, policy {policy}, seed {seed}".format(**metrics)
-    table = Table(title=title, title_justify="left", show_header=False, pad_edge=False)
+    table = Table(title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
     for name, value in _rows(metrics):
@@ -76,7 +76,8 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "reactive", "yes" if metrics["reactive"] else "no"
     horizons = list(metrics["ade_all_m"])
     for name, key in (("ADE all", "ade_all_m"), ("ADE controlled", "ade_controlled_m"), ("ADE ego", "ade_ego_m")):
-        yield name, "  ".join(f"{h} s: {_number(metrics[key][h], 'm')}" for h in horizons) or NOTHING
+        values = " / ".join(_plain(metrics[key][h]) for h in horizons)
+        yield name, f"{values} m at {'/'.join(horizons)} s" if horizons else NOTHING
     yield "progress", f"{_number(metrics['progress_m'], 'm')} (log {_number(metrics['progress_log_m'], 'm')})"
     share = _percent(metrics["relevant_ratio"])
     yield "takeovers", f"{metrics['takeovers']} ({share} of agents), {metrics['false_alarms']} false alarms"
@@ -89,6 +90,10 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     stages = (f"{stage} {t['median']:.1f}/{t['max']:.1f}" for stage, t in timing["stage_ms"].items())
     yield "stages, median/max ms", ", ".join(stages) or NOTHING
     yield "digest", metrics["digest"][:16]
+
+
+def _plain(value: float | None) -> str:
+    return NOTHING if value is None else f"{value:.2f}"
 
 
 def _number(value: float | None, unit: str) -> str:

@@ -103,7 +103,7 @@ class LaneMap:
         internal = np.array([lane.is_internal for lane in self.lanes])[self._segment_lane]
         self._penalty = np.where(internal, INTERNAL_PENALTY, 0.0)
         points = np.concatenate([lane.centerline for lane in self.lanes])
-        (x_min, y_min), (x_max, y_max) = points.min(axis=0), points.max(axis=0)
+        (x_min, y_min), (x_max, y_max) = points.min(axis=0) + 0.0, points.max(axis=0) + 0.0  # no -0
         self.bounds: tuple[float, float, float, float] = (float(x_min), float(y_min), float(x_max), float(y_max))
         self._straightest = [self._straightest_successor(lane) for lane in self.lanes]
         self._near = self._neighbourhoods()
