@@ -82,7 +82,7 @@ def write_scenario(folder: Path, agents: int, seconds: float) -> Path:
     return path
 
 
-def measure(folder: Path, agents: int, seconds: float, repeats: int, done: Callable[[], None]) -> list[Sample]:
+def measure(folder: Path, agents: int, seconds: float, repeats: int, done: Callable[[], object]) -> list[Sample]:
     """Pairs of runs, in process and over the graph with recording in turn, so that both meet the same machine.
 
     Raises:

@@ -18,12 +18,10 @@ class ConflictConfig:
     """When two futures count as a conflict.
 
     Attributes:
-        roi_m: background agents farther from an agent off its log are not looked at [m].
         horizon: [s] of the future that is compared; a forecast is trusted no longer.
         margin: [m] by which boxes are lengthened; positive takes over earlier.
     """
 
-    roi_m: float = 30.0
     horizon: float = 3.0
     margin: float = 0.0
 
@@ -60,10 +58,13 @@ class Futures:
 
 
 class ConflictDetector:
-    """Compares the futures of agents on their log with those of agents off it."""
+    """Compares the futures of agents on their log with those of agents off it.
 
-    def __init__(self, log: Log, config: ConflictConfig) -> None:
-        self._log, self._config = log, config
+    Background agents farther than `roi_m` [m] from an agent off its log are not looked at.
+    """
+
+    def __init__(self, log: Log, roi_m: float, config: ConflictConfig) -> None:
+        self._log, self._roi_m, self._config = log, roi_m, config
 
     def logged_future(self, table: AgentTable, dt: float) -> Futures:
         """Every agent as its log goes on, at `dt`, 2 `dt`, ... within the horizon.
@@ -106,13 +107,13 @@ class ConflictDetector:
         dx, dy = futures_b.x[b] - futures_a.x[a], futures_b.y[b] - futures_a.y[a]
         hit = boxes_overlap(dx, dy, futures_a.yaw[a], futures_b.yaw[b], size_a, size_b)
         hit &= futures_a.valid[a] & futures_b.valid[b]
-        return np.argmax(hit, axis=1), hit.any(axis=1)
+        return np.argmax(hit, axis=1).astype(np.int64), np.asarray(hit.any(axis=1))
 
     def near(self, table: AgentTable, of: BoolArray, others: BoolArray) -> IntArray:
         """Pairs (m, 2) of rows, the first of `of`, the second of `others`, no farther apart than the ROI."""
         a, b = np.flatnonzero(of), np.flatnonzero(others)
         distance = np.hypot(table.x[a, None] - table.x[None, b], table.y[a, None] - table.y[None, b])
-        i, j = np.nonzero(distance <= self._config.roi_m)
+        i, j = np.nonzero(distance <= self._roi_m)
         keep = a[i] != b[j]
         return np.column_stack([a[i], b[j]])[keep]
 
@@ -133,9 +134,7 @@ class ConflictDetector:
             if int(table.id[agent]) in found or _follows(table, opponent, agent):
                 continue
             pose = np.array([logged.x[agent, at], logged.y[agent, at], logged.yaw[agent, at]])
-            found[int(table.id[agent])] = Conflict(
-                int(table.id[agent]), int(table.id[opponent]), (at + 1) * dt, pose
-            )
+            found[int(table.id[agent])] = Conflict(int(table.id[agent]), int(table.id[opponent]), (at + 1) * dt, pose)
         return list(found.values())
 
 

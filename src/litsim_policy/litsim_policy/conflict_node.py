@@ -7,9 +7,9 @@ from typing import Any
 
 from litsim_msgs.msg import RunInfo
 
+from litsim_policy.conflict import ConflictConfig
 from litsim_policy.messages import takeovers_to_message
 from litsim_policy.takeover import TakeoverConfig, TakeoverManager
-from litsim_policy.conflict import ConflictConfig
 from litsim_predictor.messages import forecast_from_message
 from litsim_sim.ros.messages import agents_from_message
 from litsim_sim.ros.parameters import declare

@@ -66,7 +66,7 @@ def run_graph(job: Job, folder: Path) -> dict[str, Any]:
 
 
 def run_batch(
-    jobs: Sequence[Job], processes: int, graph_folder: Path | None, done: Callable[[], None]
+    jobs: Sequence[Job], processes: int, graph_folder: Path | None, done: Callable[[], object]
 ) -> dict[Job, dict[str, Any]]:
     """Metrics of every job; a process per run, since libsumo holds one simulation per process.
 

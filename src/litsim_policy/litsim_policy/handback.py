@@ -25,9 +25,7 @@ class HandbackConfig:
     speed_gain: float = 1.2
 
 
-def catch_up(
-    config: HandbackConfig, lag: float, speed: float, log_speed: float, log_acceleration: float
-) -> float:
+def catch_up(config: HandbackConfig, lag: float, speed: float, log_speed: float, log_acceleration: float) -> float:
     """Acceleration [m/s2] that closes `lag`, the distance [m] along the path by which the log is ahead."""
     approach = np.clip(config.position_gain * lag / config.speed_gain, -config.speed_excess, config.speed_excess)
     wanted = log_acceleration + config.speed_gain * (log_speed + approach - speed)

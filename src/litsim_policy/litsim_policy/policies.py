@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from litsim_policy.handback import HandbackConfig
 from litsim_policy.takeover import TakeoverTable
-from litsim_policy.yield_policy import YieldPolicy
+from litsim_policy.yield_policy import YieldConfig, YieldPolicy
 from litsim_sim.errors import InputError
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import AgentTable, ControlTable
-
-DEFAULT = "yield"
-"""What `litsim` takes over with."""
 
 
 class Policy(Protocol):
@@ -21,12 +19,14 @@ class Policy(Protocol):
         """Controls of the agents that are off their log."""
 
 
-def make_policy(name: str, scenario: Scenario) -> Policy:
-    """The policy called `name`, for a run of `scenario`.
+def make_policy(
+    name: str, scenario: Scenario, config: YieldConfig | None = None, handback: HandbackConfig | None = None
+) -> Policy:
+    """The policy called `name`, for a run of `scenario`; `litsim` is the best one that there is.
 
     Raises:
         InputError: there is none of that name.
     """
     if name not in ("litsim", "yield"):
         raise InputError(f"policy: {name!r} is unknown, expected litsim or yield")
-    return YieldPolicy(scenario)
+    return YieldPolicy(scenario, config or YieldConfig(), handback or HandbackConfig())

@@ -7,9 +7,12 @@ from typing import Any
 
 from litsim_msgs.msg import RunInfo
 
+from litsim_policy.handback import HandbackConfig
 from litsim_policy.messages import takeovers_from_message
 from litsim_policy.policies import Policy, make_policy
+from litsim_policy.yield_policy import YieldConfig
 from litsim_sim.ros.messages import agents_from_message, controls_to_message
+from litsim_sim.ros.parameters import declare
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, CONTROLS, TAKEOVERS
 from litsim_sim.scenario import Scenario
@@ -24,12 +27,14 @@ class PolicyNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__()
+        self._yield = declare(self, YieldConfig())
+        self._handback = declare(self, HandbackConfig(), "handback.")
         self._run_id = ""
         self._policy: Policy
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._policy, self._run_id = make_policy(info.policy, scenario), info.run_id
+        self._policy, self._run_id = make_policy(info.policy, scenario, self._yield, self._handback), info.run_id
 
     def answer(self, step: int, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""

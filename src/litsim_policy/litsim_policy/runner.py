@@ -14,10 +14,9 @@ from litsim_policy.ego import make_ego
 from litsim_policy.policies import make_policy
 from litsim_policy.takeover import Takeover, TakeoverConfig, TakeoverManager, TakeoverTable
 from litsim_predictor.models import MODELS, make_predictor
-from litsim_sim.analysis.run import RunInfo, StageState, Status
 from litsim_sim.analysis.run import Run as RecordedRun
+from litsim_sim.analysis.run import RunInfo, StageState, Status, TakeoverReason, TakeoverState
 from litsim_sim.analysis.run import Takeover as RecordedTakeover
-from litsim_sim.analysis.run import TakeoverReason, TakeoverState
 from litsim_sim.recording import STEP_S
 from litsim_sim.run_info import RunPlan
 from litsim_sim.scene import AgentTable, ControlTable, EgoCommand
@@ -91,19 +90,19 @@ class Runner:
             self.world.close()
 
 
-def record(runner: Runner, progress: Callable[[int], None] = lambda step: None) -> RecordedRun:
+def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> RecordedRun:
     """Run to the end and return what a recording of the same run would be read as.
 
     Args:
         runner: fresh.
-        progress: called with every step.
+        progress: called after every step.
     """
     plan, scenario = runner.plan, runner.plan.scenario
     begin = time.perf_counter()
     rounds = []
     for now in runner.rounds():
         rounds.append(now)
-        progress(now.table.step)
+        progress()
     wall = time.perf_counter() - begin
     info = RunInfo(
         run_id=plan.run_id,

@@ -121,7 +121,7 @@ class TakeoverManager:
     config: TakeoverConfig = field(default_factory=TakeoverConfig)
 
     def __post_init__(self) -> None:
-        self._detector = ConflictDetector(self.scenario.log, self.conflict_config)
+        self._detector = ConflictDetector(self.scenario.log, self.scenario.roi_m, self.conflict_config)
         self._records: dict[int, _Record] = {}
         self._suspected: dict[int, int] = {}
 
@@ -144,12 +144,9 @@ class TakeoverManager:
 
     def _off_log(self, table: AgentTable) -> BoolArray:
         off = table.id == self.scenario.ego_id
-        off[table.rows(np.array(sorted(self._records), np.int64))] = True if self._records else False
-        return off
+        return off | np.isin(table.id, np.array(sorted(self._records), np.int64))
 
-    def _take_over(
-        self, table: AgentTable, forecast: Forecast, logged: Futures, expected: Futures
-    ) -> tuple[int, bool]:
+    def _take_over(self, table: AgentTable, forecast: Forecast, logged: Futures, expected: Futures) -> tuple[int, bool]:
         """Add the agents whose conflict is confirmed; returns the rounds needed and whether nothing was left."""
         suspected: dict[int, int] = {}
         for rounds in range(1, self.config.rounds_max + 1):
@@ -185,7 +182,9 @@ class TakeoverManager:
     def _adopt(self, table: AgentTable, row: int) -> None:
         """Take over an agent that entered late: its log began where the road was not free."""
         off = np.flatnonzero(self._off_log(table) & (np.arange(len(table)) != row))
-        nearest = off[np.argmin(np.hypot(table.x[off] - table.x[row], table.y[off] - table.y[row]))] if len(off) else row
+        nearest = (
+            off[np.argmin(np.hypot(table.x[off] - table.x[row], table.y[off] - table.y[row]))] if len(off) else row
+        )
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
         conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, pose)
         self._record(table, conflict, Reason.BLOCKED_ENTRY, 1.0)
@@ -240,13 +239,9 @@ class TakeoverManager:
         within = position <= self.config.release_position and abs(speed) <= self.config.release_speed
         return State.RELEASED if within and abs(yaw) <= self.config.release_yaw else State.HANDBACK
 
-    def _obstructed(
-        self, table: AgentTable, row: int, on_log: AgentTable, log_row: int, path: ReferencePath
-    ) -> bool:
+    def _obstructed(self, table: AgentTable, row: int, on_log: AgentTable, log_row: int, path: ReferencePath) -> bool:
         """Whether somebody stands between an agent and its place in the log."""
-        s, _ = path.project(
-            np.array([table.x[row], on_log.x[log_row]]), np.array([table.y[row], on_log.y[log_row]])
-        )
+        s, _ = path.project(np.array([table.x[row], on_log.x[log_row]]), np.array([table.y[row], on_log.y[log_row]]))
         view = along_path(path, table, row)
         between = view.ahead & view.in_path & (view.gap < s[1] - s[0])
         return bool(between.any())
@@ -260,9 +255,7 @@ class TakeoverManager:
         s, _ = record.path.project(table.x[row : row + 1], table.y[row : row + 1])
         kept = (record.path.s >= s[0] - PATH_BEHIND) & (record.path.s <= s[0] + PATH_AHEAD)
         points = record.path.points[kept] if kept.sum() >= 2 else record.path.points[-2:]
-        return replace(
-            record.takeover, reference_path=points, residual_position=position, residual_speed=speed
-        )
+        return replace(record.takeover, reference_path=points, residual_position=position, residual_speed=speed)
 
 
 def _residual(table: AgentTable, row: int, on_log: AgentTable, log_row: int) -> tuple[float, float, float]:

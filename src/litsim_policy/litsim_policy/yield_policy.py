@@ -44,13 +44,11 @@ class YieldConfig:
 class YieldPolicy:
     """The policy called `yield`."""
 
-    def __init__(
-        self, scenario: Scenario, config: YieldConfig | None = None, handback: HandbackConfig | None = None
-    ) -> None:
+    def __init__(self, scenario: Scenario, config: YieldConfig, handback: HandbackConfig) -> None:
         self._log: Log = scenario.log
         self._lane_map = scenario.lane_map
-        self._config = config or YieldConfig()
-        self._handback = handback or HandbackConfig()
+        self._config = config
+        self._handback = handback
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Controls of every agent that is held or handed back."""

@@ -50,7 +50,7 @@ class KinematicPredictor:
         self._history.push(table)
         agents = table.take(agents_of_interest(table, self._ego_id, self._roi_m))
         steps = round(config.horizon / config.dt)
-        t = config.dt * np.arange(1, steps + 1)
+        t: FloatArray = config.dt * np.arange(1, steps + 1, dtype=np.float64)
         rate = self._turn_rate(agents)[:, None]
         yaw = agents.yaw[:, None] + rate * config.rate_decay * (1.0 - np.exp(-t / config.rate_decay))
         middle = np.concatenate([agents.yaw[:, None], yaw], axis=1)

@@ -8,9 +8,11 @@ from typing import Any
 from litsim_msgs.msg import RunInfo
 
 from litsim_predictor.forecast import Predictor
+from litsim_predictor.kinematic import KinematicConfig
 from litsim_predictor.messages import forecast_to_message
 from litsim_predictor.models import MODELS, make_predictor
 from litsim_sim.ros.messages import agents_from_message
+from litsim_sim.ros.parameters import declare
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, FORECASTS
 from litsim_sim.scenario import Scenario
@@ -26,12 +28,13 @@ class PredictorNode(StageNode):
     def __init__(self) -> None:
         super().__init__()
         self._model = str(self.declare_parameter("model", MODELS[0]).value)
+        self._kinematic = declare(self, KinematicConfig(), "kinematic.")
         self._run_id = ""
         self._predictor: Predictor
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._predictor, self._run_id = make_predictor(self._model, scenario), info.run_id
+        self._predictor, self._run_id = make_predictor(self._model, scenario, self._kinematic), info.run_id
 
     def answer(self, step: int, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""

@@ -19,7 +19,7 @@ class VehicleLimits:
         deceleration_max: strongest braking, dry asphalt [m/s2].
         lateral_acceleration_max: yaw rate times speed [m/s2].
         curvature_max: inverse of the smallest turning radius [1/m].
-        speed_max: [m/s].
+        speed_max: up to which it accelerates [m/s]; one that is faster already may keep its speed.
         rear_axle: distance of the rear axle behind the box centre, as a share of the length.
     """
 
@@ -57,7 +57,7 @@ def bicycle_step(
         state at the end of the step, with the acceleration and yaw rate that were really applied.
     """
     acceleration = np.clip(acceleration, -limits.deceleration_max, limits.acceleration_max)
-    speed = np.clip(motion.speed + acceleration * STEP_S, 0.0, limits.speed_max)
+    speed = np.clip(motion.speed + acceleration * STEP_S, 0.0, np.maximum(limits.speed_max, motion.speed))
     mean_speed = 0.5 * (motion.speed + speed)
     yaw_rate_max = np.minimum(
         mean_speed * limits.curvature_max, limits.lateral_acceleration_max / np.maximum(mean_speed, 1e-3)

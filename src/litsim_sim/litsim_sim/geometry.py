@@ -14,7 +14,8 @@ from litsim_sim.scene import BoolArray, FloatArray, IntArray
 
 def wrap_angle(angle: FloatArray) -> FloatArray:
     """Angles brought to [-pi, pi)."""
-    return cast(FloatArray, (angle + np.pi) % (2.0 * np.pi) - np.pi)
+    wrapped = (angle + np.pi) % (2.0 * np.pi) - np.pi
+    return cast(FloatArray, np.where(wrapped < np.pi, wrapped, -np.pi))  # the remainder can round up to a full turn
 
 
 def box_corners(x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray) -> FloatArray:

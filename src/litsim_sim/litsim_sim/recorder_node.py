@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import rclpy
-import yaml
 from litsim_msgs.msg import Hello, RunInfo, StageStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -27,7 +26,6 @@ from litsim_sim.ros.topics import (
     RECORDER_WINDOW,
     RUN_INFO,
     STATUS,
-    TIMING,
     Topic,
 )
 from litsim_sim.scenario import Scenario

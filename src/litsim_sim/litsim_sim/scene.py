@@ -86,7 +86,7 @@ class AgentTable:
 
 
 ARRAY_FIELDS: tuple[str, ...] = tuple(f.name for f in fields(AgentTable) if f.name != "step")
-DTYPES: dict[str, type[np.generic]] = {f: np.float64 for f in ARRAY_FIELDS} | {
+DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | {
     "id": np.int64,
     "kind": np.uint8,
     "controller": np.uint8,

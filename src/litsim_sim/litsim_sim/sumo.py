@@ -26,9 +26,11 @@ class SumoMirror:
         """
         try:
             libsumo.start(
-                ["sumo", "--net-file", str(net_path), "--step-length", str(STEP_S), "--seed", str(seed)]
-                + ["--collision.action", "none", "--time-to-teleport", "-1"]
-                + ["--no-step-log", "true", "--no-warnings", "true"]
+                [
+                    *("sumo", "--net-file", str(net_path), "--step-length", str(STEP_S), "--seed", str(seed)),
+                    *("--collision.action", "none", "--time-to-teleport", "-1"),
+                    *("--no-step-log", "true", "--no-warnings", "true"),
+                ]
             )
         except (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError) as error:
             raise InputError(f"{net_path}: SUMO cannot load the net: {error}") from error

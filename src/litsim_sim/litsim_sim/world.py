@@ -169,7 +169,7 @@ class World:
         begins = self.scenario.log.first_step[self._log_rows(logged.id)] == logged.step
         for row in np.flatnonzero(begins & ~here):
             agent = int(logged.id[row])
-            if self.config.guard_entries and self._entry_speed(logged, row, driven) < logged.speed[row]:
+            if self.config.guard_entries and self._entry_speed(logged, int(row), driven) < logged.speed[row]:
                 self.waiting[agent] = logged.step
             else:
                 here[row] = True

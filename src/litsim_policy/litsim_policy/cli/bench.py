@@ -25,7 +25,9 @@ TITLES = {
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy bench``."""
-    p = argparse.ArgumentParser(prog="bench", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    p = argparse.ArgumentParser(
+        prog="bench", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
     p.add_argument("--agents", type=int, nargs="+", default=[10, 50, 100, 250], help="numbers of agents, at most 250")
     p.add_argument("--seconds", type=float, default=13.0, help="simulated time of a run, 3 s of history included")
     p.add_argument("--repeats", type=int, default=3, help="pairs of runs for each number of agents")

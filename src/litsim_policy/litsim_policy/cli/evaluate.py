@@ -37,7 +37,9 @@ PERCENT = ("rate_all", "rate_controlled", "reactive", "relevant_ratio")
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy evaluate``."""
-    p = argparse.ArgumentParser(prog="evaluate", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    p = argparse.ArgumentParser(
+        prog="evaluate", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
     p.add_argument("--ego", default="idm", choices=[e for e in EGOS if e != "external"], help="what drives the ego")
     p.add_argument("--policy", nargs="+", default=["replay", "litsim"], choices=POLICIES, help="rows of the table")

@@ -37,7 +37,7 @@ def main() -> None:
         plan = RunPlan(scenario, arguments.ego, arguments.policy)
         runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed))
         with tqdm(total=scenario.total_steps + 1, unit="step", dynamic_ncols=True) as bar:
-            metrics = compute_metrics(record(runner, lambda step: bar.update()))
+            metrics = compute_metrics(record(runner, bar.update))
         if arguments.json:
             write_metrics(metrics, arguments.json)
     except InputError as error:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from litsim_policy.ego.idm import IdmEgo
+from litsim_policy.car_following import IdmConfig
+from litsim_policy.ego.idm import CAREFUL, IdmEgo
 from litsim_policy.ego.log import LogEgo
 from litsim_sim.errors import InputError
 from litsim_sim.scenario import Scenario
@@ -18,8 +19,8 @@ class Ego(Protocol):
         """The ego's answer to the step of `table`."""
 
 
-def make_ego(name: str, scenario: Scenario) -> Ego:
-    """The ego called `name`, for a run of `scenario`.
+def make_ego(name: str, scenario: Scenario, idm: IdmConfig = CAREFUL) -> Ego:
+    """The ego called `name`, for a run of `scenario`; `idm` are the parameters of the ego of that name.
 
     Raises:
         InputError: there is none of that name.
@@ -27,5 +28,5 @@ def make_ego(name: str, scenario: Scenario) -> Ego:
     if name == "log":
         return LogEgo()
     if name == "idm":
-        return IdmEgo(scenario)
+        return IdmEgo(scenario, idm)
     raise InputError(f"ego: {name!r} is unknown, expected idm or log")

@@ -7,9 +7,8 @@ from litsim_policy.path import ReferencePath, lane_path, pursuit_yaw_rate
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import AgentTable, EgoCommand
 
-
 CAREFUL = IdmConfig(desired_speed=10.0, headway=1.5, standstill_gap=1.0, acceleration=1.0, deceleration=3.0)
-"""Textbook parameters (Treiber 2000): the distance that an ADS keeps, and that dense traffic does not; it deviates."""
+"""Parameters of nuPlan's IDM planner: slower and with more headway than dense motorway traffic, so it deviates."""
 
 
 class IdmEgo:

@@ -8,7 +8,9 @@ from typing import Any
 from litsim_msgs.msg import RunInfo
 
 from litsim_policy.ego import Ego, make_ego
+from litsim_policy.ego.idm import CAREFUL
 from litsim_sim.ros.messages import agents_from_message, ego_to_message
+from litsim_sim.ros.parameters import declare
 from litsim_sim.ros.stage import StageNode
 from litsim_sim.ros.topics import AGENTS, EGO_CONTROL
 from litsim_sim.scenario import Scenario
@@ -24,11 +26,12 @@ class EgoNode(StageNode):
     def __init__(self, name: str) -> None:
         super().__init__()
         self._name, self._run_id = name, ""
+        self._idm = declare(self, CAREFUL) if name == "idm" else CAREFUL
         self._ego: Ego
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._ego, self._run_id = make_ego(self._name, scenario), info.run_id
+        self._ego, self._run_id = make_ego(self._name, scenario, self._idm), info.run_id
 
     def answer(self, step: int, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""

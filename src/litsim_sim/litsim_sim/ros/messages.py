@@ -119,7 +119,9 @@ def route_path(points: FloatArray, step: int) -> Path:
     return message
 
 
-def status(run_id: str, stage: str, state: int, step: int = 0, compute_time: float = 0.0, text: str = "") -> StageStatus:
+def status(
+    run_id: str, stage: str, state: int, step: int = 0, compute_time: float = 0.0, text: str = ""
+) -> StageStatus:
     """``StageStatus`` of a stage."""
     return StageStatus(
         header=header(step), run_id=run_id, step=step, stage=stage, state=state, compute_time=compute_time, text=text
@@ -127,7 +129,7 @@ def status(run_id: str, stage: str, state: int, step: int = 0, compute_time: flo
 
 
 def _quaternion(yaw: float) -> tuple[float, float]:
-    """z and w of the quaternion of a turn by `yaw` about the vertical."""
+    """Z and w of the quaternion of a turn by `yaw` about the vertical."""
     return float(np.sin(0.5 * yaw)), float(np.cos(0.5 * yaw))
 
 

@@ -1,0 +1,97 @@
+"""Agent tables and scenarios made by hand, for every test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from litsim_sim.recording import COLUMNS, STEP_S, Recording, RecordingHeader
+from litsim_sim.scenario import Scenario
+from litsim_sim.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller
+
+LANE_CENTRES = tuple(-3.66 * (lane + 0.5) for lane in range(5))
+"""y of the through lanes of the packaged net us101_like, leftmost first [m]; they run along +x from 0 to 640 m."""
+
+USUAL_AGENT: dict[str, Any] = {
+    **{"kind": 0, "controller": Controller.LOG, "x": 0.0, "y": 0.0, "yaw": 0.0, "speed": 10.0},
+    **{"acceleration": 0.0, "yaw_rate": 0.0, "length": 4.5, "width": 2.0},
+}
+
+
+def agent_table(step: int, *agents: dict[str, Any]) -> AgentTable:
+    """Agents at a step; of each at least its id, the rest as in USUAL_AGENT."""
+    rows = sorted(({**USUAL_AGENT, **agent} for agent in agents), key=lambda row: row["id"])
+    return AgentTable(step, *(np.array([row[f] for row in rows], DTYPES[f]) for f in ARRAY_FIELDS))
+
+
+@dataclass(frozen=True)
+class Track:
+    """A vehicle that drives straight on with constant acceleration while it is recorded.
+
+    Attributes:
+        first, last: first and last step, both included.
+        x, y: box centre at the first step [m].
+    """
+
+    id: int
+    x: float
+    y: float = LANE_CENTRES[1]
+    speed: float = 10.0
+    acceleration: float = 0.0
+    yaw: float = 0.0
+    first: int = 0
+    last: int = 60
+    length: float = 4.5
+    width: float = 2.0
+
+    def rows(self) -> pd.DataFrame:
+        """The recording's rows of this vehicle."""
+        step = np.arange(self.first, self.last + 1)
+        t = STEP_S * (step - self.first)
+        speed = self.speed + self.acceleration * t
+        assert (speed >= 0).all()
+        gone = self.speed * t + 0.5 * self.acceleration * t**2
+        values = {
+            **{"vehicle_id": self.id, "frame": step, "x": self.x + gone * np.cos(self.yaw)},
+            **{"y": self.y + gone * np.sin(self.yaw), "yaw": self.yaw, "speed": speed},
+            **{"acceleration": self.acceleration, "length": self.length, "width": self.width, "kind": 0, "lane": -1},
+        }
+        return pd.DataFrame(values)[list(COLUMNS)]
+
+
+@pytest.fixture(scope="session", name="agent_table")
+def agent_table_fixture() -> Callable[..., AgentTable]:
+    return agent_table
+
+
+@pytest.fixture(scope="session")
+def lane_centres() -> tuple[float, ...]:
+    return LANE_CENTRES
+
+
+@pytest.fixture(scope="session", name="Track")
+def track_fixture() -> type[Track]:
+    return Track
+
+
+@pytest.fixture(scope="session")
+def make_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Scenario]:
+    """Builds scenarios on the packaged net us101_like from tracks; the ego is the first one."""
+
+    def make(*tracks: Track, history_steps: int = 3, **fields: Any) -> Scenario:
+        folder: Path = tmp_path_factory.mktemp("scenario")
+        table = pd.concat([track.rows() for track in tracks], ignore_index=True)
+        Recording.from_table(RecordingHeader("made"), table, "made").write(folder / "made.parquet")
+        usual = {"name": "made", "recording": "made.parquet", "net": "us101_like", "ego": tracks[0].id}
+        file = usual | {"history_s": history_steps * STEP_S} | fields
+        (folder / "made.yaml").write_text(yaml.safe_dump(file))
+        return Scenario.load(folder / "made.yaml")
+
+    return make
