@@ -9,12 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from litsim_sim.analysis.careful_driver import careful_driver
 from litsim_sim.analysis.collision import Collisions, collisions
+from litsim_sim.analysis.comfort import comfort
 from litsim_sim.analysis.displacement import Displacements, displacements
-from litsim_sim.analysis.lanes import in_lane_of
+from litsim_sim.analysis.lanes import in_lane_of, lane_map_of
 from litsim_sim.analysis.lockstep import Lockstep, lockstep
 from litsim_sim.analysis.progress import mean_progress
+from litsim_sim.analysis.realism import realism
 from litsim_sim.analysis.run import Run
+from litsim_sim.analysis.safety import TTC_CRITICAL_S, encroachments, safety_series
 from litsim_sim.analysis.takeover import Handback, Jump, LedgerEntry, handbacks, ledger
 from litsim_sim.analysis.timing import Timing, timing
 from litsim_sim.digest import RunDigest
@@ -61,6 +65,9 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "false_alarms": sum(entry.false_alarm for entry in entries),
         "ledger": [_ledger(entry) for entry in entries],
         "handback": _handback(back),
+        "safety": _safety(run, hits),
+        "comfort": _comfort(run, hits),
+        "realism": _realism(run, hits),
         "lockstep": _lockstep(lock),
         "timing": _timing(timing(run)),
         "world": {k: run.summary.get(k) for k in ("late_entries", "never_entered", "sumo_deviation_m")},
@@ -122,6 +129,54 @@ def _collision(hits: Collisions) -> dict[str, Any]:
             for contact in hits.ego
         ],
     }
+
+
+def _safety(run: Run, hits: Collisions) -> dict[str, Any]:
+    """Surrogate measures of the ego, and the verdict of the careful driver on each of its contacts."""
+    tables, ego, dt = run.simulated, run.info.ego_id, run.info.dt
+    series = safety_series(tables, ego)
+    near = encroachments(tables, ego)
+    lane_map = lane_map_of(run)
+    drivers = [careful_driver(tables, ego, contact.agent, contact.step, dt, lane_map) for contact in hits.ego]
+    return {
+        "min_ttc_s": _finite(series.ttc.min(initial=np.inf)),
+        "ttc_below": {str(limit): _mean(series.ttc < limit) for limit in TTC_CRITICAL_S},
+        "min_headway_s": _finite(series.headway.min(initial=np.inf)),
+        "max_drac_mps2": _finite(series.drac.max(initial=0.0)),
+        "min_pet_s": near[0].pet if near else None,
+        "careful_driver": [
+            {"agent": d.agent, "step": d.contact_step, "perceived_step": d.perceived_step, "avoided": d.avoided}
+            for d in drivers
+        ],
+    }
+
+
+def _comfort(run: Run, hits: Collisions) -> dict[str, Any]:
+    """Bounds of nuPlan for the ego and, as means and sums, for the agents ever under control."""
+    tables, dt = run.simulated, run.info.dt
+    ego = comfort(tables, run.info.ego_id, dt)
+    others = [found for agent in sorted(hits.controlled) if (found := comfort(tables, agent, dt)) is not None]
+    return {
+        "ego": {"within": ego.within, "hard_brakes": ego.hard_brakes} if ego else None,
+        "controlled": {
+            "comfortable": _share(sum(each.comfortable for each in others), len(others)),
+            "hard_brakes": sum(each.hard_brakes for each in others),
+        },
+    }
+
+
+def _realism(run: Run, hits: Collisions) -> dict[str, Any] | None:
+    """Likelihood of the agents ever under control under the log's histograms."""
+    found = realism(run.simulated, run.simulated_log, hits.controlled, lane_map_of(run), run.info.dt)
+    return None if found is None else {"score": found.score, "features": found.features, "agent_steps": found.steps}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _mean(values: np.ndarray) -> float | None:
+    return float(values.mean()) if len(values) else None
 
 
 def _ledger(entry: LedgerEntry) -> dict[str, Any]:
