@@ -11,17 +11,30 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from hypothesis import settings
 
 from litsim_sim.recording import COLUMNS, STEP_S, Recording, RecordingHeader
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller
 
+# How long an example takes says nothing on a machine that is shared; on CI, hypothesis also fixes its seed.
+settings.register_profile("litsim", settings(), deadline=None)
+settings.load_profile("litsim")
+
 LANE_CENTRES = tuple(-3.66 * (lane + 0.5) for lane in range(5))
 """y of the through lanes of the packaged net us101_like, leftmost first [m]; they run along +x from 0 to 640 m."""
 
 USUAL_AGENT: dict[str, Any] = {
-    **{"kind": 0, "controller": Controller.LOG, "x": 0.0, "y": 0.0, "yaw": 0.0, "speed": 10.0},
-    **{"acceleration": 0.0, "yaw_rate": 0.0, "length": 4.5, "width": 2.0},
+    "kind": 0,
+    "controller": Controller.LOG,
+    "x": 0.0,
+    "y": 0.0,
+    "yaw": 0.0,
+    "speed": 10.0,
+    "acceleration": 0.0,
+    "yaw_rate": 0.0,
+    "length": 4.5,
+    "width": 2.0,
 }
 
 
@@ -59,9 +72,17 @@ class Track:
         assert (speed >= 0).all()
         gone = self.speed * t + 0.5 * self.acceleration * t**2
         values = {
-            **{"vehicle_id": self.id, "frame": step, "x": self.x + gone * np.cos(self.yaw)},
-            **{"y": self.y + gone * np.sin(self.yaw), "yaw": self.yaw, "speed": speed},
-            **{"acceleration": self.acceleration, "length": self.length, "width": self.width, "kind": 0, "lane": -1},
+            "vehicle_id": self.id,
+            "frame": step,
+            "x": self.x + gone * np.cos(self.yaw),
+            "y": self.y + gone * np.sin(self.yaw),
+            "yaw": self.yaw,
+            "speed": speed,
+            "acceleration": self.acceleration,
+            "length": self.length,
+            "width": self.width,
+            "kind": 0,
+            "lane": -1,
         }
         return pd.DataFrame(values)[list(COLUMNS)]
 
@@ -76,8 +97,9 @@ def lane_centres() -> tuple[float, ...]:
     return LANE_CENTRES
 
 
-@pytest.fixture(scope="session", name="Track")
-def track_fixture() -> type[Track]:
+@pytest.fixture(scope="session")
+def track() -> type[Track]:
+    """For `make_scenario`."""
     return Track
 
 

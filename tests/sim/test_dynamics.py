@@ -38,7 +38,8 @@ def drive(at: Motion, steps: int, acceleration: float, yaw_rate: float) -> list[
 
 
 def rear_axle(at: Motion, length: float = LENGTH) -> np.ndarray:
-    return np.array([at.x - LIMITS.rear_axle * length * np.cos(at.yaw), at.y - LIMITS.rear_axle * length * np.sin(at.yaw)])
+    lever = LIMITS.rear_axle * length
+    return np.array([at.x - lever * np.cos(at.yaw), at.y - lever * np.sin(at.yaw)])
 
 
 # Limits

@@ -89,7 +89,7 @@ class ConflictDetector:
         count = int(self._config.horizon / forecast.dt + 1e-9)
         rows = forecast.rows(table.id)
         known = np.repeat((rows >= 0)[:, None], count, axis=1)
-        mean = forecast.mean[rows, :count].astype(np.float64) if len(forecast.id) else np.zeros((len(rows), count, 2))
+        mean = forecast.mean[rows, :count] if len(forecast.id) else np.zeros((len(rows), count, 2))
         yaw = forecast.yaw[rows, :count].astype(np.float64) if len(forecast.id) else np.zeros((len(rows), count))
         return Futures(mean[..., 0], mean[..., 1], yaw, known)
 

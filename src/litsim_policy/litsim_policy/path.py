@@ -103,11 +103,12 @@ def lane_path(lane_map: LaneMap, x: float, y: float, yaw: float, length: float =
 
 
 def _shifted(points: FloatArray, left: float) -> FloatArray:
-    """A polyline moved to the left, the shift fading out over its length."""
+    """A polyline moved to the left, the shift fading out in proportion to the arc length: points lie unevenly."""
+    travelled = ReferencePath.of(points).s
     direction = np.gradient(points, axis=0)
     direction /= np.hypot(direction[:, 0], direction[:, 1])[:, None]
     normal = np.column_stack([-direction[:, 1], direction[:, 0]])
-    return points + np.linspace(left, 0.0, len(points))[:, None] * normal
+    return points + (left * (1.0 - travelled / travelled[-1]))[:, None] * normal
 
 
 def pursuit_reach(speed: float) -> float:

@@ -13,7 +13,7 @@ from litsim_policy.takeover import State, Takeover, TakeoverTable
 from litsim_sim.geometry import to_body
 from litsim_sim.log import Log
 from litsim_sim.scenario import Scenario
-from litsim_sim.scene import AgentTable, ControlSource, ControlTable
+from litsim_sim.scene import AgentTable, BoolArray, ControlSource, ControlTable
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,7 @@ class YieldPolicy:
         leads = view.ahead & view.in_path & (view.gap > 0)
         follow = idm_acceleration(self._config.idm, speed, wanted, view.gap[leads], view.speed[leads])
         courted = view.ahead & (view.in_path | (table.id == takeover.opponent)) & ~leads
+        courted &= (view.gap > 0) | _goes_first(table, row)
         if not courted.any():
             return follow
         courtesy = idm_acceleration(self._config.idm, speed, wanted, view.gap[courted], view.speed[courted])
@@ -141,3 +142,13 @@ class YieldPolicy:
 
     def _log_row(self, table: AgentTable, row: int) -> int:
         return int(np.searchsorted(self._log.ids, table.id[row]))
+
+
+def _goes_first(table: AgentTable, row: int) -> BoolArray:
+    """(n,) who goes before the agent in `row` where both are alongside; never each before the other.
+
+    Where paths cross, each agent can be ahead on the other's: along the direction between both headings only one is.
+    """
+    along = (table.x - table.x[row]) * (np.cos(table.yaw) + np.cos(table.yaw[row]))
+    along += (table.y - table.y[row]) * (np.sin(table.yaw) + np.sin(table.yaw[row]))
+    return (along > 0) | ((along == 0) & (table.id < table.id[row]))

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.scene import AgentTable, BoolArray, IntArray
+from litsim_sim.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -31,7 +31,7 @@ class Forecast:
     step: int
     dt: float
     id: IntArray
-    mean: Float32Array
+    mean: FloatArray
     yaw: Float32Array
     covariance: Float32Array
     maneuver_probability: Float32Array

@@ -67,7 +67,7 @@ class KinematicPredictor:
             step=table.step,
             dt=config.dt,
             id=agents.id,
-            mean=mean.astype(np.float32),
+            mean=mean,
             yaw=yaw.astype(np.float32),
             covariance=self._covariance(yaw, t).astype(np.float32),
             maneuver_probability=np.empty((len(agents), 0), np.float32),

@@ -33,7 +33,7 @@ def forecast_from_message(message: JointForecast) -> Forecast:
         step=message.step,
         dt=message.dt,
         id=from_array(message.id, np.int64),
-        mean=from_array(message.mean, np.float32).reshape(count, steps, 2),
+        mean=from_array(message.mean, np.float64).reshape(count, steps, 2),
         yaw=from_array(message.yaw, np.float32).reshape(count, steps),
         covariance=from_array(message.covariance, np.float32).reshape(count, steps, 3),
         maneuver_probability=from_array(message.maneuver_probability, np.float32).reshape(count, -1 if count else 0),

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-import rclpy
 import yaml
 from litsim_msgs.msg import Hello, RunInfo, StageStatus
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
@@ -23,6 +20,7 @@ from litsim_sim.errors import InputError
 from litsim_sim.lockstep import Gate
 from litsim_sim.recording import STEP_S
 from litsim_sim.ros import messages
+from litsim_sim.ros.stage import check_parameters, process, reason, serve
 from litsim_sim.ros.topics import (
     AGENTS,
     CLOCK,
@@ -49,9 +47,8 @@ STAGE = "bridge"
 ROUTE_LENGTH = 1000.0  # [m] of the route that the ego is given
 HELLO_PERIOD = 0.1  # [s] between the greetings of the handshake
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
-
-
-SIGNAL_PERIOD = 0.2  # [s] for which Ctrl-C may go unnoticed: waiting for DDS does not wake up for signals
+FAREWELL_S = 5.0  # [s] that the recorder gets to close its file
+NOTE_PERIOD = 5.0  # [s] between two lines in the log that say the same
 
 
 class RunFailed(Exception):
@@ -70,20 +67,31 @@ class BridgeNode(Node):
         self._handshake_timeout = float(declare("handshake_timeout_s", 20.0).value)
         self._external_timeout = float(declare("external_timeout_s", 60.0).value)
         self._progress = str(declare("progress", "bar").value)
-        self.plan = _plan(self)
-        for name, value, allowed in (
-            ("mode", self._mode, ("lockstep", "realtime")),
-            ("on_missing", self._on_missing, ("stop", "hold")),
-            ("progress", self._progress, ("bar", "lines", "none")),
-        ):
-            if value not in allowed:
-                raise InputError(f"bridge: parameter {name} is {value!r}, expected one of {allowed}")
-        scenario = self.plan.scenario
+        scenario_name, ego, policy = (
+            str(declare(name, value).value)
+            for name, value in (("scenario", "demo"), ("ego", "idm"), ("policy", "litsim"))
+        )
+        overrides = {
+            name: int(declare(parameter, -1).value) for parameter, name in (("ego_id", "ego"), ("seed", "seed"))
+        }
+        check_parameters(self)
+        self._check("mode", self._mode, ("lockstep", "realtime"))
+        self._check("on_missing", self._on_missing, ("stop", "hold"))
+        self._check("progress", self._progress, ("bar", "lines", "none"))
+        self._check("ego", ego, EGOS)
+        self._check("policy", policy, POLICIES)
+        for name in ("answer_timeout_s", "handshake_timeout_s", "external_timeout_s"):
+            if not 0.0 < self.get_parameter(name).value < np.inf:
+                raise InputError(f"{STAGE}: parameter {name} is {self.get_parameter(name).value}, expected seconds > 0")
+        scenario = Scenario.load(scenario_name, **{name: value for name, value in overrides.items() if value >= 0})
+        self.plan = RunPlan(scenario, ego, policy)
         config = WorldConfig(guard_entries=self.plan.policy != "replay")
         self.world = World(scenario, config, SumoMirror(scenario.net_path, scenario.seed))
         self._run_id = self.plan.run_id
         self._ready: set[str] = set()
         self._failures: list[str] = []
+        self._heard: dict[str, int] = {}  # last step that each stage is known to have answered
+        self._noted = ("", 0.0)
         self._recorded = -1
         self._recorder_done = False
         self._missed: dict[str, int] = {}
@@ -110,68 +118,69 @@ class BridgeNode(Node):
         try:
             self._handshake()
             self._loop()
-        except (RunFailed, InputError, ValueError) as error:
-            self._say(StageStatus.FAILED, self.world_step, text=str(error))
-            self._farewell()
-            raise RunFailed(str(error)) from error
-        except (KeyboardInterrupt, ExternalShutdownException):
-            self._say(StageStatus.FAILED, self.world_step, text="interrupted")
+        except BaseException as error:
+            self._say(
+                StageStatus.FAILED, self._gate.step, text=str(error) if isinstance(error, RunFailed) else reason(error)
+            )
             self._farewell()
             raise
         finally:
             self.world.close()
 
-    @property
-    def world_step(self) -> int:
-        """Step that was published last."""
-        return self._gate.step
+    def _check(self, parameter: str, value: str, allowed: tuple[str, ...]) -> None:
+        if value not in allowed:
+            raise InputError(f"{STAGE}: parameter {parameter} is {value!r}, expected one of {', '.join(allowed)}")
 
     def _handshake(self) -> None:
-        info = self._run_info()
-        self._publishers[RUN_INFO].publish(info)
-        route = self._route()
-        self._publishers[EGO_ROUTE].publish(route)
-        deadline = time.monotonic() + self._handshake_timeout
+        self._publishers[RUN_INFO].publish(self._run_info())
+        self._publishers[EGO_ROUTE].publish(self._route())
+        begin = time.monotonic()
         while waiting := sorted(set(self.plan.stages) - self._ready):
-            if time.monotonic() > deadline:
+            since = time.monotonic() - begin
+            if since > self._handshake_timeout:
                 raise RunFailed(
                     f"{', '.join(waiting)}: no READY for run {self._run_id} on {STATUS.name} within "
-                    f"{self._handshake_timeout:g} s; is the node running in ROS_DOMAIN_ID of the bridge?"
+                    f"{self._handshake_timeout:g} s; is the node running in {self._domain}?"
                 )
+            if since > RESEND:
+                self._note(f"waiting for READY from {', '.join(waiting)} on {STATUS.name}")
             self._publishers[HELLO].publish(Hello(header=messages.header(0), run_id=self._run_id))
-            self._spin_until(lambda: set(self.plan.stages) <= self._ready, time.monotonic() + HELLO_PERIOD)
+            self._spin_until(lambda: set(self.plan.stages) <= self._ready, time.perf_counter() + HELLO_PERIOD)
 
     def _loop(self) -> None:
         total, start = self.plan.scenario.total_steps, time.perf_counter()
         controls, ego = ControlTable.empty(0), EgoCommand(0)
-        bar = tqdm(total=total, unit="step", disable=self._progress != "bar")
-        table, compute = self.world.reset(), 0.0
-        for step in range(total + 1):
-            deadline = start + step * STEP_S
-            self._round(table, deadline)
-            if step == 0:
-                start = time.perf_counter()  # meeting everybody at step 0 is no part of the run's pace
-            controls, ego = self._take(step, controls, ego)
-            self._publishers[TIMING].publish(
-                messages.status(self._run_id, STAGE, StageStatus.RUNNING, step, compute)
-            )
-            if self._mode == "realtime" and step > 0:
-                self._spin_until(lambda: False, deadline, time.perf_counter)
-            if step < total:
-                before = time.perf_counter()
-                table = self.world.step(controls, ego)
-                compute = time.perf_counter() - before
-            bar.update(step > 0)
-            if self._progress == "lines" and (step % 10 == 0 or step == total):
-                print(f"step {step} of {total}", flush=True)
-        bar.close()
+        table, compute, due = self.world.reset(), 0.0, 0.0
+        with tqdm(total=total, unit="step", disable=self._progress != "bar") as bar:
+            for step in range(total + 1):
+                # A pace that was lost by more than half a step is not made up for.
+                due = max(due + STEP_S, time.perf_counter() + 0.5 * STEP_S)
+                self._round(table, due)
+                if step == 0:
+                    start = due = time.perf_counter()  # meeting everybody at step 0 is no part of the run's pace
+                controls, ego = self._take(step, controls, ego)
+                self._publishers[TIMING].publish(
+                    messages.status(self._run_id, STAGE, StageStatus.RUNNING, step, compute)
+                )
+                if self._mode == "realtime":
+                    self._spin_until(lambda: False, due)
+                if step < total:
+                    before = time.perf_counter()
+                    table = self._step(controls, ego)
+                    compute = time.perf_counter() - before
+                bar.update(step > 0)
+                if self._progress == "lines" and (step % 10 == 0 or step == total):
+                    print(f"step {step} of {total}", flush=True)
         wall = time.perf_counter() - start
         self._await_recorder(total)
         self._say(StageStatus.FINISHED, total, wall, yaml.safe_dump(self._summary(), sort_keys=False))
         self._farewell()
+        if "recorder" in self._ready and not self._recorder_done:
+            raise RunFailed(f"recorder: no FINISHED on {STATUS.name} within {FAREWELL_S:g} s of the end of the run")
+        self._raise_failures()
 
-    def _round(self, table: AgentTable, deadline: float) -> None:
-        """Publish a step and wait for the answers to it."""
+    def _round(self, table: AgentTable, due: float) -> None:
+        """Publish a step and wait for the answers to it, in real time until `due`."""
         step = table.step
         self._gate.open(step)
         publications = [
@@ -185,63 +194,130 @@ class BridgeNode(Node):
             (EGO_STATE, messages.ego_odometry(table, self.plan.scenario.ego_id)),
         ]
         resend = RESEND_FIRST if step == 0 else RESEND
-        first_timeout = self._external_timeout if self.plan.ego == "external" else self._handshake_timeout
-        give_up = time.perf_counter() + (first_timeout if step == 0 else self._answer_timeout)
+        give_up = time.perf_counter() + self._timeout(step)
         if self._mode == "realtime" and step > 0:
-            give_up = deadline
+            give_up = due
         while True:
             for topic, message in publications:
                 self._publishers[topic].publish(message)
             until = min(give_up, time.perf_counter() + resend)
-            if self._spin_until(lambda: self._answered(step), until, time.perf_counter):
+            if self._spin_until(lambda: self._answered(step), until) or time.perf_counter() >= give_up:
                 return
-            if time.perf_counter() >= give_up:
-                return
+            self._ask_around(step)
+
+    def _timeout(self, step: int) -> float:
+        """How long the answers to a step are waited for [s]; an external ego is met at step 0."""
+        if step > 0:
+            return self._answer_timeout
+        return self._external_timeout if self.plan.ego == "external" else self._handshake_timeout
 
     def _answered(self, step: int) -> bool:
         """Whether all answers to `step` are in, and the recorder is not too far behind (at step 0: not at all)."""
         return not self._gate.missing and self._recorded >= max(0, step - RECORDER_WINDOW)
 
+    def _ask_around(self, step: int) -> None:
+        """Something is missing: say so, and learn from the timing of the stages, who repeat it, which one is silent."""
+        if STAGE not in self._heard:
+            self._heard[STAGE] = step
+            self.create_subscription(TIMING.type, TIMING.name, self._on_timing, TIMING.qos)
+        waiting = self._gate.missing or [f"{RECORDED.name} of the recorder"]
+        if step > 0 or self.plan.ego == "external":
+            self._note(f"step {step}: waiting for {', '.join(waiting)}")
+
     def _take(self, step: int, controls: ControlTable, ego: EgoCommand) -> tuple[ControlTable, EgoCommand]:
-        """The answers to `step`; what is missing is held from the step before and counted, or ends the run."""
+        """The answers to `step`; where one is missing, the newest that there is counts on, or the run ends."""
         missing = self._gate.missing
         if not missing and not self._answered(step):
-            raise RunFailed(f"recorder: has confirmed only step {self._recorded} on {RECORDED.name} at step {step}")
-        if missing and self._mode == "lockstep" and (self._on_missing == "stop" or step == 0):
-            raise RunFailed(f"no answer to step {step} on {', '.join(missing)} within {self._answer_timeout:g} s")
+            raise RunFailed(
+                f"recorder: has confirmed {self._confirmed()} on {RECORDED.name}, {self._timeout(step):g} s after step "
+                f"{step}"
+            )
+        if missing and (step == 0 or (self._mode == "lockstep" and self._on_missing == "stop")):
+            raise RunFailed(
+                f"no answer to step {step} on {', '.join(missing)} within {self._timeout(step):g} s{self._silent(step)}"
+            )
         for name in missing:
             self._missed[name] = self._missed.get(name, 0) + 1
-        answers = self._gate.answers
-        if CONTROLS.name in answers:
-            controls = messages.controls_from_message(answers[CONTROLS.name])
-        if EGO_CONTROL.name in answers:
-            ego = messages.ego_from_message(answers[EGO_CONTROL.name])
+        if missing:  # the recorder need not wait for them
+            self._say(StageStatus.RUNNING, step, text=f"missed {', '.join(missing)}")
+        newest = self._gate.newest
+        name = ""
+        try:
+            if (name := CONTROLS.name) in newest:
+                controls = self._checked(messages.controls_from_message(newest[name]))
+            if (name := EGO_CONTROL.name) in newest:
+                ego = messages.ego_from_message(newest[name])
+        except ValueError as error:
+            raise RunFailed(f"the answer to step {step} on {name} cannot be used: {error}") from error
         return replace(controls, step=step), replace(ego, step=step)
+
+    def _checked(self, controls: ControlTable) -> ControlTable:
+        """Controls as the world expects them from any policy.
+
+        Raises:
+            ValueError: they are not.
+        """
+        lengths = {len(getattr(controls, field.name)) for field in fields(controls) if field.name != "step"}
+        if len(lengths) > 1:
+            raise ValueError(f"its arrays have {sorted(lengths)} values, expected equally many")
+        if (np.diff(controls.id) <= 0).any() or self.plan.scenario.ego_id in controls.id:
+            raise ValueError(f"its ids are {controls.id.tolist()}, expected ascending ones, without the ego's")
+        return controls
+
+    def _step(self, controls: ControlTable, ego: EgoCommand) -> AgentTable:
+        try:
+            return self.world.step(controls, ego)
+        except ValueError as error:
+            raise RunFailed(str(error)) from error
+
+    def _silent(self, step: int) -> str:
+        """In words, which stages have not answered `step`, as far as they have been heard of."""
+        silent = [s for s in self.plan.stages if s != "recorder" and self._heard.get(s, -1) < step]
+        if self._heard.keys() <= {STAGE}:
+            silent = []  # nobody was heard: nothing can be said of anybody
+        if self.plan.ego == "external" and EGO_CONTROL.name in self._gate.missing:
+            silent.append(f"the external ego (is it running in {self._domain}?)")
+        return f"; silent: {', '.join(silent)}" if silent else ""
+
+    @property
+    def _domain(self) -> str:
+        return f"ROS_DOMAIN_ID {self.context.get_domain_id()}"
+
+    def _confirmed(self) -> str:
+        return "nothing" if self._recorded < 0 else f"only step {self._recorded}"
 
     def _await_recorder(self, last: int) -> None:
         if "recorder" in self.plan.stages:
-            until = time.monotonic() + self._answer_timeout
+            until = time.perf_counter() + self._answer_timeout
             if not self._spin_until(lambda: self._recorded >= last, until):
-                raise RunFailed(f"recorder: has confirmed only step {self._recorded} of {last} on {RECORDED.name}")
+                raise RunFailed(f"recorder: has confirmed {self._confirmed()} of {last} on {RECORDED.name}")
 
     def _farewell(self) -> None:
         """Let the recorder close its file."""
-        if "recorder" in self._ready:
-            self._failures.clear()
-            self._spin_until(lambda: self._recorder_done, time.monotonic() + self._answer_timeout)
+        until = time.monotonic() + FAREWELL_S
+        while "recorder" in self._ready and not self._recorder_done and time.monotonic() < until:
+            serve(self._executor)
 
-    def _spin_until(
-        self, done: Callable[[], bool], until: float, clock: Callable[[], float] = time.monotonic
-    ) -> bool:
-        """Serve callbacks until `done`, or until `clock` passes `until`; returns `done()`."""
+    def _spin_until(self, done: Callable[[], bool], until: float) -> bool:
+        """Serve callbacks until `done`, or until `until` of the performance counter; returns `done()`."""
         while not done():
-            left = until - clock()
+            left = until - time.perf_counter()
             if left <= 0:
                 return False
-            self._executor.spin_once(timeout_sec=min(left, SIGNAL_PERIOD))
-            if self._failures:
-                raise RunFailed("; ".join(self._failures))
+            serve(self._executor, left)
+            self._raise_failures()
         return True
+
+    def _raise_failures(self) -> None:
+        if self._failures:
+            raise RunFailed("; ".join(self._failures))
+
+    def _note(self, text: str) -> None:
+        """Say in the log what is going on, the same thing now and then."""
+        last, when = self._noted
+        if text != last or time.monotonic() > when + NOTE_PERIOD:
+            self._noted = (text, time.monotonic())
+            self.get_logger().info(text)
 
     def _answer_to(self, name: str) -> Callable[[Any], None]:
         return lambda message: self._gate.offer(name, message.run_id, message.step, message)
@@ -251,10 +327,14 @@ class BridgeNode(Node):
             return
         if status.state == StageStatus.READY:
             self._ready.add(status.stage)
-        elif status.stage == "recorder" and status.state == StageStatus.FINISHED:
-            self._recorder_done = True
         elif status.state == StageStatus.FAILED:
             self._failures.append(f"{status.stage}: {status.text}")
+        if status.stage == "recorder" and status.state in (StageStatus.FINISHED, StageStatus.FAILED):
+            self._recorder_done = True
+
+    def _on_timing(self, status: StageStatus) -> None:
+        if status.run_id == self._run_id:
+            self._heard[status.stage] = max(status.step, self._heard.get(status.stage, -1))
 
     def _on_recorded(self, status: StageStatus) -> None:
         if status.run_id == self._run_id:
@@ -303,40 +383,14 @@ class BridgeNode(Node):
         )
 
 
-def _plan(node: Node) -> RunPlan:
-    """The run that the parameters ask for."""
-    name = str(node.declare_parameter("scenario", "demo").value)
-    ego = str(node.declare_parameter("ego", "idm").value)
-    policy = str(node.declare_parameter("policy", "litsim").value)
-    ego_id = int(node.declare_parameter("ego_id", -1).value)
-    seed = int(node.declare_parameter("seed", -1).value)
-    for parameter, value, allowed in (("ego", ego, EGOS), ("policy", policy, POLICIES)):
-        if value not in allowed:
-            raise InputError(f"bridge: parameter {parameter} is {value!r}, expected one of {', '.join(allowed)}")
-    overrides = {key: value for key, value in (("ego", ego_id), ("seed", seed)) if value >= 0}
-    return RunPlan(Scenario.load(name, **overrides), ego, policy)
-
-
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim bridge``."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    signal.signal(signal.SIGTERM, lambda *_: _interrupt())
-    try:
-        BridgeNode().run()
-    except RunFailed as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(1)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
-    finally:
-        rclpy.try_shutdown()
-
-
-def _interrupt() -> None:
-    raise KeyboardInterrupt
+    with process():
+        try:
+            BridgeNode().run()
+        except RunFailed as error:
+            print(f"error: {error}", file=sys.stderr)
+            sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -19,26 +19,26 @@ class Gate:
     Attributes:
         run_id: answers of other runs are dropped.
         required: names of the answers to every step.
-        stale: answers dropped so far, by name.
+        stale: number of answers that came late, twice, or to another run, by name.
     """
 
     run_id: str
     required: tuple[str, ...]
     stale: dict[str, int] = field(default_factory=dict)
     _step: int = -1
-    _answers: dict[str, Any] = field(default_factory=dict)
+    _newest: dict[str, tuple[int, Any]] = field(default_factory=dict)
 
     def open(self, step: int) -> None:
         """Wait for the answers to `step`."""
         self._step = step
-        self._answers = {}
 
     def offer(self, name: str, run_id: str, step: int, answer: Any) -> None:
-        """Take an answer; one of another run, another step, or a second one is stale."""
-        if run_id != self.run_id or step != self._step or name in self._answers:
+        """Take an answer; a late one counts as stale, and is kept where it is the newest so far."""
+        newer = run_id == self.run_id and self._answered(name) < step <= self._step
+        if newer:
+            self._newest[name] = (step, answer)
+        if not newer or step < self._step:
             self.stale[name] = self.stale.get(name, 0) + 1
-        else:
-            self._answers[name] = answer
 
     @property
     def step(self) -> int:
@@ -48,12 +48,21 @@ class Gate:
     @property
     def missing(self) -> list[str]:
         """Names still waited for."""
-        return [name for name in self.required if name not in self._answers]
+        return [name for name in self.required if self._answered(name) != self._step]
 
     @property
     def answers(self) -> dict[str, Any]:
-        """Answers so far."""
-        return self._answers
+        """Answers to the current step so far."""
+        return {name: answer for name, (step, answer) in self._newest.items() if step == self._step}
+
+    @property
+    def newest(self) -> dict[str, Any]:
+        """The newest answer under every name: what is held where the one to the current step is missing."""
+        return {name: answer for name, (_, answer) in self._newest.items()}
+
+    def _answered(self, name: str) -> int:
+        """Step of the newest answer under `name`; -1 before the first."""
+        return self._newest[name][0] if name in self._newest else -1
 
 
 @dataclass

@@ -43,12 +43,11 @@ class Residual:
         position = np.array([table.x[row] - logged.x[logged_row], table.y[row] - logged.y[logged_row]])
         rate = velocity(table, row) - velocity(logged, logged_row)
         yaw = float(wrap_angle(table.yaw[row] - logged.yaw[logged_row]))
-        # peaks of the second derivatives of the two blends below: 5.77 and 3.94
-        duration = max(
-            FADE_MIN_S,
-            np.sqrt(5.77 * float(np.hypot(*position)) / COMFORT_ACCELERATION),
-            3.94 * float(np.hypot(*rate)) / COMFORT_ACCELERATION,
-        )
+        # Peaks of the second derivatives of the two blends below: 5.77 and 3.94. They come together, so the duration T
+        # solves 5.77 offset / T^2 + 3.94 rate / T = COMFORT_ACCELERATION.
+        linear = 0.5 * 3.94 * float(np.hypot(*rate)) / COMFORT_ACCELERATION
+        constant = 5.77 * float(np.hypot(*position)) / COMFORT_ACCELERATION
+        duration = max(FADE_MIN_S, linear + np.sqrt(linear**2 + constant))
         return cls(table.step, int(np.ceil(duration / STEP_S)), position, rate, yaw)
 
     def at(self, step: int) -> tuple[np.ndarray, np.ndarray, float]:
@@ -91,7 +90,7 @@ class LogPolicy:
             table.yaw[row] += yaw
             table.x[row] += position[0]
             table.y[row] += position[1]
-            table.speed[row] = max(
-                0.0, table.speed[row] + velocity[0] * np.cos(table.yaw[row]) + velocity[1] * np.sin(table.yaw[row])
-            )
+            # The logged velocity and its offset, both along the heading that the agent has now.
+            offset = velocity[0] * np.cos(table.yaw[row]) + velocity[1] * np.sin(table.yaw[row])
+            table.speed[row] = max(0.0, table.speed[row] * np.cos(yaw) + offset)
         return table

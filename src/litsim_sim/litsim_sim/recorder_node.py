@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import signal
 import struct
 import sys
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
-import rclpy
 from litsim_msgs.msg import Hello, RunInfo, StageStatus
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from rclpy.signals import SignalHandlerOptions
 
 from litsim_sim.bag import BagWriter, qos_yaml
 from litsim_sim.errors import InputError
 from litsim_sim.ros import messages
+from litsim_sim.ros.cdr import without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
+from litsim_sim.ros.stage import BRIDGE, SIGNAL_PERIOD, check_parameters, process, reason, spin
 from litsim_sim.ros.topics import (
+    AGENTS,
+    CLOCK,
+    EGO_STATE,
     HELLO,
     RECORDED,
     RECORDED_TOPICS,
@@ -33,29 +36,37 @@ from litsim_sim.scenario import Scenario
 STAGE = "recorder"
 CONFIRM_EVERY = 10  # steps
 LAG = 2  # steps by which writing follows, so that timings, which nobody waits for, find their step
-SIGNAL_PERIOD = 0.2  # [s]
+OF_THE_BRIDGE = (CLOCK.name, AGENTS.name, EGO_STATE.name)  # there at every step, whoever has missed an answer
+LINGER_S = 1.0  # for which a recorder that failed answers the bridge, which may not have heard it
+NAMED = 3  # steps that a message about gaps names
 
 
 class RecorderNode(Node):
     """Records one run, then :attr:`finished`.
 
-    A step is confirmed to the bridge once each of the run's per-step topics holds it. Steps are written in order,
-    their messages in the order of :data:`RECORDED_TOPICS`, so that equal runs give equal records.
+    A step is confirmed to the bridge once each of the run's per-step topics holds it; where the bridge says that it
+    goes on without an answer, once what the bridge itself publishes does. Steps are written in order, their messages
+    in the order of :data:`RECORDED_TOPICS`, so that equal runs give equal records. An answer that comes after its
+    step was written is written where it comes.
     """
 
     def __init__(self) -> None:
         super().__init__(STAGE)
         self._output = Path(str(self.declare_parameter("output", "bags/run").value))
-        overwrite = bool(self.declare_parameter("overwrite", False).value)
+        overwrite = bool(self.declare_parameter("overwrite", False).value)  # noqa: FBT003 - its default
+        check_parameters(self)
         self._writer = BagWriter(self._output, self._output.resolve().name, {}, overwrite=overwrite)
         self.finished = False
-        self.gaps: list[str] = []
         self._run_id = ""
+        self._word: StageStatus | None = None  # on the run at hand, repeated when the bridge greets
         self._per_step: tuple[str, ...] = ()
         self._total = 0
+        self._early: dict[str, bytes] = {}  # latched messages that came before the run was known
         self._pending: dict[int, dict[str, list[bytes]]] = {}
         self._next = 0  # step to be confirmed next
         self._written = 0  # step to be written next
+        self._missed: set[int] = set()  # steps that the bridge went on from without all answers
+        self._absent: set[tuple[int, str]] = set()  # what was not there when its step was written
         self._status = self.create_publisher(STATUS.type, STATUS.name, STATUS.qos)
         self._recorded = self.create_publisher(RECORDED.type, RECORDED.name, RECORDED.qos)
         for topic in RECORDED_TOPICS:
@@ -71,33 +82,76 @@ class RecorderNode(Node):
             )
         self.create_subscription(HELLO.type, HELLO.name, self._on_hello, HELLO.qos)
 
+    @property
+    def gaps(self) -> str:
+        """In words, what the record lacks that it should hold; empty where it is whole."""
+        lacking: dict[str, list[int]] = {}
+        for step, name in sorted(self._absent):
+            if step not in self._missed or name in OF_THE_BRIDGE:
+                lacking.setdefault(name, []).append(step)
+        return "; ".join(
+            f"{name} lacks {len(steps)} steps ({', '.join(map(str, steps[:NAMED]))}{', ...' * (len(steps) > NAMED)})"
+            for name, steps in lacking.items()
+        )
+
+    def close(self) -> None:
+        """Write what is held, and finish the file."""
+        if self.finished:
+            return
+        self.finished = True
+        for step in range(self._written, max(self._pending, default=-1) + 1):
+            self._write(step)
+        self._writer.close()
+
+    def abandon(self, text: str, linger: float) -> None:
+        """Finish the file before the run is over, for `text`, and tell the bridge for `linger` seconds."""
+        with suppress(InputError, ValueError):  # the file may be what is in the way
+            self.close()
+        self._say(StageStatus.FAILED, text)
+        until = time.monotonic() + linger
+        spin(self, lambda: time.monotonic() > until)
+
     def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
         special = {RUN_INFO.name: self._on_run_info, STATUS.name: self._on_status}.get(topic.name)
+        clear = without_padding(topic.type)
 
-        def receive(data: bytes) -> None:
-            if self.finished:
-                return
-            if special is not None:
+        def receive(received: bytes) -> None:
+            data = clear(received)
+            if special is not None and not self.finished:
                 special(data)
-            if not self._run_id:
-                return
-            step = _step(data)
-            if step < self._written and topic.name not in self._per_step:
-                self._writer.write(topic.name, data, messages.nanoseconds(step))
-                return
-            held = self._pending.setdefault(step, {}).setdefault(topic.name, [])
-            if topic.name in self._per_step and (held or step < self._next):
-                self._confirm()  # the bridge asks again
-            elif data not in held:
-                held.append(data)
-                self._advance()
+            if self._run_id and not self.finished:
+                self._take(topic.name, data)
+            elif topic.latched:
+                self._early[topic.name] = data
 
         return receive
+
+    def _take(self, name: str, data: bytes) -> None:
+        """Hold a message until its step is written."""
+        step = _step(data)
+        if step > self._total:
+            return  # of somebody else's clock
+        held = self._pending.get(step, {}).get(name, [])
+        if step < self._written:
+            if name not in self._per_step or (step, name) in self._absent:
+                self._absent.discard((step, name))
+                self._writer.write(name, data, messages.nanoseconds(step))
+            else:
+                self._confirm()  # the bridge asks again
+        elif held and name in self._per_step:
+            self._confirm()
+        elif data not in held:
+            self._pending.setdefault(step, {}).setdefault(name, []).append(data)
+            self._advance()
 
     def _on_run_info(self, data: bytes) -> None:
         info: RunInfo = deserialize_message(data, RunInfo)
         if self._run_id:
-            raise InputError(f"{RUN_INFO.name}: run {info.run_id} begins while {self._run_id} is being recorded")
+            raise InputError(
+                f"{RUN_INFO.name}: run {info.run_id} begins while {self._run_id} is being recorded; is there another "
+                f"bridge in ROS_DOMAIN_ID {self.context.get_domain_id()}?"
+            )
+        self._run_id = info.run_id
         scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
         self._writer.add_metadata(
             "run",
@@ -114,30 +168,43 @@ class RecorderNode(Node):
         self._writer.attach("scenario.yaml", "application/yaml", info.scenario_yaml.encode())
         self._writer.attach("net.xml", "application/xml", scenario.net_path.read_bytes())
         self._writer.attach("recording.parquet", "application/vnd.apache.parquet", scenario.recording.to_parquet())
-        self._run_id, self._per_step, self._total = info.run_id, tuple(info.topics), info.total_steps
-        self._ready()
+        self._per_step, self._total = tuple(info.topics), info.total_steps
+        for name, early in self._early.items():
+            self._take(name, early)
+        self._say(StageStatus.READY)
+        self.get_logger().info(f"recording run {info.run_id} to {self._writer.path}")
 
     def _on_hello(self, hello: Hello) -> None:
-        if hello.run_id == self._run_id:
-            self._ready()
+        if self._word is not None and hello.run_id == self._run_id:
+            self._status.publish(self._word)
 
     def _on_status(self, data: bytes) -> None:
         status: StageStatus = deserialize_message(data, StageStatus)
-        if status.stage == "bridge" and status.run_id == self._run_id and status.state >= StageStatus.FINISHED:
+        if status.stage != BRIDGE or status.run_id != self._run_id:
+            return
+        if status.state == StageStatus.RUNNING:
+            self._missed.add(status.step)
+            self._advance()
+        elif status.state >= StageStatus.FINISHED:
             self._pending.setdefault(status.step, {}).setdefault(STATUS.name, []).append(data)
             self.close()
-            state = StageStatus.FAILED if self.gaps else StageStatus.FINISHED
-            self._status.publish(messages.status(self._run_id, STAGE, state, text="; ".join(self.gaps)))
+            if status.state == StageStatus.FAILED:  # it ended amid a step
+                self._absent = {(step, name) for step, name in self._absent if step < self._next}
+            self._say(StageStatus.FAILED if self.gaps else StageStatus.FINISHED, self.gaps)
 
-    def _ready(self) -> None:
-        self._status.publish(messages.status(self._run_id, STAGE, StageStatus.READY))
+    def _say(self, state: int, text: str = "") -> None:
+        self._word = messages.status(self._run_id, STAGE, state, text=text)
+        self._status.publish(self._word)
+
+    def _complete(self, step: int) -> bool:
+        needed = OF_THE_BRIDGE if step in self._missed else self._per_step
+        return all(name in self._pending.get(step, ()) for name in needed)
 
     def _advance(self) -> None:
         """Confirm steps that are complete, and write those that nothing can be missing from any more."""
         before, newest = self._next, max(self._pending, default=0)
         while newest >= self._next and (
-            all(name in self._pending.get(self._next, ()) for name in self._per_step)
-            or newest - self._next > RECORDER_WINDOW // 2  # it will not come any more: a gap
+            self._complete(self._next) or newest - self._next > RECORDER_WINDOW // 2  # it will not come any more: a gap
         ):
             self._next += 1
         due = self._next // CONFIRM_EVERY > before // CONFIRM_EVERY or self._next in (1, self._total + 1)
@@ -153,57 +220,36 @@ class RecorderNode(Node):
 
     def _write(self, step: int) -> None:
         held = self._pending.pop(step, {})
-        missing = [name for name in self._per_step if name not in held]
-        if missing:
-            self.gaps.append(f"step {step} holds no {', '.join(missing)}")
+        self._absent |= {(step, name) for name in self._per_step if name not in held}
         for topic in RECORDED_TOPICS:
             for data in sorted(held.get(topic.name, [])):
                 self._writer.write(topic.name, data, messages.nanoseconds(step))
-
-    def close(self) -> None:
-        """Write what is held, and finish the file."""
-        if self.finished:
-            return
-        self.finished = True
-        for step in range(self._written, max(self._pending, default=-1) + 1):
-            self._write(step)
-        self._writer.close()
 
 
 def _step(data: bytes) -> int:
     """Step of a serialised message: all recorded types begin with a header, or as Clock with its stamp."""
     seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
-    return int(round((seconds * 10**9 + nanoseconds) / messages.nanoseconds(1)))
+    return round((seconds * 10**9 + nanoseconds) / messages.nanoseconds(1))
 
 
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim recorder``."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
-    node = None
-    try:
+    with process():
         node = RecorderNode()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        while not node.finished:
-            executor.spin_once(timeout_sec=SIGNAL_PERIOD)
-        executor.spin_once(timeout_sec=SIGNAL_PERIOD)
+        node.get_logger().info(f"waiting for a run on {RUN_INFO.name}")
+        try:
+            spin(node, lambda: node.finished)
+        except KeyboardInterrupt as error:
+            node.abandon(reason(error), SIGNAL_PERIOD)
+            raise
+        except Exception as error:
+            node.abandon(reason(error), LINGER_S)
+            raise
+        until = time.monotonic() + SIGNAL_PERIOD  # the bridge may greet once more
+        spin(node, lambda: time.monotonic() > until)
         if node.gaps:
-            print(f"error: recording has gaps: {'; '.join(node.gaps)}", file=sys.stderr)
+            print(f"error: the recording has gaps: {node.gaps}", file=sys.stderr)
             sys.exit(1)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
-    finally:
-        if node is not None:
-            node.close()
-        rclpy.try_shutdown()
 
 
 if __name__ == "__main__":

@@ -35,6 +35,9 @@ class SumoMirror:
         except (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError) as error:
             raise InputError(f"{net_path}: SUMO cannot load the net: {error}") from error
         edges = [edge for edge in libsumo.edge.getIDList() if not edge.startswith(":")]
+        if not edges:
+            libsumo.close()
+            raise InputError(f"{net_path}: the net holds no edges")
         libsumo.route.add(_ROUTE, [edges[0]])
         libsumo.vehicletype.copy("DEFAULT_VEHTYPE", _TYPE)
         self._present: set[int] = set()

@@ -74,14 +74,20 @@ class World:
         self.late_entries: set[int] = set()
         self.waiting: dict[int, int] = {}
         """Step at which the log of each agent that waits to enter began."""
+        self.never_entered: set[int] = set()
+        """Agents whose log ended while they waited."""
         self.mirror_deviation = 0.0
         """Largest distance [m] so far between an agent and its image in SUMO."""
         self._mirror = mirror
         self._log_policy = LogPolicy(scenario.log)
         self._table = AgentTable.empty(0)
+        self._ego_has_driven = False  # in the last step
 
     def reset(self) -> AgentTable:
-        """Step 0."""
+        """Step 0, of a run that knows nothing of the ones before."""
+        self.contacts, self.late_entries, self.waiting, self.never_entered = {}, set(), {}, set()
+        self.mirror_deviation, self._ego_has_driven = 0.0, False
+        self._log_policy = LogPolicy(self.scenario.log)
         self._table = self._finish(self._log_policy.table(0))
         return self._table
 
@@ -89,19 +95,16 @@ class World:
         """Apply the answers to the current step and return the next one.
 
         Raises:
-            ValueError: `controls` or `ego` answer another step, or hold non-finite values.
+            ValueError: `controls` or `ego` answer another step or hold non-finite values, or the ids of `controls` do
+                not ascend or list the ego.
         """
         table, step = self._table, self._table.step
-        if controls.step != step or ego.step != step:
-            raise ValueError(f"answers to steps {controls.step} (controls) and {ego.step} (ego), expected {step}")
-        if not np.isfinite([ego.acceleration, ego.yaw_rate]).all():
-            raise ValueError(f"ego control at step {step} is not finite: {ego.acceleration}, {ego.yaw_rate}")
-        if not (np.isfinite(controls.acceleration).all() and np.isfinite(controls.yaw_rate).all()):
-            raise ValueError(f"controls at step {step} are not finite")
+        self._check(controls, ego)
         driven = self._drive(table, controls, ego)
-        for agent in table.id[table.controller == Controller.POLICY]:
-            if driven.row(int(agent)) < 0:
-                self._log_policy.release(table, int(agent))
+        rejoins = table.off_log & ((table.id != self.scenario.ego_id) | self._ego_has_driven)
+        for agent in table.id[rejoins & (driven.rows(table.id) < 0)]:
+            self._log_policy.release(table, int(agent))
+        self._ego_has_driven = driven.row(self.scenario.ego_id) >= 0
         logged = self._log_policy.table(step + 1)
         following = logged.take((driven.rows(logged.id) < 0) & self._may_follow(logged, table, driven))
         self._table = self._finish(self._admit(_merge(step + 1, [driven, following]), logged))
@@ -112,7 +115,7 @@ class World:
         return {
             "contacts": len(self.contacts),
             "late_entries": sorted(self.late_entries),
-            "never_entered": sorted(self.waiting),
+            "never_entered": sorted(self.never_entered | self.waiting.keys()),
             "sumo_deviation_m": self.mirror_deviation,
         }
 
@@ -125,6 +128,21 @@ class World:
     def ego_is_driven(self) -> bool:
         """Whether the ego's answer to the current step counts: the history is over and the ego is on the road."""
         return self._table.step >= self.scenario.history_steps and self._table.row(self.scenario.ego_id) >= 0
+
+    def _check(self, controls: ControlTable, ego: EgoCommand) -> None:
+        """Raise ValueError where the answers to the current step cannot be applied."""
+        step, ego_id = self._table.step, self.scenario.ego_id
+        if controls.step != step or ego.step != step:
+            raise ValueError(f"answers to steps {controls.step} (controls) and {ego.step} (ego), expected {step}")
+        if not np.isfinite([ego.acceleration, ego.yaw_rate]).all():
+            raise ValueError(f"ego control at step {step} is not finite: {ego.acceleration}, {ego.yaw_rate}")
+        values = (controls.acceleration, controls.lateral_acceleration, controls.yaw_rate)
+        if not all(np.isfinite(each).all() for each in values):
+            raise ValueError(f"controls at step {step} are not finite")
+        if (np.diff(controls.id) <= 0).any():
+            raise ValueError(f"ids of the controls at step {step} do not ascend: {controls.id.tolist()}")
+        if ego_id in controls.id:
+            raise ValueError(f"controls at step {step} list the ego, {ego_id}, which has a port of its own")
 
     def _drive(self, table: AgentTable, controls: ControlTable, ego: EgoCommand) -> AgentTable:
         """Agents under control, one step on; those that have left the net are gone."""
@@ -169,7 +187,9 @@ class World:
         begins = self.scenario.log.first_step[self._log_rows(logged.id)] == logged.step
         for row in np.flatnonzero(begins & ~here):
             agent = int(logged.id[row])
-            if self.config.guard_entries and self._entry_speed(logged, int(row), driven) < logged.speed[row]:
+            wanted = float(logged.speed[row])
+            speed = self._entry_speed(logged, int(row), driven) if self.config.guard_entries else wanted
+            if speed is None or speed < wanted:
                 self.waiting[agent] = logged.step
             else:
                 here[row] = True
@@ -179,12 +199,13 @@ class World:
         """Let agents that wait enter where their log begins, under POLICY, as soon as the road is free."""
         for agent, began in sorted(self.waiting.items()):
             if logged.row(agent) < 0:
-                del self.waiting[agent]  # its log is over: it never enters
+                del self.waiting[agent]
+                self.never_entered.add(agent)
                 continue
             entry = self.scenario.log.table(began)
             row = entry.row(agent)
             speed = self._entry_speed(entry, row, table)
-            if began == table.step or speed <= 0.0:
+            if began == table.step or speed is None:
                 continue
             entering = entry.take(np.array([row]))
             entering.speed[0] = min(speed, entering.speed[0])
@@ -195,8 +216,8 @@ class World:
             table = _merge(table.step, [table, entering])
         return table
 
-    def _entry_speed(self, entry: AgentTable, row: int, others: AgentTable) -> float:
-        """Speed [m/s], at most the logged one, at which an agent can enter among `others`; 0 where it cannot."""
+    def _entry_speed(self, entry: AgentTable, row: int, others: AgentTable) -> float | None:
+        """Speed [m/s], at most the logged one, at which an agent can enter among `others`; None where it cannot."""
         config, log_speed = self.config, float(entry.speed[row])
         if not len(others):
             return log_speed
@@ -210,16 +231,14 @@ class World:
             room = np.maximum(gap[leads], 0.0) * 2.0 * config.entry_deceleration
             speed = min(speed, float(np.sqrt(others.speed[leads] ** 2 + room).min()))
             if (gap[leads] < 0).any():
-                return 0.0
+                return None
         times = np.arange(0.0, config.entry_horizon, 2 * STEP_S)[:, None]
         relative_x = dx + times * (others.speed * np.cos(others.yaw) - speed * np.cos(entry.yaw[row]))
         relative_y = dy + times * (others.speed * np.sin(others.yaw) - speed * np.sin(entry.yaw[row]))
         size = (entry.length[row] + config.entry_gap, entry.width[row])
         follows = in_path & (ahead <= 0)
-        hit = boxes_overlap(
-            relative_x, relative_y, entry.yaw[row], others.yaw, size, (others.length, others.width)
-        ) & ((times == 0.0) | follows)
-        return 0.0 if hit.any() else speed
+        hit = boxes_overlap(relative_x, relative_y, entry.yaw[row], others.yaw, size, (others.length, others.width))
+        return None if (hit & ((times == 0.0) | follows)).any() else speed
 
     def _finish(self, table: AgentTable) -> AgentTable:
         """Mark the ego, note contacts, show the step in SUMO."""

@@ -52,7 +52,7 @@ def main() -> None:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    Console().print(table)
+    Console(width=120).print(table)
 
 
 if __name__ == "__main__":

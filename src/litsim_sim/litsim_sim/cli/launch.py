@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import ctypes
+import json
 import os
 import shutil
 import signal
@@ -11,8 +13,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import IO
 
@@ -20,6 +23,7 @@ import domain_coordinator
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from tqdm import tqdm
 
+from litsim_sim.analysis.run import AGENTS, EGO_CONTROL
 from litsim_sim.cli.analyze import analyze, print_metrics
 from litsim_sim.errors import InputError
 from litsim_sim.run_info import EGOS, POLICIES, RunPlan
@@ -27,6 +31,9 @@ from litsim_sim.scenario import Scenario
 
 GRACE_S = 8.0  # [s] that the bridge and the recorder get to end a run in good order
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
+DOMAIN_IDS = range(233)  # beyond, the ports of DDS have run out
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
 EXECUTABLES = {
@@ -36,6 +43,9 @@ EXECUTABLES = {
     "policy": ("litsim_policy", "policy"),
     "bridge": ("litsim_sim", "bridge"),
 }
+"""Package and executable of every node but the ego."""
+
+_LIBC = ctypes.CDLL(None)
 
 
 @dataclass
@@ -56,11 +66,23 @@ class Child:
         """Whether the process has not ended yet."""
         return self.process.poll() is None
 
-    def last_words(self) -> str:
-        """The last error that the node logged, or its last line."""
-        lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
-        errors = [line for line in lines if line.startswith("error:")]
-        return (errors or lines or ["it said nothing"])[-1]
+    @property
+    def errors(self) -> list[str]:
+        """Errors in its log."""
+        lines = self.log.read_text(errors="replace").splitlines()
+        return [line.removeprefix("error: ") for line in lines if line.startswith("error: ") or "[ERROR]" in line]
+
+    def obituary(self) -> str:
+        """How the process ended, and the last thing in its log where that may say why."""
+        code, words = self.process.returncode, self.errors
+        if code is None:
+            how = f"has not ended within {GRACE_S:g} s"
+        elif code < 0:
+            how = f"was ended by {signal.Signals(-code).name}"
+        else:
+            how = f"ended with exit status {code}"
+            words = words or (self.log.read_text(errors="replace").strip().splitlines() if code > 0 else [])
+        return f"node {self.name} {how}{''.join(f': {line}' for line in words[-1:])}"
 
 
 class GraphFailed(Exception):
@@ -73,6 +95,8 @@ class Graph:
     def __init__(self, out: Path, domain_id: int) -> None:
         self._log_folder = out / "log"
         self._log_folder.mkdir(parents=True, exist_ok=True)
+        for log in self._log_folder.glob("*.log"):  # of a run that is overwritten
+            log.unlink()
         discovery = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         self._environment = os.environ | {
             "ROS_DOMAIN_ID": str(domain_id),
@@ -80,32 +104,27 @@ class Graph:
             "PYTHONUNBUFFERED": "1",
         }
         self.children: dict[str, Child] = {}
+        self._progress: threading.Thread | None = None
 
-    def start(self, name: str, package: str, executable: str, parameters: dict[str, object]) -> Child:
-        """Start `executable` of `package`, the one that ``ros2 run`` starts, as node `name`."""
-        try:
-            path = Path(get_package_prefix(package)) / "lib" / package / executable
-        except PackageNotFoundError as error:
-            raise InputError(f"package {package} is not built or not sourced: {error}") from error
-        if not path.is_file():
-            raise InputError(f"{path}: no such executable; build the workspace (make build)")
+    def start(self, name: str, path: Path, parameters: dict[str, object]) -> None:
+        """Start the executable at `path` as node `name`."""
         arguments = [str(path), "--ros-args"]
-        for key, value in parameters.items():
-            arguments += ["-p", f"{key}:={value}"]
+        for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
+            quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else value
+            arguments += ["-p", f"{key}:={quoted}"]
         log = self._log_folder / f"{name}.log"
-        pipe = name == "bridge"
         with log.open("w") as stream:
             process = subprocess.Popen(
                 arguments,
                 env=self._environment,
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE if pipe else stream,
+                stdout=subprocess.PIPE if name == "bridge" else stream,
                 stderr=stream,
                 text=True,
                 start_new_session=True,
+                preexec_fn=_die_with_parent,  # noqa: PLW1509 - one system call, looked up before
             )
         self.children[name] = Child(name, process, log)
-        return self.children[name]
 
     def watch(self, quiet: bool) -> None:
         """Wait for the run to end.
@@ -113,86 +132,91 @@ class Graph:
         Raises:
             GraphFailed: a node died before the run was over, or the bridge says that the run failed.
         """
-        bridge = self.children["bridge"]
+        bridge, recorder = self.children["bridge"], self.children["recorder"]
         assert bridge.process.stdout is not None
-        progress = threading.Thread(target=_show_progress, args=(bridge.process.stdout, quiet), daemon=True)
-        progress.start()
+        self._progress = threading.Thread(target=_show_progress, args=(bridge.process.stdout, quiet), daemon=True)
+        self._progress.start()
         while bridge.running:
-            dead = [c for c in self.children.values() if not c.running and c.name not in ("bridge", "recorder")]
-            recorder = self.children["recorder"]
-            if not recorder.running and recorder.process.returncode != 0:
-                dead.append(recorder)
+            dead = [c for c in self.children.values() if not c.running and c is not bridge]
+            dead = [c for c in dead if c is not recorder or recorder.process.returncode != 0]
             if dead:
-                time.sleep(0.1)  # what a node says when it ends arrives before the bridge has ended over it
-                raise GraphFailed(
-                    "; ".join(f"node {c.name} ended with {_status(c.process.returncode)}: {c.last_words()}" for c in dead)
-                )
+                if all(child.process.returncode >= 0 for child in dead):
+                    _wait([bridge], 1.0)  # they have told it, and it ends over it
+                if bridge.running:
+                    raise GraphFailed("; ".join(child.obituary() for child in dead))
             time.sleep(0.05)
-        progress.join(timeout=1.0)
-        if bridge.process.returncode != 0:
-            raise GraphFailed(bridge.last_words().removeprefix("error: "))
-        recorder = self.children["recorder"]
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            recorder.process.wait(GRACE_S)
-        if recorder.process.returncode != 0:
-            raise GraphFailed(f"node recorder ended with {_status(recorder.process.returncode)}: {recorder.last_words()}")
+        _wait([recorder], GRACE_S if bridge.process.returncode == 0 else 0.0)
+        if bridge.process.returncode == EXIT_FAILED and bridge.errors:
+            raise GraphFailed(bridge.errors[-1])
+        for child in (bridge, recorder):
+            if child.process.returncode != 0:
+                raise GraphFailed(child.obituary())
 
     def stop(self) -> None:
         """End what still runs: first the bridge, which tells the recorder to close its file, then the rest."""
-        ordered = [self.children[n] for n in ("bridge", "recorder") if n in self.children]
-        for child in ordered:
-            child.signal(signal.SIGINT) if child.name == "bridge" else None
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                child.process.wait(GRACE_S if child.name == "bridge" else KILL_S)
-        killed = False
+        bridge, recorder = self.children.get("bridge"), self.children.get("recorder")
+        if bridge and bridge.running:
+            bridge.signal(signal.SIGINT)
+            _wait([bridge], GRACE_S if recorder and recorder.running else 0.5)
+        if recorder and bridge and not bridge.running and bridge.process.returncode >= 0:
+            _wait([recorder], KILL_S)  # it was told to close its file
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             running = [c for c in self.children.values() if c.running]
             for child in running:
                 child.signal(number)
-                killed |= number == signal.SIGKILL
-            until = time.monotonic() + KILL_S
-            while any(c.running for c in running) and time.monotonic() < until:
-                time.sleep(0.02)
-        if killed and (clean := shutil.which("fastdds")):
-            subprocess.run([clean, "shm", "clean"], capture_output=True, check=False, timeout=10)
+            _wait(running, KILL_S)
+        if self._progress:
+            self._progress.join(timeout=1.0)
+        killed = any(c.process.returncode == -signal.SIGKILL for c in self.children.values())
+        if killed and (fastdds := shutil.which("fastdds")):  # it leaves its shared memory behind
+            subprocess.run([fastdds, "shm", "clean"], capture_output=True, check=False, timeout=10)
 
 
 def launch(arguments: argparse.Namespace) -> int:
-    """Run the graph that the arguments ask for; returns the exit status."""
+    """Run the graph that the arguments ask for; returns the exit status.
+
+    Raises:
+        InputError: something cannot be used; found before anything is started.
+    """
     plan = RunPlan(_scenario(arguments), arguments.ego, arguments.policy)
+    domain = _domain(arguments)
+    nodes = {name: _executable(name, plan.ego) for name in (*reversed(plan.stages), "bridge")}
     out = Path(arguments.out or f"bags/{plan.scenario.name}")
     _check_output(out, arguments.overwrite)
-    bridge = {
-        "scenario": arguments.scenario,
-        "ego": plan.ego,
-        "policy": plan.policy,
-        "ego_id": plan.scenario.ego_id,
-        "seed": plan.scenario.seed,
-        "mode": arguments.mode,
-        "on_missing": arguments.on_missing,
-        "answer_timeout_s": arguments.answer_timeout,
-        "progress": "lines",
+    parameters: dict[str, dict[str, object]] = {
+        "recorder": {"output": str(out), "overwrite": arguments.overwrite},
+        "bridge": {
+            "scenario": str(arguments.scenario),
+            "ego": plan.ego,
+            "policy": plan.policy,
+            "ego_id": plan.scenario.ego_id,
+            "seed": plan.scenario.seed,
+            "mode": arguments.mode,
+            "on_missing": arguments.on_missing,
+            "answer_timeout_s": arguments.answer_timeout,
+            "progress": "lines",
+        },
     }
-    with _domain(arguments) as domain_id:
+    failure = None
+    with domain as domain_id:
         graph = Graph(out, domain_id)
         say(arguments, f"run {plan.run_id} in ROS_DOMAIN_ID {domain_id}")
+        if plan.ego == "external":
+            say(arguments, f"the ego answers {AGENTS} on {EGO_CONTROL}")
         try:
-            graph.start("recorder", *EXECUTABLES["recorder"], {"output": out, "overwrite": arguments.overwrite})
-            for stage in plan.stages:
-                if stage in ("predictor", "conflict", "policy"):
-                    graph.start(stage, *EXECUTABLES[stage], {})
-                elif stage == "ego":
-                    graph.start("ego", "litsim_policy", f"ego_{plan.ego}", {})
-            graph.start("bridge", *EXECUTABLES["bridge"], bridge)
+            for name, path in nodes.items():
+                graph.start(name, path, parameters.get(name, {}))
             graph.watch(arguments.quiet)
         except GraphFailed as error:
-            print(f"error: {error} (logs: {out / 'log'})", file=sys.stderr)
-            return EXIT_FAILED
+            failure = error
         except KeyboardInterrupt:
             print("\ninterrupted: ending the graph", file=sys.stderr)
             return EXIT_INTERRUPTED
         finally:
             _without_interrupts(graph.stop)
+    if failure:
+        print(f"error: {failure} (logs: {out / 'log'})", file=sys.stderr)
+        return EXIT_FAILED
     if arguments.analyze:
         metrics = analyze(out)
         if not arguments.quiet:
@@ -206,7 +230,9 @@ def launch(arguments: argparse.Namespace) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim launch``."""
-    p = argparse.ArgumentParser(prog="launch", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    p = argparse.ArgumentParser(
+        prog="launch", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
     p.add_argument("--ego", default="idm", choices=EGOS, help="what drives the ego; external: your stack, over topics")
     p.add_argument("--policy", default="litsim", choices=POLICIES, help="what moves the background")
@@ -216,7 +242,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=int, help="another seed than the scenario's")
     p.add_argument("--mode", default="lockstep", choices=("lockstep", "realtime"), help="who waits for whom")
     p.add_argument("--on-missing", default="stop", choices=("stop", "hold"), help="in lockstep, after the timeout")
-    p.add_argument("--answer-timeout", type=float, default=5.0, metavar="S", help="for the answers to one step")
+    p.add_argument("--answer-timeout", type=_seconds, default=5.0, metavar="S", help="for the answers to one step")
     p.add_argument(
         "--domain-id",
         type=int,
@@ -251,15 +277,35 @@ def _check_output(out: Path, overwrite: bool) -> None:
         raise InputError(f"{out}: cannot be written: {error.strerror}") from error
 
 
-@contextlib.contextmanager
-def _domain(arguments: argparse.Namespace) -> Iterator[int]:
-    """The DDS domain of the graph, reserved while it runs where it was not chosen by the user."""
-    chosen = arguments.domain_id if arguments.domain_id is not None else os.environ.get("ROS_DOMAIN_ID")
-    if chosen is not None or arguments.ego == "external":
-        yield int(chosen or 0)
-        return
-    with domain_coordinator.domain_id() as free:
-        yield free
+def _executable(name: str, ego: str) -> Path:
+    """The file that ``ros2 run`` starts as node `name`."""
+    package, program = ("litsim_policy", f"ego_{ego}") if name == "ego" else EXECUTABLES[name]
+    try:
+        path = Path(get_package_prefix(package)) / "lib" / package / program
+    except PackageNotFoundError as error:
+        raise InputError(f"package {package} is not built or not sourced: {error}") from error
+    if not path.is_file():
+        raise InputError(f"{path}: no such executable; build the workspace (make build)")
+    return path
+
+
+def _domain(arguments: argparse.Namespace) -> contextlib.AbstractContextManager[int]:
+    """The DDS domain of the graph; where the user has chosen none, a free one that is reserved meanwhile."""
+    chosen = os.environ.get("ROS_DOMAIN_ID") if arguments.domain_id is None else str(arguments.domain_id)
+    if not chosen and arguments.ego != "external":
+        return domain_coordinator.domain_id()
+    chosen = chosen or "0"
+    if not chosen.isdecimal() or int(chosen) not in DOMAIN_IDS:
+        raise InputError(f"ROS_DOMAIN_ID is {chosen!r}, expected {DOMAIN_IDS[0]} to {DOMAIN_IDS[-1]}")
+    return contextlib.nullcontext(int(chosen))
+
+
+def _seconds(text: str) -> float:
+    """A time from the command line."""
+    value = float(text)
+    if not 0.0 < value < inf:
+        raise ValueError(text)
+    return value
 
 
 def _show_progress(lines: IO[str], quiet: bool) -> None:
@@ -276,31 +322,41 @@ def _show_progress(lines: IO[str], quiet: bool) -> None:
         bar.close()
 
 
-def _status(code: int | None) -> str:
-    if code is None:
-        return "no exit in time"
-    return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"
+def _wait(children: list[Child], timeout: float) -> None:
+    """Until all of `children` have ended, or for `timeout` seconds."""
+    until = time.monotonic() + timeout
+    while any(child.running for child in children) and time.monotonic() < until:
+        time.sleep(0.02)
 
 
-def _without_interrupts(action: object) -> None:
+def _die_with_parent() -> None:
+    """In a child before its program starts: end when the launcher is gone, whatever has ended it."""
+    _LIBC.prctl(DIE_WITH_PARENT, signal.SIGTERM)
+
+
+def _without_interrupts(action: Callable[[], None]) -> None:
     """Run `action` with Ctrl-C held back, so that impatience leaves no orphans."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in SIGNALS}
     try:
-        action()  # type: ignore[operator]
+        action()
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim launch``."""
     arguments = parser().parse_args()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs of scripts begin with it ignored
+    for number in SIGNALS:
+        if number != signal.SIGHUP or signal.getsignal(number) == signal.SIG_DFL:  # nohup means it
+            signal.signal(number, signal.default_int_handler)  # background jobs of scripts begin with SIGINT ignored
     try:
         sys.exit(launch(arguments))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(EXIT_INPUT)
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
 
 
 if __name__ == "__main__":

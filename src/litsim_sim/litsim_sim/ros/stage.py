@@ -1,18 +1,27 @@
-"""The shell around a stage's core: handshake, joining of inputs, one answer per step, timing, errors."""
+"""The shell around a stage's core: handshake, joining of inputs, one answer per step, timing, errors.
+
+And what the processes of all nodes share: signals, exit statuses, parameters that nobody knows.
+"""
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import rclpy
 from litsim_msgs.msg import Hello, RunInfo, StageStatus
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from litsim_sim.errors import InputError
 from litsim_sim.lockstep import Joiner
@@ -20,11 +29,17 @@ from litsim_sim.ros import messages
 from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario import Scenario
 
+BRIDGE = "bridge"
+SIGNAL_PERIOD = 0.2  # [s] for which Ctrl-C may go unnoticed: waiting for DDS does not wake up for signals
+EXIT_INPUT, EXIT_INTERRUPTED = 2, 130
+_OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+
 
 class StageNode(Node):
     """A node that answers every step of a run once all inputs of the step are in.
 
     A subclass says what it reads and writes, builds its core in :meth:`configure`, and calls it in :meth:`answer`.
+    It serves one run after the other: an error ends its part in a run, not the node.
     """
 
     stage: str
@@ -34,6 +49,7 @@ class StageNode(Node):
     def __init__(self) -> None:
         super().__init__(self.stage)
         self._joiner: Joiner | None = None
+        self._word: StageStatus | None = None  # on the run at hand, READY or FAILED; repeated when the bridge greets
         self._last: list[tuple[Publisher, Any]] = []
         self._status = self.create_publisher(STATUS.type, STATUS.name, STATUS.qos)
         self._timing = self.create_publisher(TIMING.type, TIMING.name, TIMING.qos)
@@ -42,6 +58,7 @@ class StageNode(Node):
             self.create_subscription(topic.type, topic.name, self._input(topic.name), topic.qos)
         self.create_subscription(RUN_INFO.type, RUN_INFO.name, self._on_run_info, RUN_INFO.qos)
         self.create_subscription(HELLO.type, HELLO.name, self._on_hello, HELLO.qos)
+        self.create_subscription(STATUS.type, STATUS.name, self._on_status, STATUS.qos)
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """Build the core for a run.
@@ -55,20 +72,31 @@ class StageNode(Node):
         """Messages for `outputs`, in their order, from the messages of a step by topic name."""
         raise NotImplementedError
 
+    def leave(self) -> None:
+        """Tell the bridge, which would wait, that no more answers come."""
+        if self._joiner is not None:
+            self._say(self._joiner.run_id, StageStatus.FAILED, self._joiner.answered + 1, "the node was ended")
+
     def _on_run_info(self, info: RunInfo) -> None:
-        self._joiner = None
+        self._forget()
         try:
             self.configure(info, Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}"))
-        except InputError as error:
-            self._fail(info.run_id, 0, str(error))
+        except Exception as error:  # noqa: BLE001 - whatever it is, the bridge has to hear of it
+            self._fail(info.run_id, 0, reason(error), error)
             return
-        self._last = []
         self._joiner = Joiner(info.run_id, tuple(t.name for t in self.inputs))
-        self._status.publish(messages.status(info.run_id, self.stage, StageStatus.READY))
+        self._say(info.run_id, StageStatus.READY)
+        self.get_logger().info(f"ready for run {info.run_id}; waiting for its steps on {self.inputs[0].name}")
 
     def _on_hello(self, hello: Hello) -> None:
-        if self._joiner is not None and self._joiner.run_id == hello.run_id:
-            self._status.publish(messages.status(hello.run_id, self.stage, StageStatus.READY))
+        if self._word is not None and self._word.run_id == hello.run_id:
+            self._status.publish(self._word)
+
+    def _on_status(self, status: StageStatus) -> None:
+        ended = status.stage == BRIDGE and status.state in (StageStatus.FINISHED, StageStatus.FAILED)
+        if ended and self._word is not None and status.run_id == self._word.run_id:
+            self._forget()
+            self.get_logger().info(f"run {status.run_id} is over; waiting for another on {RUN_INFO.name}")
 
     def _input(self, name: str) -> Callable[[Any], None]:
         def receive(message: Any) -> None:
@@ -80,45 +108,150 @@ class StageNode(Node):
                 return
             inputs = self._joiner.offer(name, message.run_id, message.step, message)
             if inputs is not None:
-                self._answer(message.step, inputs)
+                self._answer(self._joiner.run_id, message.step, inputs)
 
         return receive
 
-    def _answer(self, step: int, inputs: dict[str, Any]) -> None:
-        assert self._joiner is not None
-        run_id, start = self._joiner.run_id, time.perf_counter()
+    def _answer(self, run_id: str, step: int, inputs: dict[str, Any]) -> None:
+        start = time.perf_counter()
         try:
             answers = self.answer(step, inputs)
-        except Exception:
-            self._fail(run_id, step, traceback.format_exc(limit=-3))
-            raise
+        except Exception as error:  # noqa: BLE001 - whatever it is, the bridge has to hear of it
+            self._fail(run_id, step, f"step {step}: {reason(error)}", error)
+            return
         took = time.perf_counter() - start
         timing = messages.status(run_id, self.stage, StageStatus.RUNNING, step, took)
         self._last = [*zip(self._outputs, answers, strict=True), (self._timing, timing)]
         for publisher, message in self._last:
             publisher.publish(message)
 
-    def _fail(self, run_id: str, step: int, text: str) -> None:
-        self.get_logger().error(text)
-        self._status.publish(messages.status(run_id, self.stage, StageStatus.FAILED, step, text=text))
+    def _fail(self, run_id: str, step: int, text: str, error: Exception) -> None:
+        """Leave the run; the bridge gets one line, the log of this node all there is."""
+        self._forget()
+        self._say(run_id, StageStatus.FAILED, step, text)
+        self.get_logger().error(text if isinstance(error, InputError) else "".join(traceback.format_exception(error)))
+
+    def _say(self, run_id: str, state: int, step: int = 0, text: str = "") -> None:
+        self._word = messages.status(run_id, self.stage, state, step, text=text)
+        self._status.publish(self._word)
+
+    def _forget(self) -> None:
+        self._joiner, self._word, self._last = None, None, []
 
 
-def run_node(create: Callable[[], Node]) -> None:
-    """Spin a node until Ctrl-C or SIGTERM; input errors are one line on stderr and exit status 2."""
-    rclpy.init()
-    try:
+def run_node(create: Callable[[], StageNode]) -> None:
+    """Serve runs until Ctrl-C or SIGTERM, which are the ordinary end: exit status 0."""
+    with process(interrupted=0):
         node = create()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except InputError as error:
-        sys.exit(_say(error))
+        check_parameters(node)
+        node.get_logger().info(f"waiting for a run on {RUN_INFO.name}")
+        try:
+            spin(node)
+        finally:
+            node.leave()
+
+
+def spin(node: Node, done: Callable[[], bool] = lambda: False) -> None:
+    """Serve the callbacks of `node` until `done`.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C or SIGTERM.
+    """
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not done():
+        serve(executor)
+
+
+def serve(executor: SingleThreadedExecutor, timeout: float = SIGNAL_PERIOD) -> None:
+    """Serve a callback, or wait for one for at most `timeout` and :data:`SIGNAL_PERIOD` seconds.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C or SIGTERM.
+    """
+    _interruption.check()
+    executor.spin_once(timeout_sec=min(timeout, SIGNAL_PERIOD))
+
+
+class _Interruption:
+    """Ctrl-C and SIGTERM: the first is noticed between two callbacks, so that none is cut in two; another at once."""
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def install(self) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):  # SIGINT too: background jobs of scripts begin with it ignored
+            signal.signal(number, self._on_signal)
+
+    def check(self) -> None:
+        if self._asked:
+            self._asked = False
+            raise KeyboardInterrupt
+
+    def _on_signal(self, *_: object) -> None:
+        if self._asked:
+            raise KeyboardInterrupt
+        self._asked = True
+
+
+_interruption = _Interruption()
+
+
+@contextmanager
+def process(interrupted: int = EXIT_INTERRUPTED) -> Iterator[None]:
+    """The frame of a node's process: rclpy, and how it ends.
+
+    SIGTERM does what Ctrl-C does: :func:`serve` raises KeyboardInterrupt, and the exit status is `interrupted`. An
+    input error, which a wrong parameter is too, is one line on stderr and exit status 2.
+    """
+    _interruption.install()
+    try:
+        _init()
+        yield
+    except (InputError, ParameterException) as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(EXIT_INPUT)
+    except KeyboardInterrupt:
+        sys.exit(interrupted)
     finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is ending already
         rclpy.try_shutdown()
 
 
-def _say(error: InputError) -> int:
-    print(f"error: {error}", file=sys.stderr)
-    return 2
+def check_parameters(node: Node) -> None:
+    """Refuse parameters that were given and that `node` has not declared.
+
+    Raises:
+        InputError: there are such; rclpy would ignore them.
+    """
+    given = node._parameter_overrides  # noqa: SLF001 - there is no public way to ask
+    unknown = sorted(name for name in given if not node.has_parameter(name))
+    if unknown:
+        known = sorted(set(node.list_parameters([], 0).names) - set(_OF_EVERY_NODE))
+        raise InputError(
+            f"{node.get_name()}: unknown parameter {', '.join(unknown)}; expected {', '.join(known) or 'none'}"
+        )
+
+
+def reason(error: BaseException) -> str:
+    """`error` in one line; one that nobody foresaw also says where it was raised."""
+    text = " ".join(str(error).split())
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    if isinstance(error, InputError):
+        return text
+    at = traceback.extract_tb(error.__traceback__)[-1:]
+    where = "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in at)
+    return f"{type(error).__name__}: {text}{where}"
+
+
+def _init() -> None:
+    """Initialise rclpy from the command line, which may hold nothing but ROS arguments."""
+    name = Path(sys.argv[0]).name
+    extra = remove_ros_args(sys.argv)[1:]
+    if extra:
+        raise InputError(f"{name}: unknown argument {extra[0]}; parameters are given as --ros-args -p NAME:=VALUE")
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise InputError(f"{name}: ROS arguments: {error}") from error

@@ -1,0 +1,92 @@
+"""`report BAG`: a run as one HTML file to look at; also a whole experiment, and scenes as pictures."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from litsim_sim.errors import InputError
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_sim report``."""
+    p = argparse.ArgumentParser(prog="report", description=__doc__)
+    p.add_argument("bag", type=Path, nargs="?", help="folder of a run, or its MCAP file")
+    p.add_argument("--experiment", type=Path, metavar="PATH", help="evaluation.json, or its folder, instead of a bag")
+    p.add_argument("--out", type=Path, metavar="HTML", help="default: report.html (experiment.html) beside the input")
+    pictures = p.add_argument_group("pictures, instead of a page unless --out is given too")
+    pictures.add_argument("--png", type=Path, help="one scene")
+    pictures.add_argument("--step", type=int, metavar="K", help="of that scene; default: a telling moment")
+    pictures.add_argument("--gif", type=Path, help="a film")
+    pictures.add_argument("--mp4", type=Path, help="a film; needs ffmpeg")
+    pictures.add_argument(
+        "--from", type=int, dest="first", metavar="K", help="first step of a film; default: after the history"
+    )
+    pictures.add_argument("--to", type=int, dest="last", metavar="K", help="last step of a film; default: the last one")
+    p.add_argument("--quiet", action="store_true", help="print nothing")
+    return p
+
+
+def report(arguments: argparse.Namespace) -> list[Path]:
+    """Write what the arguments ask for; returns the files.
+
+    Raises:
+        InputError: the input cannot be read, or a file cannot be written.
+    """
+    if arguments.experiment is not None:
+        from litsim_sim.report.experiment import write_experiment_report
+
+        return [write_experiment_report(arguments.experiment, arguments.out)]
+    written = _pictures(arguments)
+    if not written or arguments.out is not None:
+        from litsim_sim.report.run_report import write_report
+
+        written.append(write_report(arguments.bag, arguments.out))
+    return written
+
+
+def _pictures(arguments: argparse.Namespace) -> list[Path]:
+    """The pictures that are asked for."""
+    films = [path for path in (arguments.gif, arguments.mp4) if path is not None]
+    _check_names(arguments)
+    if arguments.png is None and not films:
+        return []
+    from litsim_sim.analysis.plots import telling_moment  # matplotlib takes half a second to load
+    from litsim_sim.analysis.run import read_run
+    from litsim_sim.analysis.takeover import ledger
+    from litsim_sim.report.pictures import write_film, write_png
+
+    run = read_run(arguments.bag)
+    if arguments.png is not None:
+        step = telling_moment(run, ledger(run)).step if arguments.step is None else arguments.step
+        write_png(run, step, arguments.png)
+    for path in films:
+        write_film(run, path, arguments.first, arguments.last, quiet=arguments.quiet)
+    return [path for path in (arguments.png, *films) if path is not None]
+
+
+def _check_names(arguments: argparse.Namespace) -> None:
+    for ending in ("png", "gif", "mp4"):
+        path = getattr(arguments, ending)
+        if path is not None and path.suffix.lower() != f".{ending}":
+            raise InputError(f"--{ending} {path}: expected a name that ends in .{ending}")
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run litsim_sim report``."""
+    p = parser()
+    arguments = p.parse_args(argv)
+    if (arguments.bag is None) == (arguments.experiment is None):
+        p.error("name a BAG, or an --experiment")
+    try:
+        written = report(arguments)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    for path in () if arguments.quiet else written:
+        print(f"{path} ({path.stat().st_size / 1e6:.2f} MB)")
+
+
+if __name__ == "__main__":
+    main()

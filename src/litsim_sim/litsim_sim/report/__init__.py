@@ -1,0 +1,1 @@
+"""What people look at: a run or an experiment as one HTML file, and scenes as pictures."""

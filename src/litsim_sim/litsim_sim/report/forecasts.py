@@ -1,0 +1,101 @@
+"""The forecasts of a bag, thinned to what a picture of them needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from litsim_sim.analysis.run import Run
+from litsim_sim.bag import BagReader
+from litsim_sim.errors import InputError
+from litsim_sim.scene import FloatArray, IntArray
+
+FORECASTS = "/litsim/forecasts"
+POINTS_MAX = 13  # of one forecast: 5 s every 0.4 s
+
+
+@dataclass(frozen=True)
+class Forecasts:
+    """Forecasts of single agents; m of them with T points each, ordered by agent and step.
+
+    Attributes:
+        agent: (m,) ids.
+        step: (m,) steps at which they were made.
+        time: (T,) of the points after that step [s].
+        mean: (m, T, 2) box centres in frame map [m].
+        spread: (m, T, 3) sigma_x, sigma_y [m] and correlation.
+    """
+
+    agent: IntArray
+    step: IntArray
+    time: FloatArray
+    mean: FloatArray
+    spread: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.agent)
+
+    def every(self, steps: int) -> Forecasts:
+        """Only those of every `steps`-th step."""
+        kept = self.step % steps == 0
+        return Forecasts(self.agent[kept], self.step[kept], self.time, self.mean[kept], self.spread[kept])
+
+
+def read_forecasts(run: Run) -> Forecasts:
+    """Forecasts recorded in the bag of `run`; none where the run had no predictor.
+
+    Raises:
+        InputError: the topic cannot be read as joint forecasts of one length.
+    """
+    found: list[tuple[IntArray, int, FloatArray, FloatArray]] = []
+    time = np.empty(0)
+    try:
+        for message in _messages(run):
+            n, points = len(message.id), 0 if not len(message.id) else len(message.mean) // (2 * len(message.id))
+            if not points:
+                continue
+            picked = _picked(points)
+            time = (picked + 1.0) * message.dt
+            mean = np.asarray(message.mean, np.float64).reshape(n, points, 2)[:, picked]
+            spread = np.asarray(message.covariance, np.float64).reshape(n, points, 3)[:, picked]
+            usable = (
+                np.asarray(message.valid, np.bool_) & np.isfinite(mean).all((1, 2)) & np.isfinite(spread).all((1, 2))
+            )
+            found.append((np.asarray(message.id, np.int64)[usable], int(message.step), mean[usable], spread[usable]))
+        if not found:
+            return Forecasts(
+                np.empty(0, np.int64), np.empty(0, np.int64), time, np.empty((0, 0, 2)), np.empty((0, 0, 3))
+            )
+        agent = np.concatenate([ids for ids, *_ in found])
+        step = np.concatenate([np.full(len(ids), at, np.int64) for ids, at, *_ in found])
+        mean, spread = np.concatenate([f[2] for f in found]), np.concatenate([f[3] for f in found])
+    except (SerdeError, AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{run.path}: topic {FORECASTS}: not joint forecasts of this version: {error}") from error
+    order = np.lexsort((step, agent))
+    return Forecasts(agent[order], step[order], time, mean[order], spread[order])
+
+
+def _messages(run: Run) -> Iterator[Any]:
+    """Decoded messages of the run itself, the first of each step."""
+    reader, seen = BagReader(run.path), set()
+    if FORECASTS not in reader.topics:
+        return
+    described = reader.topics[FORECASTS]
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(described.definition, described.type_name))
+    for each in reader.messages({FORECASTS}):
+        message: Any = store.deserialize_cdr(each.data, described.type_name)
+        if message.run_id == run.info.run_id and message.step not in seen:
+            seen.add(message.step)
+            yield message
+
+
+def _picked(points: int) -> IntArray:
+    """At most POINTS_MAX of the points of a forecast, evenly spaced, the last among them."""
+    stride = -(-points // POINTS_MAX)
+    return np.arange(points - 1, -1, -stride)[::-1].copy()

@@ -1,0 +1,137 @@
+"""One run as one HTML file that opens anywhere: player, plots, ledger, measures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.analysis.run import Run, read_run
+from litsim_sim.errors import InputError
+from litsim_sim.report.content import pack_run
+from litsim_sim.report.forecasts import read_forecasts
+from litsim_sim.report.markup import NOTHING, badge, contacts, definitions, ledger, number, page, percent, tree
+
+REPORT_FILE = "report.html"
+SCRIPTS = ("data.js", "view.js", "charts.js", "app.js")
+DATA_MAX = 8_000_000  # characters of packed data; the page must stay below 10 MB
+THINNING = (1, 2, 5, 10)  # steps between forecasts, tried in this order until the data fit
+
+
+def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | None = None) -> Path:
+    """Write the report of a run.
+
+    Args:
+        bag: folder of the run, or its MCAP file.
+        out: the page; default: `report.html` beside the bag.
+        metrics: what `analyze` has found, where that is at hand; else it is computed.
+
+    Returns:
+        where the page was written.
+
+    Raises:
+        InputError: `bag` is no LitSim run, or the page cannot be written.
+    """
+    run = read_run(bag)
+    path = out or run.path.parent / REPORT_FILE
+    html = render(run, compute_metrics(run) if metrics is None else metrics)
+    save(html, path)
+    return path
+
+
+def save(html: str, path: Path) -> None:
+    """Write a page; InputError where that is impossible."""
+    try:
+        path.write_text(html, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def render(run: Run, metrics: dict[str, Any]) -> str:
+    """The page of a run."""
+    info = run.info
+    data, every = _packed(run, metrics)
+    takeovers, collision = metrics["ledger"], metrics["collision"]["contacts"]
+    thinned = "" if every == 1 else f" Forecasts are shown every {every * info.dt:.1f} s to keep this file small."
+    return page(
+        "report.html",
+        SCRIPTS,
+        title=escape(f"{info.scenario}, ego {info.ego_id} by {info.ego}, {info.policy}"),
+        scenario=escape(info.scenario),
+        subtitle=escape(f"ego {info.ego_id} by {info.ego} · background by {info.policy} · seed {info.seed}"),
+        badges=_badges(run, metrics),
+        problems=_problems(metrics),
+        ledger=ledger(takeovers, info.dt, info.ego_id),
+        ledger_count=str(len(takeovers)),
+        contacts=contacts(collision, info.dt, info.ego_id),
+        contacts_count=str(len(collision)),
+        measures=definitions(_measures(metrics)),
+        every_measure=tree({k: v for k, v in metrics.items() if k != "ledger"}),
+        what_was_run=definitions(_what_was_run(run)),
+        scenario_yaml=escape(run.scenario_yaml.strip()),
+        configuration=escape(info.configuration.strip()),
+        footnote=escape(f"Everything on this page comes from {run.path.name}.{thinned}"),
+        data=data,
+    )
+
+
+def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:
+    """Packed data, and how many steps lie between forecasts."""
+    forecasts = read_forecasts(run)
+    data = ""
+    for every in THINNING:
+        data = pack_run(run, metrics, forecasts.every(every), every)
+        if len(data) <= DATA_MAX:
+            return data, every
+    raise InputError(
+        f"{run.path}: too long for one page: {len(data) / 1e6:.1f} MB of data, at most {DATA_MAX / 1e6:.1f}"
+    )
+
+
+def _badges(run: Run, metrics: dict[str, Any]) -> str:
+    shown = [badge(metrics["valid"], "valid", "not valid"), badge(metrics["reactive"], "reactive", "collisions")]
+    return " ".join(shown if run.complete else [*shown, badge(run.complete, "complete", "cut short")])
+
+
+def _problems(metrics: dict[str, Any]) -> str:
+    return f'<p class="problem" role="alert">{escape(metrics["why"])}</p>' if metrics["why"] else ""
+
+
+def _measures(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """What people look at first."""
+    collision, back, timing = metrics["collision"], metrics["handback"], metrics["timing"]
+    yield "agents", f"{metrics['agents']}, {metrics['controlled_agents']} ever under control"
+    yield "colliding pairs", f"{collision['pairs']} ({collision['excess']} not in the log)"
+    fault = f"ego {collision['ego_at_fault']}, background {collision['background_at_fault']}"
+    yield "contacts of the ego, at fault", fault
+    rates = f"{percent(collision['rate_all'])} of all, {percent(collision['rate_controlled'])} of controlled"
+    yield "collision rate", rates
+    for name, key in (("controlled", "ade_controlled_m"), ("all", "ade_all_m"), ("ego", "ade_ego_m")):
+        values = {horizon: value for horizon, value in metrics[key].items() if value is not None}
+        where = f" m at {'/'.join(values)} s" if values else NOTHING
+        yield f"displacement from the log, {name}", " / ".join(number(v) for v in values.values()) + where
+    yield "progress", f"{number(metrics['progress_m'], 1, 'm')} (log {number(metrics['progress_log_m'], 1, 'm')})"
+    share = percent(metrics["relevant_ratio"])
+    yield "takeovers", f"{metrics['takeovers']} ({share} of agents), {metrics['false_alarms']} false alarms"
+    jump = f"largest jump {back['max_position_jump_m']:.3f} m, {back['max_speed_jump_mps']:.2f} m/s"
+    yield "hand-backs", f"{back['count']}; {jump}" if back["count"] else "0"
+    yield "lock-step", f"{metrics['lockstep']['missed']} missed answers, {metrics['lockstep']['gaps']} gaps"
+    factor = timing["realtime_factor"]
+    yield "wall time", f"{number(timing['wall_s'], 2, 's')}, {number(factor, 2)} × real time"
+    yield "digest", metrics["digest"][:16]
+
+
+def _what_was_run(run: Run) -> Iterator[tuple[str, str]]:
+    info = run.info
+    steps = (
+        f"{run.tables[-1].step} of {info.total_steps}, {info.dt:g} s each, the first {info.history_steps} are history"
+    )
+    yield from (("run", info.run_id), ("scenario", info.scenario), ("seed", str(info.seed)), ("steps", steps))
+    yield from (("ego", f"agent {info.ego_id}, driven by {info.ego}"), ("background", info.policy), ("mode", info.mode))
+    versions = yaml.safe_load(info.versions) if info.versions else None
+    for name, version in versions.items() if isinstance(versions, dict) else ():
+        yield str(name), str(version)

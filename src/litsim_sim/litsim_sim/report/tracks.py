@@ -1,0 +1,123 @@
+"""Agents over the whole run as dense arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from litsim_sim.analysis.run import Run, TakeoverState
+from litsim_sim.scene import AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
+
+MOTION = ("x", "y", "yaw", "speed", "acceleration")
+
+
+class Mode(IntEnum):
+    """What moves an agent, told apart by colour; the first four as in :class:`Controller`."""
+
+    LOG = 0
+    POLICY = 1
+    EGO = 2
+    BASELINE = 3
+    HANDBACK = 4
+    ABSENT = 5
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Agents (n,), ids ascending, and their motion (n, frames); a frame is a step since `first`.
+
+    Where an agent is absent, its motion repeats the nearest known value, so that differences stay small.
+
+    Attributes:
+        first: step of frame 0.
+        id, kind: (n,) of the agents.
+        length, width: (n,) [m].
+        mode: (n, frames) :class:`Mode`.
+        x, y: (n, frames) in frame map [m].
+        yaw: (n, frames) unwrapped [rad].
+        speed: (n, frames) [m/s].
+        acceleration: (n, frames) [m/s2].
+    """
+
+    first: int
+    id: IntArray
+    kind: ByteArray
+    length: FloatArray
+    width: FloatArray
+    mode: ByteArray
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+
+    @property
+    def frames(self) -> int:
+        """Number of steps."""
+        return int(self.mode.shape[1])
+
+    @property
+    def present(self) -> BoolArray:
+        """(n, frames) whether an agent is on the road."""
+        return np.asarray(self.mode != Mode.ABSENT)
+
+    def row(self, agent: int) -> int:
+        """Row of `agent`, or -1 where there is none."""
+        at = int(np.searchsorted(self.id, agent))
+        return at if at < len(self.id) and self.id[at] == agent else -1
+
+
+def tracks_of(run: Run) -> Tracks:
+    """Every agent of a run; POLICY is told apart from HANDBACK by the takeovers."""
+    tracks = collect(run.tables, run.tables[0].step, run.tables[-1].step)
+    for step, records in run.takeovers.items():
+        frame = step - tracks.first
+        for record in records if 0 <= frame < tracks.frames else ():
+            row = tracks.row(record.agent)
+            if row >= 0 and record.state != TakeoverState.HELD and tracks.mode[row, frame] == Mode.POLICY:
+                tracks.mode[row, frame] = Mode.HANDBACK
+    return tracks
+
+
+def ghosts_of(run: Run) -> Tracks:
+    """Logged motion of the agents that ever leave their logs, the ego among them."""
+    ever: set[int] = set()
+    for table in run.tables:
+        ever.update(table.id[table.off_log].tolist())
+    wanted = np.array(sorted(ever), np.int64)
+    tables = [table.take(np.isin(table.id, wanted)) for table in run.log]
+    return collect(tables, run.tables[0].step, run.tables[-1].step)
+
+
+def collect(tables: Sequence[AgentTable], first: int, last: int) -> Tracks:
+    """Tables of steps `first` .. `last` as tracks; states that are not finite count as absent."""
+    ids = np.unique(np.concatenate([t.id for t in tables])) if tables else np.empty(0, np.int64)
+    n, frames = len(ids), last - first + 1
+    motion = {name: np.zeros((n, frames)) for name in MOTION}
+    mode = np.full((n, frames), Mode.ABSENT, np.uint8)
+    kind, length, width = np.zeros(n, np.uint8), np.zeros(n), np.zeros(n)
+    for table in tables:
+        finite = np.logical_and.reduce([np.isfinite(getattr(table, name)) for name in (*MOTION, "length", "width")])
+        usable, frame = table.take(finite), table.step - first
+        rows = np.searchsorted(ids, usable.id)
+        kind[rows], length[rows], width[rows] = usable.kind, usable.length, usable.width
+        known = np.isin(usable.controller, [c.value for c in Controller])
+        mode[rows, frame] = np.where(known, usable.controller, Mode.BASELINE)
+        for name, values in motion.items():
+            values[rows, frame] = getattr(usable, name)
+    _fill(motion, mode != Mode.ABSENT)
+    return Tracks(first, ids, kind, length, width, mode, **motion)
+
+
+def _fill(motion: dict[str, FloatArray], present: BoolArray) -> None:
+    """Repeat the last known value where an agent is absent, and before its first the first one."""
+    frames = present.shape[1]
+    last = np.maximum.accumulate(np.where(present, np.arange(frames), -1), axis=1)
+    source = np.where(last >= 0, last, np.argmax(present, axis=1)[:, None])
+    for name, values in motion.items():
+        values[:] = np.take_along_axis(values, source, axis=1)
+        if name == "yaw":
+            values[:] = np.unwrap(values, axis=1)

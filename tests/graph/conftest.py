@@ -1,0 +1,201 @@
+"""Graphs over real DDS: each in a domain of its own, on this machine, and ended whatever a test does."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import domain_coordinator
+import pytest
+import yaml
+from ament_index_python.packages import get_package_prefix
+
+from litsim_sim.bag import BagReader
+from litsim_sim.errors import InputError
+from litsim_sim.scenario import packaged
+
+HERE = Path(__file__).parent
+MARK = "LITSIM_TEST"  # variable by which a graph's processes are known
+PATIENCE_S = 60.0  # for what takes a second or two; only a failing test waits so long
+SHORT: dict[str, Any] = {
+    "name": "short",
+    "recording": str(packaged("scenarios/us101_like.parquet")),
+    "net": "us101_like",
+    "start_frame": 80,  # from here, ego 13 brakes, and the car behind it is taken over
+    "history_s": 0.5,
+    "simulation_s": 3.0,
+    "ego": 13,
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if HERE in item.path.parents:
+            item.add_marker(pytest.mark.graph)
+
+
+@dataclass
+class Graph:
+    """Processes that belong to one test.
+
+    Attributes:
+        folder: for logs and outputs.
+        domain: ROS_DOMAIN_ID that is reserved for nodes started one by one; the launcher finds one itself.
+    """
+
+    folder: Path
+    domain: int
+    mark: str = field(default_factory=lambda: uuid.uuid4().hex)
+    started: list[subprocess.Popen[str]] = field(default_factory=list)
+
+    def scenario(self, **fields: Any) -> Path:
+        """A scenario file; SHORT but for `fields`, of which None leaves one out."""
+        path = self.folder / "short.yaml"
+        path.write_text(yaml.safe_dump({k: v for k, v in (SHORT | fields).items() if v is not None}, sort_keys=False))
+        return path
+
+    def launch(self, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+        """Run the launcher to its end."""
+        return self.finish(self.start_launch(*arguments, **environment))
+
+    def start_launch(self, *arguments: object, **environment: str) -> subprocess.Popen[str]:
+        """Start the launcher."""
+        return self._start([program("litsim_sim", "launch"), *arguments], environment)
+
+    def start_node(self, package: str, executable: str, *arguments: str, **parameters: object) -> subprocess.Popen[str]:
+        """Start one node in :attr:`domain`, as ``ros2 run`` does."""
+        given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+        ros = ["--ros-args", *arguments, *given] if given or "-p" in arguments else arguments
+        return self._start([program(package, executable), *ros], {"ROS_DOMAIN_ID": str(self.domain)})
+
+    def start_script(self, name: str, *arguments: object) -> subprocess.Popen[str]:
+        """Start a script of this folder in :attr:`domain`."""
+        return self._start([sys.executable, HERE / name, *arguments], {"ROS_DOMAIN_ID": str(self.domain)})
+
+    def finish(self, process: subprocess.Popen[str]) -> subprocess.CompletedProcess[str]:
+        """Wait for a process to end by itself."""
+        out, err = process.communicate(timeout=2 * PATIENCE_S)
+        return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+    def end(self, process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
+        """Signal a process that runs; returns its exit status and what it said."""
+        assert process.poll() is None, process.communicate()
+        process.send_signal(number)
+        done = self.finish(process)
+        return done.returncode, done.stdout + done.stderr
+
+    def running(self) -> dict[int, str]:
+        """Command line by id of every process of this graph, children of children included."""
+        wanted, found = f"{MARK}={self.mark}".encode(), {}
+        for folder in Path("/proc").glob("[0-9]*"):
+            try:
+                if wanted in (folder / "environ").read_bytes().split(b"\0"):
+                    found[int(folder.name)] = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+            except OSError:  # it ended, or is somebody else's
+                continue
+        return {pid: line for pid, line in found.items() if line}  # without zombies
+
+    def signal(self, executable: str, number: signal.Signals) -> None:
+        """Signal the one node of that executable."""
+        (pid,) = (pid for pid, line in self.running().items() if f"/{executable} " in line)
+        os.kill(pid, number)
+
+    def wait(self, what: str, done: Callable[[], object]) -> None:
+        """Wait for `done`; `what` says for what."""
+        end = time.monotonic() + PATIENCE_S
+        while not done():
+            assert time.monotonic() < end, f"waited {PATIENCE_S:g} s for {what}"
+            time.sleep(0.05)
+
+    def wait_under_way(self, bag: Path) -> None:
+        """Wait until the run that is recorded to `bag` is well past its beginning."""
+        self.wait(f"step 9 in {bag}", lambda: recorded_step(bag) >= 9)
+
+    def close(self) -> None:
+        """End everything, by process id."""
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            for pid in self.running():
+                try:
+                    os.kill(pid, number)
+                except ProcessLookupError:
+                    continue
+            until = time.monotonic() + 5.0
+            while self.running() and time.monotonic() < until:
+                time.sleep(0.05)
+        for process in self.started:
+            process.communicate()
+
+    def _start(self, command: list[object], environment: dict[str, str]) -> subprocess.Popen[str]:
+        usual = {k: v for k, v in os.environ.items() if k not in ("ROS_DOMAIN_ID", "COLUMNS")}
+        usual |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", MARK: self.mark, "PYTHONUNBUFFERED": "1"}
+        process = subprocess.Popen(
+            [str(word) for word in command],
+            env=usual | environment,
+            cwd=self.folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self.started.append(process)
+        return process
+
+
+def program(package: str, executable: str) -> Path:
+    """What ``ros2 run`` starts."""
+    return Path(get_package_prefix(package)) / "lib" / package / executable
+
+
+def recorded_step(bag: Path) -> int:
+    """Last step in the chunks that have reached the file so far; -1 before the first."""
+    try:
+        return max((m.log_time_ns // 10**8 for m in BagReader(bag).messages({"/litsim/agents"})), default=-1)
+    except InputError:  # not there yet
+        return -1
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    with domain_coordinator.domain_id() as domain:
+        made = Graph(tmp_path, domain)
+        yield made
+        made.close()
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A finished run."""
+
+    bag: Path
+    scenario: Path
+    done: subprocess.CompletedProcess[str]
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Recorded]:
+    """Launches a run of SHORT; the same one only once a session."""
+    cache: dict[tuple[str, ...], Recorded] = {}
+
+    def run(ego: str, policy: str, time_: str = "first") -> Recorded:
+        key = (ego, policy, time_)
+        if key not in cache:
+            made = Graph(tmp_path_factory.mktemp("_".join(key)), -1)
+            try:
+                scenario, bag = made.scenario(), made.folder / "run"
+                done = made.launch("--scenario", scenario, "--ego", ego, "--policy", policy, "--out", bag)
+                assert not made.running()
+            finally:
+                made.close()
+            cache[key] = Recorded(bag, scenario, done)
+        return cache[key]
+
+    return run

@@ -1,0 +1,34 @@
+"""A conflict stage that is ready and then does not do its part: `mute` never answers, `broken` fails at step 5."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from litsim_msgs.msg import RunInfo, Takeovers
+
+from litsim_sim.ros.messages import header
+from litsim_sim.ros.stage import StageNode, run_node
+from litsim_sim.ros.topics import AGENTS, CONTROLS, FORECASTS, TAKEOVERS
+from litsim_sim.scenario import Scenario
+
+
+class MuteStage(StageNode):
+    stage = "conflict"
+    inputs = (AGENTS, CONTROLS)  # the second one comes only once this stage has answered
+    outputs = (TAKEOVERS,)
+
+    def configure(self, info: RunInfo, scenario: Scenario) -> None:
+        self.run_id = info.run_id
+
+
+class BrokenStage(MuteStage):
+    inputs = (AGENTS, FORECASTS)
+
+    def answer(self, step: int, inputs: dict[str, Any]) -> Sequence[Any]:
+        return [Takeovers(header=header(step), run_id=self.run_id, step=step * (5 - step) // (5 - step))]
+
+
+if __name__ == "__main__":
+    run_node({"mute": MuteStage, "broken": BrokenStage}[sys.argv.pop(1)])

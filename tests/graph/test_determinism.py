@@ -1,0 +1,68 @@
+"""The same scenario and seed give the same run: twice over DDS, in one process, and from stages that live on."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from litsim_policy.runner import Runner, record
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.analysis.run import read_run
+from litsim_sim.bag import BagReader
+from litsim_sim.cli.analyze import analyze
+from litsim_sim.run_info import RunPlan
+from litsim_sim.scenario import Scenario
+
+
+def metrics_of(run: Any) -> dict[str, Any]:
+    assert run.done.returncode == 0, run.done.stderr
+    return json.loads((run.bag / "metrics.json").read_text())
+
+
+def per_step_messages(bag: Path) -> list[tuple[str, int, bytes]]:
+    topics = read_run(bag).info.topics
+    return [(m.topic, m.log_time_ns, m.data) for m in BagReader(bag).messages(topics)]
+
+
+@pytest.mark.parametrize(("ego", "policy"), [("idm", "litsim"), ("idm", "replay")])
+def test_two_launches_and_the_runner_agree(recorded: Any, ego: str, policy: str) -> None:
+    first, second = recorded(ego, policy), recorded(ego, policy, "second")
+    metrics = metrics_of(first)
+    assert metrics["valid"], metrics["why"]
+    assert metrics["steps"] == metrics["total_steps"] == 35
+    assert (metrics["takeovers"] > 0) == (policy == "litsim")  # else the comparison would be of little
+    assert metrics_of(second)["digest"] == metrics["digest"]
+
+    in_process = compute_metrics(record(Runner(RunPlan(Scenario.load(first.scenario), ego, policy))))
+    assert in_process["digest"] == metrics["digest"]
+    assert in_process["collision"] == metrics["collision"]
+    assert in_process["ledger"] == metrics["ledger"]
+
+    messages = per_step_messages(first.bag)
+    assert len(messages) == 36 * (7 if policy == "litsim" else 4)
+    assert per_step_messages(second.bag) == messages
+
+
+def test_stages_serve_one_run_after_the_other(graph: Any, recorded: Any) -> None:
+    expected = metrics_of(recorded("idm", "litsim"))["digest"]
+    programs = ("litsim_predictor predictor", "litsim_policy conflict", "litsim_policy policy", "litsim_policy ego_idm")
+    stages = [graph.start_node(*program.split()) for program in programs]
+    scenario = graph.scenario()
+    for name in ("one", "two"):
+        recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / name)
+        bridge = graph.finish(graph.start_node("litsim_sim", "bridge", scenario=scenario, progress="none"))
+        assert bridge.returncode == 0, bridge.stderr
+        assert graph.finish(recorder).returncode == 0
+        metrics = analyze(graph.folder / name)
+        assert metrics["valid"], metrics["why"]
+        assert metrics["digest"] == expected
+    for stage in stages:
+        status, said = graph.end(stage, signal.SIGINT)
+        assert status == 0
+        assert "waiting for a run on /litsim/run_info" in said
+        assert said.count("is over") == 2
+        assert "Traceback" not in said

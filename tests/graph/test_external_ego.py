@@ -1,0 +1,65 @@
+"""Any stack drives the ego over the ego port; one that fails ends the run with a clear word."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_sim.analysis.run import read_run
+from litsim_sim.bag import BagReader
+from litsim_sim.scene import Controller
+
+
+def launch(graph: Any, *ego: object, launcher: tuple[object, ...] = ()) -> subprocess.CompletedProcess[str]:
+    graph.start_script("external_ego.py", *ego)
+    options = ("--ego", "external", "--out", graph.folder / "run", "--domain-id", graph.domain)
+    return graph.launch("--scenario", graph.scenario(), *options, *launcher)
+
+
+def test_the_ego_is_under_its_control(graph: Any) -> None:
+    done = launch(graph)
+    assert done.returncode == 0, done.stderr
+    assert f"in ROS_DOMAIN_ID {graph.domain}\nthe ego answers /litsim/agents on /litsim/ego/control\n" in done.stdout
+    metrics = json.loads((graph.folder / "run/metrics.json").read_text())
+    assert (metrics["valid"], metrics["ego"], metrics["steps"]) == (True, "external", 35)
+    assert metrics["lockstep"] == {"missed": 0, "gaps": 0, "missed_by_topic": {}}
+    run = read_run(graph.folder / "run")
+    driven = [table.take(table.id == run.info.ego_id) for table in run.tables[run.info.history_steps + 1 :]]
+    assert all((ego.controller == Controller.EGO).all() for ego in driven)
+    speed = np.concatenate([ego.speed for ego in driven])
+    assert np.diff(speed)[3:] == pytest.approx(np.maximum(-0.1, -speed[3:-1]), abs=1e-6)  # jerk is limited at first
+
+
+@pytest.mark.parametrize(
+    ("ego", "error"),
+    [
+        (("--die-at", 12), "no answer to step 12 on /litsim/ego/control within 2 s"),
+        (("--nan-at", 12), "ego control at step 12 is not finite"),
+        (("--control-mode", 7), "the answer to step 0 on /litsim/ego/control cannot be used: 7 is not a valid EgoMode"),
+    ],
+)
+def test_a_stack_that_fails_is_named(graph: Any, ego: tuple[object, ...], error: str) -> None:
+    done = launch(graph, *ego, launcher=("--answer-timeout", 2))
+    assert done.returncode == 1
+    assert f"error: {error}" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert BagReader(graph.folder / "run").complete
+
+
+def test_missing_answers_are_held_where_the_user_says_so(graph: Any) -> None:
+    done = launch(graph, "--skip", "20-21", launcher=("--on-missing", "hold", "--answer-timeout", 1.5))
+    assert done.returncode == 1
+    assert "the run is not valid: 2 answers missed on /litsim/ego/control" in done.stderr
+    metrics = json.loads((graph.folder / "run/metrics.json").read_text())
+    assert metrics["steps"] == 35
+    assert metrics["lockstep"]["missed_by_topic"] == {"/litsim/ego/control": 2}
+    run = read_run(graph.folder / "run")
+    assert sorted(set(range(36)) - set(run.ego_commands)) == [20, 21]
+    acceleration = [table.acceleration[table.row(run.info.ego_id)] for table in run.tables[18:24]]
+    assert acceleration == pytest.approx([-1.0] * 6)
+    said = [(s.step, s.text) for s in run.statuses if s.stage == "bridge" and s.text.startswith("missed ")]
+    assert said == [(step, "missed /litsim/ego/control") for step in (20, 21)]

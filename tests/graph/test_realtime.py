@@ -1,0 +1,43 @@
+"""In real time nobody is waited for: what comes late is held, counted and recorded."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from litsim_sim.analysis.run import read_run
+
+
+def test_late_and_missing_answers_are_counted(graph: Any) -> None:
+    bag = graph.folder / "run"
+    graph.start_script("external_ego.py", "--late", "10-12", "--late-by", 0.25, "--skip", "22-24")
+    options = ("--mode", "realtime", "--ego", "external", "--out", bag, "--domain-id", graph.domain)
+    done = graph.launch("--scenario", graph.scenario(), *options)
+    assert done.returncode == 1
+    assert "the run is not valid" in done.stderr
+    assert "answers missed on /litsim/ego/control" in done.stderr
+
+    metrics = json.loads((bag / "metrics.json").read_text())
+    missed = metrics["lockstep"]["missed_by_topic"]
+    assert missed["/litsim/ego/control"] >= 6
+    assert metrics["steps"] == 35
+    assert metrics["timing"]["wall_s"] > 3.4  # it cannot be faster than the clock
+    run = read_run(bag)
+    assert run.complete
+    assert [table.step for table in run.tables] == list(range(36))
+    assert {10, 11, 12} <= run.ego_commands.keys()  # late, and yet recorded
+    assert {22, 23, 24}.isdisjoint(run.ego_commands)
+    told = {s.step for s in run.statuses if s.text.startswith("missed ") and "/litsim/ego/control" in s.text}
+    assert {10, 11, 12, 22, 23, 24} <= told
+    assert len(told) == missed["/litsim/ego/control"]
+    assert run.summary["stale"]["/litsim/ego/control"] >= 3
+
+
+def test_stages_of_its_own_keep_up(graph: Any) -> None:
+    bag = graph.folder / "run"
+    done = graph.launch("--scenario", graph.scenario(), "--mode", "realtime", "--out", bag)
+    metrics = json.loads((bag / "metrics.json").read_text())
+    assert (done.returncode == 0) == metrics["valid"], done.stderr  # on a machine that is busy, answers may be late
+    assert metrics["valid"] == (metrics["lockstep"]["missed"] == 0), metrics["why"]
+    assert metrics["steps"] == 35
+    assert metrics["timing"]["wall_s"] > 3.4

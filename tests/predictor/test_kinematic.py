@@ -1,0 +1,310 @@
+"""The kinematic predictor on motions whose future is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from litsim_predictor.forecast import Forecast, agents_of_interest
+from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
+from litsim_sim.recording import STEP_S
+from litsim_sim.scene import AgentTable, Controller
+
+Build = Callable[..., AgentTable]
+EGO, ROI = 1, 30.0
+CONFIG = KinematicConfig()
+HORIZON_STEPS = 25
+FUTURE = CONFIG.dt * np.arange(1, HORIZON_STEPS + 1)
+MILLIMETRE = 1e-3
+
+speeds = st.floats(0.0, 40.0)
+headings = st.floats(-3.1, 3.1)
+
+
+def arc(agent: int, step: int, x: float, y: float, yaw: float, speed: float, rate: float) -> dict[str, Any]:
+    """An agent that turns at `rate` about a fixed point since step 0, when it was at x, y."""
+    t = step * STEP_S
+    if abs(rate) < 1e-6:
+        along, across = speed * t, 0.0
+    else:
+        along, across = speed / rate * np.sin(rate * t), speed / rate * (1.0 - np.cos(rate * t))
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    heading = (yaw + rate * t + np.pi) % (2 * np.pi) - np.pi
+    moved = {"x": x + cos * along - sin * across, "y": y + sin * along + cos * across, "yaw": heading}
+    return {"id": agent, "speed": speed, **moved}
+
+
+def forecast(
+    build: Build, *motions: tuple[Any, ...], steps: int = 11, config: KinematicConfig | None = None
+) -> Forecast:
+    """The last forecast after `steps` steps of agents with these motions (id, x, y, yaw, speed, rate)."""
+    predictor = KinematicPredictor(EGO, ROI, config)
+    for step in range(steps):
+        out = predictor.forecast(build(step, *(arc(m[0], step, *m[1:]) for m in motions)))
+    return out
+
+
+def assert_sane(out: Forecast, count: int) -> None:
+    """Shapes, types, finite values, and a covariance that is one."""
+    assert out.mean.shape == (count, HORIZON_STEPS, 2)
+    assert out.yaw.shape == (count, HORIZON_STEPS)
+    assert out.covariance.shape == (count, HORIZON_STEPS, 3)
+    assert out.maneuver_probability.shape == (count, 0)
+    assert out.valid.shape == out.id.shape == (count,)
+    for array in (out.mean, out.yaw, out.covariance, out.maneuver_probability):
+        assert array.dtype == (np.float64 if array is out.mean else np.float32)
+        assert np.isfinite(array).all()
+    sigma_x, sigma_y, rho = np.moveaxis(out.covariance.astype(np.float64), -1, 0)
+    assert (sigma_x > 0).all()
+    assert (sigma_y > 0).all()
+    assert (np.abs(rho) < 1.0).all()
+
+
+# Straight on
+
+
+@given(speed=speeds, yaw=headings, x=st.floats(-500, 500), y=st.floats(-500, 500), steps=st.integers(1, 15))
+def test_straight_motion_is_exact(agent_table: Build, speed: float, yaw: float, x: float, y: float, steps: int) -> None:
+    out = forecast(agent_table, (EGO, x, y, yaw, speed, 0.0), steps=steps)
+    assert (out.step, out.dt, out.id.tolist(), out.valid.tolist()) == (steps - 1, 0.2, [EGO], [True])
+    gone = speed * ((steps - 1) * STEP_S + FUTURE)
+    expected = np.column_stack([x + gone * np.cos(yaw), y + gone * np.sin(yaw)])
+    np.testing.assert_allclose(out.mean[0], expected, atol=MILLIMETRE)
+    np.testing.assert_allclose(out.yaw[0], yaw, atol=1e-6)
+    assert_sane(out, 1)
+
+
+def test_the_first_row_lies_dt_ahead_and_the_last_at_the_horizon(agent_table: Build) -> None:
+    out = forecast(agent_table, (EGO, 0.0, 0.0, 0.0, 10.0, 0.0), steps=1)
+    assert out.mean[0, 0].tolist() == [2.0, 0.0]
+    assert out.mean[0, -1, 0] == pytest.approx(50.0)
+
+
+def test_other_horizons_and_steps(agent_table: Build) -> None:
+    config = replace(CONFIG, horizon=2.0, dt=0.1)
+    out = forecast(agent_table, (EGO, 0.0, 0.0, 0.0, 10.0, 0.0), config=config)
+    assert (out.dt, out.mean.shape) == (0.1, (1, 20, 2))
+    np.testing.assert_allclose(out.mean[0, :, 0], 10.0 + np.arange(1, 21), atol=MILLIMETRE)
+
+
+def test_agents_at_rest_stay(agent_table: Build) -> None:
+    out = forecast(agent_table, (EGO, 5.0, 6.0, 0.4, 0.0, 0.0))
+    np.testing.assert_allclose(out.mean[0], np.tile([5.0, 6.0], (HORIZON_STEPS, 1)), atol=1e-6)
+
+
+# Turning
+
+
+@given(speed=st.floats(1.0, 15.0), yaw=headings, rate=st.floats(0.05, 0.5), left=st.booleans())
+def test_a_turn_that_does_not_end_is_a_circle(
+    agent_table: Build, speed: float, yaw: float, rate: float, left: bool
+) -> None:
+    signed = rate if left else -rate
+    endless = replace(CONFIG, rate_decay=1e6)
+    out = forecast(agent_table, (EGO, 3.0, -2.0, yaw, speed, signed), config=endless)
+    t = 10 * STEP_S + FUTURE
+    turned = yaw + signed * t
+    x = 3.0 + speed / signed * (np.sin(turned) - np.sin(yaw))
+    y = -2.0 - speed / signed * (np.cos(turned) - np.cos(yaw))
+    # The way is a polyline whose segments are as long as the arcs over them: off by (rate dt)^2 / 24 of the way.
+    slack = speed * FUTURE[-1] * (rate * CONFIG.dt) ** 2 / 24.0 + MILLIMETRE
+    np.testing.assert_allclose(out.mean[0], np.column_stack([x, y]), atol=slack)
+    away = (out.yaw[0] - turned + np.pi) % (2 * np.pi) - np.pi
+    np.testing.assert_allclose(away, 0.0, atol=1e-4)
+
+
+@given(yaw=headings, rate=st.floats(0.05, 0.5))
+def test_a_turn_ends_with_its_time_constant(agent_table: Build, yaw: float, rate: float) -> None:
+    out = forecast(agent_table, (EGO, 0.0, 0.0, yaw, 10.0, rate))
+    now = arc(EGO, 10, 0.0, 0.0, yaw, 10.0, rate)["yaw"]
+    np.testing.assert_allclose(out.yaw[0] - now, rate * 1.5 * (1.0 - np.exp(-FUTURE / 1.5)), atol=1e-5)
+    steps = np.diff(np.vstack([[arc(EGO, 10, 0.0, 0.0, yaw, 10.0, rate)[c] for c in ("x", "y")], out.mean[0]]), axis=0)
+    np.testing.assert_allclose(np.hypot(*steps.T), 2.0, atol=MILLIMETRE)  # the speed is kept
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_turn_rates_within_the_dead_band_are_none(agent_table: Build, sign: float) -> None:
+    within = forecast(agent_table, (EGO, 0.0, 0.0, 0.0, 20.0, sign * 0.029))
+    beyond = forecast(agent_table, (EGO, 0.0, 0.0, 0.0, 20.0, sign * 0.031))
+    assert np.ptp(within.yaw[0]) == 0.0
+    assert sign * (beyond.yaw[0, -1] - beyond.yaw[0, 0]) > 0.03
+
+
+def test_the_turn_rate_is_the_mean_over_the_last_second(agent_table: Build) -> None:
+    """A lane change that has ended a second ago is over; one half a second ago still counts for half."""
+    predictor, half = KinematicPredictor(EGO, ROI), None
+    for step in range(40):
+        turned = 0.2 * STEP_S * min(step, 15)
+        out = predictor.forecast(agent_table(step, {"id": EGO, "yaw": turned}))
+        half = out if step == 20 else half
+    assert half is not None
+    assert half.yaw[0, -1] - 0.3 == pytest.approx(0.1 * 1.5 * (1 - np.exp(-5.0 / 1.5)), abs=1e-5)
+    assert np.ptp(out.yaw[0]) == 0.0
+
+
+def test_a_heading_that_passes_half_a_turn_is_no_spin(agent_table: Build) -> None:
+    out = forecast(agent_table, (EGO, 0.0, 0.0, 3.1, 10.0, 0.1), steps=11)
+    turned = float(out.yaw[0, -1]) - arc(EGO, 10, 0.0, 0.0, 3.1, 10.0, 0.1)["yaw"]
+    assert turned == pytest.approx(0.1 * 1.5 * (1 - np.exp(-5.0 / 1.5)), abs=1e-5)
+
+
+# History
+
+
+@pytest.mark.parametrize(("steps", "known"), [(1, False), (2, False), (6, False), (7, True), (11, True), (30, True)])
+def test_a_turn_is_known_after_more_than_half_a_second(agent_table: Build, steps: int, known: bool) -> None:
+    out = forecast(agent_table, (EGO, 0.0, 0.0, 0.0, 10.0, 0.3), steps=steps)
+    assert (np.ptp(out.yaw[0]) > 0.0) == known
+    assert_sane(out, 1)
+
+
+def test_who_has_just_entered_goes_straight_beside_who_turns(agent_table: Build) -> None:
+    predictor = KinematicPredictor(EGO, ROI)
+    for step in range(12):
+        agents = [arc(EGO, step, 0.0, 0.0, 0.0, 10.0, 0.3)]
+        agents += [arc(2, step, 10.0, 5.0, 0.5, 8.0, 0.3)] if step >= 10 else []
+        out = predictor.forecast(agent_table(step, *agents))
+    assert out.id.tolist() == [EGO, 2]
+    assert np.ptp(out.yaw[0]) > 0.1
+    assert np.ptp(out.yaw[1]) == 0.0
+    assert_sane(out, 2)
+
+
+def test_a_gap_in_the_steps_forgets_the_turn(agent_table: Build) -> None:
+    predictor = KinematicPredictor(EGO, ROI)
+    for step in [*range(11), 12]:
+        out = predictor.forecast(agent_table(step, arc(EGO, step, 0.0, 0.0, 0.0, 10.0, 0.3)))
+    assert np.ptp(out.yaw[0]) == 0.0
+
+
+def test_an_empty_road(agent_table: Build) -> None:
+    predictor = KinematicPredictor(EGO, ROI)
+    for step in range(3):
+        out = predictor.forecast(AgentTable.empty(step))
+        assert out.step == step
+        assert_sane(out, 0)
+    assert predictor.forecast(agent_table(3, {"id": EGO})).id.tolist() == [EGO]
+
+
+# Agents do not depend on each other
+
+
+motions = st.tuples(st.floats(-20, 20), st.floats(-20, 20), headings, speeds, st.floats(-0.4, 0.4))
+
+
+@given(st.lists(motions, min_size=1, max_size=6), st.randoms(use_true_random=False))
+def test_forecasts_do_not_depend_on_the_order_of_the_agents(
+    agent_table: Build, given_motions: list[tuple[float, ...]], random: Any
+) -> None:
+    """Other ids put the same agents into another order; the ego, which sets the region, keeps its motion."""
+    count = len(given_motions)
+    others = random.sample(range(2, 100), count)
+    still = (0.0, 0.0, 0.0, 0.0, 0.0)
+    one = forecast(agent_table, (EGO, *still), *((2 + i, *m) for i, m in enumerate(given_motions)))
+    two = forecast(agent_table, (EGO, *still), *((others[i], *m) for i, m in enumerate(given_motions)))
+    assert_sane(one, len(one.id))
+    new_id = {EGO: EGO} | {2 + i: others[i] for i in range(count)}
+    assert sorted(two.id.tolist()) == sorted(new_id[agent] for agent in one.id.tolist())
+    rows = two.rows(np.array([new_id[agent] for agent in one.id.tolist()]))
+    for field in ("mean", "yaw", "covariance"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(two, field)[rows], field)
+
+
+@given(st.lists(motions, min_size=1, max_size=4), st.lists(motions, min_size=1, max_size=4))
+def test_agents_outside_the_region_do_not_change_anything(
+    agent_table: Build, near: list[tuple[float, ...]], far: list[tuple[float, ...]]
+) -> None:
+    ego = (EGO, 0.0, 0.0, 0.0, 0.0, 0.0)
+    inside = [(10 * (i + 1), *m[:3], 0.5, m[4]) for i, m in enumerate(near)]
+    outside = [(10 * (i + 1) + 5, m[0] + 300.0, *m[1:]) for i, m in enumerate(far)]
+    alone, together = forecast(agent_table, ego, *inside), forecast(agent_table, ego, *inside, *outside)
+    assert alone.id.tolist() == [EGO, *(m[0] for m in inside)]
+    for field in fields(Forecast):
+        np.testing.assert_array_equal(getattr(alone, field.name), getattr(together, field.name), field.name)
+
+
+def test_who_comes_into_the_region_is_known_from_outside(agent_table: Build) -> None:
+    """The history holds everybody, so that a turn is not forgotten at the border."""
+    predictor = KinematicPredictor(EGO, ROI)
+    for step in range(11):
+        x = 100.0 if step < 10 else 20.0
+        out = predictor.forecast(agent_table(step, {"id": EGO}, {"id": 2, "x": x, "yaw": 0.3 * STEP_S * step}))
+        assert out.id.tolist() == ([EGO] if step < 10 else [EGO, 2])
+    assert np.ptp(out.yaw[1]) > 0.1
+
+
+# Uncertainty
+
+
+@given(headings, speeds)
+def test_spread_grows_and_lies_along_the_heading(agent_table: Build, yaw: float, speed: float) -> None:
+    out = forecast(agent_table, (EGO, 0.0, 0.0, yaw, speed, 0.0))
+    sigma_x, sigma_y, rho = np.moveaxis(out.covariance[0].astype(np.float64), -1, 0)
+    covariance = np.array([[sigma_x**2, rho * sigma_x * sigma_y], [rho * sigma_x * sigma_y, sigma_y**2]])
+    values, vectors = np.linalg.eigh(np.moveaxis(covariance, -1, 0))
+    along = 0.1 + 0.55 * FUTURE + 0.16 * FUTURE**2
+    across = 0.1 + 0.15 * FUTURE + 0.02 * FUTURE**2
+    np.testing.assert_allclose(np.sqrt(values), np.column_stack([across, along]), rtol=1e-4)
+    alignment = np.abs(vectors[:, 0, 1] * np.cos(yaw) + vectors[:, 1, 1] * np.sin(yaw))
+    np.testing.assert_allclose(alignment, 1.0, atol=1e-4)
+
+
+# Forecast.rows
+
+
+def test_rows_of_a_forecast_skip_the_absent_and_the_invalid(agent_table: Build) -> None:
+    out = forecast(agent_table, *((i, 5.0 * i, 0.0, 0.0, 1.0, 0.0) for i in (1, 3, 5)))
+    assert out.rows(np.array([5, 2, 1, 9, 0])).tolist() == [2, -1, 0, -1, -1]
+    doubtful = replace(out, valid=np.array([True, False, True]))
+    assert doubtful.rows(np.array([1, 3, 5])).tolist() == [0, -1, 2]
+    nobody = KinematicPredictor(EGO, ROI).forecast(AgentTable.empty(0))
+    assert nobody.rows(np.array([1, 2])).tolist() == [-1, -1]
+
+
+# agents_of_interest
+
+
+def interesting(table: AgentTable, roi_m: float = ROI) -> list[int]:
+    return table.id[agents_of_interest(table, EGO, roi_m)].tolist()
+
+
+def test_the_region_is_a_circle_around_the_ego_with_its_border(agent_table: Build) -> None:
+    around = [{"id": 2, "x": 30.0}, {"id": 3, "x": 30.001}, {"id": 4, "x": -18.0, "y": 24.0}, {"id": 5, "y": -31.0}]
+    table = agent_table(0, {"id": EGO}, *around, {"id": 6, "x": 25.0, "y": 25.0})
+    assert interesting(table) == [EGO, 2, 4]
+    assert interesting(table, 40.0) == [EGO, 2, 3, 4, 5, 6]
+    assert interesting(table, 10.0) == [EGO]
+
+
+@pytest.mark.parametrize("controller", [Controller.POLICY, Controller.BASELINE])
+def test_whoever_is_off_its_log_has_a_region_of_its_own(agent_table: Build, controller: Controller) -> None:
+    far = [{"id": 2, "x": 200.0}, {"id": 3, "x": 225.0}, {"id": 4, "x": 250.0}]
+    on_log = agent_table(0, {"id": EGO}, *far)
+    assert interesting(on_log) == [EGO]
+    taken_over = agent_table(0, {"id": EGO}, {**far[0], "controller": controller}, *far[1:])
+    assert interesting(taken_over) == [EGO, 2, 3]
+
+
+def test_once_the_ego_has_left_only_those_off_their_log_matter(agent_table: Build) -> None:
+    on_log = agent_table(0, {"id": 2}, {"id": 3, "x": 5.0})
+    assert interesting(on_log) == []
+    assert interesting(agent_table(0, {"id": 2, "controller": Controller.POLICY}, {"id": 3, "x": 5.0})) == [2, 3]
+    assert interesting(AgentTable.empty(0)) == []
+
+
+@given(st.lists(st.tuples(st.floats(-80, 80), st.floats(-80, 80), st.sampled_from(Controller)), max_size=12))
+def test_the_region_is_what_its_definition_says(
+    agent_table: Build, agents: list[tuple[float, float, Controller]]
+) -> None:
+    rows = [{"id": 1 + i, "x": x, "y": y, "controller": c} for i, (x, y, c) in enumerate(agents)]
+    table = agent_table(0, *rows)
+    centres = [r for r in rows if r["id"] == EGO or r["controller"] != Controller.LOG]
+    unsure = {r["id"] for r in rows for c in centres if abs(np.hypot(r["x"] - c["x"], r["y"] - c["y"]) - ROI) < 1e-9}
+    near = {r["id"] for r in rows if any(np.hypot(r["x"] - c["x"], r["y"] - c["y"]) <= ROI for c in centres)}
+    assert set(interesting(table)) - unsure == near - unsure

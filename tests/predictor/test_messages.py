@@ -1,0 +1,101 @@
+"""Forecasts to messages and back through CDR."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from litsim_msgs.msg import JointForecast
+from rclpy.serialization import deserialize_message, serialize_message
+
+from litsim_predictor.forecast import Forecast
+from litsim_predictor.kinematic import KinematicPredictor
+from litsim_predictor.messages import forecast_from_message, forecast_to_message
+from litsim_sim.ros.messages import header
+from litsim_sim.scene import AgentTable
+
+
+def through_cdr(forecast: Forecast) -> Forecast:
+    data = serialize_message(forecast_to_message(forecast, "run-1"))
+    return forecast_from_message(deserialize_message(data, JointForecast))
+
+
+def assert_same(one: Forecast, other: Forecast, but: tuple[str, ...] = ()) -> None:
+    for field in fields(Forecast):
+        a, b = np.asarray(getattr(one, field.name)), np.asarray(getattr(other, field.name))
+        if field.name not in but:
+            assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), field.name
+
+
+def made(count: int, steps: int, maneuvers: int, dt: float = 0.2, seed: int = 0) -> Forecast:
+    rng = np.random.default_rng(seed)
+    return Forecast(
+        step=41,
+        dt=dt,
+        id=np.sort(rng.choice(10**12, count, replace=False)).astype(np.int64),
+        mean=rng.normal(0, 100, (count, steps, 2)),
+        yaw=rng.normal(0, 2, (count, steps)).astype(np.float32),
+        covariance=rng.random((count, steps, 3)).astype(np.float32),
+        maneuver_probability=rng.random((count, maneuvers)).astype(np.float32),
+        valid=rng.random(count) < 0.5,
+    )
+
+
+@given(
+    count=st.integers(1, 8),
+    steps=st.integers(1, 60),
+    maneuvers=st.integers(0, 9),
+    dt=st.sampled_from([0.1, 0.2, 0.3, 0.5, 1.0]),
+    seed=st.integers(0, 1000),
+)
+def test_forecasts_come_back_bit_for_bit(count: int, steps: int, maneuvers: int, dt: float, seed: int) -> None:
+    forecast = made(count, steps, maneuvers, dt, seed)
+    assert_same(through_cdr(forecast), forecast)
+
+
+def test_the_number_of_steps_survives_the_rounding_of_the_horizon() -> None:
+    rng = np.random.default_rng(7)
+    for dt, steps in zip(rng.uniform(0.01, 1.0, 500).tolist(), rng.integers(1, 100, 500).tolist(), strict=True):
+        assert forecast_from_message(forecast_to_message(made(1, steps, 0, dt), "run-1")).mean.shape == (1, steps, 2)
+
+
+@pytest.mark.parametrize("steps", [1, 25, 50])
+def test_a_forecast_of_nobody_keeps_its_horizon(steps: int) -> None:
+    assert_same(through_cdr(made(0, steps, 0)), made(0, steps, 0))
+    back = through_cdr(made(0, steps, 6))  # without agents, nobody knows the number of manoeuvres
+    assert_same(back, made(0, steps, 6), but=("maneuver_probability",))
+    assert len(back.maneuver_probability) == 0
+
+
+def test_the_message_says_what_it_is_about() -> None:
+    message = forecast_to_message(made(3, 25, 2), "run-1")
+    assert (message.run_id, message.step, message.dt, message.header) == ("run-1", 41, 0.2, header(41))
+    assert message.horizon == pytest.approx(5.0)
+    counts = [len(getattr(message, f)) for f in ("id", "mean", "yaw", "covariance", "maneuver_probability", "valid")]
+    assert counts == [3, 150, 75, 225, 6, 3]
+
+
+def test_arrays_are_row_major() -> None:
+    forecast = made(2, 3, 2)
+    message = forecast_to_message(forecast, "run-1")
+    assert message.mean[(1 * 3 + 2) * 2 + 1] == forecast.mean[1, 2, 1]
+    assert message.covariance[(1 * 3 + 2) * 3 + 2] == forecast.covariance[1, 2, 2]
+    assert message.maneuver_probability[1 * 2 + 1] == forecast.maneuver_probability[1, 1]
+
+
+def test_forecasts_of_the_kinematic_model_come_back(agent_table: Callable[..., AgentTable]) -> None:
+    predictor = KinematicPredictor(1, 30.0)
+    for table in (agent_table(0, {"id": 1}, {"id": 2, "x": 9.0, "yaw": 0.5}), AgentTable.empty(1)):
+        forecast = predictor.forecast(table)
+        assert_same(through_cdr(forecast), forecast)
+
+
+def test_a_forecast_from_a_message_can_be_changed() -> None:
+    forecast = through_cdr(made(2, 3, 2))
+    forecast.mean[0, 0, 0] = 7.0
+    forecast.valid[0] = True
+    assert forecast.mean[0, 0, 0] == 7.0

@@ -1,0 +1,169 @@
+"""The page of a run without a browser: structure, size, and what it must never hold."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.analysis.run import Run
+from litsim_sim.errors import InputError
+from litsim_sim.report import run_report
+from litsim_sim.report.content import pack_run
+from litsim_sim.report.forecasts import Forecasts
+from litsim_sim.report.markup import asset
+from litsim_sim.report.packing import unpack
+from litsim_sim.report.run_report import render, save
+
+Make = Callable[..., Any]
+VOID = {"meta", "link", "input", "br"}
+
+
+def made_forecasts(steps: int, agents: int, points: int = 13) -> Forecasts:
+    """Forecasts of agents that drive straight on, with noise that a learned predictor would have."""
+    random = np.random.default_rng(0)
+    agent, step = (v.ravel() for v in np.meshgrid(np.arange(1, agents + 1), np.arange(steps), indexing="ij"))
+    time = np.linspace(0.2, 5.0, points)
+    ahead = np.stack(np.broadcast_arrays(8.0 * time, 0.0), axis=-1) + np.stack([0.8 * step, agent], axis=1)[:, None]
+    spread = np.stack([0.2 + 1.3 * time, 0.1 + 0.25 * time, 0.0 * time], axis=-1)
+    noise = random.normal(0.0, 0.1, (len(agent), points, 3))
+    return Forecasts(agent, step, time, ahead + noise[..., :2].cumsum(axis=1), spread + np.abs(noise))
+
+
+@pytest.fixture
+def html(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+    return render(small_run, compute_metrics(small_run))
+
+
+class Structure(HTMLParser):
+    """Whether tags close in order; ids, and what is loaded from elsewhere."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.loads: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID and not (self.open and self.open[-1] == "svg" and tag == "path"):
+            self.open.append(tag)
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+        self.loads += [
+            value or "" for name, value in attrs if name in ("src", "href") and not (value or "").startswith("#")
+        ]
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Closes itself."""
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open.pop() == tag
+
+
+def test_structure(html: str) -> None:
+    page = Structure()
+    page.feed(html)
+    assert not page.open
+    assert len(page.ids) == len(set(page.ids))
+    assert {"view", "plots", "ledger", "scrub", "data"} <= set(page.ids)
+    assert page.loads == ["data:,"]  # the empty icon
+    before_data = html[: html.index('<script id="data"')]
+    assert not re.search(r"\$[a-z_]+", before_data)  # every field is filled
+
+
+def test_text_of_the_run_is_escaped(html: str) -> None:
+    assert "made <&>" not in html
+    assert "made &lt;&amp;&gt;" in html
+
+
+def test_the_ledger_is_readable_without_a_script(html: str) -> None:
+    (row,) = re.findall(r'<tr data-step="20" data-agent="2">.*?</tr>', html)
+    for text in ("ego 1", "conflict", "2.0 s", "in 2.5 s, p = 0.40"):
+        assert text in row
+
+
+def test_data_of_the_page(html: str) -> None:
+    match = re.search(r'<script id="data" type="text/plain">([^<]*)</script>', html)
+    assert match
+    content, arrays = unpack(match[1])
+    assert content["run"]["ego"] == 1
+    assert arrays["x"].shape == arrays["mode"].shape == (150, 61)
+    assert arrays["forecast_x"].shape == (610, 13)
+    assert [len(each) for each in content["takeovers"]] == [int(20 <= k <= 45) for k in range(61)]
+    assert content["road"]["lanes"] and content["road"]["lines"]
+    assert sum(bool(path) for path in content["paths"]) == 1  # the same path at every step is kept once
+
+
+def test_size_of_a_long_dense_run(small_run: Run, without: Make) -> None:
+    steady = [replace(small_run.tables[k % 61], step=k) for k in range(281)]
+    long_run, metrics = without(tables=steady, log=steady), compute_metrics(small_run)
+    assert len(pack_run(long_run, metrics, made_forecasts(281, 20), 1)) < 1.0e6  # agents near the ego
+    assert len(pack_run(long_run, metrics, made_forecasts(281, 150), 1)) < run_report.DATA_MAX < 9.0e6  # everybody
+
+
+def test_forecasts_are_thinned_to_fit(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 100))
+    monkeypatch.setattr(run_report, "DATA_MAX", 200_000)
+    html = render(small_run, compute_metrics(small_run))
+    assert "Forecasts are shown every" in html
+    monkeypatch.setattr(run_report, "DATA_MAX", 10_000)
+    with pytest.raises(InputError, match="too long for one page"):
+        render(small_run, compute_metrics(small_run))
+
+
+@pytest.mark.parametrize("lacking", ["net", "log", "takeovers", "some steps"])
+def test_less_is_shown_of_a_run_that_lacks_something(lacking: str, small_run: Run, without: Make) -> None:
+    changes: dict[str, dict[str, Any]] = {
+        "net": {"net_xml": b""},
+        "log": {"log": []},
+        "takeovers": {"takeovers": {}},
+        "some steps": {
+            "tables": small_run.tables[:7] + small_run.tables[9:],
+            "log": small_run.log[:7] + small_run.log[9:],
+        },
+    }
+    run = without(**changes[lacking])
+    metrics = compute_metrics(run)
+    content, arrays = unpack(pack_run(run, metrics, made_forecasts(0, 0), 1))
+    assert arrays["x"].shape == (150, 61)
+    assert bool(content["road"]["lanes"]) == (lacking != "net")
+    assert content["ghosts"] == ([] if lacking == "log" else [1, 2])
+
+
+def test_a_page_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        save("", tmp_path / "nowhere/report.html")
+
+
+def test_contrast() -> None:
+    light, dark = re.findall(r":root \{(.*?)\}", asset("report.css"), re.DOTALL)
+    for theme in (light, dark):
+        colours = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", theme))
+        pairs = [("ink", "page"), ("ink", "card"), ("ink", "button"), ("muted", "page"), ("muted", "card")]
+        pairs += [
+            ("accent", "card"),
+            ("accent", "button"),
+            ("good", "good-back"),
+            ("bad", "bad-back"),
+            ("ink", "ground"),
+        ]
+        assert {pair: ratio for pair in pairs if (ratio := contrast(*(colours[name] for name in pair))) < 4.5} == {}
+
+
+def contrast(a: str, b: str) -> float:
+    """Contrast ratio of WCAG 2 between two colours."""
+
+    def luminance(colour: str) -> float:
+        channels = np.array([int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)])
+        linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    low, high = sorted((luminance(a), luminance(b)))
+    return (high + 0.05) / (low + 0.05)
