@@ -33,6 +33,7 @@ setup(
             "ego_log = litsim_policy.ego.log_node:main",
             "ego_idm = litsim_policy.ego.idm_node:main",
             "run = litsim_policy.cli.run:main",
+            "rerun = litsim_policy.cli.rerun:main",
             "evaluate = litsim_policy.cli.evaluate:main",
             "bench = litsim_policy.cli.bench:main",
         ],

@@ -14,26 +14,42 @@ from pathlib import Path
 from typing import Any
 
 import domain_coordinator
+import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from ament_index_python.packages import get_package_prefix
 
 from litsim_sim.bag import BagReader
 from litsim_sim.errors import InputError
-from litsim_sim.scenario import packaged
+from litsim_sim.recording import STEP_S, Recording, RecordingHeader
 
 HERE = Path(__file__).parent
 MARK = "LITSIM_TEST"  # variable by which a graph's processes are known
 PATIENCE_S = 60.0  # for what takes a second or two; only a failing test waits so long
 SHORT: dict[str, Any] = {
     "name": "short",
-    "recording": str(packaged("scenarios/us101_like.parquet")),
+    "recording": "traffic.parquet",
     "net": "us101_like",
-    "start_frame": 80,  # from here, ego 13 brakes, and the car behind it is taken over
     "history_s": 0.5,
     "simulation_s": 3.0,
-    "ego": 13,
+    "ego": 13,  # it brakes, and its tailgater is taken over
 }
+
+
+def traffic() -> Recording:
+    """Forty cars in five lanes at 15 m/s for 10 s; the one behind car 13 is close."""
+    frames, speed = np.arange(100), 15.0
+    same = {"yaw": 0.0, "speed": speed, "acceleration": 0.0, "length": 4.5, "width": 2.0, "kind": 0, "lane": -1}
+    cars = [
+        {"vehicle_id": 8 * lane + place + 1, "x": 10.0 + 25.0 * place + 2.0 * lane, "y": -3.66 * (lane + 0.5)}
+        for lane in range(5)
+        for place in range(8)
+    ]
+    table = pd.concat([pd.DataFrame({"frame": frames, **car, **same}) for car in cars], ignore_index=True)
+    table["x"] += speed * STEP_S * table["frame"]
+    table.loc[table["vehicle_id"] == 12, "x"] += 15.0
+    return Recording.from_table(RecordingHeader("traffic"), table, "traffic")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -58,6 +74,7 @@ class Graph:
 
     def scenario(self, **fields: Any) -> Path:
         """A scenario file; SHORT but for `fields`, of which None leaves one out."""
+        traffic().write(self.folder / "traffic.parquet")
         path = self.folder / "short.yaml"
         path.write_text(yaml.safe_dump({k: v for k, v in (SHORT | fields).items() if v is not None}, sort_keys=False))
         return path

@@ -26,7 +26,8 @@ class MuteStage(StageNode):
 class BrokenStage(MuteStage):
     inputs = (AGENTS, FORECASTS)
 
-    def answer(self, step: int, inputs: dict[str, Any]) -> Sequence[Any]:
+    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
+        step = inputs[AGENTS.name].step
         return [Takeovers(header=header(step), run_id=self.run_id, step=step * (5 - step) // (5 - step))]
 
 

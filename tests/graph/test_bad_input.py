@@ -13,12 +13,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from litsim_sim.recording import HEADER_KEY, Recording
-from litsim_sim.scenario import packaged
 
 
 def damaged(graph: Any, damage: str) -> Path:
-    """The packaged recording, not as it should be."""
-    recording = Recording.read(packaged("scenarios/us101_like.parquet"))
+    """The recording of the usual scenario, not as it should be."""
+    graph.scenario()
+    recording = Recording.read(graph.folder / "traffic.parquet")
     table = recording.table.copy()
     if damage == "hole":
         table = table[~((table["vehicle_id"] == 13) & (table["frame"] == 90))]
@@ -58,7 +58,7 @@ def test_scenario_that_is_missing_or_malformed(graph: Any) -> None:
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [
-        ({"egoo": 13}, "short.yaml: line 8, field egoo: Extra inputs are not permitted; known fields: name, "),
+        ({"egoo": 13}, "short.yaml: line 7, field egoo: Extra inputs are not permitted; known fields: name, "),
         ({"ego": 4711}, "short.yaml: field ego: no vehicle 4711; present at the start: "),
         ({"recording": "none.parquet"}, "short.yaml: field recording: "),
         ({"net": None}, "short.yaml: field net: Field required"),

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from litsim_sim.cli import data
+from litsim_sim.cli.data.map import US101_FILE, build_map
 from litsim_sim.datasets import load_recording, ngsim_windows
 from litsim_sim.datasets.synthetic import STRETCH, synthesize
 from litsim_sim.errors import InputError
@@ -25,9 +26,9 @@ WINDOW = {"frame": [316, 543], "local_y_m": [180, 415]}
 
 @pytest.fixture(scope="module")
 def real_file() -> Path:
-    path = DATA / data.US101_FILE
+    path = DATA / US101_FILE
     if not path.is_file():
-        pytest.skip(f"{path} is absent: set LITSIM_DATA to the folder that holds {data.US101_FILE}")
+        pytest.skip(f"{path} is absent: set LITSIM_DATA to the folder that holds {US101_FILE}")
     return path
 
 
@@ -305,4 +306,4 @@ def test_errors_take_one_line_and_status_2(
 def test_map_us101_without_data(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("LITSIM_DATA", raising=False)
     with pytest.raises(InputError, match="set LITSIM_DATA"):
-        data.build_map("us101", Path("out.net.xml"), None)
+        build_map("us101", Path("out.net.xml"), None)

@@ -17,7 +17,8 @@ from litsim_sim.maps.highway import HighwayPlan, Ramp, find_netconvert, plain_xm
 from litsim_sim.maps.lane_map import Lane, LaneMap
 from litsim_sim.scenario import packaged, packaged_nets
 
-NETS = {name: LaneMap.from_net(packaged(f"nets/{name}.net.xml")) for name in packaged_nets()}
+# The others have other layouts: i80 in test_maps_motorway.py, urban_like with its traffic.
+NETS = {name: LaneMap.from_net(packaged(f"nets/{name}.net.xml")) for name in ("us101", "us101_like")}
 LIKE = NETS["us101_like"]
 
 
@@ -37,7 +38,7 @@ def one(value: float) -> np.ndarray:
 
 
 def test_layout_of_the_packaged_nets() -> None:
-    assert set(NETS) == {"us101", "us101_like"}
+    assert set(packaged_nets()) >= {*NETS, "i80"}
     for lane_map in NETS.values():
         assert len(lane_map.lanes) == 5 + 6 + 5 + 2
         assert not any(lane.is_internal for lane in lane_map.lanes)
@@ -268,8 +269,8 @@ def test_fit_finds_the_lanes_under_noise_lane_changers_and_wrong_labels() -> Non
     y = truth - 3.5 * (number - 1) * np.sqrt(1 + (4e-4 * (x - 250)) ** 2) + rng.normal(0.0, 0.3, n)
     wrong = rng.random(n) < 0.05
     number[wrong] = rng.integers(1, 6, int(wrong.sum()))
-    grid, centre, width = fit_lanes(x, y, number)
-    assert width == pytest.approx(3.5, abs=0.02)
+    grid, centre, offsets = fit_lanes(x, y, number)
+    np.testing.assert_allclose(offsets, 3.5 * np.arange(5), atol=0.05)
     np.testing.assert_allclose(centre, 4.0 - 2e-4 * (grid - 250.0) ** 2, atol=0.12)
 
 

@@ -36,7 +36,7 @@ class ConflictNode(StageNode):
         """See :meth:`StageNode.configure`."""
         self._manager, self._run_id = TakeoverManager(scenario, self._conflict_config, self._config), info.run_id
 
-    def answer(self, step: int, inputs: dict[str, Any]) -> Sequence[Any]:
+    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
         table = agents_from_message(inputs[AGENTS.name])
         forecast = forecast_from_message(inputs[FORECASTS.name])

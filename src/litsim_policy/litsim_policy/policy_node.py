@@ -36,7 +36,7 @@ class PolicyNode(StageNode):
         """See :meth:`StageNode.configure`."""
         self._policy, self._run_id = make_policy(info.policy, scenario, self._yield, self._handback), info.run_id
 
-    def answer(self, step: int, inputs: dict[str, Any]) -> Sequence[Any]:
+    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
         table = agents_from_message(inputs[AGENTS.name])
         controls = self._policy.act(table, takeovers_from_message(inputs[TAKEOVERS.name]))

@@ -36,7 +36,7 @@ class PredictorNode(StageNode):
         """See :meth:`StageNode.configure`."""
         self._predictor, self._run_id = make_predictor(self._model, scenario, self._kinematic), info.run_id
 
-    def answer(self, step: int, inputs: dict[str, Any]) -> Sequence[Any]:
+    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
         forecast = self._predictor.forecast(agents_from_message(inputs[AGENTS.name]))
         return [forecast_to_message(forecast, self._run_id)]

@@ -229,8 +229,8 @@ class BridgeNode(Node):
         missing = self._gate.missing
         if not missing and not self._answered(step):
             raise RunFailed(
-                f"recorder: has confirmed {self._confirmed()} on {RECORDED.name}, {self._timeout(step):g} s after step "
-                f"{step}"
+                f"recorder: has confirmed {self._confirmed()} on {RECORDED.name} at step {step}, expected at most "
+                f"{RECORDER_WINDOW} steps behind"
             )
         if missing and (step == 0 or (self._mode == "lockstep" and self._on_missing == "stop")):
             raise RunFailed(

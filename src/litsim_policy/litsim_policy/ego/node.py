@@ -33,6 +33,6 @@ class EgoNode(StageNode):
         """See :meth:`StageNode.configure`."""
         self._ego, self._run_id = make_ego(self._name, scenario, self._idm), info.run_id
 
-    def answer(self, step: int, inputs: dict[str, Any]) -> Sequence[Any]:
+    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
         return [ego_to_message(self._ego.plan(agents_from_message(inputs[AGENTS.name])), self._run_id)]

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -26,6 +26,7 @@ from tqdm import tqdm
 from litsim_sim.analysis.run import AGENTS, EGO_CONTROL
 from litsim_sim.cli.analyze import analyze, print_metrics
 from litsim_sim.errors import InputError
+from litsim_sim.report.run_report import write_report
 from litsim_sim.run_info import EGOS, POLICIES, RunPlan
 from litsim_sim.scenario import Scenario
 
@@ -113,7 +114,7 @@ class Graph:
             quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else value
             arguments += ["-p", f"{key}:={quoted}"]
         log = self._log_folder / f"{name}.log"
-        with log.open("w") as stream:
+        with log.open("w") as stream, _held_back():
             process = subprocess.Popen(
                 arguments,
                 env=self._environment,
@@ -122,9 +123,9 @@ class Graph:
                 stderr=stream,
                 text=True,
                 start_new_session=True,
-                preexec_fn=_die_with_parent,  # noqa: PLW1509 - one system call, looked up before
+                preexec_fn=_begin_child,  # noqa: PLW1509 - two system calls
             )
-        self.children[name] = Child(name, process, log)
+            self.children[name] = Child(name, process, log)
 
     def watch(self, quiet: bool) -> None:
         """Wait for the run to end.
@@ -169,7 +170,8 @@ class Graph:
             self._progress.join(timeout=1.0)
         killed = any(c.process.returncode == -signal.SIGKILL for c in self.children.values())
         if killed and (fastdds := shutil.which("fastdds")):  # it leaves its shared memory behind
-            subprocess.run([fastdds, "shm", "clean"], capture_output=True, check=False, timeout=10)
+            with contextlib.suppress(subprocess.SubprocessError):
+                subprocess.run([fastdds, "shm", "clean"], capture_output=True, check=False, timeout=10)
 
 
 def launch(arguments: argparse.Namespace) -> int:
@@ -219,6 +221,7 @@ def launch(arguments: argparse.Namespace) -> int:
         return EXIT_FAILED
     if arguments.analyze:
         metrics = analyze(out)
+        write_report(out, metrics=metrics)
         if not arguments.quiet:
             print_metrics(metrics)
         if not metrics["valid"]:
@@ -329,9 +332,20 @@ def _wait(children: list[Child], timeout: float) -> None:
         time.sleep(0.02)
 
 
-def _die_with_parent() -> None:
-    """In a child before its program starts: end when the launcher is gone, whatever has ended it."""
+@contextlib.contextmanager
+def _held_back() -> Iterator[None]:
+    """Signals wait until this is over; Python swallows the exceptions of those that come amid a fork."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+
+
+def _begin_child() -> None:
+    """In a child before its program starts: end when the launcher is gone, whatever has ended it; hear signals."""
     _LIBC.prctl(DIE_WITH_PARENT, signal.SIGTERM)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 
 def _without_interrupts(action: Callable[[], None]) -> None:

@@ -12,7 +12,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-from rosidl_parser import definition as idl
+from rosidl_parser import definition as idl  # type: ignore[import-untyped]
 
 _HEADER = 4  # bytes of encapsulation, from the end of which alignment counts
 _LITTLE_ENDIAN = b"\x00\x01"  # plain CDR: what every ROS 2 middleware on a PC writes

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
+import yaml
 from rclpy.node import Node
+
+OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+"""Parameters that rclpy declares itself."""
 
 Config = TypeVar("Config")
 
@@ -25,3 +30,11 @@ def declare(node: Node, default: Config, prefix: str = "") -> Config:
             given = node.declare_parameter(name, value).value
             values[field.name] = tuple(given) if isinstance(value, tuple) else given
     return type(default)(**values)
+
+
+def parameters_yaml(node: Node) -> str:
+    """The node's parameters as it runs with them, by name, in YAML."""
+    names = sorted(set(node.list_parameters([], 0).names) - set(OF_EVERY_NODE))
+    values = {name: node.get_parameter(name).value for name in names}
+    plain = {name: list(v) if isinstance(v, Sequence) and not isinstance(v, str) else v for name, v in values.items()}
+    return yaml.safe_dump(plain)

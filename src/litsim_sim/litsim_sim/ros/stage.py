@@ -26,13 +26,13 @@ from rclpy.utilities import remove_ros_args
 from litsim_sim.errors import InputError
 from litsim_sim.lockstep import Joiner
 from litsim_sim.ros import messages
+from litsim_sim.ros.parameters import OF_EVERY_NODE, parameters_yaml
 from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario import Scenario
 
 BRIDGE = "bridge"
 SIGNAL_PERIOD = 0.2  # [s] for which Ctrl-C may go unnoticed: waiting for DDS does not wake up for signals
 EXIT_INPUT, EXIT_INTERRUPTED = 2, 130
-_OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 
 
 class StageNode(Node):
@@ -68,7 +68,7 @@ class StageNode(Node):
         """
         raise NotImplementedError
 
-    def answer(self, step: int, inputs: dict[str, Any]) -> Sequence[Any]:
+    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """Messages for `outputs`, in their order, from the messages of a step by topic name."""
         raise NotImplementedError
 
@@ -85,7 +85,7 @@ class StageNode(Node):
             self._fail(info.run_id, 0, reason(error), error)
             return
         self._joiner = Joiner(info.run_id, tuple(t.name for t in self.inputs))
-        self._say(info.run_id, StageStatus.READY)
+        self._say(info.run_id, StageStatus.READY, text=parameters_yaml(self))
         self.get_logger().info(f"ready for run {info.run_id}; waiting for its steps on {self.inputs[0].name}")
 
     def _on_hello(self, hello: Hello) -> None:
@@ -115,7 +115,7 @@ class StageNode(Node):
     def _answer(self, run_id: str, step: int, inputs: dict[str, Any]) -> None:
         start = time.perf_counter()
         try:
-            answers = self.answer(step, inputs)
+            answers = self.answer(inputs)
         except Exception as error:  # noqa: BLE001 - whatever it is, the bridge has to hear of it
             self._fail(run_id, step, f"step {step}: {reason(error)}", error)
             return
@@ -227,7 +227,7 @@ def check_parameters(node: Node) -> None:
     given = node._parameter_overrides  # noqa: SLF001 - there is no public way to ask
     unknown = sorted(name for name in given if not node.has_parameter(name))
     if unknown:
-        known = sorted(set(node.list_parameters([], 0).names) - set(_OF_EVERY_NODE))
+        known = sorted(set(node.list_parameters([], 0).names) - set(OF_EVERY_NODE))
         raise InputError(
             f"{node.get_name()}: unknown parameter {', '.join(unknown)}; expected {', '.join(known) or 'none'}"
         )

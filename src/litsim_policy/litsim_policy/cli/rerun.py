@@ -1,0 +1,83 @@
+"""`rerun BAG`: one stage, or the whole run, once more from the record, compared with what is recorded."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from litsim_policy.difference import Tally
+from litsim_policy.rerun import STAGES, open_record, rerun_stage, resimulate
+from litsim_sim.errors import InputError
+
+EXIT_DIFFERENT, EXIT_INPUT = 1, 2
+SHOWN = 5  # fields that the summary of a difference names
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_policy rerun``, which ``litsim_sim replay`` hands over to."""
+    p = argparse.ArgumentParser(prog="rerun", description=__doc__)
+    p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
+    kind = p.add_mutually_exclusive_group(required=True)
+    kind.add_argument("--node", metavar="STAGE", help=f"feed its recorded inputs to a stage: {', '.join(STAGES)}")
+    kind.add_argument("--resimulate", action="store_true", help="run all of it again from what the bag holds")
+    p.add_argument("--json", type=Path, metavar="FILE", help="write what was found to this file")
+    return p
+
+
+def rerun(arguments: argparse.Namespace) -> bool:
+    """Do what the arguments ask for and say what came out; returns whether it is equal.
+
+    Raises:
+        InputError: the record cannot be run again, or the file cannot be written.
+    """
+    with open_record(arguments.bag) as record:
+        found: dict[str, Any] = {"run_id": record.info.run_id}
+        if arguments.resimulate:
+            result = resimulate(record)
+            tally, equal = result.tally, result.recorded == result.computed and not result.tally.different
+            found |= {"steps": result.steps, "digest_recorded": result.recorded, "digest_computed": result.computed}
+            lines = [f"run {record.info.run_id}: {result.steps} steps once more: {'equal' if equal else 'DIFFERENT'}"]
+            lines += [f"digest recorded {result.recorded}", f"       computed {result.computed}"]
+        else:
+            tally = rerun_stage(record, arguments.node)
+            equal = not tally.different
+            found |= {"stage": arguments.node}
+            verdict = "equal" if equal else f"DIFFERENT, {tally.different} of them"
+            lines = [f"{arguments.node}: {tally.compared} answers compared with the record: {verdict}"]
+        notes = record.notes
+    found |= {"equal": equal, "notes": notes} | asdict(tally)
+    for line in (*(f"note: {note}" for note in notes), *lines, *_where(tally)):
+        print(line)
+    if arguments.json:
+        try:
+            arguments.json.write_text(json.dumps(found, indent=2) + "\n")
+        except OSError as error:
+            raise InputError(f"{arguments.json}: cannot be written: {error.strerror or error}") from error
+    return equal
+
+
+def _where(tally: Tally) -> list[str]:
+    if tally.first is None:
+        return []
+    largest = sorted(tally.largest.items(), key=lambda entry: -entry[1])[:SHOWN]
+    lines = [f"first: {tally.first}"]
+    return lines + [f"largest: {name} by {amount:.3g}" for name, amount in largest]
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run litsim_policy rerun``."""
+    arguments = parser().parse_args(argv)
+    try:
+        equal = rerun(arguments)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(EXIT_INPUT)
+    sys.exit(0 if equal else EXIT_DIFFERENT)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""Whether two messages are equal, bit by bit, and if not, where they differ first and by how much."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+AGENT_FIELDS = ("id", "agent")
+"""Fields that name agents: of parallel arrays, and of records in a list."""
+
+LENGTH = "length of "
+
+Value = str | float | int | bool | None
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where two messages of a step part.
+
+    Attributes:
+        topic, step: of the messages.
+        field: its name; fields of a record in a list as `takeovers.goal_pose.x`.
+        agent: whom it is about; None where about nobody in particular.
+        recorded, computed: the values; None where there is none.
+    """
+
+    topic: str
+    step: int
+    field: str
+    agent: int | None
+    recorded: Value
+    computed: Value
+
+    @property
+    def amount(self) -> float | None:
+        """Absolute difference of two numbers."""
+        if isinstance(self.recorded, int | float) and isinstance(self.computed, int | float):
+            return abs(float(self.computed) - float(self.recorded))
+        return None
+
+    def __str__(self) -> str:
+        whom = "" if self.agent is None else f", agent {self.agent}"
+        by = "" if not self.amount else f", off by {self.amount:.3g}"
+        return (
+            f"step {self.step}, {self.topic}{whom}, field {self.field}: recorded {_text(self.recorded)}, "
+            f"now {_text(self.computed)}{by}"
+        )
+
+
+@dataclass
+class Tally:
+    """What comparing the messages of a run has found so far.
+
+    Attributes:
+        compared, different: numbers of pairs of messages.
+        first: the first difference; in its message, the first that is about an agent.
+        largest: largest absolute difference of every numeric field that differs, as `topic field`.
+    """
+
+    compared: int = 0
+    different: int = 0
+    first: Difference | None = None
+    largest: dict[str, float] = field(default_factory=dict)
+
+    def add(self, topic: str, step: int, recorded: Any, computed: Any) -> None:
+        """Compare two messages of a topic and step."""
+        self.compared += 1
+        found = differences(topic, step, recorded, computed)
+        if not found:
+            return
+        self.different += 1
+        self.first = self.first or next((each for each in found if each.agent is not None), found[0])
+        for each in found:
+            if each.amount is not None and not each.field.startswith(LENGTH):
+                name = f"{topic} {each.field.split('[')[0]}"
+                self.largest[name] = max(each.amount, self.largest.get(name, 0.0))
+
+
+def differences(topic: str, step: int, recorded: Any, computed: Any) -> list[Difference]:
+    """All fields that differ in two messages of one type, in their order; of an array, first and largest difference.
+
+    Floats are compared by their bits: 0.0 and -0.0 differ, and a NaN equals itself.
+    """
+    return _differences(recorded, computed, _Place(topic, step))
+
+
+@dataclass(frozen=True)
+class _Place:
+    topic: str
+    step: int
+    prefix: str = ""
+    agent: int | None = None
+
+    def at(self, name: str, recorded: Any, computed: Any, agent: int | None = None) -> Difference:
+        whom = self.agent if agent is None else agent
+        return Difference(self.topic, self.step, self.prefix + name, whom, _plain(recorded), _plain(computed))
+
+    def within(self, name: str, agent: int | None = None) -> _Place:
+        return _Place(self.topic, self.step, f"{self.prefix}{name}.", self.agent if agent is None else agent)
+
+
+def _differences(recorded: Any, computed: Any, place: _Place) -> list[Difference]:
+    ids = tuple(_ids(message) for message in (recorded, computed))
+    if ids[0] is not None and ids[1] is not None and not np.array_equal(ids[0], ids[1]):
+        return _one_sided("id", ids[0].tolist(), ids[1].tolist(), place)  # the other arrays are parallel to this one
+    found: list[Difference] = []
+    for name in recorded.get_fields_and_field_types():
+        a, b = getattr(recorded, name), getattr(computed, name)
+        if hasattr(a, "get_fields_and_field_types"):
+            found += _differences(a, b, place.within(name))
+        elif _of_messages(a) or _of_messages(b):
+            found += _records(name, a, b, place)
+        elif isinstance(a, str):
+            found += [] if a == b else [place.at(name, a, b)]
+        elif isinstance(a, list | array | np.ndarray | bytes):
+            found += _arrays(name, np.asarray(a), np.asarray(b), ids[0], place)
+        elif np.asarray(a).tobytes() != np.asarray(b, np.asarray(a).dtype).tobytes():
+            found.append(place.at(name, a, b))
+    return found
+
+
+def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, place: _Place) -> list[Difference]:
+    if len(a) != len(b):
+        return [place.at(f"{LENGTH}{name}", len(a), len(b))]
+    if a.dtype == b.dtype and a.tobytes() == b.tobytes():
+        return []
+    apart = np.flatnonzero([x.tobytes() != y.tobytes() for x, y in zip(a, b, strict=True)])
+    width = len(a) // len(ids) if ids is not None and len(ids) else 0
+    chosen = [int(apart[0])]
+    if a.dtype.kind == "f":
+        gaps = np.abs(a[apart].astype(np.float64) - b[apart].astype(np.float64))
+        chosen.append(int(apart[int(np.argmax(np.nan_to_num(gaps)))]))
+    found = []
+    for at in dict.fromkeys(chosen):
+        agent = int(ids[at // width]) if ids is not None and width else None
+        label = f"{name}[{at % width}]" if width > 1 else name if width else f"{name}[{at}]"
+        found.append(place.at(label, a[at], b[at], agent))
+    return found
+
+
+def _records(name: str, a: list[Any], b: list[Any], place: _Place) -> list[Difference]:
+    """Lists of messages, matched by agent where they name one."""
+    keys_a, keys_b = _keys(a), _keys(b)
+    if keys_a != keys_b:
+        return _one_sided(name, keys_a, keys_b, place)
+    named = bool(a) and hasattr(a[0], AGENT_FIELDS[1])
+    found = []
+    for key, x, y in zip(keys_a, a, b, strict=True):
+        found += _differences(x, y, place.within(name, key) if named else place.within(f"{name}[{key}]"))
+    return found
+
+
+def _keys(records: list[Any]) -> list[int]:
+    return [int(getattr(record, AGENT_FIELDS[1], index)) for index, record in enumerate(records)]
+
+
+def _one_sided(name: str, a: list[int], b: list[int], place: _Place) -> list[Difference]:
+    """Who is in one of two lists only; where both hold the same, they are in another order."""
+    alone = sorted(set(a) ^ set(b))
+    if not alone:
+        return [place.at(f"order of {name}", str(a), str(b))]
+    return [
+        place.at(name, "present" if agent in a else "absent", "present" if agent in b else "absent", agent)
+        for agent in alone
+    ]
+
+
+def _ids(message: Any) -> np.ndarray | None:
+    values = getattr(message, AGENT_FIELDS[0], None)
+    return None if values is None or np.ndim(values) != 1 else np.asarray(values)
+
+
+def _of_messages(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and hasattr(value[0], "get_fields_and_field_types")
+
+
+def _plain(value: Any) -> Value:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _text(value: Value) -> str:
+    return repr(value) if isinstance(value, float) else str(value)

@@ -1,0 +1,126 @@
+"""Measures of several runs side by side."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.analysis.run import read_run
+from litsim_sim.bag import find_mcap
+from litsim_sim.errors import InputError
+
+SAME_RELATIVE = 1e-12
+"""Numbers that differ by less are called the same: sums in another order, no other behaviour."""
+
+WALL_TIMES = "timing"  # branch of the measures that differs between equal runs
+_SUFFIX = ".json"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measure of all runs.
+
+    Attributes:
+        name: path in `metrics.json`, joined by dots; of a list, the number of its entries.
+        values: of each run; None where it has none.
+        differs: whether any differs from the first; of lists, in any entry.
+    """
+
+    name: str
+    values: tuple[Any, ...]
+    differs: bool
+
+    @property
+    def of_the_run(self) -> bool:
+        """Whether equal runs agree on it: everything but wall times."""
+        return self.name.split(".")[0] != WALL_TIMES
+
+    @property
+    def changes(self) -> tuple[float | None, ...]:
+        """Each value minus the first, where both are numbers."""
+        return tuple(_minus(value, self.values[0]) for value in self.values)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs side by side.
+
+    Attributes:
+        names: of the runs, unique.
+        rows: measures in the order of `metrics.json`.
+    """
+
+    names: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+    @property
+    def equal(self) -> bool:
+        """Whether nothing but wall times differs."""
+        return not any(row.differs for row in self.rows if row.of_the_run)
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything, as a tree for JSON."""
+        rows = [{"name": row.name, "values": list(row.values), "differs": row.differs} for row in self.rows]
+        return {"runs": list(self.names), "equal": self.equal, "rows": rows}
+
+
+def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
+    """Put trees of :func:`litsim_sim.analysis.metrics.compute_metrics` side by side, by name of the run."""
+    columns = [dict(_leaves(tree)) for tree in metrics.values()]
+    names = list(dict.fromkeys(name for column in columns for name in column))
+    rows = []
+    for name in names:
+        found = [column.get(name) for column in columns]
+        shown = tuple(len(value) if isinstance(value, list) else value for value in found)
+        rows.append(Row(name, shown, any(not _same(found[0], value) for value in found[1:])))
+    return Comparison(tuple(metrics), tuple(rows))
+
+
+def load(path: Path) -> dict[str, Any]:
+    """Measures of a run: from its bag, whatever a `metrics.json` beside it says, or from a file of measures.
+
+    Raises:
+        InputError: `path` is neither.
+    """
+    if path.suffix != _SUFFIX:
+        return compute_metrics(read_run(find_mcap(path)))
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not a readable file of measures: {error}") from error
+    if not isinstance(found, dict) or "run_id" not in found:
+        raise InputError(f"{path}: not measures of a run: no field run_id")
+    return found
+
+
+def names_of(paths: list[Path]) -> list[str]:
+    """Short unique names: the last parts of the paths, as many as it takes."""
+    parts = [path.resolve().with_suffix("").parts for path in paths]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(p[-count:]) for p in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{index + 1}: {path.name}" for index, path in enumerate(paths)]
+
+
+def _leaves(tree: Any, name: str = "") -> list[tuple[str, Any]]:
+    if isinstance(tree, dict):
+        return [leaf for key, below in tree.items() for leaf in _leaves(below, f"{name}.{key}" if name else str(key))]
+    return [(name, tree)]
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _same(a: Any, b: Any) -> bool:
+    if _number(a) and _number(b):
+        return bool(abs(a - b) <= SAME_RELATIVE * max(abs(a), abs(b)))
+    return bool(a == b) and type(a) is type(b)
+
+
+def _minus(value: Any, base: Any) -> float | None:
+    return value - base if _number(value) and _number(base) else None

@@ -1,0 +1,35 @@
+"""`data`: look at recordings, fetch, convert and generate them, build nets, draw and export.
+
+Every module of this package whose name has no leading underscore is a sub-command of that name, with two functions:
+
+- ``add(subparsers) -> None`` adds the parser of the command and sets its default ``run``;
+- ``run(arguments) -> None`` does the work and raises :class:`InputError` where the input cannot be used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import pkgutil
+import sys
+
+from litsim_sim.errors import InputError
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="data", description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name in sorted(module.name for module in pkgutil.iter_modules(__path__)):
+        if not name.startswith("_"):
+            importlib.import_module(f"{__name__}.{name}").add(subparsers)
+    return parser
+
+
+def main(argv: list[str] | None = None) -> None:  # `list` is the type: modules of this package are imported by name
+    """Entry point of ``ros2 run litsim_sim data``."""
+    arguments = _parser().parse_args(argv)
+    try:
+        arguments.run(arguments)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)

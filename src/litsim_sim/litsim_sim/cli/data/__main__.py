@@ -1,0 +1,5 @@
+"""``python -m litsim_sim.cli.data``."""
+
+from litsim_sim.cli.data import main
+
+main()

@@ -1,0 +1,67 @@
+"""`data clean`: a recording with smooth motion that agrees with itself, and what that changed."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.cli.recordings import describe, write
+from litsim_sim.datasets import load_recording
+from litsim_sim.datasets.cleaning import CleaningConfig, CleaningReport, clean, front_centres
+from litsim_sim.errors import InputError
+from litsim_sim.recording import Recording
+
+OPTIONS = {
+    "longitudinal_period_s": "oscillations along the road of this period are halved, shorter ones vanish [s]",
+    "lateral_period_s": "the same across the road [s]",
+    "path_speed": "below it paths are smoothed over length instead of time [m/s]",
+    "huber": "residuals beyond this are outliers [m]",
+}
+"""Fields of the configuration that can be set, and their help."""
+
+
+def add(subparsers: Any) -> None:
+    """Add the parser of the command."""
+    command = subparsers.add_parser("clean", help="smooth motion, and what that changed")
+    command.add_argument("source", type=Path, metavar="IN", help="recording of any known format (crop it with convert)")
+    command.add_argument("out", type=Path, metavar="OUT.parquet")
+    defaults = asdict(CleaningConfig())
+    for name, text in OPTIONS.items():
+        option = f"--{name.removesuffix('_s').replace('_', '-')}"
+        command.add_argument(
+            option, dest=name, type=float, metavar="NUMBER", help=f"{text}; default {defaults[name]:g}"
+        )
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Clean, and print the figures before and after.
+
+    Raises:
+        InputError: as :func:`clean_recording`, or an option is out of range.
+    """
+    given = {name: getattr(arguments, name) for name in OPTIONS if getattr(arguments, name) is not None}
+    config = CleaningConfig(**given)
+    recording = load_recording(arguments.source)
+    cleaned, report = clean_recording(recording, config, str(arguments.source), progress=True)
+    write(cleaned, arguments.out)
+    print(describe(cleaned))
+    print()
+    print(report.table())
+
+
+def clean_recording(
+    recording: Recording, config: CleaningConfig, where: str, *, progress: bool = False
+) -> tuple[Recording, CleaningReport]:
+    """A cleaned recording, whose header says how, and the figures; `where` names it in errors.
+
+    Raises:
+        InputError: the recording was cleaned before, or vehicles jump.
+    """
+    if "cleaned" in recording.header.notes:
+        raise InputError(f"{where}: was cleaned before, as its header says; clean the original")
+    table, report = clean(front_centres(recording.table), config, progress=progress)
+    notes = {**recording.header.notes, "cleaned": {field.name: getattr(config, field.name) for field in fields(config)}}
+    return Recording.from_table(replace(recording.header, notes=notes), table, where), report

@@ -1,0 +1,32 @@
+"""`data info`: what a recording holds."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.cli.recordings import describe
+from litsim_sim.datasets import load_recording, ngsim_format
+
+
+def add(subparsers: Any) -> None:
+    """Add the parser of the command."""
+    command = subparsers.add_parser("info", help="what a recording holds; official NGSIM files are read, not converted")
+    command.add_argument("file", type=Path, help="recording of any known format")
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Print what the file holds.
+
+    Raises:
+        InputError: it is no recording, or a line of an official file cannot be used.
+    """
+    path: Path = arguments.file
+    if path.is_file() and ngsim_format.detect(path) is not None:
+        from litsim_sim.datasets.ngsim_summary import summary
+
+        print(summary(path, progress=True))
+    else:
+        print(describe(load_recording(path)))

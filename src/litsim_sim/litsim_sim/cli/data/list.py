@@ -1,0 +1,32 @@
+"""`data list`: packaged scenarios and nets."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import yaml
+
+from litsim_sim.scenario import packaged, packaged_nets, packaged_scenarios
+
+
+def add(subparsers: Any) -> None:
+    """Add the parser of the command."""
+    command = subparsers.add_parser("list", help="packaged scenarios and nets")
+    command.set_defaults(run=run)
+
+
+def run(_arguments: argparse.Namespace) -> None:
+    """Print what is packaged."""
+    print(listing())
+
+
+def listing() -> str:
+    """Packaged scenarios and nets, as text."""
+    lines = ["scenarios:"]
+    for name in packaged_scenarios():
+        fields = yaml.safe_load(packaged(f"scenarios/{name}.yaml").read_text(encoding="utf-8"))
+        lines.append(f"  {name:<16}{fields['description']}")
+    lines.append("nets:")
+    lines += [f"  {name:<16}{packaged(f'nets/{name}.net.xml')}" for name in packaged_nets()]
+    return "\n".join(lines)

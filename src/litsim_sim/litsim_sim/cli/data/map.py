@@ -1,0 +1,142 @@
+"""`data map`: build a net, from a recording, from published numbers or from a map of another format; or check one."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.errors import InputError
+from litsim_sim.scenario import DATA_VARIABLE
+
+US101_FILE = "ngsim/us101_0750_frames_0126_1149.parquet"
+SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
+EXIT_MISSED = 1
+
+
+def add(subparsers: Any) -> None:
+    """Add the parser of the command."""
+    command = subparsers.add_parser("map", help="build a net with netconvert, or check one", description=__doc__)
+    what = command.add_mutually_exclusive_group()
+    what.add_argument("--which", choices=("us101_like", "us101", "i80"), help="build a packaged net again")
+    what.add_argument("--commonroad", type=Path, metavar="F.xml", help="import a CommonRoad lanelet map")
+    what.add_argument("--lanelet2", type=Path, metavar="F.osm", help="import a Lanelet2 map (pip install lanelet2)")
+    what.add_argument("--opendrive", type=Path, metavar="F.xodr", help="import an OpenDRIVE map through netconvert")
+    what.add_argument("--check", type=Path, metavar="NET.net.xml", help="check this net instead of building one")
+    command.add_argument("--recording", type=Path, metavar="R", help="to fit lanes to, or to check against")
+    command.add_argument("--site", choices=SITES, help="where it was recorded; default: as the recording says")
+    command.add_argument("--origin", type=float, nargs=2, metavar=("LAT", "LON"), help="of --lanelet2's frame map")
+    command.add_argument("--cad", type=Path, metavar="FILE", help="CAD centre lines, for --check")
+    command.add_argument("--scenario", action="append", default=[], help="of CommonRoad windows, for --check")
+    command.add_argument("--out", type=Path, metavar="OUT.net.xml", help="the net to write")
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Build or check; exits with status 1 where a check misses its goal.
+
+    Raises:
+        InputError: the input cannot be used, or netconvert is missing.
+    """
+    if arguments.check is not None:
+        if not check(arguments):
+            sys.exit(EXIT_MISSED)
+        return
+    if arguments.out is None:
+        raise InputError("data map: name the net to write with --out, or one to check with --check")
+    print(f"building {arguments.out} ...", file=sys.stderr)
+    for warning in build(arguments):
+        print(f"netconvert: {warning}", file=sys.stderr)
+
+
+def build(arguments: argparse.Namespace) -> list[str]:
+    """Build the net that `arguments` ask for; returns netconvert's warnings.
+
+    Raises:
+        InputError: as :func:`run`.
+    """
+    from litsim_sim.maps import commonroad, lanelet2_osm
+    from litsim_sim.maps.netconvert import import_opendrive
+
+    out = arguments.out
+    if arguments.commonroad is not None:
+        return commonroad.import_commonroad(arguments.commonroad, out)
+    if arguments.lanelet2 is not None:
+        if arguments.origin is None:
+            raise InputError("data map: --lanelet2 needs --origin LAT LON, the point that becomes (0, 0)")
+        return lanelet2_osm.import_lanelet2(arguments.lanelet2, (arguments.origin[0], arguments.origin[1]), out)
+    if arguments.opendrive is not None:
+        return import_opendrive(arguments.opendrive, out)
+    if arguments.which is not None:
+        build_map(arguments.which, out, arguments.recording)
+        return []
+    return fit(arguments.recording, arguments.site, out)
+
+
+def fit(recording: Path | None, site: str | None, out: Path) -> list[str]:
+    """Build the net of a site under a recording; I-80 alone can do without one.
+
+    Raises:
+        InputError: the recording is missing or does not allow a fit, or netconvert is missing.
+    """
+    from litsim_sim.maps import fitting, highway, intersections, positions
+
+    if recording is None:
+        if site != "i80":
+            raise InputError("data map: name the recording to fit lanes to with --recording")
+        highway.write_net(highway.i80_plan(), out)
+        return []
+    found = positions.for_fitting(recording, "" if site in (None, "generic") else str(site))
+    name = site or found.site or "generic"
+    if name in fitting.LAYOUTS:
+        highway.write_net(fitting.fit_plan(found.table, fitting.LAYOUTS[name]), out)
+    elif name == "generic":
+        highway.write_net(fitting.fit_generic_plan(found.table), out)
+    else:
+        return intersections.write_net(intersections.fit_streets(found.table), out)
+    return []
+
+
+def build_map(which: str, out: Path, recording: Path | None) -> None:
+    """Build a packaged net: `us101_like`, `i80`, or `us101` fitted to the windows file at `recording`.
+
+    Raises:
+        InputError: netconvert or the recording is missing, or `out` cannot be written.
+    """
+    from litsim_sim.maps import highway
+
+    if which == "us101_like":
+        highway.write_net(highway.us101_like_plan(), out)
+    else:
+        fit(_us101(recording) if which == "us101" else None, which, out)
+
+
+def check(arguments: argparse.Namespace) -> bool:
+    """Check a net, print the result, and return whether it meets the goals.
+
+    Raises:
+        InputError: a file cannot be used, or does not fit the net.
+    """
+    from litsim_sim.datasets.sites import SITES as KNOWN
+    from litsim_sim.maps import cad, positions
+    from litsim_sim.maps.check import check_net
+
+    lines = None
+    if arguments.cad is not None:
+        lines, _ = cad.read_center_lines(arguments.cad, KNOWN.get(arguments.site or ""))
+    parts = {} if arguments.recording is None else positions.for_checking(arguments.recording, arguments.scenario)
+    result = check_net(arguments.check, parts, lines)
+    print(result.text())
+    return not result.failures
+
+
+def _us101(recording: Path | None) -> Path:
+    """The windows file: as given, or where the development data lies."""
+    if recording is not None:
+        return recording
+    data = os.environ.get(DATA_VARIABLE)
+    if not data:
+        raise InputError(f"net us101 is fitted to real tracks: name them with --recording, or set {DATA_VARIABLE}")
+    return Path(data) / US101_FILE

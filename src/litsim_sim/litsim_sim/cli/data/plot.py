@@ -1,0 +1,54 @@
+"""`data plot`: a recording as space-time diagrams by lane and a map of its tracks."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.cli.recordings import describe
+from litsim_sim.datasets import load_recording
+from litsim_sim.errors import InputError
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.recording import Recording
+from litsim_sim.scenario import packaged, packaged_nets
+
+
+def add(subparsers: Any) -> None:
+    """Add the parser of the command."""
+    command = subparsers.add_parser("plot", help="draw space-time diagrams by lane and a map of the tracks")
+    command.add_argument("recording", type=Path, help="recording of any known format")
+    command.add_argument(
+        "out", type=Path, metavar="OUT", help="OUT.png, or OUT.html for a page that needs no other file"
+    )
+    command.add_argument(
+        "--net", help="net under the tracks: file, or name of a packaged one; default: that of the header"
+    )
+    crop_help = "draw rows with COLUMN, as named in the file, from LOW through HIGH; may be repeated"
+    command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help=crop_help)
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Draw.
+
+    Raises:
+        InputError: the recording or the net cannot be used, or OUT cannot be written.
+    """
+    from litsim_sim.cli.data.convert import parse_crop
+    from litsim_sim.datasets.plots import draw  # matplotlib takes half a second to load
+
+    recording = load_recording(arguments.recording, parse_crop(arguments.crop))
+    try:
+        draw(recording, arguments.out, describe(recording), _lane_map(recording, arguments.net))
+    except OSError as error:
+        raise InputError(f"{arguments.out}: cannot be written: {error.strerror or error}") from error
+    print(arguments.out)
+
+
+def _lane_map(recording: Recording, named: str | None) -> LaneMap | None:
+    """Lanes of the net that is named, or of the packaged one that the header names; None if there is none."""
+    name = (named or recording.header.net).removesuffix(".net.xml")
+    if name in packaged_nets():
+        return LaneMap.from_net(packaged(f"nets/{name}.net.xml"))
+    return LaneMap.from_net(Path(named)) if named else None

@@ -1,0 +1,135 @@
+"""`data segments`: cut recordings into segments with an ego each; a manifest and a scenario file for every segment."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from litsim_sim.datasets import load_recording, segments
+from litsim_sim.errors import InputError
+from litsim_sim.recording import Recording
+from litsim_sim.scenario import DATA_VARIABLE, packaged_nets
+
+
+def add(subparsers: Any) -> None:
+    """Add the parser of the command."""
+    command = subparsers.add_parser("segments", help="cut recordings into scenarios of 28 s, split 70/10/20")
+    command.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="of any known format")
+    command.add_argument("--manifest", type=Path, help="instead: reproduce this manifest and its scenario files")
+    command.add_argument("--out", type=Path, required=True, metavar="DIR")
+    command.add_argument("--net", help="packaged net or file; default: the one that the recording names")
+    command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help="as of convert")
+    defaults = segments.Settings()
+    command.add_argument("--seed", type=int, default=defaults.seed, help="of the egos; default %(default)s")
+    for name, text in (
+        ("history", "recorded past [s]"),
+        ("simulation", "after it [s]"),
+        ("stride", "from the start of a segment to the next [s]"),
+        ("ego-min", "that an ego is there for after the history [s]"),
+    ):
+        value = getattr(defaults, f"{name.replace('-', '_')}_s")
+        command.add_argument(f"--{name}", type=float, default=value, help=f"{text}; default %(default)s")
+    split = [f"{share:g}" for share in defaults.split]
+    shares = f"shares of time for train, val and test; default {' '.join(split)}"
+    command.add_argument("--split", type=float, nargs=3, default=list(defaults.split), help=shares)
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Cut, write and say what came out.
+
+    Raises:
+        InputError: as :func:`cut_files` and :func:`reproduce`, or the arguments do not fit each other.
+    """
+    if bool(arguments.recordings) == bool(arguments.manifest):
+        raise InputError("expected either recordings or --manifest")
+    if arguments.manifest:
+        manifest = reproduce(arguments.manifest, arguments.out)
+    else:
+        crop = {column: [_number(low), _number(high)] for column, low, high in arguments.crop or []}
+        try:
+            settings = segments.Settings(
+                seed=arguments.seed,
+                history_s=arguments.history,
+                simulation_s=arguments.simulation,
+                stride_s=arguments.stride,
+                ego_min_s=arguments.ego_min,
+                split=tuple(arguments.split),
+            )
+        except ValidationError as error:
+            problem = error.errors()[0]
+            raise InputError(f"{'.'.join(map(str, problem['loc']))} is {problem['input']}: {problem['msg']}") from error
+        manifest = cut_files(arguments.recordings, arguments.out, arguments.net, crop or None, settings)
+    print(segments.describe(manifest))
+
+
+def cut_files(
+    paths: list[Path], out: Path, net: str | None, crop: dict[str, list[float]] | None, settings: segments.Settings
+) -> segments.Manifest:
+    """Cut the recordings at `paths` and write manifest and scenario files to the folder `out`.
+
+    Raises:
+        InputError: a recording, its net or `out` cannot be used.
+    """
+    sources = []
+    for path in paths:
+        recording = load_recording(path, crop)
+        sources.append((_stored(path, out), _net(net, recording, path, out), crop, recording))
+    manifest = segments.cut(sources, settings)
+    segments.write(manifest, out)
+    return manifest
+
+
+def reproduce(path: Path, out: Path) -> segments.Manifest:
+    """Cut again what the manifest at `path` says and write it to `out`.
+
+    Raises:
+        InputError: the manifest or a recording cannot be used, or `out` cannot be written.
+    """
+    manifest = segments.Manifest.read(path)
+    again = segments.reproduce(manifest, path.parent)
+    if again != manifest:
+        raise InputError(f"{path}: its recordings and settings give other segments than it lists: was it edited?")
+    files = [source.file for source in again.recordings]
+    moved = [file if file.startswith("$") else _stored(path.parent / file, out) for file in files]
+    nets = [
+        source.net if source.net in packaged_nets() else _stored(path.parent / source.net, out)
+        for source in again.recordings
+    ]
+    recordings = [
+        source.model_copy(update={"file": file, "net": net})
+        for source, file, net in zip(again.recordings, moved, nets, strict=True)
+    ]
+    again = again.model_copy(update={"recordings": recordings})
+    segments.write(again, out)
+    return again
+
+
+def _stored(path: Path, folder: Path) -> str:
+    """`path` as the manifest in `folder` names it: below LITSIM_DATA by that, otherwise relative to the folder."""
+    data = os.environ.get(DATA_VARIABLE)
+    if data and path.resolve().is_relative_to(Path(data).resolve()):
+        return f"${{{DATA_VARIABLE}}}/{path.resolve().relative_to(Path(data).resolve()).as_posix()}"
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+
+
+def _net(net: str | None, recording: Recording, path: Path, out: Path) -> str:
+    """Name of the packaged net, or path of the net relative to `out`."""
+    name = net or recording.header.net.removesuffix(".net.xml")
+    if name in packaged_nets():
+        return name
+    file = Path(net) if net else path.parent / recording.header.net
+    if not name or not file.is_file():
+        raise InputError(f"{path}: no net {name or 'named in its header'}: name a packaged net or a file with --net")
+    return Path(os.path.relpath(file.resolve(), out.resolve())).as_posix()
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InputError(f"--crop: {text} is no number; expected a column and two numbers") from error

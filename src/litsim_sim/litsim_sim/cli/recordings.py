@@ -1,0 +1,43 @@
+"""What several commands do with a recording: describe it, write it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from litsim_sim.errors import InputError
+from litsim_sim.recording import STEP_S, Kind, Recording
+
+
+def describe(recording: Recording) -> str:
+    """What a recording holds, as text."""
+    header, table = recording.header, recording.table
+    vehicles = table.drop_duplicates("vehicle_id")
+    per_frame = table.groupby("frame").size()
+    kinds = {kind.name.lower(): int((vehicles["kind"] == kind).sum()) for kind in Kind}
+    first, last = int(table["frame"].min()), int(table["frame"].max())
+    span = ", ".join(f"{axis} {table[axis].min():.1f} to {table[axis].max():.1f} m" for axis in ("x", "y"))
+    rows = {
+        "name": header.name,
+        "source": header.source,
+        "licence": header.licence,
+        "net": header.net,
+        "frames": f"{first} to {last} ({(last - first) * STEP_S:.1f} s at {header.rate_hz:g} Hz), {len(table)} rows",
+        "vehicles": f"{len(vehicles)} ({', '.join(f'{count} {kind}' for kind, count in kinds.items() if count)})",
+        "at a time": f"{per_frame.min()} to {per_frame.max()}, mean {per_frame.mean():.1f}",
+        "speed": f"mean {table['speed'].mean():.1f}, {table['speed'].min():.1f} to {table['speed'].max():.1f} m/s",
+        "extent": span,
+        "notes": ", ".join(f"{key}: {value}" for key, value in header.notes.items()),
+    }
+    return "\n".join(f"{name:<11}{value}" for name, value in rows.items() if value)
+
+
+def write(recording: Recording, out: Path) -> None:
+    """Write `recording` in the neutral schema.
+
+    Raises:
+        InputError: `out` cannot be written.
+    """
+    try:
+        recording.write(out)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error

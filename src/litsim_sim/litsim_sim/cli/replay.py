@@ -1,0 +1,120 @@
+"""`replay BAG`: a recorded run published again as if live; made whole, one of its stages or all of it run again."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+from litsim_sim.errors import InputError
+
+STAGES = ("predictor", "conflict", "policy", "ego")
+RERUN = ("litsim_policy", "rerun")
+"""Package and executable that has all stages in one process; this package is below it and imports nothing of it."""
+
+KEYS = "While it plays in a terminal: space pauses, s steps, arrows seek 1 s (paused: one step), + - rate, q quits."
+EXIT_INPUT = 2
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_sim replay``."""
+    p = argparse.ArgumentParser(prog="replay", description=__doc__, epilog=KEYS)
+    p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
+    playing = p.add_argument_group("publish its topics and /clock")
+    playing.add_argument("--rate", type=float, default=1.0, help="simulated seconds per second (default: 1)")
+    playing.add_argument("--start", type=float, default=0.0, metavar="S", help="begin there [s]")
+    playing.add_argument("--loop", action="store_true", help="begin anew after the end")
+    playing.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="only these, and /clock")
+    playing.add_argument("--paused", action="store_true", help="wait for space, s, or the services ~/pause and ~/step")
+    playing.add_argument(
+        "--delay",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="for subscribers to be found before it begins (default: 1)",
+    )
+    other = p.add_argument_group("instead of playing")
+    kind = other.add_mutually_exclusive_group()
+    kind.add_argument(
+        "--repair", action="store_true", help="make a complete bag of one that was cut short; needs --out"
+    )
+    kind.add_argument("--node", metavar="STAGE", help=f"feed its recorded inputs to a stage: {', '.join(STAGES)}")
+    kind.add_argument("--resimulate", action="store_true", help="run all of it again from what the bag holds")
+    other.add_argument("--out", type=Path, metavar="FOLDER", help="where --repair writes the new bag")
+    other.add_argument("--json", type=Path, metavar="FILE", help="what --node or --resimulate found")
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run litsim_sim replay``."""
+    words, ros = _split(sys.argv[1:] if argv is None else argv)
+    p = parser()
+    arguments = p.parse_args(words)
+    if arguments.repair != (arguments.out is not None):
+        p.error("--repair and --out go together")
+    try:
+        if arguments.repair:
+            _repair(arguments.bag, arguments.out)
+        elif arguments.node or arguments.resimulate:
+            _rerun(arguments)
+        else:
+            _play(arguments, ros)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(EXIT_INPUT)
+
+
+def _play(arguments: argparse.Namespace, ros: list[str]) -> None:
+    from litsim_sim.replay_node import play  # the other ways need no graph
+
+    play(
+        arguments.bag,
+        ros,
+        arguments.topics,
+        max(0.0, arguments.delay),
+        rate=arguments.rate,
+        start_s=arguments.start,
+        loop=arguments.loop,
+        paused=arguments.paused,
+    )
+
+
+def _repair(bag: Path, out: Path) -> None:
+    from litsim_sim.repair import repair
+
+    done = repair(bag, out)
+    print(f"{done.path}: {done.messages.total()} messages on {len(done.messages)} topics", end="")
+    print(f", attachments {', '.join(done.attachments) or 'none'}")
+    for loss in done.lost or ["nothing: the bag was complete"]:
+        print(f"lost: {loss}")
+
+
+def _rerun(arguments: argparse.Namespace) -> NoReturn:
+    """Hand over to the package that has the stages; its exit status is that of this command."""
+    from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+    if arguments.node and arguments.node not in STAGES:
+        raise InputError(f"--node: there is no stage {arguments.node!r}, expected one of {', '.join(STAGES)}")
+    package, program = RERUN
+    try:
+        path = Path(get_package_prefix(package)) / "lib" / package / program
+    except PackageNotFoundError as error:
+        raise InputError(f"package {package} is not built or not sourced: {error}") from error
+    if not path.is_file():
+        raise InputError(f"{path}: no such executable; build the workspace (make build)")
+    words = [str(path), str(arguments.bag), *(["--node", arguments.node] if arguments.node else ["--resimulate"])]
+    words += ["--json", str(arguments.json)] if arguments.json else []
+    sys.stdout.flush()
+    os.execv(path, words)  # noqa: S606 - a list of words, never through a shell
+
+
+def _split(words: list[str]) -> tuple[list[str], list[str]]:
+    """Arguments of ours, and those of ROS."""
+    at = words.index("--ros-args") if "--ros-args" in words else len(words)
+    return words[:at], words[at:]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,111 @@
+"""Running netconvert: plain XML or a map of another format in, a SUMO net out.
+
+Our own code decides where lanes lie and how they connect; netconvert only assembles the net file. It is needed to build
+nets, never to run a simulation: ``pip install -r requirements/maps.txt``.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from litsim_sim.errors import InputError
+
+DECIMALS = 3  # of written coordinates: millimetres
+PLAIN_OPTIONS = {".nod.xml": "--node-files", ".edg.xml": "--edge-files", ".con.xml": "--connection-files"}
+WITHOUT_INTERNAL_LANES = ("--no-internal-links",)
+"""For nets whose lanes follow each other without a gap: no lanes are put between them."""
+
+PlainXml = Mapping[str, ET.Element]
+"""Root elements by the file name that they get; the ending of the name says what they are."""
+
+
+def find_netconvert() -> Path:
+    """The netconvert program: beside this Python, inside the ``eclipse-sumo`` package, or on the PATH.
+
+    Raises:
+        InputError: it is in none of these places.
+    """
+    candidates = [Path(sys.executable).parent / "netconvert"]
+    package = find_spec("sumo")
+    if package is not None and package.origin:
+        candidates.append(Path(package.origin).parent / "bin" / "netconvert")
+    on_path = shutil.which("netconvert")
+    candidates += [Path(on_path)] if on_path else []
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    raise InputError("netconvert is not installed; it is needed to build nets: pip install -r requirements/maps.txt")
+
+
+def build_net(
+    plain: PlainXml, path: Path, options: Sequence[str] = (), outlines: Mapping[str, str] | None = None
+) -> list[str]:
+    """Assemble `plain` to the net at `path`, in the frame of its coordinates.
+
+    Args:
+        plain: what to build.
+        path: of the net.
+        options: of netconvert.
+        outlines: of junctions by their id, as SUMO writes shapes, to draw in place of those that netconvert knows.
+
+    Returns:
+        netconvert's warnings.
+
+    Raises:
+        InputError: netconvert is not installed or refuses the plan, or `path` cannot be written.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        folder, files = Path(scratch), []
+        for name, tree in plain.items():
+            ET.indent(tree)
+            ET.ElementTree(tree).write(folder / name, encoding="UTF-8", xml_declaration=True)
+            kind = next(option for ending, option in PLAIN_OPTIONS.items() if name.endswith(ending))
+            files += [kind, name]
+        return _convert([*files, *options], path, folder, outlines or {})
+
+
+def import_opendrive(source: Path, path: Path) -> list[str]:
+    """Convert the OpenDRIVE file `source` to the net at `path`; the frame is that of the file.
+
+    Returns:
+        netconvert's warnings.
+
+    Raises:
+        InputError: as :func:`build_net`, or `source` is missing or no OpenDRIVE.
+    """
+    if not source.is_file():
+        raise InputError(f"{source}: no such OpenDRIVE file")
+    options = ["--opendrive-files", str(source.resolve()), "--opendrive.curve-resolution", "1"]
+    with tempfile.TemporaryDirectory() as scratch:
+        return _convert(options, path, Path(scratch), {})
+
+
+def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping[str, str]) -> list[str]:
+    command = [
+        *(str(find_netconvert()), *options, "--output-file", "made.net.xml", "--precision", str(DECIMALS)),
+        # The frame must stay as given.
+        *("--offset.disable-normalization", "--no-turnarounds"),
+    ]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    made = folder / "made.net.xml"
+    if done.returncode != 0 or not made.is_file():
+        raise InputError(f"netconvert refused the plan of {path.name}: {(done.stderr or done.stdout).strip()}")
+    # netconvert heads the file with the date and its command line, which would make every regeneration differ.
+    net = re.sub(r"<!--.*?-->\n*", "", made.read_text(encoding="UTF-8"), count=1, flags=re.DOTALL)
+    for junction, outline in outlines.items():
+        net = re.sub(rf'(<junction id="{re.escape(junction)}"[^>]*? shape=")[^"]*', rf"\g<1>{outline}", net, count=1)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(net, encoding="UTF-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    said = (done.stdout + done.stderr).splitlines()
+    return [line.removeprefix("Warning: ").strip() for line in said if line.startswith("Warning")]
