@@ -180,6 +180,13 @@ def recorded_step(bag: Path) -> int:
         return -1
 
 
+@pytest.fixture(scope="session", autouse=True)
+def shared_memory() -> Iterator[None]:
+    """Nodes that were killed leave theirs behind."""
+    yield
+    subprocess.run(["fastdds", "shm", "clean"], capture_output=True, check=False)
+
+
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
     with domain_coordinator.domain_id() as domain:

@@ -128,7 +128,7 @@ def test_killed_recorder_is_named_and_leaves_whole_chunks(graph: Any) -> None:
 
 def test_full_disk_ends_the_run_with_the_name_of_the_file(graph: Any) -> None:
     recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
-    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (100_000, 100_000))  # less than the attachments
+    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (40_000, 40_000))  # not enough for the run
     graph.start_node("litsim_policy", "ego_idm")
     arguments = {"scenario": graph.scenario(), "policy": "replay", "progress": "none"}
     bridge = graph.finish(graph.start_node("litsim_sim", "bridge", **arguments))

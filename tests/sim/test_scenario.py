@@ -56,7 +56,7 @@ def refusal(tmp_path: Path, fields: dict[str, Any]) -> str:
 
 def test_demo(demo: Scenario) -> None:
     assert packaged_scenarios() == ("demo", "us101_0750")
-    assert (demo.name, demo.ego_id, demo.roi_m, demo.seed) == ("demo", 15, 30.0, 0)
+    assert (demo.name, demo.ego_id, demo.roi_m, demo.seed) == ("demo", 7, 30.0, 0)
     assert (demo.history_steps, demo.total_steps, demo.shortened, demo.start_frame) == (30, 280, False, 0)
     assert demo.net_path.name == "us101_like.net.xml"
     row = demo.log.row(demo.ego_id)
