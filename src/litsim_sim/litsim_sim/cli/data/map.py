@@ -16,11 +16,14 @@ SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
 EXIT_MISSED = 1
 
 
+PACKAGED = ("us101_like", "urban_like", "us101", "i80")
+
+
 def add(subparsers: Any) -> None:
     """Add the parser of the command."""
     command = subparsers.add_parser("map", help="build a net with netconvert, or check one", description=__doc__)
     what = command.add_mutually_exclusive_group()
-    what.add_argument("--which", choices=("us101_like", "us101", "i80"), help="build a packaged net again")
+    what.add_argument("--which", choices=PACKAGED, help="build a packaged net again")
     what.add_argument("--commonroad", type=Path, metavar="F.xml", help="import a CommonRoad lanelet map")
     what.add_argument("--lanelet2", type=Path, metavar="F.osm", help="import a Lanelet2 map (pip install lanelet2)")
     what.add_argument("--opendrive", type=Path, metavar="F.xodr", help="import an OpenDRIVE map through netconvert")
@@ -100,15 +103,18 @@ def fit(recording: Path | None, site: str | None, out: Path) -> list[str]:
 
 
 def build_map(which: str, out: Path, recording: Path | None) -> None:
-    """Build a packaged net: `us101_like`, `i80`, or `us101` fitted to the windows file at `recording`.
+    """Build a packaged net: `us101_like`, `urban_like`, `i80`, or `us101` fitted to the windows file at `recording`.
 
     Raises:
         InputError: netconvert or the recording is missing, or `out` cannot be written.
     """
+    from litsim_sim.datasets import urban
     from litsim_sim.maps import highway
 
     if which == "us101_like":
         highway.write_net(highway.us101_like_plan(), out)
+    elif which == "urban_like":
+        urban.write_net(out)
     else:
         fit(_us101(recording) if which == "us101" else None, which, out)
 
