@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,11 @@ from hypothesis import settings
 from litsim_sim.recording import COLUMNS, STEP_S, Recording, RecordingHeader
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller
+
+# Real data, where they lie beside the project; elsewhere the tests that need them are skipped and say so.
+BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"
+if BESIDE.is_dir():
+    os.environ.setdefault("LITSIM_DATA", str(BESIDE))
 
 # How long an example takes says nothing on a machine that is shared; on CI, hypothesis also fixes its seed.
 settings.register_profile("litsim", settings(), deadline=None)
