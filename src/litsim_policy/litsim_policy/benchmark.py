@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import yaml
-from ament_index_python.packages import get_package_prefix
 
 from litsim_sim.analysis.metrics import METRICS_FILE
 from litsim_sim.errors import InputError
+from litsim_sim.executables import find_executable
 from litsim_sim.recording import STEP_S, Kind, Recording, RecordingHeader
 from litsim_sim.scenario import packaged
 
@@ -115,7 +115,7 @@ def rows(samples: list[Sample]) -> Iterator[tuple[str, str]]:
 
 def _execute(command: list[str]) -> None:
     package, executable, *arguments = command
-    path = Path(get_package_prefix(package)) / "lib" / package / executable
+    path = find_executable(package, executable)
     environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
     ended = subprocess.run([str(path), *arguments], capture_output=True, text=True, check=False, env=environment)
     if ended.returncode != 0:

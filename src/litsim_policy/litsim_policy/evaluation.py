@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ament_index_python.packages import get_package_prefix
 
 from litsim_policy.runner import Runner, record
 from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics
 from litsim_sim.errors import InputError
+from litsim_sim.executables import find_executable
 from litsim_sim.run_info import RunPlan
 from litsim_sim.scenario import Scenario
 from litsim_sim.sumo import SumoMirror
@@ -54,7 +54,7 @@ def run_graph(job: Job, folder: Path) -> dict[str, Any]:
         InputError: the launcher failed; the message is its own.
     """
     out = folder / f"{job.ego}-{job.policy}-{job.ego_id}"
-    launch = Path(get_package_prefix("litsim_sim")) / "lib" / "litsim_sim" / "launch"
+    launch = find_executable("litsim_sim", "launch")
     command = [str(launch), "--quiet", "--overwrite", "--scenario", job.scenario, "--out", str(out)]
     command += ["--ego", job.ego, "--policy", job.policy, "--ego-id", str(job.ego_id)]
     environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}

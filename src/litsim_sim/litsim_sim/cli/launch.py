@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import IO
 
 import domain_coordinator
-from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from tqdm import tqdm
 
 from litsim_sim.analysis.run import AGENTS, EGO_CONTROL
 from litsim_sim.cli.analyze import analyze, print_metrics
 from litsim_sim.errors import InputError
+from litsim_sim.executables import find_executable
 from litsim_sim.report.run_report import write_report
 from litsim_sim.run_info import EGOS, POLICIES, RunPlan
 from litsim_sim.scenario import Scenario
@@ -283,13 +283,7 @@ def _check_output(out: Path, overwrite: bool) -> None:
 def _executable(name: str, ego: str) -> Path:
     """The file that ``ros2 run`` starts as node `name`."""
     package, program = ("litsim_policy", f"ego_{ego}") if name == "ego" else EXECUTABLES[name]
-    try:
-        path = Path(get_package_prefix(package)) / "lib" / package / program
-    except PackageNotFoundError as error:
-        raise InputError(f"package {package} is not built or not sourced: {error}") from error
-    if not path.is_file():
-        raise InputError(f"{path}: no such executable; build the workspace (make build)")
-    return path
+    return find_executable(package, program)
 
 
 def _domain(arguments: argparse.Namespace) -> contextlib.AbstractContextManager[int]:

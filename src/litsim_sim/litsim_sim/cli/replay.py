@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from litsim_sim.errors import InputError
+from litsim_sim.executables import find_executable
 
 STAGES = ("predictor", "conflict", "policy", "ego")
 RERUN = ("litsim_policy", "rerun")
@@ -93,17 +94,9 @@ def _repair(bag: Path, out: Path) -> None:
 
 def _rerun(arguments: argparse.Namespace) -> NoReturn:
     """Hand over to the package that has the stages; its exit status is that of this command."""
-    from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-
     if arguments.node and arguments.node not in STAGES:
         raise InputError(f"--node: there is no stage {arguments.node!r}, expected one of {', '.join(STAGES)}")
-    package, program = RERUN
-    try:
-        path = Path(get_package_prefix(package)) / "lib" / package / program
-    except PackageNotFoundError as error:
-        raise InputError(f"package {package} is not built or not sourced: {error}") from error
-    if not path.is_file():
-        raise InputError(f"{path}: no such executable; build the workspace (make build)")
+    path = find_executable(*RERUN)
     words = [str(path), str(arguments.bag), *(["--node", arguments.node] if arguments.node else ["--resimulate"])]
     words += ["--json", str(arguments.json)] if arguments.json else []
     sys.stdout.flush()
