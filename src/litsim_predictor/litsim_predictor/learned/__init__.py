@@ -1,0 +1,1 @@
+"""Learned joint predictors: data, models, training and inference."""
