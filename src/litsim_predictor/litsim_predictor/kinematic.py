@@ -51,25 +51,16 @@ class KinematicPredictor:
         agents = table.take(agents_of_interest(table, self._ego_id, self._roi_m))
         steps = round(config.horizon / config.dt)
         t: FloatArray = config.dt * np.arange(1, steps + 1, dtype=np.float64)
-        rate = self._turn_rate(agents)[:, None]
-        yaw = agents.yaw[:, None] + rate * config.rate_decay * (1.0 - np.exp(-t / config.rate_decay))
-        middle = np.concatenate([agents.yaw[:, None], yaw], axis=1)
-        middle = 0.5 * (middle[:, 1:] + middle[:, :-1])
-        distance = (agents.speed * config.dt)[:, None]
-        mean = np.stack(
-            [
-                agents.x[:, None] + np.cumsum(distance * np.cos(middle), axis=1),
-                agents.y[:, None] + np.cumsum(distance * np.sin(middle), axis=1),
-            ],
-            axis=-1,
-        )
+        rate = self._turn_rate(agents)
+        yaw, way = roll_out(agents.yaw, agents.speed, rate, t, config)
+        mean = np.stack([agents.x, agents.y], axis=-1)[:, None] + way
         return Forecast(
             step=table.step,
             dt=config.dt,
             id=agents.id,
             mean=mean,
             yaw=yaw.astype(np.float32),
-            covariance=self._covariance(yaw, t).astype(np.float32),
+            covariance=spread(yaw, t, config).astype(np.float32),
             maneuver_probability=np.empty((len(agents), 0), np.float32),
             valid=np.ones(len(agents), np.bool_),
         )
@@ -85,11 +76,32 @@ class KinematicPredictor:
         rate = np.divide(turned, span, out=np.zeros(len(yaw)), where=span > 0.5 * self._config.rate_window * STEP_S)
         return np.where(np.abs(rate) > self._config.rate_dead_band, rate, 0.0)
 
-    def _covariance(self, yaw: FloatArray, t: FloatArray) -> FloatArray:
-        """(n, T, 3) sigma_x, sigma_y, correlation of the along- and across-track spread turned into frame map."""
-        config = self._config
-        along = (config.sigma_start + config.sigma_along[0] * t + config.sigma_along[1] * t**2) ** 2
-        across = (config.sigma_start + config.sigma_across[0] * t + config.sigma_across[1] * t**2) ** 2
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        xx, yy = along * cos**2 + across * sin**2, along * sin**2 + across * cos**2
-        return np.stack([np.sqrt(xx), np.sqrt(yy), (along - across) * sin * cos / np.sqrt(xx * yy)], axis=-1)
+
+def roll_out(
+    yaw: FloatArray, speed: FloatArray, rate: FloatArray, t: FloatArray, config: KinematicConfig
+) -> tuple[FloatArray, FloatArray]:
+    """Headings (..., T) [rad] and displacements (..., T, 2) [m] at the times `t` (T,), multiples of `config.dt` [s].
+
+    Args:
+        yaw, speed: (...) now [rad], [m/s].
+        rate: (...) of turn now [rad/s]; it decays.
+        t: [s].
+        config: decay and step.
+    """
+    yaws = yaw[..., None] + rate[..., None] * config.rate_decay * (1.0 - np.exp(-t / config.rate_decay))
+    middle = np.concatenate([yaw[..., None], yaws], axis=-1)
+    middle = 0.5 * (middle[..., 1:] + middle[..., :-1])
+    distance = (speed * config.dt)[..., None]
+    way = np.stack([np.cumsum(distance * np.cos(middle), axis=-1), np.cumsum(distance * np.sin(middle), axis=-1)], -1)
+    return yaws, way
+
+
+def spread(yaw: FloatArray, t: FloatArray, config: KinematicConfig) -> FloatArray:
+    """(..., T, 3) sigma_x, sigma_y [m], correlation of the along- and across-track spread at times `t` (T,) [s],
+    turned into the axes in which the headings `yaw` (..., T) [rad] are.
+    """
+    along = (config.sigma_start + config.sigma_along[0] * t + config.sigma_along[1] * t**2) ** 2
+    across = (config.sigma_start + config.sigma_across[0] * t + config.sigma_across[1] * t**2) ** 2
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    xx, yy = along * cos**2 + across * sin**2, along * sin**2 + across * cos**2
+    return np.stack([np.sqrt(xx), np.sqrt(yy), (along - across) * sin * cos / np.sqrt(xx * yy)], axis=-1)

@@ -7,15 +7,35 @@ from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
 from litsim_sim.errors import InputError
 from litsim_sim.scenario import Scenario
 
-MODELS = ("kinematic",)
+LEARNED = ("default", "paper", "cs_lstm", "bat")
+MODELS = ("kinematic", *LEARNED)
 
 
 def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | None = None) -> Predictor:
-    """The predictor called `model` (one of :data:`MODELS`), for a run of `scenario`.
+    """The predictor called `model`, for a run of `scenario`.
+
+    Args:
+        model: one of :data:`MODELS`, or the path of a file of weights.
+        scenario: of the run.
+        kinematic: parameters of that model.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: there is none of that name, or its weights cannot be used.
     """
-    if model not in MODELS:
-        raise InputError(f"predictor: parameter model is {model!r}, expected one of {', '.join(MODELS)}")
-    return KinematicPredictor(scenario.ego_id, scenario.roi_m, kinematic)
+    if model == "kinematic":
+        return KinematicPredictor(scenario.ego_id, scenario.roi_m, kinematic)
+    if model not in LEARNED and not model.endswith(".safetensors"):
+        raise InputError(
+            f"predictor: parameter model is {model!r}, expected one of {', '.join(MODELS)}, or a file *.safetensors"
+        )
+    # torch takes seconds to import, and is not needed for the kinematic model.
+    import torch
+
+    from litsim_predictor.learned.predictor import LearnedPredictor
+    from litsim_predictor.learned.raster import raster_of_net
+    from litsim_predictor.learned.weights import load_model
+
+    # Scenes are small: on shared cores a second thread is mostly waited for; and rounding depends on their number.
+    torch.set_num_threads(1)
+    trained, _ = load_model(model)
+    return LearnedPredictor(trained, scenario.ego_id, scenario.roi_m, *raster_of_net(scenario.net_path))

@@ -19,7 +19,12 @@ class SceneModel(nn.Module):
 
     A subclass is built from its configuration alone, and answers for padding and for agents seen in a single frame
     with finite numbers. Answers do not depend on the order of agents nor on padding.
+
+    Attributes:
+        forcing: share of the batches of training in which a decoder that reads positions is given the true ones.
     """
+
+    forcing = 0.0
 
     @abstractmethod
     def forward(self, batch: SceneBatch, decode: str | Tensor = "best") -> Prediction:
@@ -52,10 +57,14 @@ def gaussian(raw: Tensor) -> tuple[Tensor, Tensor]:
     return scale, CORRELATION_LIMIT * torch.tanh(raw[..., 2])
 
 
-def negative_log_likelihood(prediction: Prediction, future: Tensor) -> Tensor:
-    """(B, N, M, HORIZON) of true positions `future` (B, N, HORIZON, 2) under the Gaussians [nats, density in 1/m2]."""
+def mahalanobis_squared(prediction: Prediction, future: Tensor) -> Tensor:
+    """(B, N, M, HORIZON) of true positions `future` (B, N, HORIZON, 2) from the means of the Gaussians."""
     z = (future[:, :, None] - prediction.mean) / prediction.scale
     rho = prediction.correlation
-    rest = 1.0 - rho**2
-    quadratic = (z[..., 0] ** 2 + z[..., 1] ** 2 - 2.0 * rho * z[..., 0] * z[..., 1]) / rest
-    return 0.5 * quadratic + prediction.scale.log().sum(dim=-1) + 0.5 * rest.log() + math.log(2.0 * math.pi)
+    return (z[..., 0] ** 2 + z[..., 1] ** 2 - 2.0 * rho * z[..., 0] * z[..., 1]) / (1.0 - rho**2)
+
+
+def negative_log_likelihood(prediction: Prediction, future: Tensor) -> Tensor:
+    """(B, N, M, HORIZON) of true positions `future` (B, N, HORIZON, 2) under the Gaussians [nats, density in 1/m2]."""
+    area = prediction.scale.log().sum(dim=-1) + 0.5 * (1.0 - prediction.correlation**2).log()
+    return 0.5 * mahalanobis_squared(prediction, future) + area + math.log(2.0 * math.pi)

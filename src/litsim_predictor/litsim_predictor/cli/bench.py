@@ -1,0 +1,54 @@
+"""`bench`: time per step of the predictors, for growing numbers of agents in the region of interest."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from litsim_sim.errors import InputError
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_predictor bench``."""
+    p = argparse.ArgumentParser(
+        prog="bench", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    p.add_argument("--models", nargs="+", help="names, or files of weights (default: all that come with the package)")
+    p.add_argument("--agents", type=int, nargs="+", default=[10, 40, 100, 200], help="numbers of agents, at most 250")
+    p.add_argument("--steps", type=int, default=100, help="that are timed, after 4 s that are not")
+    return p
+
+
+def main() -> None:
+    """Entry point of ``ros2 run litsim_predictor bench``."""
+    from litsim_predictor.learned.benchmark import models_here, time_models
+
+    arguments = parser().parse_args()
+    models = arguments.models or models_here()
+    cells: dict[str, list[str]] = {}
+    try:
+        with tqdm(total=len(models) * len(arguments.agents), unit="run", dynamic_ncols=True) as bar:
+            for model, _, timing in time_models(models, arguments.agents, arguments.steps):
+                cells.setdefault(model, []).append(str(timing))
+                bar.update()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    table = Table(
+        title=f"forecast, ms/step: median (min to max) of {arguments.steps} steps, {os.cpu_count()} CPU cores"
+    )
+    table.add_column("model")
+    for agents in arguments.agents:
+        table.add_column(f"{agents} agents", justify="right")
+    for model, row in cells.items():
+        table.add_row(model, *row)
+    Console(width=120).print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,194 @@
+"""`evaluate`: predictors side by side on the same scenes: errors, likelihood, calibration, consistency, conflicts.
+
+Scored are vehicles with 3 s of history and 5 s of future, at 5 Hz: the first 3 s of a track are skipped. Without
+--recording the scenes are those of a scenario, whose egos also leave their log, to see which conflicts are announced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import logging
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from litsim_sim.errors import InputError
+from litsim_sim.scenario import Scenario
+
+SECONDS = ("1", "2", "3", "4", "5")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_predictor evaluate``."""
+    p = argparse.ArgumentParser(
+        prog="evaluate", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    p.add_argument("--models", nargs="+", help="names, or files of weights (default: all that come with the package)")
+    p.add_argument("--recording", nargs="+", type=Path, help="recordings in the neutral schema, not a scenario")
+    p.add_argument("--net", help="SUMO net of the recordings, packaged or a file, where not as they say")
+    p.add_argument("--scenario", default="us101_0750", help="name of a packaged scenario, or a YAML file")
+    p.add_argument(
+        "--split", default="all", choices=["all", "train", "val", "test"], help="part by vehicle id, 70/10/20 per file"
+    )
+    p.add_argument(
+        "--egos", default="egos", choices=["egos", "tuning", "none"], help="of the scenario, that leave their log"
+    )
+    p.add_argument("--stride", type=int, default=2, help="frames of 0.1 s from scene to scene")
+    p.add_argument("--batch", type=int, default=512, help="agents in a batch, about")
+    p.add_argument("--seed", type=int, default=0, help="of the joint ADE's samples and of the egos' braking")
+    p.add_argument("--device", default="cpu", help="of torch")
+    p.add_argument("--json", type=Path, metavar="OUT", help="write everything here")
+    p.add_argument("--csv", action="store_true", help="print comma-separated values, one line for each model")
+    p.add_argument("--plot", type=Path, metavar="OUT.png", help="draw the errors, calibration and conflicts here")
+    return p
+
+
+def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Measure what the arguments ask for; returns the measures by model.
+
+    Raises:
+        InputError: a model, file, or option cannot be used.
+    """
+    from litsim_predictor.learned.conflicts import conflict_counts
+    from litsim_predictor.learned.evaluation import known_models, load_models, part_of, recording_tracks, score, summary
+    from litsim_predictor.learned.scenes import scene_batches
+    from litsim_predictor.learned.tracks import Tracks
+
+    for name in ("stride", "batch"):
+        if getattr(arguments, name) < 1:
+            raise InputError(f"--{name} {getattr(arguments, name)}: expected 1 or more")
+    models = load_models(arguments.models or known_models(), arguments.device)
+    scenario = None if arguments.recording else Scenario.load(arguments.scenario)
+    if scenario is None:
+        sources = [recording_tracks(path, arguments.net) for path in arguments.recording]
+    else:
+        sources = [Tracks.from_table(scenario.name, scenario.recording.table, scenario.net_path)]
+    chosen = part_of(sources, arguments.split)
+    scenes = sum(len(tracks.frames[:: arguments.stride]) for tracks in chosen)
+    with tqdm(total=scenes, unit="scene", dynamic_ncols=True, desc="scenes") as bar:
+        batches = scene_batches(chosen, arguments.batch, arguments.stride)
+        scores = score(models, batches, arguments.seed, arguments.device, bar.update)
+        bar.total = bar.n  # scenes with nobody to score were passed over
+    conflicts = {}
+    if scenario is not None and arguments.egos != "none":
+        egos = scenario.egos if arguments.egos == "egos" else scenario.tuning_egos
+        with tqdm(total=len(egos), unit="ego", dynamic_ncols=True, desc="conflicts") as bar:
+            conflicts = conflict_counts(models, scenario, egos, arguments.seed, bar.update)
+    result = summary(scores, conflicts)
+    for measures in result.values():
+        measures["protocol"] = {
+            "sources": [tracks.name for tracks in chosen],
+            "split": arguments.split,
+            "stride_frames": arguments.stride,
+            "seed": arguments.seed,
+            "egos": arguments.egos if conflicts else None,
+        }
+    return result
+
+
+def print_table(title: str, result: dict[str, dict[str, Any]]) -> None:
+    """Models side by side."""
+    table = Table(title=title, title_justify="left")
+    table.add_column("")
+    for model in result:
+        table.add_column(Path(model).stem, justify="right", overflow="fold")
+    for name, keys in _rows(result):
+        table.add_row(name, *(_cell(_value(measures, keys), keys[0]) for measures in result.values()))
+    Console().print(table)
+    print("ratio: of the RMSE to constant velocity's; precision, recall: of conflicts of egos that leave their log")
+
+
+def print_csv(result: dict[str, dict[str, Any]]) -> None:
+    """One line for each model, a column for each number."""
+    flat = [{"model": model} | dict(_flat(measures)) for model, measures in result.items()]
+    writer = csv.DictWriter(sys.stdout, list(flat[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(flat)
+
+
+def _rows(result: dict[str, dict[str, Any]]) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Titles of the table's rows, and the keys of what is in them."""
+    for second in SECONDS:
+        yield f"RMSE@{second} s m", ("rmse", second)
+    for second in ("1", "3", "5"):
+        yield f"ratio@{second} s", ("ratio_to_constant_velocity", second)
+    yield "NLL nats", ("nll",)
+    yield "NLL@5 s nats", ("nll_at", "5")
+    yield "ADE m", ("ade",)
+    yield "minADE m", ("min_ade",)
+    yield "joint ADE m", ("joint_ade",)
+    yield "in 50 % ellipse %", ("calibration", "50")
+    yield "in 90 % ellipse %", ("calibration", "90")
+    yield "forecasts overlap %", ("overlap_rate",)
+    yield "truth overlaps %", ("overlap_rate_truth",)
+    if all("conflicts" in measures for measures in result.values()):
+        for second in SECONDS:
+            yield f"precision@{second} s %", ("conflicts", second, "precision")
+        for second in SECONDS:
+            yield f"recall@{second} s %", ("conflicts", second, "recall")
+
+
+def _value(tree: Any, keys: tuple[str, ...]) -> Any:
+    for key in keys:
+        tree = tree[key]
+    return tree
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if key == "protocol":
+            continue
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}_")
+        else:
+            yield prefix + key, value
+
+
+def _cell(value: float | None, measure: str) -> str:
+    if value is None:
+        return "-"
+    if measure in ("calibration", "overlap_rate", "overlap_rate_truth", "conflicts"):
+        return f"{100.0 * value:.1f}"
+    return f"{value:.3f}"
+
+
+def main() -> None:
+    """Entry point of ``ros2 run litsim_predictor evaluate``."""
+    logging.basicConfig(format="%(levelname)s: %(message)s")
+    arguments = parser().parse_args()
+    try:
+        result = evaluate(arguments)
+        _write(result, arguments)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    if arguments.csv:
+        print_csv(result)
+        return
+    measures = next(iter(result.values()))
+    where = ", ".join(measures["protocol"]["sources"])
+    print_table(f"{where}: {measures['samples']} forecasts in {measures['scenes']} scenes", result)
+
+
+def _write(result: dict[str, dict[str, Any]], arguments: argparse.Namespace) -> None:
+    """The files that the arguments ask for."""
+    try:
+        if arguments.json:
+            arguments.json.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        if arguments.plot:
+            from litsim_predictor.learned.evaluation_plot import draw
+
+            draw(result, arguments.plot)
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be written: {error.strerror or error}") from error
+
+
+if __name__ == "__main__":
+    main()

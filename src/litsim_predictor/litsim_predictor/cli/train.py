@@ -1,0 +1,83 @@
+"""`train`: a learned predictor from recordings; progress, learning curves, weights, resumable."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from importlib import resources
+from pathlib import Path
+
+from litsim_sim.errors import InputError
+
+EXIT_INPUT = 2
+DATA_HELP = "Files of recordings are looked for here, beside the configuration, and under LITSIM_DATA."
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_predictor train``."""
+    p = argparse.ArgumentParser(prog="train", description=__doc__, epilog=DATA_HELP)
+    names = ", ".join(sorted(packaged_configs()))
+    p.add_argument("--config", default="default", help=f"{names}, or a YAML file (default: default)")
+    p.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="weights, checkpoint, curves, history")
+    p.add_argument("--resume", action="store_true", help="go on where the checkpoint in FOLDER stopped")
+    p.add_argument("--epochs", type=int, metavar="N", help="instead of the configuration's")
+    p.add_argument("--seed", type=int, metavar="N", help="instead of the configuration's")
+    p.add_argument("--device", default="auto", help="of torch: cpu, cuda, cuda:1 (default: cuda where there is one)")
+    p.add_argument("--threads", type=int, metavar="N", help="of torch on the CPU (default: all cores)")
+    return p
+
+
+def packaged_configs() -> dict[str, Path]:
+    """Configurations that come with the package, by name."""
+    folder = Path(str(resources.files("litsim_predictor"))) / "configs"
+    return {path.stem: path for path in folder.glob("*.yaml")}
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run litsim_predictor train``."""
+    arguments = parser().parse_args(argv)
+    try:
+        _train(arguments)
+    except InputError as error:
+        print(f"train: {error}", file=sys.stderr)
+        raise SystemExit(EXIT_INPUT) from error
+
+
+def _train(arguments: argparse.Namespace) -> None:
+    import torch
+
+    from litsim_predictor.learned.training import CHECKPOINT, CURVES, WEIGHTS, Locator, Training, TrainingConfig
+
+    file = packaged_configs().get(arguments.config, Path(arguments.config))
+    chosen = {name: getattr(arguments, name) for name in ("epochs", "seed") if getattr(arguments, name) is not None}
+    config = TrainingConfig.read(file)
+    config = TrainingConfig.model_validate(config.model_dump() | chosen)
+    folder: Path = arguments.out
+    if (folder / CHECKPOINT).exists() and not arguments.resume:
+        raise InputError(f"{folder}: holds a training already; --resume goes on with it")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+    if arguments.threads:
+        torch.set_num_threads(arguments.threads)
+    device = arguments.device
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    name = arguments.config if arguments.config in packaged_configs() else file.name
+    options = [word for key, value in chosen.items() for word in (f"--{key}", str(value))]
+    command = shlex.join(["ros2", "run", "litsim_predictor", "train", "--config", name, *options, "--out", folder.name])
+    training = Training(config, folder, Locator(file.parent), command, device)
+    if arguments.resume:
+        training.resume()
+    training.run()
+    if not training.history:
+        raise SystemExit(130)
+    last = training.history[-1]
+    print(f"epoch {last['epoch']:.0f} of {config.epochs}: validation RMSE {last['val_rmse_5']:.2f} m at 5 s")
+    print(f"{folder / WEIGHTS}\n{folder / CURVES}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,143 @@
+"""Centralities of road users in the graph of who is near whom, for whole batches of graphs at a time.
+
+Two agents within a radius are joined by an edge. Its length is their distance in units of the radius, its weight one
+minus that, so that an edge comes and goes without a jump. All measures are those of an agent's connected component:
+what happens out of reach changes nothing. Every function takes graphs (..., N, N) and works in N steps over all of
+them at once (Floyd and Warshall), or in matrix products.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+CENTRALITIES = ("degree", "closeness", "eigenvector", "betweenness", "power", "katz")
+ATTENUATION = 0.1
+"""Of a walk, for each of its edges: Katz's alpha, and minus Bonacich's beta. A tenth keeps both series convergent in
+traffic, where the weights of one agent's edges add up to about 5 at most."""
+CONVERGENCE = 0.9
+"""Largest product of attenuation and weighted degree; where agents stand on top of each other, attenuation is less."""
+SQUARINGS = 10  # power iteration: 2^10 steps
+TIE = 1e-5  # by which two ways may differ and still count as equally long, in radii
+SHORTEST_EDGE = 1e-3  # in radii
+CHUNK = 1 << 17  # entries of the matrices worked on at a time: they stay in the cache
+
+
+def proximity_graph(point: Tensor, present: Tensor, radius: float) -> Tensor:
+    """Edge lengths (..., N, N), in radii; infinite where there is no edge, zero on the diagonal.
+
+    Args:
+        point: (..., N, 2) [m].
+        present: (..., N) bool; absent agents have no edges.
+        radius: [m] within which agents are joined.
+    """
+    apart = (point[..., :, None, :] - point[..., None, :, :]).norm(dim=-1) / radius
+    itself = torch.eye(point.shape[-2], dtype=torch.bool, device=point.device)
+    joined = present[..., :, None] & present[..., None, :] & (apart < 1.0) & ~itself
+    return torch.where(joined, apart.clamp_min(SHORTEST_EDGE), torch.inf).masked_fill(itself, 0.0)
+
+
+@torch.no_grad()
+def centralities(length: Tensor) -> Tensor:
+    """(..., N, 6) the measures of :data:`CENTRALITIES`, zero for an agent without edges but where said below.
+
+    - degree: sum of the weights;
+    - closeness: inverse of the mean length of the shortest ways to the others;
+    - eigenvector: that of the largest eigenvalue of the weights W, of norm 1 in each component (1 without edges);
+    - betweenness: share of the pairs of others between which the agent lies; ways of equal length share a pair;
+    - power, of Bonacich (1987): ``(I - beta W)^-1 W 1`` with a negative beta, by which the neighbours of the powerful
+      are weak; with a positive one it would be Katz's over again;
+    - Katz's: ``(I - alpha W)^-1 1`` (1 without edges).
+
+    Args:
+        length: (..., N, N) symmetric edge lengths below 1, infinite where there is no edge, zero on the diagonal.
+    """
+    size = length.shape[-1]
+    chunks = length.reshape(-1, size, size).split(max(1, CHUNK // max(1, size**2)))
+    return torch.cat([_centralities(chunk) for chunk in chunks]).reshape(*length.shape[:-1], len(CENTRALITIES))
+
+
+def _centralities(graphs: Tensor) -> Tensor:
+    """(G, N, 6) of graphs (G, N, N)."""
+    weight = torch.where(torch.isfinite(graphs), 1.0 - graphs, 0.0)
+    weight.diagonal(dim1=-2, dim2=-1).zero_()
+    distance, ways = shortest_ways(graphs)
+    near = torch.isfinite(distance)
+    degree = weight.sum(dim=-1)
+    power, katz = _walks(weight, (degree[:, None, :] * near).amax(dim=-1))
+    found = [
+        degree,
+        _closeness(distance, near),
+        _eigenvector(weight, near),
+        _betweenness(distance, ways, near),
+        power,
+        katz,
+    ]
+    return torch.stack(found, dim=-1)
+
+
+def shortest_ways(length: Tensor) -> tuple[Tensor, Tensor]:
+    """Lengths (G, N, N) of the shortest ways between all agents, and how many there are (zero on the diagonal).
+
+    Each way is counted once, when its agent of the highest number is let in.
+    """
+    distance = length.clone()
+    ways = torch.isfinite(length).to(length.dtype)
+    ways.diagonal(dim1=-2, dim2=-1).zero_()
+    for k in range(length.shape[-1]):
+        via = distance[:, :, k, None] + distance[:, None, k, :]
+        more = ways[:, :, k, None] * ways[:, None, k, :]
+        gain = distance - via  # not a number where both are infinite, and then no comparison holds
+        ways = torch.where(gain > TIE, more, ways + more * (gain.abs() <= TIE))
+        distance = torch.minimum(distance, via)
+    return distance, ways
+
+
+def mean_rates(series: Tensor, observed: Tensor, dt: float) -> Tensor:
+    """(..., N, F, C) mean absolute rate of change of each channel from the first frame to each frame [1/s].
+
+    Args:
+        series: (..., N, F, C) oldest first.
+        observed: (..., N, F) bool; changes from or to frames without observation do not count.
+        dt: [s] between frames.
+    """
+    both = (observed[..., 1:] & observed[..., :-1])[..., None]
+    total = torch.cumsum(series.diff(dim=-2).abs() * both, dim=-2)
+    count = torch.cumsum(both, dim=-2).clamp_min(1)
+    return torch.nn.functional.pad(total / (count * dt), (0, 0, 1, 0))
+
+
+def _closeness(distance: Tensor, near: Tensor) -> Tensor:
+    total = distance.masked_fill(~near, 0.0).sum(dim=-1)
+    return torch.where(total > 0.0, (near.sum(dim=-1) - 1) / total.clamp_min(SHORTEST_EDGE), 0.0)
+
+
+def _eigenvector(weight: Tensor, near: Tensor) -> Tensor:
+    """By power iteration from equal values, squaring the matrix; adding the identity keeps it from oscillating."""
+    matrix = weight + torch.eye(weight.shape[-1], dtype=weight.dtype, device=weight.device)
+    for _ in range(SQUARINGS):
+        matrix = matrix @ matrix
+        largest = (matrix.amax(dim=-1)[:, None, :] * near).amax(dim=-1)  # of each component
+        matrix = matrix / largest[..., None]
+    vector = matrix.sum(dim=-1)
+    return vector / ((vector**2)[:, None, :] * near).sum(dim=-1).sqrt()
+
+
+def _betweenness(distance: Tensor, ways: Tensor, near: Tensor) -> Tensor:
+    share = torch.where(ways > 0.0, 1.0 / ways, 0.0)
+    total = torch.empty_like(distance[..., 0])
+    for k in range(distance.shape[-1]):
+        detour = distance[:, :, k, None] + distance[:, None, k, :] - distance
+        through = ways[:, :, k, None] * ways[:, None, k, :] * share
+        total[:, k] = (through * (detour <= TIE)).sum(dim=(-2, -1))
+    others = near.sum(dim=-1) - 1
+    return total / (others * (others - 1)).clamp_min(1)
+
+
+def _walks(weight: Tensor, degree_max: Tensor) -> tuple[Tensor, Tensor]:
+    """Bonacich's power and Katz's centrality; `degree_max` (G, N) is the largest degree of each one's component."""
+    attenuation = (CONVERGENCE / degree_max.clamp_min(1e-6)).clamp_max(ATTENUATION)[..., None] * weight
+    itself = torch.eye(weight.shape[-1], dtype=weight.dtype, device=weight.device)
+    power = torch.linalg.solve(itself + attenuation, weight.sum(dim=-1, keepdim=True))
+    katz = torch.linalg.solve(itself - attenuation, torch.ones_like(power))
+    return power[..., 0], katz[..., 0]

@@ -1,0 +1,124 @@
+"""A learned model as the predictor of a running scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from litsim_predictor.forecast import Forecast, agents_of_interest
+from litsim_predictor.learned.batch import DT, HISTORY, MANEUVERS, Prediction
+from litsim_predictor.learned.features import AgentInputs, agent_inputs, frame_headings
+from litsim_predictor.learned.model import SceneModel
+from litsim_predictor.learned.raster import MapRaster
+from litsim_predictor.learned.scenes import inputs_batch
+from litsim_predictor.learned.tracks import STRIDE
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scene import AgentTable, FloatArray, History
+
+MOVED = 0.1  # [m] between two steps of the horizon: who moves less keeps the heading that he had
+
+
+class LearnedPredictor:
+    """Forecasts the agents of interest jointly, by their history in the tables seen so far.
+
+    What is outside of the region of interest is not looked at. Where an agent was not there, its history is masked:
+    one that has just appeared is forecast as well.
+
+    Args:
+        model: a trained model.
+        ego_id: the agent around whom others matter.
+        roi_m: distance from it [m] up to which they do; see :func:`.forecast.agents_of_interest`.
+        lane_map, raster: the net; see :func:`.raster.raster_of_net`.
+    """
+
+    def __init__(
+        self, model: SceneModel, ego_id: int, roi_m: float, lane_map: LaneMap | None, raster: MapRaster
+    ) -> None:
+        self._model, self._ego_id, self._roi_m = model.eval(), ego_id, roi_m
+        self._lane_map, self._raster = lane_map, raster
+        self._history = History(STRIDE * (HISTORY - 1) + 1)
+
+    def forecast(self, table: AgentTable) -> Forecast:
+        """Forecast the agents of interest in `table`; see :class:`litsim_predictor.forecast.Forecast`."""
+        self._history.push(table)
+        agents = table.take(agents_of_interest(table, self._ego_id, self._roi_m))
+        if not len(agents):
+            return _empty(table.step)
+        inputs = self._inputs(agents)
+        with torch.inference_mode():
+            prediction = self._model(inputs_batch([inputs]), "best")
+        return _in_map(prediction, inputs, agents)
+
+    def _inputs(self, agents: AgentTable) -> AgentInputs:
+        series = np.zeros((len(agents), HISTORY, 4))
+        observed = np.zeros((len(agents), HISTORY), np.bool_)
+        for back, past in enumerate(list(self._history)[::-STRIDE]):
+            rows = past.rows(agents.id)
+            there = rows >= 0
+            rows, column = rows[there], HISTORY - 1 - back
+            series[there, column] = np.stack([past.x[rows], past.y[rows], past.yaw[rows], past.speed[rows]], axis=-1)
+            observed[:, column] = there
+        heading = frame_headings(self._lane_map, agents.x, agents.y, agents.yaw)
+        return agent_inputs(series, observed, np.stack([agents.length, agents.width], axis=-1), heading, self._raster)
+
+
+def _in_map(prediction: Prediction, inputs: AgentInputs, agents: AgentTable) -> Forecast:
+    """The forecast of the most probable manoeuvres in frame map."""
+    origin, heading = inputs.frame[:, None, :2], inputs.frame[:, None, 2]
+    cos, sin = np.cos(heading), np.sin(heading)
+    local = prediction.mean[0, :, 0].numpy().astype(np.float64)
+    turned = np.stack([cos * local[..., 0] - sin * local[..., 1], sin * local[..., 0] + cos * local[..., 1]], axis=-1)
+    mean = origin + turned
+    covariance = _turned(
+        prediction.scale[0, :, 0].numpy().astype(np.float64), prediction.correlation[0, :, 0].numpy(), cos, sin
+    )
+    return Forecast(
+        step=agents.step,
+        dt=DT,
+        id=agents.id,
+        mean=mean,
+        yaw=headings(mean, inputs.frame[:, :2], agents.yaw).astype(np.float32),
+        covariance=covariance.astype(np.float32),
+        maneuver_probability=prediction.maneuver[0].softmax(dim=-1).numpy(),
+        valid=np.isfinite(np.concatenate([mean, covariance], axis=-1)).all(axis=(1, 2)),
+    )
+
+
+def _turned(scale: FloatArray, correlation: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArray:
+    """(n, T, 3) sigma_x, sigma_y, correlation of Gaussians (n, T, 2), (n, T) that are turned by angles (n, 1)."""
+    xx, yy = scale[..., 0] ** 2, scale[..., 1] ** 2
+    xy = correlation * scale[..., 0] * scale[..., 1]
+    turned_xx = cos**2 * xx - 2.0 * cos * sin * xy + sin**2 * yy
+    turned_yy = sin**2 * xx + 2.0 * cos * sin * xy + cos**2 * yy
+    turned_xy = cos * sin * (xx - yy) + (cos**2 - sin**2) * xy
+    sigma_x, sigma_y = np.sqrt(turned_xx), np.sqrt(turned_yy)
+    return np.stack([sigma_x, sigma_y, turned_xy / (sigma_x * sigma_y)], axis=-1)
+
+
+def headings(mean: FloatArray, start: FloatArray, yaw: FloatArray) -> FloatArray:
+    """(n, T) headings along trajectories [rad].
+
+    Args:
+        mean: (n, T, 2) positions [m].
+        start: (n, 2) positions before [m].
+        yaw: (n,) headings before [rad], kept while a vehicle does not move.
+    """
+    step = np.diff(mean, axis=1, prepend=start[:, None])
+    moves = np.hypot(step[..., 0], step[..., 1]) > MOVED
+    along = np.concatenate([yaw[:, None], np.arctan2(step[..., 1], step[..., 0])], axis=1)
+    # Position of the last step in which the vehicle moved; 0 is the heading before.
+    last = np.maximum.accumulate(np.where(moves, np.arange(1, mean.shape[1] + 1), 0), axis=1)
+    return np.take_along_axis(along, last, axis=1)
+
+
+def _empty(step: int) -> Forecast:
+    return Forecast(
+        step=step,
+        dt=DT,
+        id=np.empty(0, np.int64),
+        mean=np.empty((0, 0, 2)),
+        yaw=np.empty((0, 0), np.float32),
+        covariance=np.empty((0, 0, 3), np.float32),
+        maneuver_probability=np.empty((0, len(MANEUVERS)), np.float32),
+        valid=np.empty(0, np.bool_),
+    )

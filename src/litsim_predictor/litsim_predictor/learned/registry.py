@@ -1,0 +1,29 @@
+"""Learned models by the name of their kind."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from litsim_predictor.learned.model import SceneModel
+from litsim_sim.errors import InputError
+
+KINDS = ("joint", "cs_lstm", "bat")
+
+
+def build(kind: str, parameters: dict[str, Any], where: str) -> SceneModel:
+    """An untrained model; `where` names the file that asks for it in errors.
+
+    Raises:
+        InputError: unknown kind or parameters.
+    """
+    from litsim_predictor.learned.bat import Bat
+    from litsim_predictor.learned.cs_lstm import CsLstm
+    from litsim_predictor.learned.joint import JointPredictor
+
+    if kind not in KINDS:
+        raise InputError(f"{where}: field model is {kind!r}, expected one of {', '.join(KINDS)}")
+    models: dict[str, type[SceneModel]] = {"joint": JointPredictor, "cs_lstm": CsLstm, "bat": Bat}
+    try:
+        return models[kind](**parameters)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"{where}: field parameters does not fit model {kind}: {error}") from error

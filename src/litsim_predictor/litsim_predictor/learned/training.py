@@ -1,0 +1,327 @@
+"""Training of any learned predictor: one configuration, seeded, resumable after every epoch."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from torch import Tensor
+from tqdm import tqdm
+
+from litsim_predictor.learned.batch import MANEUVERS, SceneBatch
+from litsim_predictor.learned.model import negative_log_likelihood
+from litsim_predictor.learned.registry import build
+from litsim_predictor.learned.scenes import Augmentation, scene_batches, training_batches
+from litsim_predictor.learned.sources import (
+    I80LaneSource,
+    RecordingSource,
+    Source,
+    Us101TrackSource,
+    Us101WindowSource,
+    digest_of,
+    files_of,
+    load,
+)
+from litsim_predictor.learned.tracks import Part, Tracks
+from litsim_predictor.learned.weights import Provenance, save_model
+from litsim_sim.errors import InputError
+from litsim_sim.scenario import packaged
+
+WINDOWS, TRACKS = "ngsim/us101_0750_frames_0126_1149.parquet", "ngsim/us101_vehicle_tracks.parquet"
+TEST_FRAMES = (316, 543)
+"""Frames of the US-101 window that results are reported on: scenario us101_0750."""
+DEVELOPMENT_DATA: tuple[Source, ...] = (
+    Us101TrackSource(kind="us101_tracks", file=TRACKS, windows=WINDOWS, test_frames=TEST_FRAMES),
+    # Few, but the only real scenes in which every vehicle is seen.
+    Us101WindowSource(kind="us101_windows", file=WINDOWS, test_frames=TEST_FRAMES, share=4.0),
+    I80LaneSource(kind="i80_lanes", file="ngsim/i80_lanes_1_7_longitudinal.parquet", share=0.25),
+    RecordingSource(kind="recording", files=("us101_like.parquet",), share=0.5),  # the embedded recording
+)
+GRADIENT_LIMIT = 10.0
+VALIDATION_STRIDE = 10  # frames between scenes
+CHECKPOINT, CURVES, HISTORY_FILE, WEIGHTS = "checkpoint.pt", "curves.png", "training.json", "weights.safetensors"
+
+
+class TrainingConfig(BaseModel):
+    """A training configuration file.
+
+    Attributes:
+        model, parameters: see :func:`.registry.build`.
+        data: sources; names of files are looked for beside the configuration and under LITSIM_DATA.
+        epochs: of which the first `warm_epochs` minimise the squared error alone.
+        agents_per_batch: agents in a batch of whole scenes, about.
+        stride: frames between the scenes of an epoch.
+        learning_rate: of Adam; times `decay` every `decay_every` epochs, or to zero along a cosine if that is 0.
+        weight_decay: of AdamW; 0 is Adam.
+        error_weight, maneuver_weight: of squared error [1/m2] and manoeuvre cross-entropy beside the likelihood.
+        predicted_share: of the agents of a batch, that are trained with the most probable manoeuvre instead of the true
+            one: the former is what is used and scored in the end, the latter is what a manoeuvre means.
+        forcing_epochs: over which teacher forcing fades from every batch to none, for decoders that know it.
+        augmentation: how scenes are varied.
+        seed: decides everything but rounding.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    model: str
+    parameters: dict[str, Any] = {}
+    data: tuple[Source, ...] = DEVELOPMENT_DATA
+    epochs: Annotated[int, Field(ge=1)] = 20
+    warm_epochs: Annotated[int, Field(ge=0)] = 2
+    agents_per_batch: Annotated[int, Field(ge=1)] = 512
+    stride: Annotated[int, Field(ge=1)] = 5
+    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    decay: Annotated[float, Field(gt=0, le=1)] = 0.1
+    decay_every: Annotated[int, Field(ge=0)] = 0
+    weight_decay: Annotated[float, Field(ge=0)] = 0.0
+    error_weight: Annotated[float, Field(ge=0)] = 0.0
+    maneuver_weight: Annotated[float, Field(ge=0)] = 1.0
+    predicted_share: Annotated[float, Field(ge=0, le=1)] = 0.0
+    forcing_epochs: Annotated[int, Field(ge=0)] = 0
+    augmentation: Augmentation = Augmentation()
+    seed: int = 0
+
+    @classmethod
+    def read(cls, path: Path) -> TrainingConfig:
+        """Read a YAML file.
+
+        Raises:
+            InputError: the file is missing or holds something else.
+        """
+        if not path.is_file():
+            raise InputError(f"{path}: no such training configuration")
+        try:
+            return cls.model_validate(yaml.safe_load(path.read_text()))
+        except yaml.YAMLError as error:
+            raise InputError(f"{path}: malformed YAML: {' '.join(str(error).split())}") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(map(str, first["loc"])) or "file"
+            raise InputError(f"{path}: field {field}: {first['msg']}") from error
+
+
+class Locator:
+    """Finds files by the names of configurations: as they are, beside `folder`, under LITSIM_DATA, or packaged."""
+
+    def __init__(self, folder: Path) -> None:
+        data = os.environ.get("LITSIM_DATA")
+        self._folders = [Path(), folder, *([Path(data)] if data else []), packaged("scenarios")]
+
+    def __call__(self, name: str) -> Path:
+        for folder in self._folders:
+            if (folder / name).is_file():
+                return folder / name
+        raise InputError(f"{name}: no such file here, beside the configuration, or under LITSIM_DATA")
+
+
+def load_parts(config: TrainingConfig, locate: Locator) -> dict[Part, list[tuple[Tracks, float]]]:
+    """Tracks of all sources by part, each with the share of it that an epoch takes.
+
+    Raises:
+        InputError: see :func:`.sources.load`; or there is nothing to train on.
+    """
+    parts: dict[Part, list[tuple[Tracks, float]]] = {"train": [], "val": [], "test": []}
+    for source in config.data:
+        for part, pieces in load(source, locate).items():
+            parts[part] += [(tracks, source.share) for tracks in pieces if len(tracks)]
+    for part in ("train", "val"):
+        if not parts[part]:
+            raise InputError(f"training configuration: field data: no source has anything for part {part}")
+    return parts
+
+
+class Training:
+    """One training in one folder: weights, checkpoint, curves and history of it.
+
+    Args:
+        config: what to train.
+        folder: where everything is written; exists.
+        locate: see :class:`Locator`.
+        command: as a person would type it again, for the record.
+        device: of torch.
+    """
+
+    def __init__(self, config: TrainingConfig, folder: Path, locate: Locator, command: str, device: str) -> None:
+        self._config, self._folder, self._command, self._device = config, folder, command, device
+        torch.manual_seed(config.seed)
+        self.model = build(config.model, config.parameters, "training configuration").to(device)
+        self._random = np.random.default_rng(config.seed)
+        self._optimizer = torch.optim.AdamW(
+            self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay
+        )
+        self._parts = load_parts(config, locate)
+        files = {name: digest_of(locate(name)) for source in config.data for name in files_of(source)}
+        self._manifest = {"files": files, "rows": self._rows()}
+        self.history: list[dict[str, float]] = []
+        self._best: dict[str, float] = {}
+
+    def run(self, *, progress: bool = True) -> None:
+        """Train what is left of the epochs; interrupted, what is done so far stays usable and resumable."""
+        bar = tqdm(total=self._config.epochs, initial=len(self.history), unit="epoch", disable=not progress)
+        with bar, suppress(KeyboardInterrupt):
+            while len(self.history) < self._config.epochs:
+                figures = self._epoch(len(self.history), progress=progress)
+                self.history.append(figures)
+                if not self._best or figures["val_error"] <= self._best["val_error"]:
+                    self._best = figures
+                    save_model(self.model, self._provenance(), self._folder / WEIGHTS)
+                self._save()
+                bar.update()
+                bar.set_postfix({"val m": f"{figures['val_error']:.2f}", "5 s": f"{figures['val_rmse_5']:.2f}"})
+
+    def resume(self) -> None:
+        """Go on where the checkpoint in the folder stopped.
+
+        Raises:
+            InputError: there is none, it is damaged, or it is of another configuration.
+        """
+        path = self._folder / CHECKPOINT
+        if not path.is_file():
+            raise InputError(f"{path}: no checkpoint to resume")
+        try:
+            state = torch.load(path, map_location=self._device, weights_only=True)
+        except (RuntimeError, OSError, EOFError, ValueError) as error:
+            raise InputError(f"{path}: damaged checkpoint: {error}") from error
+        if json.loads(state["config"]) != self._config.model_dump(mode="json"):
+            raise InputError(f"{path}: checkpoint of another configuration; train into another folder")
+        self.model.load_state_dict(state["model"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._random.bit_generator.state = json.loads(state["random"])
+        torch.set_rng_state(state["torch_random"].cpu())
+        self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
+
+    def _epoch(self, epoch: int, *, progress: bool) -> dict[str, float]:
+        config = self._config
+        rate = self._rate(epoch)
+        for group in self._optimizer.param_groups:
+            group["lr"] = rate
+        self.model.train()
+        self.model.forcing = max(0.0, 1.0 - epoch / config.forcing_epochs) if config.forcing_epochs else 0.0
+        sums, count = np.zeros(3), 0
+        batches = training_batches(
+            self._parts["train"], config.agents_per_batch, config.stride, config.augmentation, self._random
+        )
+        for batch in tqdm(batches, desc=f"epoch {epoch + 1}", unit="batch", leave=False, disable=not progress):
+            losses = self._losses(batch.to(self._device))
+            nll, error, maneuver = losses
+            warm = epoch < config.warm_epochs
+            loss = error if warm else nll + config.error_weight * error
+            loss = loss + config.maneuver_weight * maneuver
+            self._optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_LIMIT)
+            self._optimizer.step()
+            agents = int(batch.target.sum())
+            sums += agents * np.array([float(part.detach()) for part in losses])
+            count += agents
+        nll_mean, error_mean, maneuver_mean = sums / max(count, 1)
+        figures = {"nll": nll_mean, "rmse": error_mean**0.5, "maneuver": maneuver_mean, "learning_rate": rate}
+        return {"epoch": epoch + 1, "agents": count} | figures | self._validate()
+
+    def _rate(self, epoch: int) -> float:
+        config = self._config
+        if config.decay_every:
+            return config.learning_rate * config.decay ** (epoch // config.decay_every)
+        return config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * epoch / config.epochs)))
+
+    def _losses(self, batch: SceneBatch) -> tuple[Tensor, Tensor, Tensor]:
+        """Likelihood, squared error [m2] and manoeuvre cross-entropy: means over what is known of the targets."""
+        predicted = torch.rand(batch.maneuver.shape, device=self._device) < self._config.predicted_share
+        prediction = self.model(batch, torch.where(predicted, -1, batch.maneuver))
+        known = (batch.future_known & batch.target[..., None])[:, :, None]
+        nll = negative_log_likelihood(prediction, batch.future)[known].mean()
+        error = ((prediction.mean - batch.future[:, :, None]) ** 2).sum(dim=-1)[known].mean()
+        named = batch.target & (batch.maneuver >= 0)
+        logits, truth = prediction.maneuver[named], batch.maneuver[named]
+        maneuver = torch.nn.functional.cross_entropy(logits, truth, reduction="sum") / max(len(truth), 1)
+        return nll, error, maneuver
+
+    @torch.no_grad()
+    def _validate(self) -> dict[str, float]:
+        """Errors by second with the most probable manoeuvre, of the validation part, complete histories and futures."""
+        self.model.eval()
+        squared, nll, right, count = torch.zeros(5), 0.0, 0, 0
+        for batch in self._validation():
+            moved = batch.to(self._device)
+            prediction = self.model(moved)
+            error = ((prediction.mean[:, :, 0] - moved.future) ** 2).sum(dim=-1)[moved.target]
+            squared += error[:, 4::5].sum(dim=0).cpu()
+            nll += float(negative_log_likelihood(prediction, moved.future)[:, :, 0][moved.target].mean(dim=1).sum())
+            right += int((prediction.maneuver.argmax(dim=-1) == moved.maneuver)[moved.target].sum())
+            count += int(moved.target.sum())
+        if not count:
+            raise InputError("training configuration: field data: no vehicle for validation is seen for 8 s")
+        rmse = (squared / count).sqrt().tolist()
+        figures = {f"val_rmse_{k + 1}": value for k, value in enumerate(rmse)}
+        return figures | {"val_error": float(np.mean(rmse)), "val_nll": nll / count, "val_maneuver": right / count}
+
+    def _validation(self) -> Iterator[SceneBatch]:
+        return scene_batches([tracks for tracks, _ in self._parts["val"]], stride=VALIDATION_STRIDE)
+
+    def _rows(self) -> dict[str, dict[str, int]]:
+        rows: dict[str, dict[str, int]] = {}
+        for part, pieces in self._parts.items():
+            for tracks, _ in pieces:
+                mine = rows.setdefault(part, {})
+                mine[tracks.name] = mine.get(tracks.name, 0) + int(tracks.target.sum())
+        return rows
+
+    def _provenance(self) -> Provenance:
+        config = self._config
+        return Provenance(
+            model=config.model,
+            parameters=config.parameters,
+            command=self._command,
+            training=config.model_dump(mode="json"),
+            manifest=self._manifest,
+            figures=self._best,
+        )
+
+    def _save(self) -> None:
+        state = {
+            "config": json.dumps(self._config.model_dump(mode="json")),
+            "model": self.model.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "random": json.dumps(self._random.bit_generator.state),
+            "torch_random": torch.get_rng_state(),
+            "history": json.dumps(self.history),
+            "best": json.dumps(self._best),
+        }
+        partial = self._folder / f".{CHECKPOINT}.partial"
+        torch.save(state, partial)
+        partial.replace(self._folder / CHECKPOINT)
+        summary = {"best": self._best, "manifest": self._manifest, "epochs": self.history, "maneuvers": list(MANEUVERS)}
+        (self._folder / HISTORY_FILE).write_text(json.dumps(summary, indent=1) + "\n")
+        self._plot(self._folder / CURVES)
+
+    def _plot(self, path: Path) -> None:
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(10, 3.2), layout="constrained")
+        axes = figure.subplots(1, 3)
+        epochs = [entry["epoch"] for entry in self.history]
+
+        def draw(axis: Any, title: str, unit: str, lines: dict[str, str]) -> None:
+            for key, label in lines.items():
+                axis.plot(epochs, [entry[key] for entry in self.history], marker=".", label=label)
+            axis.set(title=title, xlabel="epoch", ylabel=unit)
+            axis.grid(visible=True, alpha=0.3)
+            axis.legend(fontsize=8)
+
+        draw(
+            axes[0],
+            "Error",
+            "RMSE [m]",
+            {"rmse": "training, all steps"} | {f"val_rmse_{k}": f"{k} s" for k in (1, 3, 5)},
+        )
+        draw(axes[1], "Likelihood", "negative log-likelihood [nats]", {"nll": "training", "val_nll": "validation"})
+        draw(axes[2], "Manoeuvres", "share right (validation)", {"val_maneuver": "predicted"})
+        figure.savefig(path, dpi=110)
