@@ -10,12 +10,15 @@ import pytest
 import yaml
 
 from litsim_policy.conflict import ConflictConfig
+from litsim_policy.ego.bat import BatConfig
 from litsim_policy.ego.idm import CAREFUL
+from litsim_policy.ego.perturbed import PerturbedConfig
 from litsim_policy.handback import HandbackConfig
+from litsim_policy.safety import SafetyConfig
 from litsim_policy.takeover import TakeoverConfig
 from litsim_policy.yield_policy import YieldConfig
 from litsim_predictor.kinematic import KinematicConfig
-from litsim_predictor.models import MODELS
+from litsim_predictor.models import default_model
 
 SOURCES = Path(__file__).parents[2] / "src"
 
@@ -36,12 +39,18 @@ def flat(config: Any, prefix: str = "") -> dict[str, Any]:
     ("file", "node", "expected"),
     [
         ("litsim_policy/config/conflict.yaml", "conflict", flat(ConflictConfig()) | flat(TakeoverConfig())),
-        ("litsim_policy/config/policy.yaml", "policy", flat(YieldConfig()) | flat(HandbackConfig(), "handback.")),
+        (
+            "litsim_policy/config/policy.yaml",
+            "policy",
+            flat(YieldConfig()) | flat(HandbackConfig(), "handback.") | flat(SafetyConfig(), "safety."),
+        ),
+        ("litsim_policy/config/ego_bat.yaml", "ego", flat(BatConfig())),
         ("litsim_policy/config/ego_idm.yaml", "ego", flat(CAREFUL)),
+        ("litsim_policy/config/ego_perturbed.yaml", "ego", flat(PerturbedConfig())),
         (
             "litsim_predictor/config/predictor.yaml",
             "predictor",
-            {"model": MODELS[0]} | flat(KinematicConfig(), "kinematic."),
+            {"model": default_model()} | flat(KinematicConfig(), "kinematic."),
         ),
     ],
 )

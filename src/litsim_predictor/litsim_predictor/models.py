@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 from litsim_predictor.forecast import Predictor
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
 from litsim_sim.errors import InputError
@@ -9,6 +11,11 @@ from litsim_sim.scenario import Scenario
 
 LEARNED = ("default", "paper", "cs_lstm", "bat")
 MODELS = ("kinematic", *LEARNED)
+
+
+def default_model() -> str:
+    """What forecasts unless told otherwise: the learned model where torch is installed."""
+    return "default" if find_spec("torch") else "kinematic"
 
 
 def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | None = None) -> Predictor:
@@ -29,6 +36,8 @@ def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | 
             f"predictor: parameter model is {model!r}, expected one of {', '.join(MODELS)}, or a file *.safetensors"
         )
     # torch takes seconds to import, and is not needed for the kinematic model.
+    if not find_spec("torch"):
+        raise InputError(f"predictor: model {model} needs torch, which is not installed here; kinematic does not")
     import torch
 
     from litsim_predictor.learned.predictor import LearnedPredictor

@@ -10,7 +10,7 @@ from litsim_msgs.msg import RunInfo
 from litsim_predictor.forecast import Predictor
 from litsim_predictor.kinematic import KinematicConfig
 from litsim_predictor.messages import forecast_to_message
-from litsim_predictor.models import MODELS, make_predictor
+from litsim_predictor.models import default_model, make_predictor
 from litsim_sim.ros.messages import agents_from_message
 from litsim_sim.ros.parameters import declare
 from litsim_sim.ros.stage import StageNode, run_node
@@ -27,7 +27,7 @@ class PredictorNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._model = str(self.declare_parameter("model", MODELS[0]).value)
+        self._model = str(self.declare_parameter("model", default_model()).value)
         self._kinematic = declare(self, KinematicConfig(), "kinematic.")
         self._run_id = ""
         self._predictor: Predictor

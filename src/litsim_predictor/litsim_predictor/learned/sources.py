@@ -198,18 +198,25 @@ def _with_leaders(table: pd.DataFrame, road: Us101Road) -> Tracks:
     """Vehicles with full tracks, to be learned, and the leaders that their space headways tell of, to be seen."""
     runs = _Runs(table["vehicle_id"].to_numpy(np.int64), table["frame"].to_numpy(np.int64))
     along, across = table["local_y_m"].to_numpy(np.float64), table["local_x_m"].to_numpy(np.float64)
-    speed = table["speed_mps"].to_numpy(np.float64)
+    # NGSIM's road coordinates are longer than the road; its speeds are by them.
+    speed = table["speed_mps"].to_numpy(np.float64) * road.scale(along)
     # To the right is positive in NGSIM's local_x; a standing vehicle has no direction of motion.
     drift = np.arctan2(-runs.rate(across), np.maximum(runs.rate(along), DRIFT_SPEED))
     vehicles = _neutral(runs.vehicle, runs.frame, road.pose(along, across), drift, speed)
 
     headway = table["space_headway_m"].to_numpy(np.float64)
-    front = along + headway
-    seen = (headway > LEADER_SIZE[0]) & (headway < HEADWAY_MOST) & (front <= road.end)
+    front = np.minimum(along + headway, road.end)
+    seen = (headway > LEADER_SIZE[0]) & (headway < HEADWAY_MOST) & (front < road.end)
     moved = np.abs(np.diff(front, prepend=0.0) - speed * STEP_S)
     lead = _Runs(runs.vehicle[seen], runs.frame[seen], moved[seen] > LEADER_JUMP)
     place = road.pose(front[seen], across[seen])
-    leaders = _neutral(LEADER_IDS + lead.number, lead.frame, place, 0.0, np.clip(lead.rate(front[seen]), 0.0, 40.0))
+    leaders = _neutral(
+        LEADER_IDS + lead.number,
+        lead.frame,
+        place,
+        0.0,
+        np.clip(lead.rate(front[seen]) * road.scale(front[seen]), 0.0, 40.0),
+    )
     both = leaders.reset_index().merge(vehicles[["frame", "x", "y"]], on="frame", suffixes=("", "_other"))
     near = np.hypot(both["x"] - both["x_other"], both["y"] - both["y_other"]) < SAME_LEADER
     twice = leaders.index.isin(both["index"].to_numpy()[np.asarray(near)])

@@ -170,7 +170,7 @@ class Training:
             while len(self.history) < self._config.epochs:
                 figures = self._epoch(len(self.history), progress=progress)
                 self.history.append(figures)
-                if not self._best or figures["val_error"] <= self._best["val_error"]:
+                if not self._best or figures["val_nll"] <= self._best["val_nll"]:
                     self._best = figures
                     save_model(self.model, self._provenance(), self._folder / WEIGHTS)
                 self._save()
