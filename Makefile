@@ -47,7 +47,8 @@ format: setup ## put the sources into the format that lint asks for
 	$(BIN)/ruff check --fix-only --quiet
 	$(BIN)/ruff format
 
-bench: build ## how fast the stages and the loop are on this machine
+bench: build ## how fast the predictors, the stages and the loop are on this machine
+	./litsim litsim_predictor bench
 	./litsim litsim_policy bench
 
 clean: ## remove what build made

@@ -6,7 +6,8 @@ from setuptools import find_packages, setup
 
 NAME = "litsim_policy"
 # Files that code opens with importlib.resources; configurations, scenarios, nets and what they embed.
-DATA = [f"**/*.{ending}" for ending in ("css", "html", "js", "json", "parquet", "pt", "xml", "xml.gz", "yaml")]
+ENDINGS = ("css", "html", "js", "json", "parquet", "pt", "safetensors", "xml", "xml.gz", "yaml")
+DATA = [f"**/*.{ending}" for ending in ENDINGS]
 # Folders beside the package that are installed into its share folder, where `ros2 launch` and --params-file look.
 SHARED = ("config", "launch")
 
@@ -32,10 +33,14 @@ setup(
             "policy = litsim_policy.policy_node:main",
             "ego_log = litsim_policy.ego.log_node:main",
             "ego_idm = litsim_policy.ego.idm_node:main",
+            "ego_bat = litsim_policy.ego.bat_node:main",
+            "ego_perturbed = litsim_policy.ego.perturbed_node:main",
             "run = litsim_policy.cli.run:main",
             "rerun = litsim_policy.cli.rerun:main",
             "evaluate = litsim_policy.cli.evaluate:main",
             "bench = litsim_policy.cli.bench:main",
+            "train = litsim_policy.train:main",
+            "check_ads = litsim_policy.cli.check_ads:main",
         ],
     },
 )

@@ -66,7 +66,7 @@ class Driven:
 
 
 def run(
-    scenario: Scenario, ego: Drive | str, policy: str = "litsim", mirror: Mirror | None = None, **config: Any
+    scenario: Scenario, ego: Drive | str, policy: str = "yield", mirror: Mirror | None = None, **config: Any
 ) -> Driven:
     """Run `scenario` in process; `ego` is the name of one that comes with LitSim, or says what to do."""
     runner = Runner(RunPlan(scenario, ego if isinstance(ego, str) else "log", policy), mirror, **config)
@@ -94,7 +94,7 @@ def beyond_limits(rounds: list[Round], controllers: tuple[Controller, ...]) -> l
         # the box centre lies ahead of the rear axle and swings out in a turn
         reach = STEP_S * np.maximum(a.speed, b.speed) + limits.rear_axle * a.length * np.abs(b.yaw - a.yaw)
         checks = {
-            "moved too far": moved > reach + 1e-6,
+            "moved too far": moved > reach + 1e-4,  # speed can be highest between two steps
             "accelerated too hard": b.speed - a.speed > limits.acceleration_max * STEP_S + 1e-6,
             "braked too hard": a.speed - b.speed > limits.deceleration_max * STEP_S + 1e-6,
         }

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from litsim_policy.benchmark import LANES, SPACING, SPEED, Sample, columns_of_traffic, measure, rows, write_scenario
+from litsim_policy.conflict_benchmark import detection_rows, measure_detection
 from litsim_sim.errors import InputError
 from litsim_sim.geometry import overlapping_pairs
 from litsim_sim.scenario import Scenario
@@ -58,3 +59,12 @@ def test_a_run_that_fails_is_an_input_error(tmp_path: Path, monkeypatch) -> None
     monkeypatch.setattr("litsim_policy.benchmark.NET", "us101")  # it lies elsewhere: the columns are not on its road
     with pytest.raises(InputError, match="run ended with status"):
         measure(tmp_path, 10, 5.0, 1, lambda: None)
+
+
+def test_conflict_detection_is_timed_on_traffic_in_which_there_are_conflicts() -> None:
+    timing = measure_detection(60, repeats=2)
+    assert (timing.agents, timing.off_log) == (60, 6) and timing.pairs > 100
+    assert 4 <= timing.conflicts <= 6, "the follower of each that has braked, but for the ends of the columns"
+    assert len(timing.wall) == len(timing.cpu) == 2 and min(timing.wall) > 0.0
+    said = list(detection_rows(timing))
+    assert said[:2] == ["60", "6"] and "to" in said[-1] and len(said) == 6

@@ -11,26 +11,29 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from litsim_policy.conflict import Conflict, ConflictConfig, ConflictDetector, Futures, overlap_probability
+from litsim_policy.conflict import Conflict, ConflictConfig, ConflictDetector, Futures
+from litsim_policy.overlap import Strips
 from litsim_predictor.forecast import Forecast
-from litsim_sim.geometry import box_corners, boxes_overlap
+from litsim_sim.errors import InputError
+from litsim_sim.geometry import box_corners
 from litsim_sim.log import Log
-from litsim_sim.scene import AgentTable
+from litsim_sim.recording import STEP_S
+from litsim_sim.scene import AgentTable, Controller
 
 DT = 0.2  # [s] between instants of the forecasts here
 NOW = 5  # step at which the scenes are looked at
 LENGTH, WIDTH = 4.5, 2.0  # [m] of everybody
 
 
-def straight_on(table: AgentTable, horizon: float = 5.0) -> Forecast:
+def straight_on(table: AgentTable, horizon: float = 5.0, dt: float = DT) -> Forecast:
     """Everybody goes on as it moves now."""
-    t = DT * np.arange(1, round(horizon / DT) + 1)
+    t = dt * np.arange(1, round(horizon / dt) + 1)
     heading = np.stack([np.cos(table.yaw), np.sin(table.yaw)], axis=-1)
     gone = (table.speed[:, None] * t)[..., None] * heading[:, None, :]
     mean = np.stack([table.x, table.y], axis=-1)[:, None, :] + gone
     return Forecast(
         step=table.step,
-        dt=DT,
+        dt=dt,
         id=table.id,
         mean=mean,
         yaw=np.repeat(table.yaw[:, None], len(t), axis=1).astype(np.float32),
@@ -51,12 +54,13 @@ class Scene:
     forecast: Futures
 
     def conflicts(self) -> list[Conflict]:
-        return self.detector.detect(self.table, ~self.off, self.off, self.logged, self.forecast, DT)
+        return self.detector.detect(self.table, ~self.off, self.off, self.logged, self.forecast)
 
 
 def scene(log: Log, table: AgentTable, *off: int, roi_m: float = 30.0, **config: float) -> Scene:
-    detector = ConflictDetector(log, roi_m, ConflictConfig(**config))
-    logged, forecast = detector.logged_future(table, DT), detector.forecast_future(table, straight_on(table))
+    """The mean of the forecast alone counts, if not told otherwise."""
+    detector = ConflictDetector(log, roi_m, ConflictConfig(**{"sigma_scale": 0.0} | config))
+    logged, forecast = detector.logged_future(table), detector.forecast_future(table, straight_on(table))
     return Scene(detector, table, np.isin(table.id, off), logged, forecast)
 
 
@@ -107,8 +111,8 @@ def test_a_follower_as_slow_as_the_ego_is_in_none(look) -> None:
 def test_a_leader_that_the_ego_runs_into_is_in_none(look) -> None:
     scene = look({"id": 2, "x": 112.0, "speed": 4.0}, ego={"speed": 12.0})
     pairs = scene.detector.near(scene.table, ~scene.off, scene.off)
-    _, hit = scene.detector.first_overlap(scene.table, scene.logged, scene.forecast, pairs)
-    assert hit.tolist() == [True], "they would touch, if nobody did anything"
+    chance = scene.detector.overlap_probability(scene.table, scene.logged, scene.forecast, pairs, 0.5)
+    assert chance.max() == 1.0, "they would touch, if nobody did anything"
     assert scene.conflicts() == []
 
 
@@ -124,7 +128,7 @@ def test_a_crossing_at_an_angle_is_found_when_shapely_finds_it(look, lane_centre
     meet = [a.intersects(b) for a, b in zip(mine, others, strict=True)]
     (conflict,) = scene.conflicts()
     at = meet.index(True)
-    assert conflict.time_to_conflict == pytest.approx((at + 1) * DT)
+    assert conflict.time_to_conflict == pytest.approx((at + 1) * STEP_S)
     assert at > 0 and conflict.pose[:2] == pytest.approx(shapely.get_coordinates(mine[at].centroid)[0])
     assert conflict.pose[2] == pytest.approx(0.3)
 
@@ -152,7 +156,7 @@ def test_conflicts_beyond_the_horizon_are_not_believed(look) -> None:
     late = {"id": 2, "x": 76.0, "speed": 10.0}  # contact after 3.25 s
     assert look(late, ego={"speed": 4.0}, horizon=3.0).conflicts() == []
     (conflict,) = look(late, ego={"speed": 4.0}, horizon=3.5).conflicts()
-    assert conflict.time_to_conflict == pytest.approx(3.4)
+    assert conflict.time_to_conflict == pytest.approx(3.3)
 
 
 def test_a_margin_lengthens_the_boxes(look) -> None:
@@ -270,7 +274,7 @@ def test_every_conflict_is_an_overlap_that_shapely_sees_and_none_comes_earlier(a
     table = agent_table(0, *agents)
     here = scene(plain_log(table), table, *[i for i, (*_, off) in enumerate(crowd) if off])
     for conflict in here.conflicts():
-        at = round(conflict.time_to_conflict / DT) - 1
+        at = round(conflict.time_to_conflict / STEP_S) - 1
         mine = boxes_at(here, conflict.agent, here.logged)
         others = boxes_at(here, conflict.opponent, here.forecast)
         assert mine[at].distance(others[at]) < 1e-6
@@ -283,43 +287,137 @@ def test_every_conflict_is_an_overlap_that_shapely_sees_and_none_comes_earlier(a
 def test_an_agent_that_rejoins_its_log_keeps_its_residual_in_the_future(make_scenario, track, placed) -> None:
     log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
     detector = ConflictDetector(log, 30.0, ConflictConfig())
-    logged = detector.logged_future(log.table(NOW), DT)
-    shifted = detector.logged_future(placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, y=log.y[1, NOW] + 0.5), DT)
+    logged = detector.logged_future(log.table(NOW))
+    shifted = detector.logged_future(placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, y=log.y[1, NOW] + 0.5))
     assert shifted.x[1] == pytest.approx(logged.x[1] - 3.0) and shifted.y[1] == pytest.approx(logged.y[1] + 0.5)
     held = placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, controller=1)
-    assert detector.logged_future(held, DT).x[1] == pytest.approx(logged.x[1]), "put back at once"
+    assert detector.logged_future(
+        held,
+    ).x[1] == pytest.approx(logged.x[1]), "put back at once"
 
 
-def test_futures_lie_at_multiples_of_dt_up_to_the_horizon(make_scenario, track) -> None:
+def test_logged_futures_lie_at_the_steps_up_to_the_horizon(make_scenario, track) -> None:
     log = make_scenario(track(1, x=100.0, last=20), track(2, x=80.0, last=40)).log
-    future = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0)).logged_future(log.table(NOW), DT)
-    assert future.x.shape == (2, 15)
-    assert future.x[1, :3] == pytest.approx([87.0, 89.0, 91.0])
-    assert future.valid[0].sum() == 7, "the ego's log ends at step 20, 1.5 s from now"
+    future = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0)).logged_future(log.table(NOW))
+    assert future.x.shape == (2, 30)
+    assert future.x[1, :3] == pytest.approx([86.0, 87.0, 88.0])
+    assert future.valid[0].sum() == 15, "the ego's log ends at step 20, 1.5 s from now"
 
 
-# overlap_probability
+def test_a_log_that_is_late_goes_on_late(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0, last=20), track(2, x=80.0, last=40)).log
+    lag = np.array([0, 4])
+    table = log.table(NOW, lag)
+    future = ConflictDetector(log, 30.0, ConflictConfig()).logged_future(table, lag)
+    assert table.x[1] == pytest.approx(81.0) and future.x[1, :3] == pytest.approx([82.0, 83.0, 84.0])
 
 
-def monte_carlo(delta: np.ndarray, yaws: tuple[float, float], sizes: tuple, covariance: np.ndarray) -> float:
-    sigma_x, sigma_y, rho = covariance
-    both = np.array([[sigma_x**2, rho * sigma_x * sigma_y], [rho * sigma_x * sigma_y, sigma_y**2]])
-    drawn = np.random.default_rng(0).multivariate_normal(delta, both, 40_000)
-    turned = (np.full(len(drawn), yaw) for yaw in yaws)
-    return float(boxes_overlap(drawn[:, 0], drawn[:, 1], *turned, *sizes).mean())
+@pytest.mark.parametrize("dt", [0.1, 0.2, 0.5, 0.3])
+def test_a_forecast_of_any_dt_becomes_one_of_every_step(make_scenario, track, dt: float) -> None:
+    log = make_scenario(track(1, x=100.0, yaw=0.05), track(2, x=80.0)).log
+    table = log.table(NOW)
+    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
+    future = detector.forecast_future(table, straight_on(table, 3.0, dt))
+    t = 0.1 * np.arange(1, 31)
+    assert future.x[0] == pytest.approx(table.x[0] + 10.0 * t * np.cos(0.05))
+    assert future.y[0] == pytest.approx(table.y[0] + 10.0 * t * np.sin(0.05)) and future.valid.all()
+    xx, yy, xy = future.covariance[:, 0]
+    reached = t >= dt - 1e-9
+    assert xx[reached] == pytest.approx(1.0) and yy[reached] == pytest.approx(0.25) and xy == pytest.approx(0.0)
+    assert (np.diff(xx[~reached]) > 0).all(), "from certain to as uncertain as the first instant"
 
 
-@pytest.mark.parametrize("delta", [(0.0, 0.0), (4.0, 0.0), (6.0, 1.0), (0.0, 2.2), (9.0, 3.0)])
-@pytest.mark.parametrize("covariance", [(0.5, 0.2, 0.0), (2.0, 0.8, 0.6), (3.0, 1.5, -0.7)])
-@pytest.mark.parametrize("yaws", [(0.0, 0.0), (0.3, -0.4)])
-def test_overlap_probability_is_that_of_monte_carlo(delta: tuple, covariance: tuple, yaws: tuple) -> None:
-    sizes = (np.array([4.5, 2.0]), np.array([6.0, 2.2]))
-    got = overlap_probability(np.array(delta), yaws, sizes, np.array(covariance))
-    assert got == pytest.approx(monte_carlo(np.array(delta), yaws, sizes, np.array(covariance)), abs=0.08)
+def test_beyond_the_end_of_a_forecast_nothing_is_known(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
+    future = detector.forecast_future(log.table(NOW), straight_on(log.table(NOW), 2.0))
+    assert future.valid[0].tolist() == [True] * 20 + [False] * 10
 
 
-def test_overlap_is_certain_within_and_impossible_far_apart() -> None:
-    sizes = (np.array([4.5, 2.0]), np.array([4.5, 2.0]))
-    sharp = np.array([0.1, 0.1, 0.0])
-    assert overlap_probability(np.zeros(2), (0.0, 0.0), sizes, sharp) == 1.0
-    assert overlap_probability(np.array([20.0, 0.0]), (0.0, 0.0), sizes, sharp) == 0.0
+def test_headings_are_interpolated_the_short_way_round(make_scenario, track, placed) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    table = placed(log.table(NOW), 1, yaw=np.pi - 0.05)
+    forecast = straight_on(table)
+    forecast.yaw[0] = -np.pi + 0.05
+    future = ConflictDetector(log, 30.0, ConflictConfig()).forecast_future(table, forecast)
+    assert np.cos(future.yaw[0]).max() < -0.99, "never across 0"
+
+
+def test_an_ego_that_brakes_hard_is_expected_to_go_on_for_a_second(make_scenario, track, placed) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
+
+    def ahead(**values: float) -> np.ndarray:
+        table = placed(log.table(NOW), 1, controller=Controller.EGO, **values)
+        return detector.forecast_future(table, straight_on(table)).x[0] - table.x[0]
+
+    assert ahead(acceleration=-6.0)[[9, 29]] == pytest.approx([7.0, 7.0 + 4.0 * 2.0])
+    assert ahead(acceleration=-6.0, speed=3.0)[[4, 9, 29]] == pytest.approx([0.75, 0.75, 0.75]), "then it stands"
+    assert ahead(acceleration=-1.0)[29] == pytest.approx(30.0), "that is not hard"
+
+
+# thresholds
+
+
+def test_the_mean_alone_is_the_limit_of_a_sharp_forecast(look) -> None:
+    near = {"id": 2, "x": 85.0, "speed": 10.0}
+    (mean,) = look(near, ego={"speed": 4.0}).conflicts()
+    for threshold in (0.21, 0.5, 0.9):
+        (sharp,) = look(near, ego={"speed": 4.0}, sigma_scale=1e-4, probability_threshold=threshold).conflicts()
+        assert sharp.time_to_conflict == mean.time_to_conflict
+    assert mean.overlap_probability == 1.0
+
+
+def test_a_lower_threshold_sees_a_conflict_sooner(look) -> None:
+    near = {"id": 2, "x": 85.0, "speed": 10.0}
+    times = [
+        look(near, ego={"speed": 4.0}, sigma_scale=1.0, probability_threshold=p, probability_clear=0.01).conflicts()[0]
+        for p in (0.1, 0.3, 0.5, 0.7)
+    ]
+    seconds = [c.time_to_conflict for c in times]
+    assert seconds == sorted(seconds) and seconds[0] < seconds[-1]
+    assert all(c.overlap_probability == pytest.approx(times[0].overlap_probability) for c in times)
+
+
+def test_whoever_is_off_its_log_stays_in_conflict_down_to_the_lower_threshold(look) -> None:
+    scene = look({"id": 2, "x": 80.2, "speed": 10.0}, ego={"speed": 5.2}, sigma_scale=1.0, probability_clear=0.1)
+    pairs = scene.detector.near(scene.table, ~scene.off, scene.off)
+    chance = scene.detector.overlap_probability(scene.table, scene.logged, scene.forecast, pairs, 0.01).max()
+    assert 0.1 < chance < 0.4
+    assert scene.conflicts() == []
+    still = scene.detector.still_in_conflict(scene.table, ~scene.off, scene.off, scene.logged, scene.forecast)
+    assert scene.table.id[still].tolist() == [2]
+
+
+@pytest.mark.parametrize(
+    ("config", "problem"),
+    [
+        ({"horizon": 0.0}, "horizon"),
+        ({"probability_threshold": 1.0}, "threshold"),
+        ({"probability_clear": 0.5, "probability_threshold": 0.4}, "clear"),
+        ({"probability_clear": 0.0}, "clear"),
+        ({"sigma_scale": -1.0}, "sigma_scale"),
+    ],
+)
+def test_parameters_out_of_range_are_input_errors(config: dict[str, float], problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        ConflictConfig(**config)
+
+
+@settings(max_examples=40)
+@given(crowd, st.floats(0.05, 0.6))
+def test_the_broad_phase_loses_no_pair(agent_table, crowd: list[tuple], least: float) -> None:
+    """Against the exact probability of every pair at every step."""
+    agents = [{"id": i, "x": x, "y": y, "yaw": yaw, "speed": v} for i, (x, y, yaw, v, _) in enumerate(crowd)]
+    table = agent_table(0, *agents)
+    here = scene(plain_log(table), table, roi_m=1e3, sigma_scale=1.0)
+    everybody = np.ones(len(table), np.bool_)
+    pairs = here.detector.near(table, everybody, everybody)
+    found = here.detector.overlap_probability(table, here.logged, here.forecast, pairs, least)
+    a, b = pairs.T
+    size = [np.full(found.size, v) for v in (LENGTH, WIDTH)]
+    strips = Strips.of(here.logged.yaw[a].ravel(), here.forecast.yaw[b].ravel(), tuple(size), tuple(size))
+    dx, dy = (getattr(here.forecast, f)[b] - getattr(here.logged, f)[a] for f in ("x", "y"))
+    exact = strips.probability(dx.ravel(), dy.ravel(), here.forecast.covariance[:, b].reshape(3, -1))
+    exact = exact.reshape(found.shape)
+    assert found == pytest.approx(np.where(exact >= least, exact, 0.0), abs=1e-9)

@@ -7,7 +7,9 @@ import pytest
 
 from litsim_policy.car_following import IdmConfig
 from litsim_policy.ego import CAREFUL, IdmEgo, LogEgo, make_ego
+from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
 from litsim_sim.errors import InputError
+from litsim_sim.scenario import Scenario
 from litsim_sim.scene import EgoMode
 
 
@@ -104,3 +106,97 @@ def test_the_parameters_of_the_idm_ego_count(make_scenario, track) -> None:
     near, far = (make_ego("idm", scenario, IdmConfig(headway=headway)) for headway in (0.5, 3.0))
     table = scenario.log.table(5)
     assert near.plan(table).acceleration > 0.0 > far.plan(table).acceleration
+
+
+# perturbed
+
+
+@pytest.fixture
+def perturbed(drive, monkeypatch):
+    """Runs a scenario, by replay if not told otherwise, with a perturbed ego; returns the run and the ego."""
+
+    def run(scenario: Scenario, policy: str = "replay", **config):
+        ego = PerturbedEgo(scenario, PerturbedConfig(**config))
+        monkeypatch.setattr("litsim_policy.runner.make_ego", lambda *_: ego)
+        return drive(scenario, "perturbed", policy=policy), ego
+
+    return run
+
+
+def test_up_to_the_perturbation_the_log_is_followed_exactly(make_scenario, track, perturbed) -> None:
+    run, ego = perturbed(make_scenario(track(1, x=100.0, yaw=-0.02, last=150)), kind="brake", time=(2.0, 2.0))
+    assert ego.first_step == 23
+    assert max(run.from_log(1, step) for step in range(24)) < 1e-9
+    assert run.series(1, "acceleration")[24:49] == pytest.approx(-2.0)
+
+
+def test_it_brakes_as_long_as_it_should_and_then_returns_to_the_logged_speed_but_stays_behind(
+    make_scenario, track, perturbed
+) -> None:
+    run, _ = perturbed(make_scenario(track(1, x=100.0, last=150)), kind="brake", time=(0.0, 0.0))
+    speed = run.series(1, "speed")
+    assert speed[28] == pytest.approx(5.0) and speed[27] > 5.1 and speed[29] > 5.0
+    assert speed[120] == pytest.approx(10.0, abs=0.02)
+    assert run.from_log(1, 150) == pytest.approx(run.from_log(1, 120), abs=0.1) and run.from_log(1, 150) > 8.0
+    y = run.series(1, "y")
+    assert np.abs(y - y[0]).max() < 0.05
+
+
+def test_it_changes_to_the_next_lane_and_keeps_to_it(make_scenario, track, perturbed, lane_centres) -> None:
+    scenario = make_scenario(track(1, x=100.0, y=lane_centres[2], last=150))
+    run, ego = perturbed(scenario, kind="lane_change", time=(1.0, 1.0))
+    y = run.series(1, "y")
+    target = lane_centres[1 if ego._left_first else 3]
+    assert np.abs(y[:13] - lane_centres[2]).max() < 1e-6
+    assert y[60:] == pytest.approx(target, abs=0.1)
+    assert run.series(1, "speed")[-1] == pytest.approx(10.0, abs=0.1)
+
+
+@pytest.mark.parametrize("lane", [0, 4])
+def test_at_the_edge_of_the_road_there_is_one_way_only(make_scenario, track, perturbed, lane_centres, lane) -> None:
+    run, _ = perturbed(make_scenario(track(1, x=100.0, y=lane_centres[lane], last=150)), kind="lane_change")
+    assert run.series(1, "y")[-1] == pytest.approx(lane_centres[1 if lane == 0 else 3], abs=0.1)
+
+
+def test_it_does_not_change_into_whoever_is_alongside_and_brakes_after_a_while(
+    make_scenario, track, perturbed, lane_centres
+) -> None:
+    walls = [track(2 + i, x=100.0 + 1.0 * i, y=lane_centres[2 * i], last=150) for i in range(2)]
+    scenario = make_scenario(track(1, x=100.0, y=lane_centres[1], last=150), *walls)
+    run, _ = perturbed(scenario, kind="lane_change", time=(0.0, 0.0), patience=2.0)
+    assert run.world.contacts == {} and np.abs(run.series(1, "y") - lane_centres[1]).max() < 0.1
+    assert max(run.from_log(1, step) for step in range(23)) < 1e-9 and run.series(1, "speed").min() < 5.5
+
+
+def test_after_the_perturbation_it_does_not_run_into_its_leader(make_scenario, track, perturbed) -> None:
+    stops = track(2, x=140.0, acceleration=-1.0, last=99)
+    run, _ = perturbed(make_scenario(track(1, x=100.0, last=99), stops), kind="brake", time=(0.0, 0.0))
+    assert run.world.contacts == {}
+
+
+def test_the_seed_and_the_ego_decide_what_and_when(make_scenario, track) -> None:
+    def drawn(seed: int, ego: int) -> tuple[int, str, bool]:
+        scenario = make_scenario(track(ego, x=100.0), seed=seed)
+        found = PerturbedEgo(scenario)
+        return found.first_step, found.kind, found._left_first
+
+    assert drawn(5, 1) == drawn(5, 1)
+    several = {drawn(seed, ego) for seed in range(4) for ego in (1, 2, 3)}
+    assert len(several) >= 10 and {kind for _, kind, _ in several} == {"brake", "lane_change"}
+    assert all(3 <= step <= 43 for step, *_ in several)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [{"kind": "swerve"}, {"time": (2.0, 1.0)}, {"time": (1.0,)}, {"duration": -1.0}, {"lane_change_time": 0.0}],
+)
+def test_perturbations_that_cannot_be_are_input_errors(config) -> None:
+    with pytest.raises(InputError, match=next(iter(config))):
+        PerturbedConfig(**config)
+
+
+def test_yielding_copes_with_perturbed_egos_where_replay_does_not(make_scenario, track, perturbed) -> None:
+    scenario = make_scenario(*(track(i, x=115.0 - 12.0 * i, last=200) for i in (1, 2, 3)))
+    replay, _ = perturbed(scenario, kind="brake", duration=4.0)
+    mended, _ = perturbed(scenario, policy="yield", kind="brake", duration=4.0)
+    assert (1, 2) in replay.world.contacts and mended.world.contacts == {}

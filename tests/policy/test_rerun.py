@@ -19,8 +19,9 @@ from litsim_policy.rerun import open_record, rerun_stage, resimulate, with_param
 from litsim_policy.runner import Runner
 from litsim_policy.takeover import TakeoverConfig
 from litsim_policy.yield_policy import YieldConfig
-from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
+from litsim_predictor.kinematic import KinematicConfig
 from litsim_predictor.messages import forecast_to_message
+from litsim_predictor.models import default_model, make_predictor
 from litsim_sim.bag import BagWriter, qos_yaml
 from litsim_sim.errors import InputError
 from litsim_sim.recording import STEP_S
@@ -54,7 +55,7 @@ def answered(make_scenario: Any, track: Any, lane_centres: Any) -> tuple[Scenari
         dt=STEP_S,
         stages=list(plan.stages),
     )
-    predictor = KinematicPredictor(scenario.ego_id, scenario.roi_m)
+    predictor = make_predictor(default_model(), scenario)
     found: list[tuple[str, int, Any]] = []
     for now in Runner(plan).rounds():
         step, run_id = now.table.step, plan.run_id
@@ -210,6 +211,16 @@ def test_a_record_with_gaps_is_compared_as_far_as_it_goes(write: Any) -> None:
         assert rerun_stage(record, "ego").compared == 15
     assert any("ends at step 15 of 40" in note for note in record.notes)
     assert any("1 steps lack the ego's answer" in note for note in record.notes)
+
+
+def test_a_record_that_ends_amid_a_step_is_equal_up_to_there(write: Any) -> None:
+    answers = {topics.TAKEOVERS.name: 20, topics.CONTROLS.name: 19, topics.EGO_CONTROL.name: 20}
+    ends: Tamper = lambda name, k, message: None if k > answers.get(name, 20) else message  # noqa: E731
+    with open_record(write(ends)) as record:
+        found = resimulate(record)
+    assert found.steps == 20
+    assert found.recorded == found.computed
+    assert found.tally.different == 0
 
 
 def test_exit_status_and_words(write: Any, answered: Any, tmp_path: Path, capsys: Any) -> None:

@@ -6,7 +6,11 @@ import os
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
+from litsim_policy.handback import HANDBACKS
 from litsim_policy.runner import Runner, record
 from litsim_policy.takeover import State, TakeoverConfig
 from litsim_sim.analysis.collision import first_contacts
@@ -132,6 +136,43 @@ def test_even_where_agents_change_hands_nobody_jumps(demo: Scenario, drive, beyo
     states = {t.state for r in run.rounds for t in r.takeovers.takeovers}
     assert states == {State.HELD, State.HANDBACK, State.RELEASED}
     assert beyond_limits(run.rounds, EVERYBODY) == beyond_limits(drive(demo, "log", policy="replay").rounds, EVERYBODY)
+
+
+@settings(max_examples=6)
+@given(
+    st.sampled_from([3, 7, 4]),
+    st.sampled_from(HANDBACKS),
+    st.sampled_from(["brake", "lane_change"]),
+    st.floats(1.0, 6.0),
+    st.floats(1.0, 4.0),
+)
+def test_over_whole_runs_nobody_jumps(drive, beyond_limits, ego, handback, kind, deceleration, duration) -> None:
+    """Between two steps nobody moves farther than its speed lets it, nor beyond its limits, whoever drives it then."""
+    scenario = Scenario.load("demo", ego=ego)
+    config = PerturbedConfig(kind=kind, deceleration=deceleration, duration=duration)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("litsim_policy.runner.make_ego", lambda *_: PerturbedEgo(scenario, config))
+        run = drive(scenario, "perturbed", takeover=TakeoverConfig(handback=handback))
+    assert beyond_limits(run.rounds, EVERYBODY) == []
+
+
+def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario, track, monkeypatch) -> None:
+    """A golden scene: the ego brakes from 10 to 2 m/s, 7.5 m before the follower that its log keeps at 10 m/s."""
+    scenario = make_scenario(track(1, x=112.0, last=200), track(2, x=100.0, last=200))
+    config = PerturbedConfig(kind="brake", time=(0.0, 0.0), duration=4.0)
+    monkeypatch.setattr("litsim_policy.runner.make_ego", lambda *_: PerturbedEgo(scenario, config))
+    replay = Runner(RunPlan(scenario, "perturbed", "replay"))
+    assert len(list(replay.rounds())) == 201
+    (entry,) = compute_metrics(record(Runner(RunPlan(scenario, "perturbed", "yield"))))["ledger"]
+    assert (entry["agent"], entry["opponent"], entry["reason"]) == (2, 1, "conflict")
+    assert (entry["replay_opponent"], entry["replay_step"]) == (1, replay.world.contacts[(1, 2)])
+    predicted = entry["detected_step"] + 10 * entry["time_to_conflict_s"]
+    assert abs(predicted - entry["replay_step"]) <= 8, "the forecast of a braking ego, at first sight"
+    assert entry["overlap_probability"] >= 0.4 and entry["log_collision_predicted"] and not entry["false_alarm"]
+    steps = entry["released_step"] - entry["detected_step"] + 1
+    assert entry["held_s"] == pytest.approx(0.1 * steps)
+    assert entry["residual_m"] == pytest.approx(10.0 * entry["time_shift_s"], abs=0.6)
+    assert entry["time_shift_s"] > 0.5 and abs(entry["residual_mps"]) <= 1.0
 
 
 def test_takeovers_are_explained(demo: Scenario, litsim) -> None:

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from litsim_policy.conflict import ConflictConfig
+from litsim_policy.route import PathSource
 from litsim_policy.takeover import Reason, State, Takeover, TakeoverConfig, TakeoverManager, TakeoverTable
 from litsim_predictor.kinematic import KinematicPredictor
+from litsim_sim.errors import InputError
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import AgentTable, Controller
 
@@ -54,7 +56,7 @@ class Stage:
 def stage(make_scenario, track, placed):
     def make(*tracks: Any, history_steps: int = FIRST, **config: Any) -> Stage:
         scenario = make_scenario(*(tracks or (track(1, x=300.0), track(2, x=60.0))), history_steps=history_steps)
-        manager = TakeoverManager(scenario, ConflictConfig(), TakeoverConfig(**config))
+        manager = TakeoverManager(scenario, ConflictConfig(), TakeoverConfig(**{"handback": "catch_up"} | config))
         return Stage(scenario, placed, manager, KinematicPredictor(1, scenario.roi_m), history_steps)
 
     return make
@@ -125,7 +127,7 @@ def test_a_takeover_says_what_was_predicted(stage) -> None:
     assert takeover.log_collision_predicted
     assert (takeover.residual_position, takeover.residual_speed) == (0.0, 0.0)
     path = takeover.reference_path
-    assert path[0, 0] == pytest.approx(max(x - 5.0, 60.0), abs=1.0) and path[-1, 0] > x + 100.0
+    assert path[0] == pytest.approx([x, y]) and path[-1, 0] > x + 100.0
     assert path[:, 1] == pytest.approx(np.full(len(path), y), abs=0.01)
 
 
@@ -318,7 +320,7 @@ def braking(until: int, to: float, back: bool) -> Callable[[AgentTable, int], tu
 
 def test_an_agent_yields_and_comes_back_to_its_log(make_scenario, track, drive) -> None:
     scenario = make_scenario(track(1, x=100.0, last=300), track(2, x=85.0, last=300))
-    run = drive(scenario, braking(until=20, to=6.0, back=True))
+    run = drive(scenario, braking(until=20, to=6.0, back=True), takeover=TakeoverConfig(handback="catch_up"))
     assert run.life(2) == [State.HELD, State.HANDBACK, State.RELEASED]
     assert run.world.contacts == {}
     steps = sorted(run.takeovers(2))
@@ -343,7 +345,7 @@ def test_a_queue_forms_behind_an_ego_that_slows_down(make_scenario, track, drive
     run = drive(scenario, braking(until=0, to=2.0, back=False))
     assert run.world.contacts == {}
     opponents = [next(iter(run.takeovers(i).values())).opponent for i in range(2, 6)]
-    assert opponents == [1, 2, 3, 4]
+    assert opponents[0] == 1 and all(opponent < i for i, opponent in zip(range(2, 6), opponents, strict=True))
     detected = [min(run.takeovers(i)) for i in range(2, 6)]
     assert detected == sorted(detected)
     replay = drive(scenario, braking(until=0, to=2.0, back=False), policy="replay")
@@ -366,12 +368,95 @@ def test_an_entry_where_the_ego_stands_is_late_and_adopted(make_scenario, track,
 
 def test_an_agent_drives_on_under_control_when_its_log_is_over(make_scenario, track, drive) -> None:
     scenario = make_scenario(track(1, x=100.0, last=120), track(2, x=85.0, last=50))
-    run = drive(scenario, braking(until=0, to=3.0, back=False))
+    run = drive(scenario, braking(until=0, to=3.0, back=False), takeover=TakeoverConfig(handback="catch_up"))
     records = run.takeovers(2)
     assert max(records) == scenario.total_steps
     over = [t for step, t in records.items() if step > 50]
     assert {t.state for t in over} == {State.HELD} and {t.residual_position for t in over} == {-1.0}
     assert run.world.contacts == {} and run.series(2, "speed").min() > 1.0
+
+
+# Hand-back to a log that is late
+
+
+@pytest.fixture
+def lag_then_go(make_scenario, track, drive) -> Callable[..., Any]:
+    """The ego brakes from 10 to 5 m/s and drives on at 10 m/s, 12 m behind its log; agents 2 and 3 are behind it."""
+
+    def drive_it(table: AgentTable, row: int) -> tuple[float, float]:
+        braking = table.step < FIRST + 20
+        return (-2.5 if braking else min(2.0, 2.0 * (10.0 - float(table.speed[row])))), 0.0
+
+    def run(handback: str) -> Any:
+        scenario = make_scenario(*(track(i, x=115.0 - 16.0 * i, last=200) for i in (1, 2, 3)))
+        return drive(scenario, drive_it, takeover=TakeoverConfig(handback=handback))
+
+    return run
+
+
+def test_behind_an_ego_that_stays_behind_only_a_late_log_can_be_rejoined(lag_then_go) -> None:
+    assert State.RELEASED not in lag_then_go("catch_up").life(2)
+    late = lag_then_go("time_shift")
+    assert late.life(2) == [State.HELD, State.HANDBACK, State.RELEASED] and late.world.contacts == {}
+
+
+def test_from_the_release_on_the_log_is_replayed_with_the_lag_that_was_recorded(lag_then_go) -> None:
+    run = lag_then_go("time_shift")
+    records = run.takeovers(2)
+    released = max(records)
+    lag = round(records[released].time_shift / 0.1)
+    assert records[released].state == State.RELEASED and lag > 5
+    assert records[released].residual_position == pytest.approx(lag * 1.0, abs=0.6), "the log drives at 10 m/s"
+    for step in range(released + 40, 201):
+        table, log = run.rounds[step].table, run.scenario.log.table(step - lag)
+        row, logged = table.row(2), log.row(2)
+        assert table.controller[row] == Controller.LOG
+        assert (table.x[row], table.y[row]) == pytest.approx((log.x[logged], log.y[logged]), abs=1e-9)
+
+
+def test_a_log_that_is_late_is_what_conflicts_are_looked_for_with(stage) -> None:
+    """Agent 2 follows its log 15 m late; the ego stands where only the log without the lag would touch it."""
+    s = stage(handback="time_shift", history_steps=20)
+    s.manager._lag[1] = 15
+    late = {2: {"x": s.logged(2) - 15.0}}
+    assert s.see({1: {"x": s.logged(2) + LENGTH + 18.0, "speed": 0.0}} | late).takeovers == ()
+    answer = s.see({1: {"x": s.logged(2) - 15.0 + LENGTH + 9.0, "speed": 0.0}} | {2: {"x": s.logged(2) - 15.0}})
+    assert [t.agent for t in answer.takeovers] == [2]
+
+
+def test_who_follows_a_late_log_is_somebody_to_look_out_for(stage, track) -> None:
+    tracks = track(1, x=300.0), track(2, x=90.0), track(3, x=78.0)
+    s = stage(*tracks, handback="time_shift", history_steps=20)
+    assert s.see({2: {"x": s.logged(2) - 6.0}}).takeovers == (), "on its log, whatever it is: theirs to sort out"
+    s.manager._lag[1] = 6
+    for _ in range(3):
+        answer = s.see({2: {"x": s.logged(2) - 9.0}})
+    assert [(t.agent, t.opponent) for t in answer.takeovers] == [(3, 2)]
+
+
+# Provenance
+
+
+def test_every_takeover_says_all_that_explains_it(lag_then_go) -> None:
+    """A golden scene: agent 2, 16 m behind an ego that brakes from 10 m/s at 2.5 m/s2."""
+    run = lag_then_go("time_shift")
+    records = run.takeovers(2)
+    first, last = records[min(records)], records[max(records)]
+    assert (first.reason, first.opponent, first.detected_step) == (Reason.CONFLICT, 1, min(records))
+    assert first.overlap_probability >= 0.4 and 0.0 < first.time_to_conflict <= 3.0
+    assert first.log_collision_predicted and first.path_source == PathSource.ROUTE
+    assert (first.residual_position, first.residual_speed, first.time_shift) == (0.0, 0.0, 0.0)
+    assert {t.detected_step for t in records.values()} == {first.detected_step}
+    assert last.path_source == PathSource.LOGGED and last.residual_position > 1.0 and abs(last.residual_speed) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("config", "problem"),
+    [({"handback": "jump"}, "handback"), ({"rounds_max": 0}, "rounds_max"), ({"confirm_steps": 0}, "confirm_steps")],
+)
+def test_parameters_out_of_range_are_input_errors(config: dict[str, Any], problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        TakeoverConfig(**config)
 
 
 def test_with_the_ego_on_its_log_nobody_is_taken_over(make_scenario, track, drive, lane_centres) -> None:

@@ -94,7 +94,6 @@ def test_those_released_and_those_on_their_logs_are_not_driven(make_scenario, tr
 def test_policies_have_names(make_scenario, track) -> None:
     scenario = make_scenario(track(1, x=200.0))
     assert isinstance(make_policy("yield", scenario), YieldPolicy)
-    assert isinstance(make_policy("litsim", scenario), YieldPolicy)
     with pytest.raises(InputError, match="politeness"):
         make_policy("politeness", scenario)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -225,3 +226,50 @@ def test_an_agent_that_leaves_while_fading_is_gone(policy: Callable[[], LogPolic
     fresh.release(displaced(fresh.table(15), 4, x=5.0), 4)
     assert fresh.table(20).x[fresh.table(20).row(4)] > fresh.log.table(20).x[fresh.log.table(20).row(4)]
     assert 4 not in fresh.table(21).id
+
+
+# Late
+
+
+@given(st.integers(0, 100), st.floats(-1.0, 1.0))
+def test_the_lag_is_the_time_since_the_log_was_nearest(policy: Callable[[], LogPolicy], ago: int, aside: float) -> None:
+    log, step = policy().log, 120
+    row = log.row(1)
+    x, y = log.x[row, step - ago], log.y[row, step - ago] + aside
+    assert log.lag(row, step, x, y) == ago
+    assert log.lag(row, step, log.x[row, step] + 5.0, y) == 0, "ahead of its log it is not late"
+
+
+def test_a_log_that_waited_is_not_waited_for_again(policy: Callable[[], LogPolicy]) -> None:
+    log = policy().log
+    row = log.row(3)
+    assert log.lag(row, 100, log.x[row, 0] - 2.0, log.y[row, 0]) == 0
+
+
+@pytest.mark.parametrize(("agent", "x", "y"), [(1, -20.0, 0.3), (2, -6.3, -0.4), (1, -0.2, 0.0)])
+def test_who_is_released_late_follows_its_log_with_that_lag(
+    policy: Callable[[], LogPolicy], agent: int, x: float, y: float
+) -> None:
+    fresh, release = policy(), 60
+    log = fresh.log
+    off = displaced(fresh.table(release), agent, x=x, y=y)
+    lag = log.lag(log.row(agent), release, *(float(getattr(off, f)[off.row(agent)]) for f in "xy"))
+    fresh.release(off, agent, late=True)
+    tables = [off] + [fresh.table(step) for step in range(release + 1, 151)]
+    for before, after in pairwise(tables):
+        i, j = before.row(agent), after.row(agent)
+        moved = np.hypot(after.x[j] - before.x[i], after.y[j] - before.y[i])
+        assert moved <= 0.1 * max(before.speed[i], after.speed[j]) + 0.1, "no jump"
+    last, logged = tables[-1], log.table(150 - lag)
+    assert last.x[last.row(agent)] == pytest.approx(logged.x[logged.row(agent)], abs=1e-9)
+    others = [a for a in log.ids.tolist() if a != agent and last.row(a) >= 0]
+    on_time = log.table(150)
+    assert all(last.x[last.row(a)] == on_time.x[on_time.row(a)] for a in others)
+
+
+def test_who_is_late_leaves_late_and_a_release_on_time_ends_it(policy: Callable[[], LogPolicy]) -> None:
+    fresh = policy()
+    fresh.release(displaced(fresh.table(15), 4, x=-5.0), 4, late=True)
+    assert [fresh.table(step).row(4) >= 0 for step in (20, 25, 26)] == [True, True, False]
+    fresh.release(displaced(fresh.table(18), 4), 4)
+    assert [fresh.table(step).row(4) >= 0 for step in (20, 21)] == [True, False]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from litsim_policy.runner import Runner, record
+from litsim_policy.takeover import TakeoverConfig
 from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics
 from litsim_sim.errors import InputError
 from litsim_sim.executables import find_executable
@@ -32,19 +33,31 @@ class Job:
         ego: what drives the ego.
         policy: what moves the background.
         ego_id: vehicle that is the ego.
+        handback: how agents come back to their logs, one of :data:`litsim_policy.handback.HANDBACKS`; None leaves that
+            to the conflict stage's default.
+        predictor: model that forecasts; None leaves that to the predictor stage's default.
     """
 
     scenario: str
     ego: str
     policy: str
     ego_id: int
+    handback: str | None = None
+    predictor: str | None = None
+
+    @property
+    def row(self) -> str:
+        """Name of the row of the table that it belongs to."""
+        return ", ".join(part for part in (self.policy, self.predictor, self.handback) if part)
 
 
 def run_in_process(job: Job) -> dict[str, Any]:
     """Metrics of a run in this process, SUMO included."""
     scenario = Scenario.load(job.scenario, ego=job.ego_id)
     plan = RunPlan(scenario, job.ego, job.policy)
-    return compute_metrics(record(Runner(plan, SumoMirror(scenario.net_path, scenario.seed))))
+    takeover = None if job.handback is None else TakeoverConfig(handback=job.handback)
+    mirror = SumoMirror(scenario.net_path, scenario.seed)
+    return compute_metrics(record(Runner(plan, mirror, model=job.predictor, takeover=takeover)))
 
 
 def run_graph(job: Job, folder: Path) -> dict[str, Any]:
@@ -53,10 +66,11 @@ def run_graph(job: Job, folder: Path) -> dict[str, Any]:
     Raises:
         InputError: the launcher failed; the message is its own.
     """
-    out = folder / f"{job.ego}-{job.policy}-{job.ego_id}"
+    out = folder / f"{Path(job.scenario).stem}-{job.ego}-{job.row.replace(', ', '-')}-{job.ego_id}"
     launch = find_executable("litsim_sim", "launch")
     command = [str(launch), "--quiet", "--overwrite", "--scenario", job.scenario, "--out", str(out)]
     command += ["--ego", job.ego, "--policy", job.policy, "--ego-id", str(job.ego_id)]
+    command += ["--predictor", job.predictor] if job.predictor else []
     environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode != 0:
@@ -108,11 +122,17 @@ def summarise(runs: Iterable[dict[str, Any]]) -> dict[str, Any]:
         "rate_controlled": _mean(r["collision"]["rate_controlled"] for r in runs),
         "reactive": _mean(float(r["reactive"]) for r in runs),
         "takeovers": sum(r["takeovers"] for r in runs),
+        "takeovers_per_run": _mean(float(r["takeovers"]) for r in runs),
+        "releases": sum(e["released_step"] is not None for r in runs for e in r["ledger"]),
+        "held_s": sum(e["held_s"] for r in runs for e in r["ledger"]),
+        "bound_hits": sum(r["detection"]["bound_hits"] for r in runs),
         "false_alarms": sum(r["false_alarms"] for r in runs),
         "relevant_ratio": _mean(r["relevant_ratio"] for r in runs),
         "ade_controlled_m": ade,
         "ade_all_m": {h: _mean(r["ade_all_m"].get(h) for r in runs) for h in ade},
         "replay_error_max_m": max((r["replay_error_max_m"] or 0.0 for r in runs), default=None),
+        "hard_brakes": sum(r["comfort"]["controlled"]["hard_brakes"] for r in runs),
+        "off_road": _mean(r["off_road_controlled"] for r in runs),
         "progress_m": _mean(r["progress_m"] for r in runs),
         "max_position_jump_m": max((r["handback"]["max_position_jump_m"] for r in runs), default=None),
         "max_residual_m": max((r["handback"]["max_residual_m"] or 0.0 for r in runs), default=None),

@@ -1,10 +1,19 @@
-"""Hand-back: driving an agent that is free of conflict back to where its log has it, within comfort bounds."""
+"""Hand-back: driving an agent that is free of conflict back to its log, within comfort bounds.
+
+Two ways, told apart by how late the log is that it goes back to (`Takeover.time_shift`):
+
+- catch_up: the log as it is at the time, late by nothing. The agent makes up for what it has lost.
+- time_shift: the log as it was where the agent is now. Only speed, offset and heading are left to meet, and the log is
+  replayed with that lag from the release on.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+
+HANDBACKS = ("catch_up", "time_shift")
 
 
 @dataclass(frozen=True)

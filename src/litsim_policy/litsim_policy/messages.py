@@ -7,6 +7,7 @@ from geometry_msgs.msg import Pose2D
 from litsim_msgs.msg import Takeover as TakeoverMessage
 from litsim_msgs.msg import Takeovers
 
+from litsim_policy.route import PathSource
 from litsim_policy.takeover import Reason, State, Takeover, TakeoverTable
 from litsim_sim.ros.messages import from_array, header, to_array
 from litsim_sim.scene import FloatArray
@@ -20,6 +21,7 @@ _SCALARS = (
     "log_collision_predicted",
     "residual_position",
     "residual_speed",
+    "time_shift",
 )
 
 
@@ -35,6 +37,7 @@ def takeovers_to_message(table: TakeoverTable, run_id: str) -> Takeovers:
             TakeoverMessage(
                 state=int(t.state),
                 reason=int(t.reason),
+                path_source=int(t.path_source),
                 conflict_pose=_to_pose(t.conflict_pose),
                 goal_pose=_to_pose(t.goal_pose),
                 reference_path=to_array(t.reference_path),
@@ -53,6 +56,7 @@ def takeovers_from_message(message: Takeovers) -> TakeoverTable:
             Takeover(
                 state=State(t.state),
                 reason=Reason(t.reason),
+                path_source=PathSource(t.path_source),
                 conflict_pose=_from_pose(t.conflict_pose),
                 goal_pose=_from_pose(t.goal_pose),
                 reference_path=from_array(t.reference_path, np.float64).reshape(-1, 2),

@@ -7,11 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
+from litsim_policy import bezier
 from litsim_sim.log import Log
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.lane_map import Lane, LaneMap
 from litsim_sim.scene import FloatArray
 
 SPACING = 1.0  # [m] between points; recorded positions jitter at shorter distances
+LANE_LENGTH = 2000.0  # [m] of lane that a path along it covers: more than any run drives
+CHANGE_MIN = 10.0  # [m] that a change of lane takes at least, also for a vehicle that stands
 BEYOND = 300.0  # [m] by which a logged path goes on along its lane, for vehicles whose log ends
 
 
@@ -74,6 +77,11 @@ class ReferencePath:
         unit = self._segments[2][at]
         return np.arctan2(unit[:, 1], unit[:, 0])
 
+    def followed_by(self, other: ReferencePath) -> ReferencePath:
+        """This path, and from its end on `other`, onto which it leads."""
+        s, _ = other.project(self.points[-1:, 0], self.points[-1:, 1])
+        return ReferencePath.of(np.concatenate([self.points, other.points[other.s > s[0] + 0.5 * SPACING]]))
+
     @cached_property
     def _segments(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Start (m - 1, 2), length (m - 1,) and direction (m - 1, 2) of the segments."""
@@ -90,16 +98,31 @@ def logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
     marks = np.arange(0.0, travelled[-1], SPACING)
     steps = np.interp(marks, travelled, np.arange(len(points)))
     smooth = np.column_stack([np.interp(steps, np.arange(len(points)), points[:, i]) for i in (0, 1)])
-    end, yaw = points[-1:], log.yaw[row][valid][-1:]
-    at = lane_map.nearest(end[:, 0], end[:, 1], yaw)
+    beyond = onto_lane(lane_map, points[-1], float(log.yaw[row][valid][-1]))
+    return ReferencePath.through(np.concatenate([smooth, points[-1:], beyond]))
+
+
+def onto_lane(lane_map: LaneMap, end: FloatArray, yaw: float) -> FloatArray:
+    """How a path that ends at `end` (2,) with heading `yaw` goes on: points (m, 2) that lead onto the centre line."""
+    at = lane_map.nearest(end[:1], end[1:], np.array([yaw]))
     beyond = lane_map.path_from(int(at.lane[0]), float(at.s[0]) + 3.0 * SPACING, BEYOND)
-    return ReferencePath.through(np.concatenate([smooth, end, _shifted(beyond, float(at.d[0]))]))
+    return _shifted(beyond, float(at.d[0]))
 
 
-def lane_path(lane_map: LaneMap, x: float, y: float, yaw: float, length: float = 2000.0) -> ReferencePath:
+def lane_path(lane_map: LaneMap, x: float, y: float, yaw: float, length: float = LANE_LENGTH) -> ReferencePath:
     """The centre line of the lane at a pose, from there on."""
     at = lane_map.nearest(np.array([x]), np.array([y]), np.array([yaw]))
     return ReferencePath.through(lane_map.path_from(int(at.lane[0]), float(at.s[0]), length))
+
+
+def lane_change_path(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -> ReferencePath:
+    """From `pose` (3,) onto the centre line of `lane`, beside it, within `reach` [m], and on along that lane."""
+    beside, _ = ReferencePath.of(lane.centerline).project(pose[:1], pose[1:2])
+    far = max(reach, CHANGE_MIN)
+    guide = ReferencePath.through(lane_map.path_from(lane_map.row(lane.id), float(beside[0]), far + LANE_LENGTH))
+    end = np.array([*guide.point(far), guide.heading(np.array([far]))[0]])
+    curve = bezier.points(bezier.between(pose, end), SPACING)
+    return ReferencePath.through(np.concatenate([curve, guide.points[guide.s > far + 0.5 * SPACING]]))
 
 
 def _shifted(points: FloatArray, left: float) -> FloatArray:

@@ -10,6 +10,7 @@ from litsim_msgs.msg import RunInfo
 from litsim_policy.handback import HandbackConfig
 from litsim_policy.messages import takeovers_from_message
 from litsim_policy.policies import Policy, make_policy
+from litsim_policy.safety import SafetyConfig
 from litsim_policy.yield_policy import YieldConfig
 from litsim_sim.ros.messages import agents_from_message, controls_to_message
 from litsim_sim.ros.parameters import declare
@@ -29,12 +30,14 @@ class PolicyNode(StageNode):
         super().__init__()
         self._yield = declare(self, YieldConfig())
         self._handback = declare(self, HandbackConfig(), "handback.")
+        self._safety = declare(self, SafetyConfig(), "safety.")
         self._run_id = ""
         self._policy: Policy
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._policy, self._run_id = make_policy(info.policy, scenario, self._yield, self._handback), info.run_id
+        self._policy = make_policy(info.policy, scenario, self._yield, self._handback, self._safety)
+        self._run_id = info.run_id
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""

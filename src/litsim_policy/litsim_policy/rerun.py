@@ -30,7 +30,7 @@ from litsim_policy.yield_policy import YieldConfig
 from litsim_predictor.forecast import Predictor
 from litsim_predictor.kinematic import KinematicConfig
 from litsim_predictor.messages import forecast_from_message, forecast_to_message
-from litsim_predictor.models import MODELS, make_predictor
+from litsim_predictor.models import default_model, make_predictor
 from litsim_sim.bag import BagReader
 from litsim_sim.digest import RunDigest
 from litsim_sim.errors import InputError
@@ -43,7 +43,17 @@ from litsim_sim.ros.messages import (
     ego_from_message,
     ego_to_message,
 )
-from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_CONTROL, FORECASTS, RUN_INFO, STATUS, TAKEOVERS, Topic
+from litsim_sim.ros.topics import (
+    AGENTS,
+    CONTROLS,
+    EGO_APPLIED,
+    EGO_CONTROL,
+    FORECASTS,
+    RUN_INFO,
+    STATUS,
+    TAKEOVERS,
+    Topic,
+)
 from litsim_sim.run_info import RunPlan, versions
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import AgentTable, EgoCommand
@@ -163,7 +173,8 @@ def resimulate(record: Record) -> Resimulated:
     if info.ego == EXTERNAL:
         record.notes.append("the ego is external: it answers as recorded")
     run_id, ego_id = info.run_id, info.ego_id
-    last = max(messages[AGENTS.name], default=-1)
+    compared = [messages[topic.name] for topic in (AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL)]
+    last = min((max(found) for found in compared if found), default=-1)  # what is cut short may end amid a step
     digests = RunDigest(), RunDigest()
     steps = 0
     for now in _Again(record).rounds():
@@ -247,7 +258,7 @@ class Stage:
 
 
 def _predictor(record: Record) -> Predictor:
-    model = str(record.parameters.get("predictor", {}).get("model", MODELS[0]))
+    model = str(record.parameters.get("predictor", {}).get("model", default_model()))
     return make_predictor(model, record.scenario, record.configured("predictor", KinematicConfig(), "kinematic."))
 
 
@@ -306,7 +317,7 @@ STAGES = {
 
 def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
     """Messages by topic and step; run information as step 0, stage states numbered as they come."""
-    wanted = {topic.name: topic for topic in (RUN_INFO, STATUS, *PER_STEP)}
+    wanted = {topic.name: topic for topic in (RUN_INFO, STATUS, *PER_STEP, EGO_APPLIED)}
     for name, topic in wanted.items():
         here, there = type_hash(type_name(topic.type)), reader.topics[name].type_hash if name in reader.topics else ""
         if here and there and here != there:
@@ -319,6 +330,8 @@ def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
             kept.setdefault(0 if message.topic == RUN_INFO.name else len(kept), decoded)
         elif info is None or decoded.run_id == info.run_id:
             kept.setdefault(decoded.step, decoded)
+    if applied := found.pop(EGO_APPLIED.name):  # of an external ego counts what the bridge made of its answers
+        found[EGO_CONTROL.name] = applied
     return found
 
 

@@ -13,9 +13,9 @@ from litsim_policy.conflict import ConflictConfig
 from litsim_policy.ego import make_ego
 from litsim_policy.policies import make_policy
 from litsim_policy.takeover import Takeover, TakeoverConfig, TakeoverManager, TakeoverTable
-from litsim_predictor.models import MODELS, make_predictor
+from litsim_predictor.models import default_model, make_predictor
+from litsim_sim.analysis.run import Detection, RunInfo, StageState, Status, TakeoverReason, TakeoverState
 from litsim_sim.analysis.run import Run as RecordedRun
-from litsim_sim.analysis.run import RunInfo, StageState, Status, TakeoverReason, TakeoverState
 from litsim_sim.analysis.run import Takeover as RecordedTakeover
 from litsim_sim.recording import STEP_S
 from litsim_sim.run_info import RunPlan
@@ -47,7 +47,7 @@ class Runner:
         plan: RunPlan,
         mirror: Mirror | None = None,
         *,
-        model: str = MODELS[0],
+        model: str | None = None,
         conflict: ConflictConfig | None = None,
         takeover: TakeoverConfig | None = None,
     ) -> None:
@@ -57,7 +57,7 @@ class Runner:
         self._ego = make_ego(plan.ego, scenario)
         self._reacts = plan.policy != "replay"
         if self._reacts:
-            self._predictor = make_predictor(model, scenario)
+            self._predictor = make_predictor(model or default_model(), scenario)
             self._manager = TakeoverManager(scenario, conflict or ConflictConfig(), takeover or TakeoverConfig())
             self._policy = make_policy(plan.policy, scenario)
 
@@ -131,6 +131,11 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
         ego_commands={r.table.step: r.ego for r in rounds},
         takeovers={
             r.table.step: [_recorded(t) for t in r.takeovers.takeovers] for r in rounds if r.takeovers is not None
+        },
+        detections={
+            r.table.step: Detection(r.takeovers.iterations, r.takeovers.converged)
+            for r in rounds
+            if r.takeovers is not None
         },
         timing={
             stage: {r.table.step: r.stage_s[stage] for r in rounds} for stage in (rounds[0].stage_s if rounds else ())

@@ -8,12 +8,16 @@ from enum import IntEnum
 import numpy as np
 
 from litsim_policy.car_following import along_path
-from litsim_policy.conflict import Conflict, ConflictConfig, ConflictDetector, Futures, overlap_probability
+from litsim_policy.conflict import Conflict, ConflictConfig, ConflictDetector, Futures
+from litsim_policy.handback import HANDBACKS
 from litsim_policy.path import ReferencePath, logged_path
+from litsim_policy.route import PathSource, Router
 from litsim_predictor.forecast import Forecast
+from litsim_sim.errors import InputError
 from litsim_sim.geometry import wrap_angle
+from litsim_sim.recording import STEP_S
 from litsim_sim.scenario import Scenario
-from litsim_sim.scene import AgentTable, BoolArray, Controller, FloatArray
+from litsim_sim.scene import AgentTable, BoolArray, Controller, FloatArray, IntArray
 
 PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of the reference path that the policy is given
 
@@ -40,21 +44,38 @@ class TakeoverConfig:
     Attributes:
         confirm_steps: steps in a row that predict a conflict before it is believed.
         urgent_time: [s] to a conflict within which it is believed at once.
+        held_steps_min: steps for which an agent is held at least.
         clear_steps: steps in a row without conflict before the hand-back begins, once the goal is passed; twice as
             many before.
         rounds_max: bound on the rounds of detection within a step.
         release_position: residual [m] within which the hand-back is over.
         release_speed: residual [m/s] likewise.
         release_yaw: residual [rad] likewise.
+        handback: how an agent comes back, see :mod:`litsim_policy.handback`: catch_up, to where its log has it at the
+            time; or time_shift, to where its log was nearest to it, the log going on late from then on.
     """
 
     confirm_steps: int = 3
     urgent_time: float = 1.0
+    held_steps_min: int = 5
     clear_steps: int = 5
     rounds_max: int = 10
     release_position: float = 0.5
     release_speed: float = 1.0
     release_yaw: float = 0.1
+    handback: str = "time_shift"
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense.
+
+        Raises:
+            InputError: a parameter is out of range.
+        """
+        if self.handback not in HANDBACKS:
+            raise InputError(f"conflict: parameter handback is {self.handback!r}, expected one of {HANDBACKS}")
+        for name in ("confirm_steps", "rounds_max"):
+            if getattr(self, name) < 1:
+                raise InputError(f"conflict: parameter {name} is {getattr(self, name)}, expected at least 1")
 
 
 @dataclass(frozen=True)
@@ -65,6 +86,8 @@ class Takeover:
         conflict_pose, goal_pose: (3,) x, y, yaw in frame map.
         reference_path: (m, 2) points in frame map [m], from a little behind the agent on.
         residual_position, residual_speed: from the log at this step [m], [m/s]; -1 and 0 where the log is over.
+        path_source: how the reference path came about.
+        time_shift: [s] by which the log that it goes back to is late.
     """
 
     agent: int
@@ -80,6 +103,8 @@ class Takeover:
     log_collision_predicted: bool
     residual_position: float
     residual_speed: float
+    path_source: PathSource = PathSource.LOGGED
+    time_shift: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -99,10 +124,18 @@ class TakeoverTable:
 
 @dataclass
 class _Record:
-    """What is remembered of an agent off its log."""
+    """What is remembered of an agent off its log.
+
+    Attributes:
+        path: to its goal and on, which it follows while it is HELD.
+        logged: where it went in the recording, which it follows back.
+        goal_s: arc length of the goal on `path` [m].
+        clear: steps in a row without conflict.
+    """
 
     takeover: Takeover
     path: ReferencePath
+    logged: ReferencePath
     goal_s: float
     clear: int = 0
 
@@ -121,63 +154,75 @@ class TakeoverManager:
     config: TakeoverConfig = field(default_factory=TakeoverConfig)
 
     def __post_init__(self) -> None:
-        self._detector = ConflictDetector(self.scenario.log, self.scenario.roi_m, self.conflict_config)
+        log = self.scenario.log
+        self._detector = ConflictDetector(log, self.scenario.roi_m, self.conflict_config)
+        self._router = Router(self.scenario.lane_map)
         self._records: dict[int, _Record] = {}
         self._suspected: dict[int, int] = {}
+        self._lag: IntArray = np.zeros(len(log.ids), np.int64)  # steps by which each log is, or would be, replayed late
 
     def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
         """Who is off its log at this step, and why."""
         if table.step < self.scenario.history_steps:
             return TakeoverTable(table.step)
         self._records = {agent: r for agent, r in self._records.items() if table.row(agent) >= 0}
-        logged = self._detector.logged_future(table, forecast.dt)
-        expected = self._detector.forecast_future(table, forecast)
         for row in np.flatnonzero(table.controller == Controller.POLICY):
             if int(table.id[row]) not in self._records:
                 self._adopt(table, int(row))
+        self._choose_lags(table)
+        lag = self._lag[np.searchsorted(self.scenario.log.ids, table.id)]
+        logged = self._detector.logged_future(table, lag)
+        late = (lag > 0) & (table.controller == Controller.LOG)
+        expected = self._detector.forecast_future(table, forecast).replaced(late, logged)
         known = set(self._records)
-        rounds, converged = self._take_over(table, forecast, logged, expected)
-        self._review(table, logged, expected, known)
+        rounds, converged = self._take_over(table, logged, expected, late)
+        self._review(table, logged, expected, known, late)
         takeovers = tuple(self._report(table, self._records[agent]) for agent in sorted(self._records))
         self._records = {a: r for a, r in self._records.items() if r.takeover.state != State.RELEASED}
         return TakeoverTable(table.step, takeovers, rounds, converged)
 
+    def _choose_lags(self, table: AgentTable) -> None:
+        """How late the log is that each agent off its log would go back to at this step."""
+        log = self.scenario.log
+        for agent in self._records:
+            row, log_row = table.row(agent), log.row(agent)
+            late = self.config.handback == "time_shift"
+            self._lag[log_row] = log.lag(log_row, table.step, table.x[row], table.y[row]) if late else 0
+
     def _off_log(self, table: AgentTable) -> BoolArray:
+        """(n,) the ego, and those that are driven."""
         off = table.id == self.scenario.ego_id
         return off | np.isin(table.id, np.array(sorted(self._records), np.int64))
 
-    def _take_over(self, table: AgentTable, forecast: Forecast, logged: Futures, expected: Futures) -> tuple[int, bool]:
-        """Add the agents whose conflict is confirmed; returns the rounds needed and whether nothing was left."""
+    def _take_over(self, table: AgentTable, logged: Futures, expected: Futures, late: BoolArray) -> tuple[int, bool]:
+        """Add the agents whose conflict is confirmed; returns the rounds needed and whether nothing was left.
+
+        Each round looks at the agents that the one before has put off their logs; the first, at all that were.
+        """
         suspected: dict[int, int] = {}
-        for rounds in range(1, self.config.rounds_max + 1):
-            off = self._off_log(table)
-            new = False
-            for conflict in self._detector.detect(table, ~off, off, logged, expected, forecast.dt):
+        fresh, rounds = self._off_log(table) | late, 0
+        while fresh.any() and rounds < self.config.rounds_max:
+            rounds += 1
+            before = self._off_log(table)
+            for conflict in self._detector.detect(table, ~before, fresh, logged, expected):
                 seen = self._suspected.get(conflict.agent, 0) + 1
                 suspected[conflict.agent] = seen
                 if seen >= self.config.confirm_steps or conflict.time_to_conflict <= self.config.urgent_time:
-                    self._open(table, forecast, expected, conflict)
-                    new = True
-            if not new:
-                self._suspected = suspected
-                return rounds, True
+                    self._open(table, conflict)
+            fresh = self._off_log(table) & ~before
         self._suspected = suspected
-        return self.config.rounds_max, False
+        return rounds, not fresh.any()
 
-    def _open(self, table: AgentTable, forecast: Forecast, expected: Futures, conflict: Conflict) -> None:
-        """Take over the agent of `conflict`."""
-        row, other = table.row(conflict.agent), table.row(conflict.opponent)
-        at = round(conflict.time_to_conflict / forecast.dt) - 1
-        probability = overlap_probability(
-            np.array([expected.x[other, at], expected.y[other, at]]) - conflict.pose[:2],
-            (float(conflict.pose[2]), float(expected.yaw[other, at])),
-            (
-                np.array([table.length[row], table.width[row]]),
-                np.array([table.length[other], table.width[other]]),
-            ),
-            forecast.covariance[forecast.rows(table.id[other : other + 1])[0], at],
-        )
-        self._record(table, conflict, Reason.CONFLICT, probability)
+    def _open(self, table: AgentTable, conflict: Conflict) -> None:
+        """Take over the agent of `conflict`, towards the crossing point."""
+        row = table.row(conflict.agent)
+        logged = logged_path(self.scenario.log, self.scenario.lane_map, conflict.agent)
+        pose = np.array([table.x[row], table.y[row], table.yaw[row]])
+        path = self._router.path(pose, float(table.speed[row]), conflict.pose)
+        if path is None:
+            self._record(table, conflict, Reason.CONFLICT, logged, logged)
+        else:
+            self._record(table, conflict, Reason.CONFLICT, path.followed_by(logged), logged)
 
     def _adopt(self, table: AgentTable, row: int) -> None:
         """Take over an agent that entered late: its log began where the road was not free."""
@@ -186,11 +231,13 @@ class TakeoverManager:
             off[np.argmin(np.hypot(table.x[off] - table.x[row], table.y[off] - table.y[row]))] if len(off) else row
         )
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
-        conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, pose)
-        self._record(table, conflict, Reason.BLOCKED_ENTRY, 1.0)
+        conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, pose, 1.0)
+        logged = logged_path(self.scenario.log, self.scenario.lane_map, conflict.agent)
+        self._record(table, conflict, Reason.BLOCKED_ENTRY, logged, logged)
 
-    def _record(self, table: AgentTable, conflict: Conflict, reason: Reason, probability: float) -> None:
-        path = logged_path(self.scenario.log, self.scenario.lane_map, conflict.agent)
+    def _record(
+        self, table: AgentTable, conflict: Conflict, reason: Reason, path: ReferencePath, logged: ReferencePath
+    ) -> None:
         goal_s, _ = path.project(conflict.pose[:1], conflict.pose[1:2])
         takeover = Takeover(
             agent=conflict.agent,
@@ -199,34 +246,38 @@ class TakeoverManager:
             reason=reason,
             detected_step=table.step,
             time_to_conflict=conflict.time_to_conflict,
-            overlap_probability=probability,
+            overlap_probability=conflict.overlap_probability,
             conflict_pose=conflict.pose,
             goal_pose=conflict.pose,
             reference_path=path.points,
             log_collision_predicted=True,
             residual_position=0.0,
             residual_speed=0.0,
+            path_source=PathSource.LOGGED if path is logged else PathSource.ROUTE,
         )
-        self._records[conflict.agent] = _Record(takeover, path, float(goal_s[0]))
+        self._records[conflict.agent] = _Record(takeover, path, logged, float(goal_s[0]))
 
-    def _review(self, table: AgentTable, logged: Futures, expected: Futures, known: set[int]) -> None:
+    def _review(self, table: AgentTable, logged: Futures, expected: Futures, known: set[int], late: BoolArray) -> None:
         """Move the agents that were off their log before this step through their life cycle."""
         if not known:
             return
-        on_log = self.scenario.log.table(table.step)
+        on_log = self.scenario.log.table(table.step, self._lag)
         mine = np.isin(table.id, sorted(known))
-        pairs = self._detector.near(table, mine, self._off_log(table))
-        _, hit = self._detector.first_overlap(table, logged, expected, pairs)
-        in_conflict = set(table.id[pairs[hit, 0]].tolist())
+        in_conflict = self._detector.still_in_conflict(table, mine, self._off_log(table) | late, logged, expected)
         for agent in sorted(known):
             record, row, log_row = self._records[agent], table.row(agent), on_log.row(agent)
-            blocked = agent in in_conflict
-            if log_row < 0 or blocked or self._obstructed(table, row, on_log, log_row, record.path):
+            blocked = bool(in_conflict[row])
+            if log_row < 0 or blocked or self._obstructed(table, row, on_log, log_row, record.logged):
                 record.clear = 0
                 state = State.HELD
             else:
                 record.clear += 1
                 state = self._next_state(table, row, on_log, log_row, record)
+            if state == State.HANDBACK and record.path is not record.logged:
+                record.path = record.logged
+                goal = record.takeover.goal_pose
+                record.goal_s = float(record.path.project(goal[:1], goal[1:2])[0][0])
+                record.takeover = replace(record.takeover, path_source=PathSource.LOGGED)
             record.takeover = replace(record.takeover, state=state, log_collision_predicted=blocked)
 
     def _next_state(self, table: AgentTable, row: int, on_log: AgentTable, log_row: int, record: _Record) -> State:
@@ -234,7 +285,8 @@ class TakeoverManager:
         if record.takeover.state == State.HELD:
             s, _ = record.path.project(table.x[row : row + 1], table.y[row : row + 1])
             needed = self.config.clear_steps * (1 if s[0] >= record.goal_s else 2)
-            return State.HANDBACK if record.clear >= needed else State.HELD
+            held = table.step - record.takeover.detected_step
+            return State.HANDBACK if record.clear >= needed and held >= self.config.held_steps_min else State.HELD
         position, speed, yaw = _residual(table, row, on_log, log_row)
         within = position <= self.config.release_position and abs(speed) <= self.config.release_speed
         return State.RELEASED if within and abs(yaw) <= self.config.release_yaw else State.HANDBACK
@@ -252,10 +304,17 @@ class TakeoverManager:
         on_log = self.scenario.log.table(table.step)
         log_row = on_log.row(record.takeover.agent)
         position, speed, _ = _residual(table, row, on_log, log_row) if log_row >= 0 else (-1.0, 0.0, 0.0)
+        lag = int(self._lag[self.scenario.log.row(record.takeover.agent)])
         s, _ = record.path.project(table.x[row : row + 1], table.y[row : row + 1])
         kept = (record.path.s >= s[0] - PATH_BEHIND) & (record.path.s <= s[0] + PATH_AHEAD)
         points = record.path.points[kept] if kept.sum() >= 2 else record.path.points[-2:]
-        return replace(record.takeover, reference_path=points, residual_position=position, residual_speed=speed)
+        return replace(
+            record.takeover,
+            reference_path=points,
+            residual_position=position,
+            residual_speed=speed,
+            time_shift=lag * STEP_S,
+        )
 
 
 def _residual(table: AgentTable, row: int, on_log: AgentTable, log_row: int) -> tuple[float, float, float]:

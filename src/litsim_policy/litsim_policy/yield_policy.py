@@ -12,8 +12,15 @@ from litsim_policy.path import ReferencePath, pursuit_reach, pursuit_yaw_rate
 from litsim_policy.takeover import State, Takeover, TakeoverTable
 from litsim_sim.geometry import to_body
 from litsim_sim.log import Log
+from litsim_sim.recording import STEP_S
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import AgentTable, BoolArray, ControlSource, ControlTable
+
+SOURCES = {
+    State.HELD: ControlSource.POLICY,
+    State.HANDBACK: ControlSource.HANDBACK,
+    State.RELEASED: ControlSource.LATE,
+}
 
 
 @dataclass(frozen=True)
@@ -22,12 +29,14 @@ class YieldConfig:
 
     Attributes:
         idm: car following behind whatever is on the path.
-        courtesy_deceleration: hardest braking [m/s2] for an opponent that is ahead but not yet on the path.
+        courtesy_deceleration: hardest braking [m/s2] for an opponent that is ahead but not yet on the path, or
+            alongside without being in the way.
         speed_reserve: faster than the agent's own log by this much at most [m/s] while it is held.
         speed_min: [m/s] that an agent may always drive on a free path, though it stood there in the log.
         side_gap: free road [m] behind and ahead that a move to the side needs.
         side_horizon: [s] for which whoever approaches is expected to go on doing so.
-        side_margin: [m] to the side that count as no move, and that are kept to others.
+        side_margin: [m] to the side that are kept to others.
+        side_drift: [m] to the side that count as no move.
     """
 
     idm: IdmConfig = field(
@@ -39,6 +48,7 @@ class YieldConfig:
     side_gap: float = 1.0
     side_horizon: float = 1.5
     side_margin: float = 0.3
+    side_drift: float = 0.05
 
 
 class YieldPolicy:
@@ -51,32 +61,32 @@ class YieldPolicy:
         self._handback = handback
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of every agent that is held or handed back."""
-        driven = [t for t in takeovers.takeovers if t.state != State.RELEASED]
-        if not driven:
+        """Controls of every agent that is held or handed back, and who is released to a log that is late."""
+        listed = [t for t in takeovers.takeovers if t.state != State.RELEASED or t.time_shift > 0.0]
+        if not listed:
             return ControlTable.empty(table.step)
-        rows = table.rows(np.array([t.agent for t in driven], np.int64))
-        acceleration = np.zeros(len(driven))
-        yaw_rate = np.zeros(len(driven))
-        for k, (takeover, row) in enumerate(zip(driven, rows.tolist(), strict=True)):
+        rows = table.rows(np.array([t.agent for t in listed], np.int64))
+        acceleration, yaw_rate = np.zeros(len(listed)), np.zeros(len(listed))
+        for k, (takeover, row) in enumerate(zip(listed, rows.tolist(), strict=True)):
+            if takeover.state == State.RELEASED:
+                continue
             path = ReferencePath.of(takeover.reference_path)
             view = along_path(path, table, row)
             if takeover.state == State.HELD:
-                acceleration[k] = self._hold(table, row, takeover, view)
+                acceleration[k] = self._hold(table, row, takeover, path, view)
             else:
-                acceleration[k] = self._hand_back(table, row, path, view)
+                acceleration[k] = self._hand_back(table, row, takeover, path, view)
             yaw_rate[k] = self._steer(table, row, path)
-        source = [ControlSource.POLICY if t.state == State.HELD else ControlSource.HANDBACK for t in driven]
         return ControlTable(
             table.step,
             table.id[rows],
             acceleration,
             table.speed[rows] * yaw_rate,
             yaw_rate,
-            np.array(source, np.uint8),
+            np.array([SOURCES[t.state] for t in listed], np.uint8),
         )
 
-    def _hold(self, table: AgentTable, row: int, takeover: Takeover, view: AlongPath) -> float:
+    def _hold(self, table: AgentTable, row: int, takeover: Takeover, path: ReferencePath, view: AlongPath) -> float:
         """Follow whatever is on the path, and give way to the opponent and to those alongside that are ahead."""
         speed, wanted = float(table.speed[row]), self._wanted_speed(table, row)
         leads = view.ahead & view.in_path & (view.gap > 0)
@@ -86,11 +96,14 @@ class YieldPolicy:
         if not courted.any():
             return follow
         courtesy = idm_acceleration(self._config.idm, speed, wanted, view.gap[courted], view.speed[courted])
-        return min(follow, max(courtesy, -self._config.courtesy_deceleration))
+        in_the_way = courted & along_path(path, table, row, margin=0.0).in_path & (view.speed < speed)
+        return min(follow, courtesy if in_the_way.any() else max(courtesy, -self._config.courtesy_deceleration))
 
-    def _hand_back(self, table: AgentTable, row: int, path: ReferencePath, view: AlongPath) -> float:
-        """Close the distance to the log, but never into whatever is on the path."""
-        log_row, step = self._log_row(table, row), table.step
+    def _hand_back(
+        self, table: AgentTable, row: int, takeover: Takeover, path: ReferencePath, view: AlongPath
+    ) -> float:
+        """Close the distance to the log that it goes back to, but never into whatever is on the path."""
+        log_row, step = self._log_row(table, row), table.step - round(takeover.time_shift / STEP_S)
         x = np.array([table.x[row], self._log.x[log_row, step]])
         y = np.array([table.y[row], self._log.y[log_row, step]])
         s, _ = path.project(x, y)
@@ -129,7 +142,7 @@ class YieldPolicy:
         reach = 0.5 * (table.length + table.length[row]) + self._config.side_gap + np.where(approaching, closing, 0.0)
         taken = (np.abs(ahead) < reach) & (left * sideways > 0) & (clearance < abs(sideways) + self._config.side_margin)
         taken[row] = False
-        return abs(sideways) > self._config.side_margin and bool(taken.any())
+        return abs(sideways) > self._config.side_drift and bool(taken.any())
 
     def _wanted_speed(self, table: AgentTable, row: int) -> float:
         """Speed [m/s] of the agent's own log where it is now and at this time, whichever is faster, and a reserve."""

@@ -10,6 +10,8 @@ from litsim_sim.geometry import wrap_angle
 from litsim_sim.recording import STEP_S, Recording
 from litsim_sim.scene import AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
 
+LAG_TOLERANCE = 0.2  # [m] by which one place may be farther than another and yet count as near
+
 
 @dataclass(frozen=True)
 class Log:
@@ -93,22 +95,40 @@ class Log:
         at = int(np.searchsorted(self.ids, agent))
         return at if at < len(self.ids) and self.ids[at] == agent else -1
 
-    def table(self, step: int) -> AgentTable:
-        """All agents on the road at `step`, controller LOG, as arrays of their own; empty outside of the steps."""
-        if not 0 <= step < self.steps:
-            return AgentTable.empty(step)
-        rows = np.flatnonzero(self.valid[:, step])
+    def table(self, step: int, lag: IntArray | None = None) -> AgentTable:
+        """All agents on the road at `step`, controller LOG, as arrays of their own; empty outside of the steps.
+
+        Args:
+            step: integer step of the scenario.
+            lag: (n,) steps by which each agent is late; None is not at all.
+        """
+        at = np.full(len(self.ids), step) if lag is None else step - lag
+        inside = (at >= 0) & (at < self.steps)
+        rows = np.flatnonzero(inside & self.valid[np.arange(len(at)), np.where(inside, at, 0)])
+        at = at[rows]
         return AgentTable(
             step=step,
             id=self.ids[rows],
             kind=self.kind[rows],
             controller=np.full(len(rows), Controller.LOG, np.uint8),
-            x=self.x[rows, step],
-            y=self.y[rows, step],
-            yaw=self.yaw[rows, step],
-            speed=self.speed[rows, step],
-            acceleration=self.acceleration[rows, step],
-            yaw_rate=self.yaw_rate[rows, step],
+            x=self.x[rows, at],
+            y=self.y[rows, at],
+            yaw=self.yaw[rows, at],
+            speed=self.speed[rows, at],
+            acceleration=self.acceleration[rows, at],
+            yaw_rate=self.yaw_rate[rows, at],
             length=self.length[rows],
             width=self.width[rows],
         )
+
+    def lag(self, row: int, step: int, x: float, y: float) -> int:
+        """Steps ago at which the agent in `row` was logged nearest to (x, y) [m]; of places as near, the latest.
+
+        0 where that is now, or where the agent has no logged pose up to `step`. A log that stands and waits is near
+        for long: the time that it waited is not waited again.
+        """
+        known = np.flatnonzero(self.valid[row, : step + 1])
+        if not len(known):
+            return 0
+        distance = np.hypot(self.x[row, known] - x, self.y[row, known] - y)
+        return int(step - known[np.flatnonzero(distance <= distance.min() + LAG_TOLERANCE)[-1]])

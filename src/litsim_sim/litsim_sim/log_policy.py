@@ -65,22 +65,36 @@ class Residual:
 
 
 class LogPolicy:
-    """Logged poses of every agent, with the residuals of released agents fading out."""
+    """Logged poses of every agent, with the residuals of released agents fading out.
+
+    An agent can be released late: its log is then replayed with a constant lag, from the logged pose that is nearest
+    to where it is, so that it need not make up for lost time.
+    """
 
     def __init__(self, log: Log) -> None:
         self.log = log
         self._residuals: dict[int, Residual] = {}
+        self._lag = np.zeros(len(log.ids), np.int64)
 
-    def release(self, table: AgentTable, agent: int) -> None:
-        """Let `agent`, as it moves in `table`, follow its log again from the next step on."""
-        logged = self.log.table(table.step)
-        row, logged_row = table.row(agent), logged.row(agent)
+    def release(self, table: AgentTable, agent: int, late: bool = False) -> None:
+        """Let `agent`, as it moves in `table`, follow its log again from the next step on.
+
+        Args:
+            table: where the agent is.
+            agent: its id.
+            late: with the lag of :meth:`litsim_sim.log.Log.lag`; False is without any.
+        """
+        row = table.row(agent)
+        log_row = self.log.row(agent)
+        self._lag[log_row] = self.log.lag(log_row, table.step, table.x[row], table.y[row]) if late else 0
+        logged = self.log.table(table.step, self._lag)
+        logged_row = logged.row(agent)
         if logged_row >= 0:
             self._residuals[agent] = Residual.between(table, row, logged, logged_row)
 
     def table(self, step: int) -> AgentTable:
         """Agents (controller LOG) where policy L puts them at `step`."""
-        table = self.log.table(step)
+        table = self.log.table(step, self._lag)
         for agent, residual in list(self._residuals.items()):
             row = table.row(agent)
             if row < 0 or step - residual.step >= residual.steps:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from litsim_sim.scenario import Scenario
 
-EGOS = ("idm", "log", "external")
+EGOS = ("bat", "idm", "log", "perturbed", "external")
 """What may drive the ego; `external` is any stack that answers on the ego port."""
 
 POLICIES = ("litsim", "yield", "replay")
@@ -46,7 +46,9 @@ class RunPlan:
         """The same for equal runs, wherever their files lie."""
         file = self.scenario.file
         names = {field: Path(getattr(file, field)).name for field in ("recording", "net")}
-        described = "\n".join([file.model_copy(update=names).model_dump_json(), self.ego, self.policy])
+        default = None if file.vehicle else {"vehicle"}  # runs of before it was a field keep their names
+        described = file.model_copy(update=names).model_dump_json(exclude=default)
+        described = f"{described}\n{self.ego}\n{self.policy}"
         digest = hashlib.sha256(described.encode()).hexdigest()[:8]
         return f"{self.scenario.name}-{self.ego}-{self.policy}-{self.scenario.ego_id}-{self.scenario.seed}-{digest}"
 

@@ -161,6 +161,8 @@ class ControlSource(IntEnum):
     POLICY = 1
     HANDBACK = 2
     BASELINE = 3
+    GUARDED = 4
+    LATE = 5
 
 
 class EgoMode(IntEnum):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,6 +23,7 @@ from litsim_sim.scene import (
     FloatArray,
     IntArray,
 )
+from litsim_sim.vehicle import Actuators
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class WorldConfig:
         entry_gap: free road [m] that a guarded entry needs ahead and behind.
         entry_horizon: time [s] over which a guarded entry is checked at constant velocity.
         entry_deceleration: braking [m/s2] that a guarded entry may need behind a slower agent.
-        limits: of controlled vehicles.
+        limits: of controlled vehicles but the ego, whose model is the scenario's.
     """
 
     guard_entries: bool = True
@@ -62,8 +63,9 @@ class World:
     """Steps the scenario at 10 Hz: :meth:`reset` gives step 0, :meth:`step` applies the answers to a step.
 
     An agent follows its log unless the controls list it. One that is no longer listed rejoins its log, the residual
-    fading out. One whose log ends while it is controlled drives on until it has left the net. One whose log begins
-    where it would collide waits (`waiting`), and then enters under POLICY.
+    fading out; one listed with source LATE does so with a lag, from the logged pose nearest to it. One whose log ends
+    while it is controlled drives on until it has left the net. One whose log begins where it would collide waits
+    (`waiting`), and then enters under POLICY.
     """
 
     def __init__(self, scenario: Scenario, config: WorldConfig | None = None, mirror: Mirror | None = None) -> None:
@@ -82,11 +84,15 @@ class World:
         self._log_policy = LogPolicy(scenario.log)
         self._table = AgentTable.empty(0)
         self._ego_has_driven = False  # in the last step
+        self._actuators = Actuators(scenario.vehicle)
+        limits = self.config.limits
+        self._own_limits = any(getattr(limits, f.name) != getattr(scenario.vehicle, f.name) for f in fields(limits))
 
     def reset(self) -> AgentTable:
         """Step 0, of a run that knows nothing of the ones before."""
         self.contacts, self.late_entries, self.waiting, self.never_entered = {}, set(), {}, set()
         self.mirror_deviation, self._ego_has_driven = 0.0, False
+        self._actuators.reset()
         self._log_policy = LogPolicy(self.scenario.log)
         self._table = self._finish(self._log_policy.table(0))
         return self._table
@@ -102,9 +108,12 @@ class World:
         self._check(controls, ego)
         driven = self._drive(table, controls, ego)
         rejoins = table.off_log & ((table.id != self.scenario.ego_id) | self._ego_has_driven)
+        late = controls.id[controls.source == ControlSource.LATE]
         for agent in table.id[rejoins & (driven.rows(table.id) < 0)]:
-            self._log_policy.release(table, int(agent))
+            self._log_policy.release(table, int(agent), late=bool(np.isin(agent, late)))
         self._ego_has_driven = driven.row(self.scenario.ego_id) >= 0
+        if not self._ego_has_driven:
+            self._actuators.reset()
         logged = self._log_policy.table(step + 1)
         following = logged.take((driven.rows(logged.id) < 0) & self._may_follow(logged, table, driven))
         self._table = self._finish(self._admit(_merge(step + 1, [driven, following]), logged))
@@ -146,24 +155,20 @@ class World:
 
     def _drive(self, table: AgentTable, controls: ControlTable, ego: EgoCommand) -> AgentTable:
         """Agents under control, one step on; those that have left the net are gone."""
-        ids, acceleration, yaw_rate = controls.id, controls.acceleration, controls.yaw_rate
-        controller = np.where(controls.source == ControlSource.BASELINE, Controller.BASELINE, Controller.POLICY)
+        stay = controls.source != ControlSource.LATE
+        ids, acceleration, yaw_rate = controls.id[stay], controls.acceleration[stay], controls.yaw_rate[stay]
+        controller = np.where(controls.source[stay] == ControlSource.BASELINE, Controller.BASELINE, Controller.POLICY)
         if self.ego_is_driven and ego.mode == EgoMode.CONTROL:
             ids = np.append(ids, self.scenario.ego_id)
-            acceleration = np.append(acceleration, ego.acceleration)
-            yaw_rate = np.append(yaw_rate, ego.yaw_rate)
+            takes_effect = self._actuate(table, ego)
+            acceleration = np.append(acceleration, takes_effect[0])
+            yaw_rate = np.append(yaw_rate, takes_effect[1])
             controller = np.append(controller, Controller.EGO)
         rows = table.rows(ids)
         listed = rows >= 0
         rows, order = rows[listed], np.argsort(rows[listed], kind="stable")
         now = table.take(rows[order])
-        moved = bicycle_step(
-            Motion(now.x, now.y, now.yaw, now.speed, now.acceleration, now.yaw_rate),
-            now.length,
-            acceleration[listed][order],
-            yaw_rate[listed][order],
-            self.config.limits,
-        )
+        moved = self._move(now, acceleration[listed][order], yaw_rate[listed][order])
         driven = AgentTable(
             table.step + 1,
             now.id,
@@ -180,6 +185,25 @@ class World:
         )
         log_over = self.scenario.log.last_step[self._log_rows(driven.id)] <= table.step
         return driven.take(~log_over | self.scenario.lane_map.inside_road(driven.x, driven.y))
+
+    def _actuate(self, table: AgentTable, ego: EgoCommand) -> tuple[float, float]:
+        """What the ego's actuators make of its command."""
+        row = table.row(self.scenario.ego_id)
+        moving = float(table.acceleration[row]), float(table.yaw_rate[row])
+        return self._actuators.apply(ego.acceleration, ego.yaw_rate, moving, float(table.speed[row]))
+
+    def _move(self, now: AgentTable, acceleration: FloatArray, yaw_rate: FloatArray) -> Motion:
+        """Agents one step on, each within the limits of its vehicle."""
+        motion = Motion(now.x, now.y, now.yaw, now.speed, now.acceleration, now.yaw_rate)
+        moved = bicycle_step(motion, now.length, acceleration, yaw_rate, self.config.limits)
+        row = now.row(self.scenario.ego_id)
+        if row >= 0 and self._own_limits:
+            one = slice(row, row + 1)
+            alone = Motion(*(getattr(motion, f.name)[one] for f in fields(Motion)))
+            ego = bicycle_step(alone, now.length[one], acceleration[one], yaw_rate[one], self.scenario.vehicle)
+            for field in fields(Motion):
+                getattr(moved, field.name)[one] = getattr(ego, field.name)
+        return moved
 
     def _may_follow(self, logged: AgentTable, table: AgentTable, driven: AgentTable) -> np.ndarray:
         """(n,) which agents of `logged` were on the road, or enter now and are not held back."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from rich.table import Table
 from tqdm import tqdm
 
 from litsim_policy.evaluation import Job, run_batch, summarise
+from litsim_policy.handback import HANDBACKS
 from litsim_sim.errors import InputError
 from litsim_sim.run_info import EGOS, POLICIES
 from litsim_sim.scenario import Scenario
@@ -27,12 +29,19 @@ COLUMNS = {
     "collision %, controlled": "rate_controlled",
     "reactive %": "reactive",
     "takeovers": "takeovers",
+    "takeovers per run": "takeovers_per_run",
+    "of them released": "releases",
+    "time under control s": "held_s",
+    "bound of rounds hit": "bound_hits",
     "false alarms": "false_alarms",
     "relevant %": "relevant_ratio",
+    "hard brakes of controlled": "hard_brakes",
+    "off road %, controlled": "off_road",
     "progress m": "progress_m",
     "max jump m": "max_position_jump_m",
+    "max residual at release m": "max_residual_m",
 }
-PERCENT = ("rate_all", "rate_controlled", "reactive", "relevant_ratio")
+PERCENT = ("rate_all", "rate_controlled", "reactive", "relevant_ratio", "off_road")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -40,10 +49,12 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="evaluate", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
+    p.add_argument("--scenario", nargs="+", default=["demo"], help="names of packaged scenarios, or YAML files")
     p.add_argument("--ego", default="idm", choices=[e for e in EGOS if e != "external"], help="what drives the ego")
     p.add_argument("--policy", nargs="+", default=["replay", "litsim"], choices=POLICIES, help="rows of the table")
-    p.add_argument("--egos", default="egos", help="field of the scenario (egos, tuning), or ids with commas")
+    p.add_argument("--handback", nargs="+", choices=HANDBACKS, help="a row for each way back to the log, in process")
+    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="a row for each model that forecasts")
+    p.add_argument("--egos", default="egos", help="field of the scenarios (egos, tuning, ego), or ids with commas")
     p.add_argument("--graph", action="store_true", help="run each over DDS instead of in process")
     p.add_argument("--out", default="bags/evaluation", help="folder of the results, and of recordings over DDS")
     p.add_argument("--processes", type=int, default=2, help="runs at a time, in process")
@@ -51,16 +62,25 @@ def parser() -> argparse.ArgumentParser:
 
 
 def evaluate(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Run what the arguments ask for; returns the summary by policy, and the metrics of every run."""
-    scenario = Scenario.load(arguments.scenario)
-    egos = _egos(arguments.egos, scenario)
-    jobs = [Job(arguments.scenario, arguments.ego, policy, ego) for policy in arguments.policy for ego in egos]
+    """Run what the arguments ask for; returns the summary by row of the table, and the metrics of every run."""
+    egos = [(name, ego) for name in arguments.scenario for ego in _egos(arguments.egos, Scenario.load(name))]
+    if arguments.graph and arguments.handback:
+        raise InputError(
+            "expected no --graph: over DDS, it is a parameter of the conflict node that decides on "
+            f"--handback {' '.join(arguments.handback)}"
+        )
+    ways = list(product(arguments.handback or [None], arguments.predictor or [None]))
+    rows = [(p, *way) for p in arguments.policy for way in (ways if p != "replay" else [(None, None)])]
+    jobs = [Job(name, arguments.ego, p, ego, h, model) for p, h, model in rows for name, ego in egos]
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
     with tqdm(total=len(jobs), unit="run", dynamic_ncols=True) as bar:
         found = run_batch(jobs, arguments.processes, out if arguments.graph else None, bar.update)
-    runs = {policy: {job.ego_id: found[job] for job in jobs if job.policy == policy} for policy in arguments.policy}
-    return {"summary": {policy: summarise(by_ego.values()) for policy, by_ego in runs.items()}, "runs": runs}
+    runs: dict[str, dict[str, Any]] = {}
+    for job in jobs:
+        name = str(job.ego_id) if len(arguments.scenario) == 1 else f"{Path(job.scenario).stem}/{job.ego_id}"
+        runs.setdefault(job.row, {})[name] = found[job]
+    return {"summary": {row: summarise(mine.values()) for row, mine in runs.items()}, "runs": runs}
 
 
 def print_table(title: str, summary: dict[str, dict[str, Any]]) -> None:
@@ -82,6 +102,8 @@ def print_table(title: str, summary: dict[str, dict[str, Any]]) -> None:
 
 
 def _egos(choice: str, scenario: Scenario) -> tuple[int, ...]:
+    if choice == "ego":
+        return (scenario.ego_id,)
     if choice in ("egos", "tuning"):
         chosen = scenario.egos if choice == "egos" else scenario.tuning_egos
         if not chosen:
@@ -90,7 +112,7 @@ def _egos(choice: str, scenario: Scenario) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in choice.split(","))
     except ValueError as error:
-        raise InputError(f"--egos {choice}: expected egos, tuning, or ids with commas") from error
+        raise InputError(f"--egos {choice}: expected egos, tuning, ego, or ids with commas") from error
 
 
 def _cell(key: str, value: float | None) -> str:
@@ -112,7 +134,9 @@ def main() -> None:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     shell = "over DDS" if arguments.graph else "in process"
-    print_table(f"{arguments.scenario}, ego {arguments.ego}, {shell}", result["summary"])
+    several = f"{len(arguments.scenario)} scenarios"
+    name = arguments.scenario[0] if len(arguments.scenario) == 1 else several
+    print_table(f"{name}, ego {arguments.ego}, {shell}", result["summary"])
     print(f"every run: {path}")
     if any(row["invalid"] for row in result["summary"].values()):
         sys.exit("error: some runs are not valid")

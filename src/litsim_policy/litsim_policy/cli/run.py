@@ -9,6 +9,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from litsim_policy.runner import Runner, record
+from litsim_predictor.models import MODELS, default_model
 from litsim_sim.analysis.metrics import compute_metrics, write_metrics
 from litsim_sim.cli.analyze import print_metrics
 from litsim_sim.errors import InputError
@@ -23,6 +24,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
     p.add_argument("--ego", default="idm", choices=[e for e in EGOS if e != "external"], help="what drives the ego")
     p.add_argument("--policy", default="litsim", choices=POLICIES, help="what moves the background")
+    p.add_argument("--predictor", default=default_model(), metavar="MODEL", help=f"{', '.join(MODELS)}, or weights")
     p.add_argument("--ego-id", type=int, help="another vehicle of the recording as the ego")
     p.add_argument("--seed", type=int, help="another seed than the scenario's")
     p.add_argument("--json", type=Path, help="write the metrics to this file")
@@ -35,7 +37,7 @@ def main() -> None:
     try:
         scenario = Scenario.load(arguments.scenario, ego=arguments.ego_id, seed=arguments.seed)
         plan = RunPlan(scenario, arguments.ego, arguments.policy)
-        runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed))
+        runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed), model=arguments.predictor)
         with tqdm(total=scenario.total_steps + 1, unit="step", dynamic_ncols=True) as bar:
             metrics = compute_metrics(record(runner, bar.update))
         if arguments.json:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Protocol
 
 from litsim_policy.car_following import IdmConfig
+from litsim_policy.ego.bat import BatConfig, BatEgo
 from litsim_policy.ego.idm import CAREFUL, IdmEgo
 from litsim_policy.ego.log import LogEgo
+from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
 from litsim_sim.errors import InputError
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import AgentTable, EgoCommand
@@ -19,8 +21,14 @@ class Ego(Protocol):
         """The ego's answer to the step of `table`."""
 
 
-def make_ego(name: str, scenario: Scenario, idm: IdmConfig = CAREFUL) -> Ego:
-    """The ego called `name`, for a run of `scenario`; `idm` are the parameters of the ego of that name.
+def make_ego(
+    name: str,
+    scenario: Scenario,
+    idm: IdmConfig = CAREFUL,
+    perturbed: PerturbedConfig | None = None,
+    bat: BatConfig | None = None,
+) -> Ego:
+    """The ego called `name`, for a run of `scenario`; `idm`, `perturbed` and `bat` are the parameters of those names.
 
     Raises:
         InputError: there is none of that name.
@@ -29,4 +37,8 @@ def make_ego(name: str, scenario: Scenario, idm: IdmConfig = CAREFUL) -> Ego:
         return LogEgo()
     if name == "idm":
         return IdmEgo(scenario, idm)
-    raise InputError(f"ego: {name!r} is unknown, expected idm or log")
+    if name == "perturbed":
+        return PerturbedEgo(scenario, perturbed)
+    if name == "bat":
+        return BatEgo(scenario, bat)
+    raise InputError(f"ego: {name!r} is unknown, expected bat, idm, log or perturbed")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.spatial import KDTree  # type: ignore[import-untyped]
+from scipy.spatial import KDTree
 from tqdm import tqdm
 
 from litsim_sim.datasets.cleaning_report import CleaningReport, measure

@@ -13,7 +13,7 @@ from math import comb
 from typing import cast
 
 import numpy as np
-from scipy.linalg import solveh_banded  # type: ignore[import-untyped]
+from scipy.linalg import solveh_banded
 
 from litsim_sim.scene import FloatArray, IntArray
 

@@ -1,0 +1,142 @@
+"""The ego that does what a predictor expects of it: close to its log, yet free to deviate from it.
+
+At every step the predictor (BAT, unless told otherwise) forecasts the ego among the others, and the ego tracks what is
+forecast as far as a vehicle can and the road allows. Nothing else holds it: there is no car following behind it and no
+brake for an emergency, so its errors are the predictor's, and others have to cope with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_policy.path import ReferencePath, onto_lane, pursuit_yaw_rate
+from litsim_predictor.forecast import Forecast
+from litsim_predictor.models import make_predictor
+from litsim_sim.errors import InputError
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.recording import STEP_S
+from litsim_sim.scenario import Scenario
+from litsim_sim.scene import AgentTable, EgoCommand, FloatArray
+
+BACK = -0.5  # cosine of the angle to the heading now from which on a step leads back: 120 degrees
+
+
+@dataclass(frozen=True)
+class BatConfig:
+    """How forecasts are tracked.
+
+    Attributes:
+        predictor: what forecasts; see :func:`litsim_predictor.models.make_predictor`.
+        preview: [s] of the forecast that the acceleration is to reproduce.
+        edge_margin: [m] that the ego's sides keep from the edges of the road.
+    """
+
+    predictor: str = "bat"
+    preview: float = 2.0
+    edge_margin: float = 0.2
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be driven.
+
+        Raises:
+            InputError: a parameter is out of range.
+        """
+        if not self.preview > 0.0:
+            raise InputError(f"ego: parameter preview is {self.preview}, expected more than 0 [s]")
+        if not self.edge_margin >= 0.0:
+            raise InputError(f"ego: parameter edge_margin is {self.edge_margin}, expected at least 0 [m]")
+
+
+class BatEgo:
+    """Tracks its own forecast; without one it goes on along its lane at the speed that it has."""
+
+    def __init__(self, scenario: Scenario, config: BatConfig | None = None) -> None:
+        self._scenario, self._config = scenario, config or BatConfig()
+        self._predictor = make_predictor(self._config.predictor, scenario)
+        self._reachable: dict[frozenset[int], LaneMap] = {}
+
+    def plan(self, table: AgentTable) -> EgoCommand:
+        """See :class:`litsim_policy.ego.Ego`."""
+        forecast = self._predictor.forecast(table)
+        row = table.row(self._scenario.ego_id)
+        if row < 0 or table.step < self._scenario.history_steps:
+            return EgoCommand(table.step)
+        x, y, yaw, speed = (float(getattr(table, f)[row]) for f in ("x", "y", "yaw", "speed"))
+        points, headings = self._own(forecast, np.array([x, y]), yaw)
+        wanted = fitted_acceleration(travelled(points), forecast.dt, speed, self._config.preview)
+        wanted = max(wanted, -speed / STEP_S)  # to a stand, and no further
+
+        road = self._road(points[:1], headings[:1])
+        inside = within_edges(road, points, headings, 0.5 * float(table.width[row]) + self._config.edge_margin)
+        path = ReferencePath.through(np.concatenate([inside, onto_lane(road, inside[-1], float(headings[-1]))]))
+        turn = pursuit_yaw_rate(path, x, y, yaw, speed)
+        acceleration, yaw_rate = self._scenario.vehicle.within(wanted, turn, speed)
+        return EgoCommand(table.step, acceleration, yaw_rate)
+
+    def _road(self, point: FloatArray, heading: FloatArray) -> LaneMap:
+        """The lanes that lead on from the one at `point` (1, 2), `heading` (1,): no ramp on the far side of a gore."""
+        lane_map = self._scenario.lane_map
+        rows = lanes_ahead(lane_map, int(lane_map.nearest(point[:, 0], point[:, 1], heading).lane[0]))
+        if rows not in self._reachable:
+            self._reachable[rows] = LaneMap([lane_map.lanes[row] for row in rows])
+        return self._reachable[rows]
+
+    def _own(self, forecast: Forecast, position: FloatArray, yaw: float) -> tuple[FloatArray, FloatArray]:
+        """Points (k + 1, 2) and headings (k + 1,) of the ego now and as forecast; k = 0 without a forecast."""
+        row = int(forecast.rows(np.array([self._scenario.ego_id]))[0])
+        if row < 0:
+            return position[None], np.array([yaw])
+        points = onward(np.concatenate([position[None], forecast.mean[row]]), yaw)
+        headings = forecast.yaw[row].astype(np.float64)
+        headings = np.where(np.cos(headings - yaw) > BACK, headings, yaw)
+        return points, np.concatenate([[yaw], headings])
+
+
+def onward(points: FloatArray, yaw: float) -> FloatArray:
+    """`points` (k + 1, 2) without the steps between them that lead back, seen from heading `yaw` at the first [rad]."""
+    steps = np.diff(points, axis=0)
+    length = np.hypot(steps[:, 0], steps[:, 1])
+    forward = steps @ np.array([np.cos(yaw), np.sin(yaw)]) > BACK * length
+    return points[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps * forward[:, None], axis=0)])
+
+
+def travelled(points: FloatArray) -> FloatArray:
+    """(k,) length [m] of the way from the first of `points` (k + 1, 2) to each other."""
+    return np.cumsum(np.hypot(*np.diff(points, axis=0).T))
+
+
+def fitted_acceleration(way: FloatArray, dt: float, speed: float, preview: float) -> float:
+    """Constant acceleration [m/s2] that comes closest (least squares) to `way` (k,) [m] over `preview` [s]."""
+    count = min(len(way), max(1, round(preview / dt)))
+    t = dt * np.arange(1, count + 1)
+    gain = 0.5 * t**2
+    return float(gain @ (way[:count] - speed * t) / (gain @ gain)) if count else 0.0
+
+
+def lanes_ahead(lane_map: LaneMap, start: int) -> frozenset[int]:
+    """Lanes, by position, that can be driven to from the one at `start`: neighbours, successors, and theirs."""
+    found, new = {start}, [start]
+    while new:
+        lane = lane_map.lanes[new.pop()]
+        names = [name for name in (lane.left, lane.right, *lane.successors) if name is not None]
+        more = {lane_map.row(name) for name in names} - found
+        found |= more
+        new += more
+    return frozenset(found)
+
+
+def within_edges(lane_map: LaneMap, points: FloatArray, headings: FloatArray, beside: float) -> FloatArray:
+    """`points` (k, 2) with those moved aside that are nearer than `beside` [m] to an edge of the road, or beyond it.
+
+    An edge is the outer side of a lane that has no neighbour there. In a lane narrower than twice `beside`, it is the
+    middle that is kept.
+    """
+    at = lane_map.nearest(points[:, 0], points[:, 1], headings)
+    lanes = [lane_map.lanes[row] for row in at.lane]
+    room = np.maximum(0.5 * np.array([lane.width for lane in lanes]) - beside, 0.0)
+    low = np.where([lane.right is None for lane in lanes], -room, -np.inf)
+    high = np.where([lane.left is None for lane in lanes], room, np.inf)
+    aside = np.clip(at.d, low, high) - at.d
+    return points + aside[:, None] * np.column_stack([-np.sin(at.heading), np.cos(at.heading)])

@@ -1,0 +1,151 @@
+"""The ego that follows its log until a seeded moment, then brakes or changes lane, and keeps going after that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_policy.car_following import IdmConfig, along_path, idm_acceleration
+from litsim_policy.path import ReferencePath, lane_change_path, logged_path, pursuit_yaw_rate
+from litsim_sim.errors import InputError
+from litsim_sim.geometry import to_body
+from litsim_sim.maps.lane_map import Lane
+from litsim_sim.recording import STEP_S
+from litsim_sim.scenario import Scenario
+from litsim_sim.scene import AgentTable, EgoCommand, EgoMode
+
+KINDS = ("brake", "lane_change", "mixed")
+FOLLOWING = IdmConfig()
+"""Car following after the perturbation: the parameters calibrated on NGSIM, so that little is added to it."""
+
+
+@dataclass(frozen=True)
+class PerturbedConfig:
+    """What happens to the log, and when.
+
+    Attributes:
+        kind: brake, lane_change, or mixed, which is either of the two as the seed says.
+        time: [s] after the history, between which (earliest, latest) the seed puts the perturbation; equal fixes it.
+        deceleration: of braking [m/s2].
+        duration: of braking [s].
+        lane_change_time: that the way to the centre of the next lane takes [s].
+        lane_gap: free road [m] behind and ahead that a lane change needs where it begins.
+        patience: [s] for which a lane change waits for that gap; then the ego brakes instead.
+        speed_gain: [1/s] of the return to the logged speed.
+    """
+
+    kind: str = "mixed"
+    time: tuple[float, float] = (0.0, 4.0)
+    deceleration: float = 2.0
+    duration: float = 2.5
+    lane_change_time: float = 3.0
+    lane_gap: float = 2.0
+    patience: float = 4.0
+    speed_gain: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be driven.
+
+        Raises:
+            InputError: a parameter is out of range.
+        """
+        if self.kind not in KINDS:
+            raise InputError(f"ego: parameter kind is {self.kind!r}, expected one of {', '.join(KINDS)}")
+        if len(self.time) != 2 or not 0.0 <= self.time[0] <= self.time[1]:
+            raise InputError(f"ego: parameter time is {self.time}, expected 0 <= earliest <= latest [s]")
+        for name in ("deceleration", "duration", "lane_gap", "patience"):
+            if not getattr(self, name) >= 0.0:
+                raise InputError(f"ego: parameter {name} is {getattr(self, name)}, expected at least 0")
+        for name in ("lane_change_time", "speed_gain"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"ego: parameter {name} is {getattr(self, name)}, expected more than 0")
+
+
+class PerturbedEgo:
+    """Follows its log exactly up to the perturbation; the scenario's seed and the ego's id decide what and when.
+
+    Afterwards it drives at the speed that its log had at the same place, behind whoever is ahead. It does not make up
+    for lost time, so its followers meet a lasting deviation. A lane change looks at who is alongside, but not at who
+    approaches: that is what the background has to cope with.
+    """
+
+    def __init__(self, scenario: Scenario, config: PerturbedConfig | None = None) -> None:
+        self._scenario, self._config = scenario, config or PerturbedConfig()
+        random = np.random.default_rng([scenario.seed, scenario.ego_id])
+        drawn = random.uniform(*self._config.time)
+        changes_lane = bool(random.integers(2)) if self._config.kind == "mixed" else self._config.kind == "lane_change"
+        self._left_first = bool(random.integers(2))
+        self._row = scenario.log.row(scenario.ego_id)
+        self._path: ReferencePath | None = None
+        self._brake_from: int | None = None
+        self.first_step = scenario.history_steps + round(drawn / STEP_S)
+        """Step from which on the ego is off its log, at the earliest."""
+        self.kind = "lane_change" if changes_lane else "brake"
+        """What it does then."""
+
+    def plan(self, table: AgentTable) -> EgoCommand:
+        """See :class:`litsim_policy.ego.Ego`."""
+        row = table.row(self._scenario.ego_id)
+        if row < 0 or table.step < self.first_step:
+            return EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG)
+        if self._path is None and not self._begin(table, row):
+            return EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG)
+        assert self._path is not None
+        x, y, yaw, speed = (float(getattr(table, f)[row]) for f in ("x", "y", "yaw", "speed"))
+        yaw_rate = pursuit_yaw_rate(self._path, x, y, yaw, speed)
+        return EgoCommand(table.step, self._acceleration(table, row, self._path), yaw_rate)
+
+    def _begin(self, table: AgentTable, row: int) -> bool:
+        """Choose the path of the perturbation; returns whether it begins at this step."""
+        waited = (table.step - self.first_step) * STEP_S
+        if self.kind == "lane_change" and waited < self._config.patience:
+            lane = self._next_lane(table, row)
+            if lane is None:
+                return False
+            reach = float(table.speed[row]) * self._config.lane_change_time
+            pose = np.array([table.x[row], table.y[row], table.yaw[row]])
+            self._path = lane_change_path(self._scenario.lane_map, pose, lane, reach)
+            return True
+        self._path = logged_path(self._scenario.log, self._scenario.lane_map, self._scenario.ego_id)
+        self._brake_from = table.step
+        return True
+
+    def _next_lane(self, table: AgentTable, row: int) -> Lane | None:
+        """The lane on the side that the seed prefers, else on the other one, where nobody is alongside."""
+        lanes = self._scenario.lane_map
+        here = lanes.lanes[int(lanes.nearest(table.x[[row]], table.y[[row]], table.yaw[[row]]).lane[0])]
+        for name in (here.left, here.right) if self._left_first else (here.right, here.left):
+            if name is not None:
+                lane = lanes.lanes[lanes.row(name)]
+                if not self._taken(table, row, 0.5 * (here.width + lane.width) * (1.0 if name == here.left else -1.0)):
+                    return lane
+        return None
+
+    def _taken(self, table: AgentTable, row: int, left: float) -> bool:
+        """Whether somebody is alongside within a place that lies `left` [m] to the left."""
+        ahead, beside = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
+        reach = 0.5 * (table.length + table.length[row]) + self._config.lane_gap
+        taken = (np.abs(ahead) < reach) & (np.abs(beside - left) < 0.5 * (table.width + table.width[row]))
+        taken[row] = False
+        return bool(taken.any())
+
+    def _acceleration(self, table: AgentTable, row: int, path: ReferencePath) -> float:
+        """Braking [m/s2] while that lasts; then back to the logged speed, but never into a leader."""
+        config, speed = self._config, float(table.speed[row])
+        braked = np.inf if self._brake_from is None else (table.step - self._brake_from) * STEP_S
+        if braked < config.duration - 1e-9:
+            return -config.deceleration
+        view = along_path(path, table, row)
+        leads = view.ahead & view.in_path
+        wanted = config.speed_gain * (self._logged_speed(table, row) - speed)
+        wanted = float(np.clip(wanted, -FOLLOWING.deceleration, FOLLOWING.acceleration))
+        # alone on the road the model would speed up: only what it says of leaders is of interest
+        return min(wanted, idm_acceleration(FOLLOWING, speed, 2.0 * speed + 10.0, view.gap[leads], view.speed[leads]))
+
+    def _logged_speed(self, table: AgentTable, row: int) -> float:
+        """Speed [m/s] that the log had nearest to where the ego is now; beyond its end, at its end."""
+        log = self._scenario.log
+        valid = np.flatnonzero(log.valid[self._row])
+        distance = np.hypot(log.x[self._row, valid] - table.x[row], log.y[self._row, valid] - table.y[row])
+        return float(log.speed[self._row, valid[np.argmin(distance)]])
