@@ -89,6 +89,8 @@ def test_choices_of_the_command_line(graph: Any) -> None:
     for arguments, expected in (
         (("--policy", "nice"), "argument --policy: invalid choice: 'nice' (choose from "),
         (("--answer-timeout", "0"), "argument --answer-timeout: invalid "),
+        (("--vehicle", "delay_s=0.25"), "argument --vehicle: delay_s=0.25: delay_s is 0.25, expected a multiple of "),
+        (("--vehicle", "wheels=4"), "argument --vehicle: wheels=4: wheels is unknown, expected some of "),
     ):
         done = graph.launch(*arguments)
         assert done.returncode == 2

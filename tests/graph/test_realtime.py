@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from litsim_sim.analysis.run import read_run
+from litsim_sim.bag import BagReader
 
 
 def test_late_and_missing_answers_are_counted(graph: Any) -> None:
@@ -25,8 +26,10 @@ def test_late_and_missing_answers_are_counted(graph: Any) -> None:
     run = read_run(bag)
     assert run.complete
     assert [table.step for table in run.tables] == list(range(36))
-    assert {10, 11, 12} <= run.ego_commands.keys()  # late, and yet recorded
-    assert {22, 23, 24}.isdisjoint(run.ego_commands)
+    answered = {message.log_time_ns // 10**8 for message in BagReader(bag).messages(["/litsim/ego/control"])}
+    assert {10, 11, 12} <= answered  # late, and yet recorded
+    assert {22, 23, 24}.isdisjoint(answered)
+    assert sorted(run.ego_commands) == list(range(36))  # what was applied
     told = {s.step for s in run.statuses if s.text.startswith("missed ") and "/litsim/ego/control" in s.text}
     assert {10, 11, 12, 22, 23, 24} <= told
     assert len(told) == missed["/litsim/ego/control"]

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from litsim_sim.analysis.run import read_run
+from litsim_sim.analysis.run import StageState, read_run
 from litsim_sim.bag import BagReader, find_mcap
 from litsim_sim.scenario import Scenario
 
@@ -85,7 +85,7 @@ def test_metadata_is_that_of_rosbag2(recorded: Any) -> None:
     for name, topic in topics.items():
         (offered,) = yaml.safe_load(channels[name].metadata["offered_qos_profiles"])
         assert offered["reliability"] == "reliable"
-        latched = name in ("/litsim/run_info", "/litsim/ego/route")
+        latched = name in ("/litsim/run_info", "/litsim/ego/route", "/litsim/lanes")
         assert offered["durability"] == ("transient_local" if latched else "volatile")
         assert topic["topic_metadata"]["offered_qos_profiles"] == [offered]
         assert channels[name].metadata["topic_type_hash"] == topic["topic_metadata"]["type_description_hash"]
@@ -105,6 +105,13 @@ def test_attachments_are_enough_to_run_it_again(recorded: Any, tmp_path: Path) -
     assert again.recording.to_parquet() == original.recording.to_parquet()
     assert {"run_id", "seed", "ego", "versions", "configuration"} <= reader.metadata.keys()
     assert yaml.safe_load(reader.metadata["versions"]).keys() >= {"commit", "python", "numpy", "libsumo"}
+
+
+def test_every_stage_tells_its_parameters(recorded: Any) -> None:
+    run = read_run(recorded("idm", "litsim").bag)
+    told = {status.stage: status.text for status in run.statuses if status.state == StageState.READY}
+    assert told.keys() == set(run.info.stages)
+    assert all(yaml.safe_load(told[stage]) for stage in ("predictor", "conflict", "policy", "ego"))
 
 
 def test_killed_recorder_is_named_and_leaves_whole_chunks(graph: Any) -> None:

@@ -10,41 +10,35 @@ from typing import Any
 
 import numpy as np
 import yaml
-from litsim_msgs.msg import Hello, RunInfo, StageStatus
+from litsim_msgs.msg import Hello, StageStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
-from litsim_sim.errors import InputError
+from litsim_sim.ego_answer import Interface
+from litsim_sim.ego_port import COUNTS, AnswerInvalid, EgoPort, Level, ego_state
 from litsim_sim.lockstep import Gate
 from litsim_sim.recording import STEP_S
-from litsim_sim.ros import messages
-from litsim_sim.ros.stage import check_parameters, process, reason, serve
+from litsim_sim.ros import diagnostics, messages
+from litsim_sim.ros.bridge_options import declare_options
+from litsim_sim.ros.broadcast import EXTERNAL, Broadcast, run_info
+from litsim_sim.ros.diagnostics import Diagnostics
+from litsim_sim.ros.ego_port import subscribe
+from litsim_sim.ros.stage import process, reason, serve
 from litsim_sim.ros.topics import (
-    AGENTS,
-    CLOCK,
     CONTROLS,
-    EGO_CONTROL,
-    EGO_ROUTE,
-    EGO_STATE,
-    FORECASTS,
+    EGO_APPLIED,
     HELLO,
     RECORDED,
     RECORDER_WINDOW,
-    RUN_INFO,
     STATUS,
-    TAKEOVERS,
     TIMING,
 )
-from litsim_sim.run_info import EGOS, POLICIES, RunPlan, versions
-from litsim_sim.scenario import Scenario
 from litsim_sim.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.sumo import SumoMirror
 from litsim_sim.world import World, WorldConfig
 
 STAGE = "bridge"
-ROUTE_LENGTH = 1000.0  # [m] of the route that the ego is given
 HELLO_PERIOD = 0.1  # [s] between the greetings of the handshake
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
 FAREWELL_S = 5.0  # [s] that the recorder gets to close its file
@@ -60,31 +54,9 @@ class BridgeNode(Node):
 
     def __init__(self) -> None:
         super().__init__(STAGE)
-        declare = self.declare_parameter
-        self._mode = str(declare("mode", "lockstep").value)
-        self._on_missing = str(declare("on_missing", "stop").value)
-        self._answer_timeout = float(declare("answer_timeout_s", 5.0).value)
-        self._handshake_timeout = float(declare("handshake_timeout_s", 20.0).value)
-        self._external_timeout = float(declare("external_timeout_s", 60.0).value)
-        self._progress = str(declare("progress", "bar").value)
-        scenario_name, ego, policy = (
-            str(declare(name, value).value)
-            for name, value in (("scenario", "demo"), ("ego", "idm"), ("policy", "litsim"))
-        )
-        overrides = {
-            name: int(declare(parameter, -1).value) for parameter, name in (("ego_id", "ego"), ("seed", "seed"))
-        }
-        check_parameters(self)
-        self._check("mode", self._mode, ("lockstep", "realtime"))
-        self._check("on_missing", self._on_missing, ("stop", "hold"))
-        self._check("progress", self._progress, ("bar", "lines", "none"))
-        self._check("ego", ego, EGOS)
-        self._check("policy", policy, POLICIES)
-        for name in ("answer_timeout_s", "handshake_timeout_s", "external_timeout_s"):
-            if not 0.0 < self.get_parameter(name).value < np.inf:
-                raise InputError(f"{STAGE}: parameter {name} is {self.get_parameter(name).value}, expected seconds > 0")
-        scenario = Scenario.load(scenario_name, **{name: value for name, value in overrides.items() if value >= 0})
-        self.plan = RunPlan(scenario, ego, policy)
+        self._options = options = declare_options(self)
+        self.plan = options.plan
+        scenario = self.plan.scenario
         config = WorldConfig(guard_entries=self.plan.policy != "replay")
         self.world = World(scenario, config, SumoMirror(scenario.net_path, scenario.seed))
         self._run_id = self.plan.run_id
@@ -95,15 +67,23 @@ class BridgeNode(Node):
         self._recorded = -1
         self._recorder_done = False
         self._missed: dict[str, int] = {}
-        answers = {CONTROLS.name: CONTROLS} if self.plan.policy != "replay" else {}
-        answers[EGO_CONTROL.name] = EGO_CONTROL
-        self._gate = Gate(self._run_id, tuple(answers))
-        self._publishers = {
-            t: self.create_publisher(t.type, t.name, t.qos)
-            for t in (RUN_INFO, HELLO, STATUS, TIMING, CLOCK, AGENTS, EGO_STATE, EGO_ROUTE)
-        }
-        for topic in answers.values():
-            self.create_subscription(topic.type, topic.name, self._answer_to(topic.name), topic.qos)
+        self._ego = EgoCommand(-1)  # the command for the step that it names
+        external = self.plan.ego == EXTERNAL
+        self._gate = Gate(self._run_id, () if self.plan.policy == "replay" else (CONTROLS.name,))
+        self._port = EgoPort(
+            self._run_id,
+            scenario.vehicle,
+            options.ego_interface if external else Interface.CONTROL,
+            stop_on_invalid=options.on_invalid == "stop",
+        )
+        self._to = {t: self.create_publisher(t.type, t.name, t.qos) for t in (HELLO, STATUS, TIMING)}
+        if external:
+            self._to[EGO_APPLIED] = self.create_publisher(EGO_APPLIED.type, EGO_APPLIED.name, EGO_APPLIED.qos)
+        self._broadcast = Broadcast(self, self.plan)
+        self._diagnostics = Diagnostics(self, self._run_id, scenario.total_steps, self._port)
+        subscribe(self, self._port, tuple(Interface) if external else (Interface.CONTROL,))
+        if self._gate.required:
+            self.create_subscription(CONTROLS.type, CONTROLS.name, self._on_controls, CONTROLS.qos)
         self.create_subscription(STATUS.type, STATUS.name, self._on_status, STATUS.qos)
         self.create_subscription(RECORDED.type, RECORDED.name, self._on_recorded, RECORDED.qos)
         self._executor = SingleThreadedExecutor()
@@ -127,49 +107,43 @@ class BridgeNode(Node):
         finally:
             self.world.close()
 
-    def _check(self, parameter: str, value: str, allowed: tuple[str, ...]) -> None:
-        if value not in allowed:
-            raise InputError(f"{STAGE}: parameter {parameter} is {value!r}, expected one of {', '.join(allowed)}")
-
     def _handshake(self) -> None:
-        self._publishers[RUN_INFO].publish(self._run_info())
-        self._publishers[EGO_ROUTE].publish(self._route())
+        parameters = {name: p.value for name, p in sorted(self._parameters.items()) if name != "use_sim_time"}
+        self._broadcast.begin(run_info(self.plan, self._options.mode, {STAGE: parameters}))
         begin = time.monotonic()
         while waiting := sorted(set(self.plan.stages) - self._ready):
             since = time.monotonic() - begin
-            if since > self._handshake_timeout:
+            if since > self._options.handshake_timeout_s:
                 raise RunFailed(
                     f"{', '.join(waiting)}: no READY for run {self._run_id} on {STATUS.name} within "
-                    f"{self._handshake_timeout:g} s; is the node running in {self._domain}?"
+                    f"{self._options.handshake_timeout_s:g} s; is the node running in {self._domain}?"
                 )
             if since > RESEND:
                 self._note(f"waiting for READY from {', '.join(waiting)} on {STATUS.name}")
-            self._publishers[HELLO].publish(Hello(header=messages.header(0), run_id=self._run_id))
+            self._to[HELLO].publish(Hello(header=messages.header(0), run_id=self._run_id))
             self._spin_until(lambda: set(self.plan.stages) <= self._ready, time.perf_counter() + HELLO_PERIOD)
 
     def _loop(self) -> None:
         total, start = self.plan.scenario.total_steps, time.perf_counter()
-        controls, ego = ControlTable.empty(0), EgoCommand(0)
+        controls = ControlTable.empty(0)
         table, compute, due = self.world.reset(), 0.0, 0.0
-        with tqdm(total=total, unit="step", disable=self._progress != "bar") as bar:
+        with tqdm(total=total, unit="step", disable=self._options.progress != "bar") as bar:
             for step in range(total + 1):
                 # A pace that was lost by more than half a step is not made up for.
                 due = max(due + STEP_S, time.perf_counter() + 0.5 * STEP_S)
                 self._round(table, due)
                 if step == 0:
                     start = due = time.perf_counter()  # meeting everybody at step 0 is no part of the run's pace
-                controls, ego = self._take(step, controls, ego)
-                self._publishers[TIMING].publish(
-                    messages.status(self._run_id, STAGE, StageStatus.RUNNING, step, compute)
-                )
-                if self._mode == "realtime":
+                controls = self._take(step, controls)
+                self._to[TIMING].publish(messages.status(self._run_id, STAGE, StageStatus.RUNNING, step, compute))
+                if self._options.mode == "realtime":
                     self._spin_until(lambda: False, due)
                 if step < total:
                     before = time.perf_counter()
-                    table = self._step(controls, ego)
+                    table = self._step(controls)
                     compute = time.perf_counter() - before
                 bar.update(step > 0)
-                if self._progress == "lines" and (step % 10 == 0 or step == total):
+                if self._options.progress == "lines" and (step % 10 == 0 or step == total):
                     print(f"step {step} of {total}", flush=True)
         wall = time.perf_counter() - start
         self._await_recorder(total)
@@ -183,56 +157,72 @@ class BridgeNode(Node):
         """Publish a step and wait for the answers to it, in real time until `due`."""
         step = table.step
         self._gate.open(step)
-        publications = [
-            (CLOCK, Clock(clock=messages.stamp(step))),
-            (
-                AGENTS,
-                messages.agents_to_message(
-                    table, self._run_id, self.plan.scenario.total_steps, self.plan.scenario.ego_id
-                ),
-            ),
-            (EGO_STATE, messages.ego_odometry(table, self.plan.scenario.ego_id)),
-        ]
+        self._port.open(step, ego_state(table, self.plan.scenario.ego_id), driven=self.world.ego_is_driven)
+        self._broadcast.show(table)
         resend = RESEND_FIRST if step == 0 else RESEND
         give_up = time.perf_counter() + self._timeout(step)
-        if self._mode == "realtime" and step > 0:
+        if self._options.mode == "realtime" and step > 0:
             give_up = due
         while True:
-            for topic, message in publications:
-                self._publishers[topic].publish(message)
+            self._diagnostics.step(step)
+            self._port.ask()
             until = min(give_up, time.perf_counter() + resend)
-            if self._spin_until(lambda: self._answered(step), until) or time.perf_counter() >= give_up:
+            if self._spin_until(lambda: not self._missing, until):
+                self._command(step)  # the recorder waits for it
+                self._spin_until(lambda: self._answered(step), until)
+            if self._answered(step) or time.perf_counter() >= give_up:
                 return
             self._ask_around(step)
+            self._broadcast.repeat()
 
     def _timeout(self, step: int) -> float:
         """How long the answers to a step are waited for [s]; an external ego is met at step 0."""
         if step > 0:
-            return self._answer_timeout
-        return self._external_timeout if self.plan.ego == "external" else self._handshake_timeout
+            return self._options.answer_timeout_s
+        return self._options.external_timeout_s if self.plan.ego == EXTERNAL else self._options.handshake_timeout_s
 
     def _answered(self, step: int) -> bool:
         """Whether all answers to `step` are in, and the recorder is not too far behind (at step 0: not at all)."""
-        return not self._gate.missing and self._recorded >= max(0, step - RECORDER_WINDOW)
+        return not self._missing and self._recorded >= max(0, step - RECORDER_WINDOW)
+
+    @property
+    def _missing(self) -> list[str]:
+        """Topics on which an answer is still waited for."""
+        return self._gate.missing + ([" or ".join(self._port.topics)] if self._port.missing else [])
+
+    def _command(self, step: int) -> None:
+        """The ego's command for `step`; that of an external ego is published for the record.
+
+        Raises:
+            RunFailed: its answer cannot be used.
+        """
+        if self._ego.step != step:
+            try:
+                self._ego = self._port.take()
+            except AnswerInvalid as error:
+                raise RunFailed(str(error)) from error
+        if EGO_APPLIED in self._to:
+            self._to[EGO_APPLIED].publish(messages.ego_to_message(self._ego, self._run_id))
 
     def _ask_around(self, step: int) -> None:
         """Something is missing: say so, and learn from the timing of the stages, who repeat it, which one is silent."""
         if STAGE not in self._heard:
             self._heard[STAGE] = step
             self.create_subscription(TIMING.type, TIMING.name, self._on_timing, TIMING.qos)
-        waiting = self._gate.missing or [f"{RECORDED.name} of the recorder"]
-        if step > 0 or self.plan.ego == "external":
+        waiting = self._missing or [f"{RECORDED.name} of the recorder"]
+        if step > 0 or self.plan.ego == EXTERNAL:
             self._note(f"step {step}: waiting for {', '.join(waiting)}")
+            self._diagnostics.say(step, diagnostics.RUNNING, Level.WARN, f"waiting for {', '.join(waiting)}")
 
-    def _take(self, step: int, controls: ControlTable, ego: EgoCommand) -> tuple[ControlTable, EgoCommand]:
+    def _take(self, step: int, controls: ControlTable) -> ControlTable:
         """The answers to `step`; where one is missing, the newest that there is counts on, or the run ends."""
-        missing = self._gate.missing
+        missing = self._missing
         if not missing and not self._answered(step):
             raise RunFailed(
                 f"recorder: has confirmed {self._confirmed()} on {RECORDED.name} at step {step}, expected at most "
                 f"{RECORDER_WINDOW} steps behind"
             )
-        if missing and (step == 0 or (self._mode == "lockstep" and self._on_missing == "stop")):
+        if missing and (step == 0 or (self._options.mode == "lockstep" and self._options.on_missing == "stop")):
             raise RunFailed(
                 f"no answer to step {step} on {', '.join(missing)} within {self._timeout(step):g} s{self._silent(step)}"
             )
@@ -240,16 +230,16 @@ class BridgeNode(Node):
             self._missed[name] = self._missed.get(name, 0) + 1
         if missing:  # the recorder need not wait for them
             self._say(StageStatus.RUNNING, step, text=f"missed {', '.join(missing)}")
+        if self._ego.step != step:
+            self._command(step)
         newest = self._gate.newest
-        name = ""
+        if CONTROLS.name not in newest:
+            return replace(controls, step=step)
         try:
-            if (name := CONTROLS.name) in newest:
-                controls = self._checked(messages.controls_from_message(newest[name]))
-            if (name := EGO_CONTROL.name) in newest:
-                ego = messages.ego_from_message(newest[name])
+            controls = self._checked(messages.controls_from_message(newest[CONTROLS.name]))
         except ValueError as error:
-            raise RunFailed(f"the answer to step {step} on {name} cannot be used: {error}") from error
-        return replace(controls, step=step), replace(ego, step=step)
+            raise RunFailed(f"the answer to step {step} on {CONTROLS.name} cannot be used: {error}") from error
+        return replace(controls, step=step)
 
     def _checked(self, controls: ControlTable) -> ControlTable:
         """Controls as the world expects them from any policy.
@@ -264,9 +254,9 @@ class BridgeNode(Node):
             raise ValueError(f"its ids are {controls.id.tolist()}, expected ascending ones, without the ego's")
         return controls
 
-    def _step(self, controls: ControlTable, ego: EgoCommand) -> AgentTable:
+    def _step(self, controls: ControlTable) -> AgentTable:
         try:
-            return self.world.step(controls, ego)
+            return self.world.step(controls, self._ego)
         except ValueError as error:
             raise RunFailed(str(error)) from error
 
@@ -275,8 +265,12 @@ class BridgeNode(Node):
         silent = [s for s in self.plan.stages if s != "recorder" and self._heard.get(s, -1) < step]
         if self._heard.keys() <= {STAGE}:
             silent = []  # nobody was heard: nothing can be said of anybody
-        if self.plan.ego == "external" and EGO_CONTROL.name in self._gate.missing:
-            silent.append(f"the external ego (is it running in {self._domain}?)")
+        if self.plan.ego == EXTERNAL and self._port.missing:
+            topics = [self.resolve_topic_name(name) for name in self._port.topics]
+            left = step > 0 and not any(self.count_publishers(topic) for topic in topics)
+            silent.append(
+                f"the external ego ({'its publisher has left' if left else f'is it running in {self._domain}?'})"
+            )
         return f"; silent: {', '.join(silent)}" if silent else ""
 
     @property
@@ -288,7 +282,7 @@ class BridgeNode(Node):
 
     def _await_recorder(self, last: int) -> None:
         if "recorder" in self.plan.stages:
-            until = time.perf_counter() + self._answer_timeout
+            until = time.perf_counter() + self._options.answer_timeout_s
             if not self._spin_until(lambda: self._recorded >= last, until):
                 raise RunFailed(f"recorder: has confirmed {self._confirmed()} of {last} on {RECORDED.name}")
 
@@ -305,6 +299,8 @@ class BridgeNode(Node):
             if left <= 0:
                 return False
             serve(self._executor, left)
+            if self._port.remarks:
+                self._diagnostics.remarks(self._gate.step)
             self._raise_failures()
         return True
 
@@ -319,8 +315,8 @@ class BridgeNode(Node):
             self._noted = (text, time.monotonic())
             self.get_logger().info(text)
 
-    def _answer_to(self, name: str) -> Callable[[Any], None]:
-        return lambda message: self._gate.offer(name, message.run_id, message.step, message)
+    def _on_controls(self, message: Any) -> None:
+        self._gate.offer(CONTROLS.name, message.run_id, message.step, message)
 
     def _on_status(self, status: StageStatus) -> None:
         if status.run_id != self._run_id or status.stage == STAGE:
@@ -341,46 +337,19 @@ class BridgeNode(Node):
             self._recorded = max(self._recorded, status.step)
 
     def _say(self, state: int, step: int, compute_time: float = 0.0, text: str = "") -> None:
+        ended = {StageStatus.FINISHED: diagnostics.FINISHED, StageStatus.FAILED: diagnostics.FAILED}
+        on = diagnostics.RUNNING
+        self._diagnostics.say(step, ended.get(state, on), Level.OK if state in ended else Level.WARN, text)
         status = messages.status(self._run_id, STAGE, state, max(0, step), compute_time, text)
-        self._publishers[STATUS].publish(status)
+        self._to[STATUS].publish(status)
 
     def _summary(self) -> dict[str, Any]:
         """What only the bridge knows, for the record."""
-        return {"missed": self._missed, "stale": self._gate.stale} | self.world.summary()
-
-    def _route(self) -> Any:
-        scenario = self.plan.scenario
-        table = scenario.log.table(0)
-        row = np.array([table.row(scenario.ego_id)])
-        at = scenario.lane_map.nearest(table.x[row], table.y[row], table.yaw[row])
-        return messages.route_path(scenario.lane_map.path_from(int(at.lane[0]), float(at.s[0]), ROUTE_LENGTH), 0)
-
-    def _run_info(self) -> RunInfo:
-        scenario = self.plan.scenario
-        per_step = (
-            (CLOCK, AGENTS, EGO_STATE)
-            + (() if self.plan.policy == "replay" else (FORECASTS, TAKEOVERS, CONTROLS))
-            + (EGO_CONTROL,)
-        )
-        parameters = {name: p.value for name, p in sorted(self._parameters.items()) if name != "use_sim_time"}
-        return RunInfo(
-            header=messages.header(0),
-            run_id=self._run_id,
-            scenario=scenario.name,
-            scenario_yaml=scenario.to_yaml(),
-            ego=self.plan.ego,
-            policy=self.plan.policy,
-            ego_id=scenario.ego_id,
-            seed=scenario.seed,
-            total_steps=scenario.total_steps,
-            history_steps=scenario.history_steps,
-            dt=STEP_S,
-            mode=self._mode,
-            stages=list(self.plan.stages),
-            topics=[topic.name for topic in per_step],
-            configuration=yaml.safe_dump({STAGE: parameters}),
-            versions=yaml.safe_dump(versions()),
-        )
+        counts = self._port.counts
+        late = counts["late"] + counts["stale"]
+        stale = self._gate.stale | ({self._port.topics[0]: late} if late else {})
+        port = {"interface": str(self._port.interface)} | {name: counts[name] for name in COUNTS}
+        return {"missed": self._missed, "stale": stale, "ego_port": port} | self.world.summary()
 
 
 def main() -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import struct
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 from litsim_msgs.msg import Hello, RunInfo, StageStatus
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
@@ -22,8 +24,12 @@ from litsim_sim.ros.stage import BRIDGE, SIGNAL_PERIOD, check_parameters, proces
 from litsim_sim.ros.topics import (
     AGENTS,
     CLOCK,
+    EGO_APPLIED,
+    EGO_INPUTS,
     EGO_STATE,
+    FOREIGN,
     HELLO,
+    LANES,
     RECORDED,
     RECORDED_TOPICS,
     RECORDER_WINDOW,
@@ -37,17 +43,26 @@ STAGE = "recorder"
 CONFIRM_EVERY = 10  # steps
 LAG = 2  # steps by which writing follows, so that timings, which nobody waits for, find their step
 OF_THE_BRIDGE = (CLOCK.name, AGENTS.name, EGO_STATE.name)  # there at every step, whoever has missed an answer
+HEARING_S = 1.0  # for every stage to be heard before the run begins: its READY holds its parameters
+SETTLE_S = 0.05  # between two looks at whether all has come in
 LINGER_S = 1.0  # for which a recorder that failed answers the bridge, which may not have heard it
+OTHERS = tuple(topic.name for topic in FOREIGN)
+AHEAD = 5  # steps by which what others publish may be ahead of the agents that have come in
+REPEATS_MAX = 10  # of step 0 for which an external ego is given time to be met by the recorder as well
+EGO_INPUT_NAMES = tuple(topic.name for topic in EGO_INPUTS.values())
+KEPT = 20  # messages of one step that are kept on a topic that others publish on
 NAMED = 3  # steps that a message about gaps names
 
 
 class RecorderNode(Node):
     """Records one run, then :attr:`finished`.
 
-    A step is confirmed to the bridge once each of the run's per-step topics holds it; where the bridge says that it
+    A step is confirmed to the bridge once each of the run's per-step topics holds it, and step 0 once an external ego
+    has been heard, so that none of its answers is lost; where the bridge says that it
     goes on without an answer, once what the bridge itself publishes does. Steps are written in order, their messages
     in the order of :data:`RECORDED_TOPICS`, so that equal runs give equal records. An answer that comes after its
-    step was written is written where it comes.
+    step was written is written where it comes. What others than LitSim publish is kept as well, :data:`KEPT` messages
+    of a topic and step, and where its stamp is not of about now, at the current step: it must not hold up anything.
     """
 
     def __init__(self) -> None:
@@ -59,12 +74,17 @@ class RecorderNode(Node):
         self.finished = False
         self._run_id = ""
         self._word: StageStatus | None = None  # on the run at hand, repeated when the bridge greets
+        self._unheard: set[str] = set()
         self._per_step: tuple[str, ...] = ()
         self._total = 0
         self._early: dict[str, bytes] = {}  # latched messages that came before the run was known
         self._pending: dict[int, dict[str, list[bytes]]] = {}
         self._next = 0  # step to be confirmed next
         self._written = 0  # step to be written next
+        self._ending = False
+        self._repeated = 0  # times that step 0 came in
+        self._now = -1  # newest step of the agents
+        self._kept: Counter[tuple[str, int]] = Counter()
         self._missed: set[int] = set()  # steps that the bridge went on from without all answers
         self._absent: set[tuple[int, str]] = set()  # what was not there when its step was written
         self._status = self.create_publisher(STATUS.type, STATUS.name, STATUS.qos)
@@ -128,7 +148,16 @@ class RecorderNode(Node):
 
     def _take(self, name: str, data: bytes) -> None:
         """Hold a message until its step is written."""
-        step = _step(data)
+        step = 0 if name == LANES.name else _step(data)
+        if name in OTHERS and name not in self._per_step:
+            step = step if self._now - RECORDER_WINDOW <= step <= self._now + AHEAD else self._now
+            step = min(max(step, 0), self._total)
+            self._kept[name, step] += 1
+            if self._kept[name, step] > KEPT:
+                return
+        elif name == AGENTS.name:
+            self._now = max(self._now, min(step, self._total))
+            self._repeated += step == 0
         if step > self._total:
             return  # of somebody else's clock
         held = self._pending.get(step, {}).get(name, [])
@@ -139,6 +168,7 @@ class RecorderNode(Node):
             else:
                 self._confirm()  # the bridge asks again
         elif held and name in self._per_step:
+            self._advance()
             self._confirm()
         elif data not in held:
             self._pending.setdefault(step, {}).setdefault(name, []).append(data)
@@ -171,8 +201,17 @@ class RecorderNode(Node):
         self._per_step, self._total = tuple(info.topics), info.total_steps
         for name, early in self._early.items():
             self._take(name, early)
-        self._say(StageStatus.READY)
+        self._unheard = set(info.stages) - {STAGE}
+        self._hearing = self.create_timer(
+            HEARING_S if self._unheard else 0.0, self._ready, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self.get_logger().info(f"recording run {info.run_id} to {self._writer.path}")
+
+    def _ready(self) -> None:
+        """Let the run begin."""
+        self._hearing.cancel()
+        if self._word is None:
+            self._say(StageStatus.READY)
 
     def _on_hello(self, hello: Hello) -> None:
         if self._word is not None and hello.run_id == self._run_id:
@@ -180,25 +219,47 @@ class RecorderNode(Node):
 
     def _on_status(self, data: bytes) -> None:
         status: StageStatus = deserialize_message(data, StageStatus)
-        if status.stage != BRIDGE or status.run_id != self._run_id:
+        if status.run_id != self._run_id:
+            return
+        if status.state == StageStatus.READY and status.stage in self._unheard:
+            self._unheard.discard(status.stage)
+            if not self._unheard:
+                self._ready()
+        if status.stage != BRIDGE:
             return
         if status.state == StageStatus.RUNNING:
             self._missed.add(status.step)
             self._advance()
-        elif status.state >= StageStatus.FINISHED:
+        elif status.state >= StageStatus.FINISHED and not self._ending:
             self._pending.setdefault(status.step, {}).setdefault(STATUS.name, []).append(data)
-            self.close()
-            if status.state == StageStatus.FAILED:  # it ended amid a step
-                self._absent = {(step, name) for step, name in self._absent if step < self._next}
-            self._say(StageStatus.FAILED if self.gaps else StageStatus.FINISHED, self.gaps)
+            self._ending = True
+            until, seen = time.monotonic() + LINGER_S, [-1]
+
+            def settle() -> None:
+                """End once a while has passed after the last step came in: others may have said something on it."""
+                if seen[0] < status.step and time.monotonic() < until:
+                    seen[0] = self._now
+                elif not self.finished:
+                    self._end(status.state)
+
+            self.create_timer(SETTLE_S, settle, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _end(self, state: int) -> None:
+        """Close the file of a run that the bridge has ended."""
+        self.close()
+        if state == StageStatus.FAILED:  # it ended amid a step
+            self._absent = {(step, name) for step, name in self._absent if step < self._next}
+        self._say(StageStatus.FAILED if self.gaps else StageStatus.FINISHED, self.gaps)
 
     def _say(self, state: int, text: str = "") -> None:
         self._word = messages.status(self._run_id, STAGE, state, text=text)
         self._status.publish(self._word)
 
     def _complete(self, step: int) -> bool:
+        held = self._pending.get(step, {})
         needed = OF_THE_BRIDGE if step in self._missed else self._per_step
-        return all(name in self._pending.get(step, ()) for name in needed)
+        met = step > 0 or EGO_APPLIED.name not in self._per_step or self._repeated > REPEATS_MAX
+        return all(name in held for name in needed) and (met or any(name in held for name in EGO_INPUT_NAMES))
 
     def _advance(self) -> None:
         """Confirm steps that are complete, and write those that nothing can be missing from any more."""
@@ -227,7 +288,7 @@ class RecorderNode(Node):
 
 
 def _step(data: bytes) -> int:
-    """Step of a serialised message: all recorded types begin with a header, or as Clock with its stamp."""
+    """Step of a serialised message that begins with a header, or as Clock with its stamp: of all but the lanes."""
     seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
     return round((seconds * 10**9 + nanoseconds) / messages.nanoseconds(1))
 

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from litsim_sim.datasets import load_recording
 from litsim_sim.errors import InputError
 from litsim_sim.log import Log
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recording import STEP_S, Recording
+from litsim_sim.vehicle import VehicleModel
 
 DATA_VARIABLE = "LITSIM_DATA"
 COVERAGE_MIN = 0.9  # share of recorded box centres that must lie on the road
@@ -40,6 +41,7 @@ class ScenarioFile(BaseModel):
         tuning: ids for tuning a system before such an experiment; disjoint from `egos`.
         roi_m: radius around the ego within which agents may be taken over [m].
         seed: of everything random.
+        vehicle: of the ego, by the fields of :class:`litsim_sim.vehicle.VehicleModel` that are not the default.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True)
@@ -57,6 +59,13 @@ class ScenarioFile(BaseModel):
     tuning: list[int] = []
     roi_m: Annotated[float, Field(gt=0)] = 30.0
     seed: Annotated[int, Field(ge=0)] = 0
+    vehicle: dict[str, float] = {}
+
+    @field_validator("vehicle")
+    @classmethod
+    def _check_vehicle(cls, values: dict[str, float]) -> dict[str, float]:
+        VehicleModel.of(values)
+        return values
 
 
 class Scenario:
@@ -110,6 +119,7 @@ class Scenario:
         Args:
             name_or_path: such as ``demo``, or a path of a YAML file.
             overrides: fields of the file to replace, such as `ego`, `seed`, `roi_m`; None leaves a field as it is.
+                Of `vehicle`, only the values given are replaced.
 
         Raises:
             InputError: there is no such scenario, or it cannot be used.
@@ -143,7 +153,10 @@ class Scenario:
     @classmethod
     def _build(cls, text: str, where: str, folder: Path, overrides: dict[str, Any]) -> Scenario:
         values = _parse(text, where)
-        values.update({key: value for key, value in overrides.items() if value is not None})
+        given = {key: value for key, value in overrides.items() if value is not None}
+        if "vehicle" in given and isinstance(values.get("vehicle"), dict):
+            given["vehicle"] = values["vehicle"] | given["vehicle"]
+        values.update(given)
         file = _validate(values, where, text)
         net = packaged(f"nets/{file.net}.net.xml") if file.net in packaged_nets() else folder / file.net
         resolved = {"recording": str(_data_path(file.recording, folder, where)), "net": str(net.resolve())}
@@ -178,6 +191,11 @@ class Scenario:
     def seed(self) -> int:
         """Seed of everything random."""
         return self.file.seed
+
+    @cached_property
+    def vehicle(self) -> VehicleModel:
+        """Of the ego."""
+        return VehicleModel.of(self.file.vehicle)
 
     @cached_property
     def lane_map(self) -> LaneMap:

@@ -19,20 +19,20 @@ from math import inf
 from pathlib import Path
 from typing import IO
 
-import domain_coordinator
 from tqdm import tqdm
 
-from litsim_sim.analysis.run import AGENTS, EGO_CONTROL
 from litsim_sim.cli.analyze import analyze, print_metrics
+from litsim_sim.domain import graph_domain
+from litsim_sim.ego_answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.errors import InputError
 from litsim_sim.executables import find_executable
 from litsim_sim.report.run_report import write_report
 from litsim_sim.run_info import EGOS, POLICIES, RunPlan
 from litsim_sim.scenario import Scenario
+from litsim_sim.vehicle import VEHICLE_FIELDS, VehicleModel
 
 GRACE_S = 8.0  # [s] that the bridge and the recorder get to end a run in good order
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
-DOMAIN_IDS = range(233)  # beyond, the ports of DDS have run out
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
@@ -181,7 +181,7 @@ def launch(arguments: argparse.Namespace) -> int:
         InputError: something cannot be used; found before anything is started.
     """
     plan = RunPlan(_scenario(arguments), arguments.ego, arguments.policy)
-    domain = _domain(arguments)
+    domain = graph_domain(arguments.domain_id, reserve=arguments.ego != "external")
     nodes = {name: _executable(name, plan.ego) for name in (*reversed(plan.stages), "bridge")}
     out = Path(arguments.out or f"bags/{plan.scenario.name}")
     _check_output(out, arguments.overwrite)
@@ -195,16 +195,21 @@ def launch(arguments: argparse.Namespace) -> int:
             "seed": plan.scenario.seed,
             "mode": arguments.mode,
             "on_missing": arguments.on_missing,
+            "on_invalid": arguments.on_invalid,
+            "ego_interface": arguments.ego_interface,
             "answer_timeout_s": arguments.answer_timeout,
             "progress": "lines",
-        },
+        }
+        | {f"vehicle.{name}": value for name, value in plan.scenario.file.vehicle.items()},
+        "predictor": {} if arguments.predictor is None else {"model": arguments.predictor},
     }
     failure = None
     with domain as domain_id:
         graph = Graph(out, domain_id)
         say(arguments, f"run {plan.run_id} in ROS_DOMAIN_ID {domain_id}")
         if plan.ego == "external":
-            say(arguments, f"the ego answers {AGENTS} on {EGO_CONTROL}")
+            topics = [INPUTS[each] for each in Interface if arguments.ego_interface in (AUTO, each)]
+            say(arguments, f"waiting for an external ego to answer on {' or '.join(topics)}")
         try:
             for name, path in nodes.items():
                 graph.start(name, path, parameters.get(name, {}))
@@ -239,12 +244,23 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
     p.add_argument("--ego", default="idm", choices=EGOS, help="what drives the ego; external: your stack, over topics")
     p.add_argument("--policy", default="litsim", choices=POLICIES, help="what moves the background")
+    p.add_argument("--predictor", metavar="MODEL", help="instead of the one in the predictor node's parameters")
     p.add_argument("--out", help="folder of the recording; bags/SCENARIO where not given")
     p.add_argument("--overwrite", action="store_true", help="replace a recording that is there already")
     p.add_argument("--ego-id", type=int, help="another vehicle of the recording as the ego")
     p.add_argument("--seed", type=int, help="another seed than the scenario's")
     p.add_argument("--mode", default="lockstep", choices=("lockstep", "realtime"), help="who waits for whom")
     p.add_argument("--on-missing", default="stop", choices=("stop", "hold"), help="in lockstep, after the timeout")
+    p.add_argument("--on-invalid", default="stop", choices=("stop", "hold"), help="where the ego's answer is no use")
+    p.add_argument("--ego-interface", default="auto", choices=INTERFACES, help="of an external ego; auto: its first")
+    p.add_argument(
+        "--vehicle",
+        type=_vehicle_value,
+        nargs="+",
+        default=[],
+        metavar="NAME=VALUE",
+        help=f"the ego's vehicle model, else the scenario's: {', '.join(VEHICLE_FIELDS)}",
+    )
     p.add_argument("--answer-timeout", type=_seconds, default=5.0, metavar="S", help="for the answers to one step")
     p.add_argument(
         "--domain-id",
@@ -263,7 +279,7 @@ def say(arguments: argparse.Namespace, text: str) -> None:
 
 
 def _scenario(arguments: argparse.Namespace) -> Scenario:
-    overrides = {"ego": arguments.ego_id, "seed": arguments.seed}
+    overrides = {"ego": arguments.ego_id, "seed": arguments.seed, "vehicle": dict(arguments.vehicle) or None}
     return Scenario.load(arguments.scenario, **{k: v for k, v in overrides.items() if v is not None})
 
 
@@ -286,15 +302,14 @@ def _executable(name: str, ego: str) -> Path:
     return find_executable(package, program)
 
 
-def _domain(arguments: argparse.Namespace) -> contextlib.AbstractContextManager[int]:
-    """The DDS domain of the graph; where the user has chosen none, a free one that is reserved meanwhile."""
-    chosen = os.environ.get("ROS_DOMAIN_ID") if arguments.domain_id is None else str(arguments.domain_id)
-    if not chosen and arguments.ego != "external":
-        return domain_coordinator.domain_id()
-    chosen = chosen or "0"
-    if not chosen.isdecimal() or int(chosen) not in DOMAIN_IDS:
-        raise InputError(f"ROS_DOMAIN_ID is {chosen!r}, expected {DOMAIN_IDS[0]} to {DOMAIN_IDS[-1]}")
-    return contextlib.nullcontext(int(chosen))
+def _vehicle_value(text: str) -> tuple[str, float]:
+    """A field of the vehicle model and its value from the command line."""
+    name, _, value = text.partition("=")
+    try:
+        VehicleModel.of({name: float(value)})
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text}: {error}") from error
+    return name, float(value)
 
 
 def _seconds(text: str) -> float:

@@ -1,0 +1,85 @@
+"""The scene in standard types: agents as a point cloud, lanes as markers. Any stack and any viewer reads them."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+from geometry_msgs.msg import Point, Pose
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from litsim_sim.maps.lane_map import Lane, LaneMap
+from litsim_sim.ros.messages import header
+from litsim_sim.scene import AgentTable, FloatArray
+
+_FLOATS = ("x", "y", "z", "yaw", "speed", "vx", "vy", "length", "width")
+_OBJECT = np.dtype([*((name, "<f4") for name in _FLOATS), ("id", "<u4"), ("kind", "u1"), ("padding", "V3")])
+_FIELDS = [
+    PointField(name=name, offset=_OBJECT.fields[name][1], datatype=datatype, count=1)  # type: ignore[index]
+    for name, datatype in (
+        *((name, PointField.FLOAT32) for name in _FLOATS),
+        ("id", PointField.UINT32),
+        ("kind", PointField.UINT8),
+    )
+]
+_ID_MASK = 0xFFFFFFFF  # PointCloud2 knows no 64-bit integers
+_CENTRE = ColorRGBA(r=0.55, g=0.55, b=0.6, a=0.6)
+_BOUNDARY = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
+_LINE_WIDTH = 0.12  # [m]
+
+
+def objects(table: AgentTable, ego_id: int) -> PointCloud2:
+    """Every agent but the ego as a point of a cloud in frame map.
+
+    Fields: x, y, z (0), yaw, speed, vx, vy, length, width as FLOAT32 [m, rad, m/s], id as UINT32 (the low 32 bits of
+    the recording's), kind as UINT8 (as in ``litsim_msgs/AgentStates``). A position is that of a box centre.
+    """
+    others = table.id != ego_id
+    points = np.zeros(int(others.sum()), _OBJECT)
+    for name in ("x", "y", "yaw", "speed", "length", "width", "kind"):
+        points[name] = getattr(table, name)[others]
+    points["id"] = table.id[others] & _ID_MASK
+    yaw, speed = table.yaw[others], table.speed[others]
+    points["vx"], points["vy"] = speed * np.cos(yaw), speed * np.sin(yaw)
+    return PointCloud2(
+        header=header(table.step),
+        height=1,
+        width=len(points),
+        fields=_FIELDS,
+        is_bigendian=False,
+        point_step=_OBJECT.itemsize,
+        row_step=_OBJECT.itemsize * len(points),
+        data=array("B", points.tobytes()),
+        is_dense=True,
+    )
+
+
+def lanes(lane_map: LaneMap) -> MarkerArray:
+    """Centre lines (namespace ``centre``) and borders (``boundary``, left and right) of all lanes, in frame map.
+
+    Lines are in driving direction. `text` is SUMO's id of the lane; `id` its position, of borders twice that, plus one
+    for the right.
+    """
+    markers = []
+    for row, lane in enumerate(lane_map.lanes):
+        normal = _left(lane)
+        lines = [("centre", row, lane.centerline, _CENTRE)]
+        for side in (0, 1):
+            border = lane.centerline + (0.5 - side) * lane.width * normal
+            lines.append(("boundary", 2 * row + side, border, _BOUNDARY))
+        for namespace, number, points, color in lines:
+            marker = Marker(header=header(0), ns=namespace, id=number, type=Marker.LINE_STRIP, pose=Pose(), color=color)
+            marker.text, marker.scale.x = lane.id, _LINE_WIDTH
+            marker.points = [Point(x=x, y=y) for x, y in points.tolist()]
+            markers.append(marker)
+    return MarkerArray(markers=markers)
+
+
+def _left(lane: Lane) -> FloatArray:
+    """(k, 2) to the left of a lane's vertices, as long as keeps a parallel line at distance 1 (at most 1.5)."""
+    step = np.diff(lane.centerline, axis=0)
+    across = np.stack([-step[:, 1], step[:, 0]], axis=1) / np.hypot(step[:, 0], step[:, 1])[:, None]
+    mean = np.concatenate([across[:1], 0.5 * (across[:-1] + across[1:]), across[-1:]])
+    return np.asarray(mean / np.maximum((mean**2).sum(axis=1), 0.5)[:, None], np.float64)

@@ -1,0 +1,111 @@
+"""Somebody else's stack on standard messages alone, at constant speed straight on; it goes wrong in one way."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+
+import rclpy
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from nav_msgs.msg import Odometry, Path
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+from rclpy.utilities import remove_ros_args
+
+STEP_NS = 100_000_000
+RELIABILITY = {"reliable": ReliabilityPolicy.RELIABLE, "best_effort": ReliabilityPolicy.BEST_EFFORT}
+FAULTS = (
+    "none",
+    "nan",
+    "teleport",
+    "frame",
+    "stale",
+    "future",
+    "flood",
+    "silence",
+    "leaving",
+    "death",
+    "late",
+    "other_type",
+)
+
+
+class StandardEgo(Node):
+    def __init__(self, options: argparse.Namespace) -> None:
+        super().__init__("standard_ego")
+        self.options = options
+        self.path = options.interface == "trajectory"
+        self.seen = -1
+        self.last: Path | TwistStamped | None = None
+        kinds = {"twist": TwistStamped, "trajectory": Path}
+        qos = QoSProfile(depth=10, reliability=RELIABILITY[options.reliability])
+        self.publisher = self.create_publisher(kinds[options.interface], options.topic, qos)
+        (other,) = kinds.keys() - {options.interface}
+        if options.fault == "other_type":
+            self.other = self.create_publisher(kinds[other], f"/litsim/ego/{other}", 10)
+        if options.fault == "flood":
+            self.create_timer(0.001, self.repeat)
+        self.create_subscription(Odometry, "/litsim/ego/state", self.on_state, 100)
+
+    def repeat(self) -> None:
+        if self.last is not None:
+            self.publisher.publish(self.last)
+
+    def on_state(self, state: Odometry) -> None:
+        step = Time.from_msg(state.header.stamp).nanoseconds // STEP_NS
+        fault = self.options.fault if step >= self.options.at else "none"
+        once = fault if step == self.options.at else "none"
+        if fault == "death":
+            os._exit(3)
+        if fault == "leaving":
+            sys.exit()
+        if fault == "silence" or (fault == "late" and step == self.options.at):
+            return
+        if fault == "late" and step == self.options.at + 1:
+            self.publisher.publish(self.answer(state, step - 1, "none"))
+        if fault in ("stale", "future"):
+            self.publisher.publish(self.answer(state, step + (-5 if fault == "stale" else 1000), "none"))
+        if fault == "other_type":
+            self.other.publish(TwistStamped() if self.path else Path())
+        self.last = self.answer(state, step, once)
+        self.publisher.publish(self.last)
+
+    def answer(self, state: Odometry, step: int, fault: str) -> Path | TwistStamped:
+        speed = math.nan if fault == "nan" else state.twist.twist.linear.x
+        if not self.path:
+            twist = TwistStamped()
+            twist.header.stamp = Time(nanoseconds=step * STEP_NS).to_msg()
+            twist.header.frame_id = "odom" if fault == "frame" else "base_link"
+            twist.twist.linear.x = speed
+            return twist
+        path = Path()
+        path.header.stamp = Time(nanoseconds=step * STEP_NS).to_msg()
+        path.header.frame_id = "odom" if fault == "frame" else "map"
+        at = state.pose.pose.position
+        for ahead in range(21):
+            pose = PoseStamped()
+            pose.header.stamp = Time(nanoseconds=(step + ahead) * STEP_NS).to_msg()
+            jump = 25.0 if fault == "teleport" and ahead >= 5 else 0.0
+            pose.pose.position.x, pose.pose.position.y = at.x + 0.1 * ahead * speed, at.y + jump
+            path.poses.append(pose)
+        return path
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--interface", choices=("twist", "trajectory"), default="twist")
+    parser.add_argument("--topic")
+    parser.add_argument("--reliability", choices=RELIABILITY, default="reliable")
+    parser.add_argument("--fault", choices=FAULTS, default="none")
+    parser.add_argument("--at", type=int, default=12, metavar="STEP")
+    rclpy.init()
+    options = parser.parse_args(remove_ros_args()[1:])
+    options.topic = options.topic or f"/litsim/ego/{options.interface}"
+    rclpy.spin(StandardEgo(options))
+
+
+if __name__ == "__main__":
+    main()

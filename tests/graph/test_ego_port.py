@@ -1,0 +1,178 @@
+"""The ego port over DDS with standard types: it serves, and whatever comes on it harms nothing else."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import deserialize_message
+
+from litsim_policy.rerun import open_record, resimulate
+from litsim_sim.analysis.run import Run, read_run
+from litsim_sim.bag import BagReader
+from litsim_sim.repair import repair
+
+ERROR, WARN = b"\x02", b"\x01"
+COUNTS = {"answered": 36, "late": 0, "stale": 0, "future": 0, "surplus": 0, "invalid": 0, "refused": 0}
+
+
+def launch(graph: Any, *ego: object, launcher: tuple[object, ...] = ()) -> Any:
+    graph.start_script("standard_ego.py", *ego)
+    options = ("--ego", "external", "--policy", "replay", "--out", graph.folder / "run", "--domain-id", graph.domain)
+    return graph.launch("--scenario", graph.scenario(), "--answer-timeout", 1.5, *options, *launcher)
+
+
+def lockstep(graph: Any) -> dict[str, Any]:
+    return json.loads((graph.folder / "run/metrics.json").read_text())["lockstep"]
+
+
+def said(bag: Path) -> list[tuple[bytes, str]]:
+    """Level and text of what the port said on /diagnostics, from the record."""
+    arrays = [deserialize_message(m.data, DiagnosticArray) for m in BagReader(bag).messages(["/diagnostics"])]
+    found = [status for array in arrays for status in array.status if status.name == "litsim: ego port"]
+    return [(status.level, status.message) for status in found if status.message]
+
+
+def ego(run: Run, field: str) -> np.ndarray:
+    return np.array([getattr(table, field)[table.row(run.info.ego_id)] for table in run.tables])
+
+
+@pytest.mark.parametrize(
+    ("interface", "vehicle"), [("twist", ()), ("trajectory", ("--vehicle", "delay_s=0.1", "lag_s=0.2"))]
+)
+def test_it_is_driven_recorded_and_run_again(graph: Any, interface: str, vehicle: tuple[str, ...]) -> None:
+    done = launch(graph, "--interface", interface, launcher=vehicle)
+    assert done.returncode == 0, done.stderr
+    line = "waiting for an external ego to answer on /litsim/ego/control or /litsim/ego/twist or /litsim/ego/trajectory"
+    assert f"in ROS_DOMAIN_ID {graph.domain}\n{line}\n" in done.stdout
+    bag = graph.folder / "run"
+    port = lockstep(graph)["ego_port"]
+    assert {name: port[name] for name in COUNTS} == COUNTS
+    assert port["interface"] == interface
+    run = read_run(bag)
+    assert sorted(run.ego_commands) == list(range(36))
+    assert ego(run, "speed") == pytest.approx(np.full(36, 15.0), abs=0.01)
+    count = Counter(message.topic for message in BagReader(bag).messages())
+    assert count[f"/litsim/ego/{interface}"] == count["/litsim/ego/applied"] == 36
+    with open_record(bag) as record:
+        assert record.scenario.vehicle.delay_s == (0.1 if vehicle else 0.0)
+        again = resimulate(record)
+    assert (again.steps, again.computed) == (36, again.recorded)
+    mended = repair(bag, graph.folder / "mended")
+    assert mended.lost == []
+    assert mended.messages == count
+
+
+@pytest.mark.parametrize(
+    ("on_invalid", "fault", "interface", "why"),
+    [
+        ("stop", "nan", "twist", "twist.linear.x is nan, expected a finite value"),
+        ("hold", "nan", "trajectory", "pose 0 is not finite: nan, "),
+        ("hold", "teleport", "trajectory", "it jumps by 25.0 m within 0.1 s up to 1.7 s, expected at most "),
+        ("stop", "frame", "trajectory", "frame_id is 'odom', expected 'map'"),
+        ("hold", "frame", "twist", "frame_id is 'odom', expected that of the ego's body"),
+    ],
+)
+def test_an_answer_that_is_no_use(graph: Any, on_invalid: str, fault: str, interface: str, why: str) -> None:
+    done = launch(graph, "--interface", interface, "--fault", fault, launcher=("--on-invalid", on_invalid))
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert any(level == ERROR and f"cannot be used: {why}" in text for level, text in said(graph.folder / "run"))
+    run = read_run(graph.folder / "run")
+    assert run.complete
+    if on_invalid == "stop":
+        assert f"error: the answer to step 12 on /litsim/ego/{interface} cannot be used: {why}" in done.stderr
+        assert run.tables[-1].step == 12
+    else:
+        assert "the run is not valid: 1 answers of the ego could not be used" in done.stderr
+        port = lockstep(graph)["ego_port"]
+        assert {name: port[name] for name in COUNTS} == COUNTS | {"answered": 35, "invalid": 1}
+        assert ego(run, "speed") == pytest.approx(np.full(36, 15.0), abs=0.01)
+    recorded = [m.log_time_ns // 10**8 for m in BagReader(graph.folder / "run").messages([f"/litsim/ego/{interface}"])]
+    assert recorded == list(range(run.tables[-1].step + 1))
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind", "level", "words"),
+    [
+        ("stale", "stale", WARN, "the message stamped 0.70 s, at 1.2 s, is stale"),
+        ("future", "future", WARN, "the message stamped 101.20 s, at 1.2 s, is of the future"),
+        ("flood", "surplus", WARN, "more answers to step "),
+        ("other_type", "refused", ERROR, "/litsim/ego/trajectory: ignored, /litsim/ego/twist is in use"),
+    ],
+)
+def test_what_is_not_asked_for_is_counted_and_changes_nothing(
+    graph: Any, fault: str, kind: str, level: bytes, words: str
+) -> None:
+    done = launch(graph, "--fault", fault)
+    assert done.returncode == 0, done.stderr
+    counted = lockstep(graph)
+    assert (counted["missed"], counted["gaps"]) == (0, 0)
+    assert counted["ego_port"][kind] > 0
+    assert counted["ego_port"]["answered"] == 36
+    assert any(found == level and words in text for found, text in said(graph.folder / "run"))
+    run = read_run(graph.folder / "run")
+    assert ego(run, "speed") == pytest.approx(np.full(36, 15.0), abs=0.01)
+    times = [message.log_time_ns for message in BagReader(graph.folder / "run").messages()]
+    assert max(times) == 35 * 10**8  # a stamp of another time does not lengthen the record
+    per_step = Counter(
+        message.log_time_ns for message in BagReader(graph.folder / "run").messages(["/litsim/ego/twist"])
+    )
+    assert max(per_step.values()) <= 20
+
+
+@pytest.mark.parametrize(
+    ("fault", "silent"), [("silence", "is it running in "), ("leaving", "its publisher has left)")]
+)
+def test_silence_ends_the_run(graph: Any, fault: str, silent: str) -> None:
+    done = launch(graph, "--fault", fault)
+    assert done.returncode == 1
+    error = f"error: no answer to step 12 on /litsim/ego/twist within 1.5 s; silent: the external ego ({silent}"
+    assert error in done.stderr
+    assert (WARN, "waiting for /litsim/ego/twist") in said(graph.folder / "run")
+    assert BagReader(graph.folder / "run").complete
+
+
+@pytest.mark.parametrize("interface", ["twist", "trajectory"])
+def test_an_ego_that_died_is_held(graph: Any, interface: str) -> None:
+    launcher = ("--on-missing", "hold", "--answer-timeout", 0.3)
+    done = launch(graph, "--interface", interface, "--fault", "death", "--at", 20, launcher=launcher)
+    assert done.returncode == 1
+    assert f"the run is not valid: 16 answers missed on /litsim/ego/{interface}" in done.stderr
+    run = read_run(graph.folder / "run")
+    assert sorted(run.ego_commands) == list(range(36))
+    assert ego(run, "speed") == pytest.approx(np.full(36, 15.0), abs=0.01)  # its last trajectory is 2 s long
+
+
+def test_in_real_time_late_answers_are_held(graph: Any) -> None:
+    done = launch(graph, "--interface", "trajectory", "--fault", "late", launcher=("--mode", "realtime"))
+    counted = lockstep(graph)
+    assert done.returncode == 1
+    assert counted["missed_by_topic"]["/litsim/ego/trajectory"] >= 1
+    assert counted["ego_port"]["late"] >= 1
+    run = read_run(graph.folder / "run")
+    assert ego(run, "speed") == pytest.approx(np.full(36, 15.0), abs=0.05)
+    assert ego(run, "y") == pytest.approx(np.full(36, ego(run, "y")[0]), abs=0.01)
+
+
+def test_topics_are_remapped_from_a_namespace(graph: Any) -> None:
+    ros = ("--ros-args", "-r", "__ns:=/stack", "-r", "cmd:=/litsim/ego/twist")
+    done = launch(graph, "--topic", "cmd", *ros)
+    assert done.returncode == 0, done.stderr
+    assert lockstep(graph)["ego_port"]["answered"] == 36
+
+
+def test_topics_are_remapped_at_the_bridge(graph: Any) -> None:
+    graph.start_script("standard_ego.py", "--topic", "cmd", "--ros-args", "-r", "__ns:=/stack")
+    remapping = ("-r", "/litsim/ego/twist:=/stack/cmd")
+    recorder = graph.start_node("litsim_sim", "recorder", *remapping, output=graph.folder / "run")
+    parameters = {"scenario": graph.scenario(), "ego": "external", "policy": "replay", "progress": "none"}
+    bridge = graph.start_node("litsim_sim", "bridge", *remapping, **parameters)
+    assert graph.finish(bridge).returncode == 0
+    assert graph.finish(recorder).returncode == 0
+    assert read_run(graph.folder / "run").summary["ego_port"]["answered"] == 36

@@ -1,0 +1,73 @@
+"""The example of the documentation drives the demo's ego, in an environment that knows nothing of LitSim."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from litsim_sim.analysis.run import read_run
+from litsim_sim.scene import Controller
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples/minimal_ads.py"
+
+
+def bare_environment() -> dict[str, str]:
+    """The environment of ROS 2 alone: whatever lies below a prefix that holds LitSim is taken out of every path."""
+    ours = [prefix for prefix in os.environ["AMENT_PREFIX_PATH"].split(":") if Path(prefix).name.startswith("litsim_")]
+    roots = {Path(prefix).parents[0] for prefix in ours} | {ROOT / "src", ROOT / "build", ROOT / "install"}
+    kept = dict(os.environ)
+    for name in ("PYTHONPATH", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "CMAKE_PREFIX_PATH", "COLCON_PREFIX_PATH"):
+        parts = [part for part in os.environ.get(name, "").split(":") if part]
+        outside = [
+            part for part in parts if "litsim_" not in part and not any(Path(part).is_relative_to(r) for r in roots)
+        ]
+        kept[name] = ":".join(outside)
+    return kept
+
+
+def test_the_documentation_shows_the_example() -> None:
+    text = (ROOT / "docs/ego-interface.md").read_text()
+    assert f"```python\n{EXAMPLE.read_text()}```\n" in text
+
+
+@pytest.mark.parametrize("package", ["litsim_msgs", "litsim_sim", "litsim_policy"])
+def test_its_environment_does_not_know_us(package: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", f"import rclpy, nav_msgs.msg\nimport {package}"]
+    done = subprocess.run(command, env=bare_environment(), cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert f"ModuleNotFoundError: No module named '{package}'" in done.stderr
+
+
+@pytest.mark.parametrize("interface", ["twist", "trajectory"])
+def test_it_drives_the_demo(graph: Any, interface: str) -> None:
+    environment = bare_environment() | {
+        "ROS_DOMAIN_ID": str(graph.domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    bag = graph.folder / "run"
+    with subprocess.Popen([sys.executable, str(EXAMPLE), interface], env=environment, cwd=graph.folder) as ads:
+        try:
+            options = ("--ego", "external", "--policy", "litsim", "--out", bag, "--domain-id", graph.domain)
+            done = graph.launch("--scenario", "demo", *options)
+            assert done.returncode == 0, done.stderr
+            assert ads.wait(timeout=10) == 0  # it has heard that the run is over
+        finally:
+            ads.kill()
+    metrics = json.loads((bag / "metrics.json").read_text())
+    assert (metrics["valid"], metrics["steps"]) == (True, 280)
+    port = metrics["lockstep"]["ego_port"]
+    assert (port["interface"], port["answered"], port["invalid"], port["late"]) == (interface, 281, 0, 0)
+    assert metrics["collision"]["ego_at_fault"] == 0
+    run = read_run(bag)
+    egos = [table.take(table.id == run.info.ego_id) for table in run.tables[run.info.history_steps :]]
+    assert all((ego.controller == Controller.EGO).all() and len(ego) == 1 for ego in egos)
+    last, logged = egos[-1], run.log[-1]
+    away = logged.x[logged.row(run.info.ego_id)] - last.x[0]
+    assert abs(away) > 1.0  # it does not follow the log
+    assert max(float(ego.speed[0]) for ego in egos[30:]) <= 12.2
