@@ -1,9 +1,13 @@
-"""Agent tables and scenarios made by hand, for every test."""
+"""Agent tables and scenarios made by hand, and a client of Foxglove's servers, for every test."""
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Callable
+import struct
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +33,9 @@ settings.load_profile("litsim")
 
 LANE_CENTRES = tuple(-3.66 * (lane + 0.5) for lane in range(5))
 """y of the through lanes of the packaged net us101_like, leftmost first [m]; they run along +x from 0 to 640 m."""
+
+PATIENCE_S = 20.0  # for what takes a moment
+FOXGLOVE_MESSAGE, FOXGLOVE_TIME = 1, 2  # first byte of binary messages to a client
 
 USUAL_AGENT: dict[str, Any] = {
     "kind": 0,
@@ -123,3 +130,64 @@ def make_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Sce
         return Scenario.load(folder / "made.yaml")
 
     return make
+
+
+class FoxgloveClient:
+    """Speaks Foxglove's WebSocket protocol (foxglove.sdk.v1), as far as tests need it.
+
+    Attributes:
+        channels: what the server has advertised, by topic.
+    """
+
+    def __init__(self, socket: Any) -> None:
+        self._socket = socket
+        self._arrived: list[tuple[str, int, bytes]] = []
+        self._topics: dict[int, str] = {}
+        self.channels: dict[str, dict[str, Any]] = {}
+        self.wait(lambda: self.channels)
+
+    def subscribe(self, *topics: str) -> None:
+        """Ask for topics; subscription ids are those of the channels."""
+        ids = [self.channels[topic]["id"] for topic in topics]
+        self._topics |= dict(zip(ids, topics, strict=True))
+        asked = [{"id": each, "channelId": each} for each in ids]
+        self._socket.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
+
+    def receive(self) -> tuple[str, int, bytes]:
+        """The next message: topic (or `time`), its time [ns], its data."""
+        self.wait(self.arrived)
+        return self._arrived.pop(0)
+
+    def arrived(self) -> bool:
+        """Whether there is a next message."""
+        return bool(self._arrived)
+
+    def wait(self, done: Callable[[], object]) -> None:
+        """Listen until `done`."""
+        end = time.monotonic() + PATIENCE_S
+        while not done():
+            assert time.monotonic() < end, "the server keeps silent"
+            self._listen()
+
+    def _listen(self) -> None:
+        try:
+            data = self._socket.recv(timeout=0.05)
+        except TimeoutError:
+            return
+        if isinstance(data, str):
+            said = json.loads(data)
+            self.channels |= {each["topic"]: each for each in said.get("channels", ())}
+        elif data[0] == FOXGLOVE_MESSAGE:
+            subscription, time_ns = struct.unpack_from("<IQ", data, 1)
+            self._arrived.append((self._topics[subscription], time_ns, data[13:]))
+        elif data[0] == FOXGLOVE_TIME:
+            self._arrived.append(("time", struct.unpack_from("<Q", data, 1)[0], b""))
+
+
+@pytest.fixture
+def foxglove_client() -> Iterator[Callable[[str], FoxgloveClient]]:
+    """Makes clients, and lets them go."""
+    client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
+    how = {"subprotocols": ["foxglove.sdk.v1"], "max_size": None, "open_timeout": PATIENCE_S}
+    with ExitStack() as stack:
+        yield lambda url: FoxgloveClient(stack.enter_context(client.connect(url, **how)))

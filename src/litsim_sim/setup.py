@@ -6,7 +6,8 @@ from setuptools import find_packages, setup
 
 NAME = "litsim_sim"
 # Files that code opens with importlib.resources; configurations, scenarios, nets and what they embed.
-DATA = [f"**/*.{ending}" for ending in ("css", "html", "js", "json", "parquet", "pt", "xml", "xml.gz", "yaml")]
+ENDINGS = ("css", "html", "js", "json", "parquet", "safetensors", "xml", "xml.gz", "yaml")
+DATA = [f"**/*.{ending}" for ending in ENDINGS]
 # Folders beside the package that are installed into its share folder, where `ros2 launch` and --params-file look.
 SHARED = ("config", "launch")
 
@@ -35,6 +36,7 @@ setup(
             "report = litsim_sim.cli.report:main",
             "replay = litsim_sim.cli.replay:main",
             "compare = litsim_sim.cli.compare:main",
+            "live = litsim_sim.cli.live:main",
             "data = litsim_sim.cli.data:main",
         ],
     },

@@ -17,6 +17,7 @@ from litsim_sim.log import Log
 from litsim_sim.recording import STEP_S, Recording, RecordingHeader
 from litsim_sim.scenario import Scenario, packaged, packaged_scenarios
 from litsim_sim.scene import ARRAY_FIELDS, DTYPES, Controller
+from litsim_sim.vehicle import VehicleModel
 
 DATA = Path(os.environ.get("LITSIM_DATA") or Path(__file__).parents[2] / ".." / "shared" / "data")
 EMBEDDED = load_recording(packaged("scenarios/us101_like.parquet"))
@@ -127,6 +128,9 @@ def test_overrides(demo: Scenario) -> None:
     assert (other.ego_id, other.seed, other.roi_m) == (13, 5, 20.0)
     assert Scenario.from_yaml(other.to_yaml(), "x").file == other.file
     assert other.file == demo.file.model_copy(update={"ego": 13, "seed": 5, "roi_m": 20.0})
+    slow = Scenario.load("demo", vehicle={"delay_s": 0.2})
+    assert (slow.vehicle.delay_s, demo.vehicle) == (0.2, VehicleModel())
+    assert Scenario.from_yaml(slow.to_yaml(), "x").vehicle == slow.vehicle
     with pytest.raises(InputError, match="field egoo: Extra inputs are not permitted"):
         Scenario.load("demo", egoo=1)
 
@@ -201,6 +205,9 @@ def test_malformed_yaml(tmp_path: Path, text: str, message: str) -> None:
         ({"start_frame": 81}, "start_frame is 81, expected one of 0 to 80"),
         ({"start_frame": 50}, "recording is too short: 30 steps"),
         ({"recording": "absent.parquet"}, "field recording: "),
+        ({"vehicle": {"delay_s": 0.25}}, "field vehicle: Value error, delay_s is 0.25, expected a multiple of 0.1 s"),
+        ({"vehicle": {"wheels": 4}}, "field vehicle: Value error, wheels is unknown, expected some of "),
+        ({"vehicle": {"lag_s": "much"}}, "field vehicle.lag_s: Input should be a valid number"),
     ],
 )
 def test_fields_that_do_not_fit(tmp_path: Path, fields: dict[str, Any], change: dict[str, Any], message: str) -> None:
@@ -278,3 +285,9 @@ def test_yaw_rate_does_not_jump_where_the_heading_wraps() -> None:
     assert (log.first_step.tolist(), log.last_step.tolist()) == ([0, 2], [4, 2])
     assert log.yaw_rate[0, 1] == pytest.approx((yaw[1] - yaw[0]) / STEP_S)
     assert (log.row(4), log.row(9), log.row(5), log.row(10)) == (0, 1, -1, -1)
+
+
+def test_of_the_vehicle_only_what_is_given_is_replaced(tmp_path: Path, fields: dict[str, Any]) -> None:
+    path = saved(tmp_path, fields | {"vehicle": {"jerk_max": 10.0, "lag_s": 0.3}})
+    assert Scenario.load(path, vehicle={"lag_s": 0.1}).vehicle == VehicleModel(jerk_max=10.0, lag_s=0.1)
+    assert Scenario.load(path).vehicle == VehicleModel(jerk_max=10.0, lag_s=0.3)

@@ -604,3 +604,35 @@ def test_invariants_under_any_answers(three: Scenario, given_answers: list[Any])
         for i, j in overlapping_pairs(*boxes):
             contacts.setdefault((int(table.id[i]), int(table.id[j])), table.step)
     assert world.contacts == contacts
+
+
+# The ego's vehicle
+
+
+def test_the_ego_has_a_vehicle_of_its_own_and_nobody_else_notices(make_scenario: Any, track: Any) -> None:
+    tracks = (track(EGO, x=100.0, speed=10.0, last=100), track(OTHER, x=150.0, speed=10.0, last=100))
+    made = {
+        name: make_scenario(*tracks, history_steps=HISTORY, vehicle=values)
+        for name, values in (("usual", {}), ("weak", {"deceleration_max": 1.5, "curvature_max": 0.005}))
+    }
+    ends = {}
+    for name, scenario in made.items():
+        world = World(scenario)
+        table = advance(world, world.reset(), HISTORY)[-1]
+        ends[name] = advance(world, table, 10, {OTHER: (-4.0, 0.3)}, ego=(-4.0, 0.3))[-1]
+    assert value(ends["usual"], EGO, "acceleration") == pytest.approx(-4.0)
+    assert value(ends["weak"], EGO, "acceleration") == pytest.approx(-1.5)
+    assert value(ends["weak"], EGO, "yaw_rate") == pytest.approx(0.005 * 8.575)
+    for field in set(ARRAY_FIELDS) - {"controller"}:
+        assert value(ends["usual"], OTHER, field) == value(ends["weak"], OTHER, field), field
+
+
+def test_dead_time_begins_with_what_the_ego_did_and_anew_after_its_log(make_scenario: Any, track: Any) -> None:
+    tracks = [track(EGO, x=100.0, speed=10.0, last=100)]
+    world = World(make_scenario(*tracks, history_steps=HISTORY, vehicle={"delay_s": 0.2}))
+    table = advance(world, world.reset(), HISTORY)[-1]
+    for _ in range(2):
+        driven = advance(world, table, 5, ego=(-2.0, 0.0))
+        assert [value(t, EGO, "acceleration") for t in driven[2:]] == pytest.approx([-2.0] * 3)
+        assert value(driven[0], EGO, "acceleration") == value(driven[1], EGO, "acceleration") != -2.0
+        table = advance(world, driven[-1], 40)[-1]

@@ -33,7 +33,7 @@ ROSBAG2_RECORD = "rosbag2"
 CHUNK_BYTES = 256 * 1024  # before compression
 CHUNK_SPAN_NS = 1_000_000_000  # of simulation time that a chunk may hold
 RECORD_BYTES = 31  # of an MCAP message record around its data
-DERIVED_FILES = ("metrics.json", "overview.png", "report.html")
+DERIVED_FILES = ("metrics.json", "series.parquet", "takeovers.parquet", "overview.png", "report.html")
 """What is computed from a bag and is out of date once the bag is overwritten."""
 
 

@@ -16,7 +16,7 @@ from litsim_sim.analysis.metrics import compute_metrics, write_metrics
 from litsim_sim.analysis.plots import telling_moment
 from litsim_sim.analysis.run import StageState, Status, TopicGaps
 from litsim_sim.analysis.timing import timing
-from litsim_sim.cli.analyze import analyze, main, print_metrics
+from litsim_sim.cli.analyze import FILES, analyze, main, print_metrics
 from litsim_sim.scene import Controller
 
 Make = Callable[..., Any]
@@ -125,9 +125,10 @@ def test_analyze_writes_beside_the_bag_and_prints(
     header = (folder / "overview.png").read_bytes()[:24]
     assert header[:4] == b"\x89PNG"
     assert int.from_bytes(header[16:20], "big") == 1600
-    main([str(folder / "run_0.mcap"), "--json", str(tmp_path / "m.json"), "--plot", str(tmp_path / "p.png")])
-    assert json.loads((tmp_path / "m.json").read_text()) == metrics
-    assert (tmp_path / "p.png").stat().st_size > 20_000
+    main([str(folder / "run_0.mcap"), "--out", str(tmp_path / "else/where")])
+    assert {path.name for path in (tmp_path / "else/where").iterdir()} == set(FILES)
+    assert json.loads((tmp_path / "else/where/metrics.json").read_text()) == metrics
+    assert (tmp_path / "else/where/overview.png").stat().st_size > 20_000
     out = capsys.readouterr().out
     assert "ADE all" in out
     assert metrics["digest"][:16] in out
@@ -144,14 +145,17 @@ def test_errors_are_one_line_and_status_2(tmp_path: Path, capsys: pytest.Capture
     assert captured.out == ""
 
 
+@pytest.mark.parametrize("name", [*FILES, "file"])
 def test_output_that_cannot_be_written_is_named(
-    run: Any, write_run: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, run: Any, write_run: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = write_run(run, tmp_path / "bag")
+    (folder / name).mkdir() if name in FILES else (folder / name).touch()
     with pytest.raises(SystemExit) as stop:
-        main([str(folder), "--json", str(tmp_path / "no/m.json")])
+        main([str(folder), *([] if name in FILES else ["--out", str(folder / name)])])
     assert stop.value.code == 2
-    assert "no/m.json: cannot be written" in capsys.readouterr().err
+    assert f"error: {folder / name}: cannot be written: " in capsys.readouterr().err
+    assert not [path for path in folder.iterdir() if path.name.startswith(".")]
 
 
 def test_bare_runs_can_be_drawn_and_printed(table: Make, make_run: Make, write_run: Make, tmp_path: Path) -> None:

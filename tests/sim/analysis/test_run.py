@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 import yaml
 
 from litsim_sim.analysis.metrics import digest
-from litsim_sim.analysis.run import Takeover, TakeoverReason, TakeoverState, TopicGaps, read_run
+from litsim_sim.analysis.run import Takeover, TakeoverReason, TakeoverState, TopicGaps, _takeover, read_run
 from litsim_sim.bag import BagWriter, qos_yaml
 from litsim_sim.errors import InputError
 from litsim_sim.scene import ARRAY_FIELDS, Controller, ControlTable, EgoCommand, EgoMode
@@ -81,6 +82,17 @@ def test_takeovers_survive(run: Any, write_run: Make, tmp_path: Path) -> None:
     assert np.array_equal(found.reference_path, given.reference_path)
     rest = [name for name in vars(given) if name != "reference_path"]
     assert [getattr(found, n) for n in rest] == [getattr(given, n) for n in rest]
+
+
+def test_takeovers_of_older_records_lack_what_is_new(run: Any) -> None:
+    (given,) = run.takeovers[4]
+    old = {name: value for name, value in vars(given).items() if name not in ("path_source", "time_shift")}
+    old |= {name: SimpleNamespace(x=1.0, y=2.0, theta=0.5) for name in ("conflict_pose", "goal_pose")}
+    found = _takeover(SimpleNamespace(**old))
+    assert (found.path_source, found.time_shift, found.agent) == (0, 0.0, given.agent)
+    del old["agent"]
+    with pytest.raises(AttributeError, match="agent"):
+        _takeover(SimpleNamespace(**old))
 
 
 def test_gaps_are_found(run: Any, write_run: Make, tmp_path: Path) -> None:

@@ -5,11 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
-from litsim_sim.analysis.safety import encroachments, following, safety_series, time_to_collision
+from litsim_sim.analysis.safety import following, safety_series, times_to_collision
 
 Make = Callable[..., Any]
+
+
+def time_to_collision(table: Any, row: int) -> float:
+    (ttc,) = times_to_collision(table, np.array([row]))
+    return float(ttc)
 
 
 def behind(table: Make, gap: float, speed: float, leader_speed: float, **leader: Any) -> Any:
@@ -50,9 +56,20 @@ def test_ttc_of_a_crossing(table: Make) -> None:
 
 
 def test_headway_and_drac(table: Make) -> None:
-    headway, drac = following(behind(table, 20.0, 10.0, 5.0), 0)
-    assert headway == pytest.approx(2.0)
-    assert drac == pytest.approx(25.0 / 40.0)
+    found = following(behind(table, 20.0, 10.0, 5.0), np.array([0, 1]))
+    assert found.leader.tolist() == [1, -1]
+    assert found.gap.tolist() == [pytest.approx(20.0), np.inf]
+    assert found.closing.tolist() == [5.0, 0.0]
+    assert found.headway.tolist() == [pytest.approx(2.0), np.inf]
+    assert found.drac.tolist() == [pytest.approx(25.0 / 40.0), 0.0]
+    assert found.time_to_leader.tolist() == [pytest.approx(4.0), np.inf]
+
+
+def test_leader_in_contact(table: Make) -> None:
+    found = following(behind(table, -1.0, 10.0, 5.0), np.array([0]))
+    assert (found.gap[0], found.headway[0], found.drac[0], found.time_to_leader[0]) == (0.0, 0.0, np.inf, 0.0)
+    found = following(behind(table, -1.0, 5.0, 5.0), np.array([0]))
+    assert (found.gap[0], found.drac[0], found.time_to_leader[0]) == (0.0, 0.0, np.inf)
 
 
 def test_nearest_of_two_leaders_counts_and_neighbours_do_not(table: Make) -> None:
@@ -63,8 +80,22 @@ def test_nearest_of_two_leaders_counts_and_neighbours_do_not(table: Make) -> Non
         {"id": 3, "x": 24.0, "y": 0.0},
         {"id": 4, "x": 9.0, "y": 3.5},
     )
-    assert following(scene, 0) == (pytest.approx(2.0), 0.0)
-    assert following(scene, 1) == (float("inf"), 0.0)  # nobody ahead
+    found = following(scene, np.arange(4))
+    assert found.leader.tolist() == [2, -1, 1, -1]
+    assert found.headway[0] == pytest.approx(2.0)
+
+
+def test_all_at_once_is_one_by_one(table: Make) -> None:
+    random = np.random.default_rng(7)
+    columns = ("x", "y", "yaw", "speed")
+    values = random.uniform((-40.0, -10.0, -3.0, 0.0), (40.0, 10.0, 3.0, 20.0), (30, 4))
+    scene = table(0, *({"id": i} | dict(zip(columns, row, strict=True)) for i, row in enumerate(values.tolist())))
+    together, apart = times_to_collision(scene, np.arange(30)), [time_to_collision(scene, row) for row in range(30)]
+    assert together.tolist() == apart
+    assert 0 < np.isfinite(together).sum() < 30
+    assert following(scene, np.arange(30)).headway.tolist() == [
+        following(scene, np.array([row])).headway[0] for row in range(30)
+    ]
 
 
 def test_series_covers_the_steps_on_the_road(table: Make) -> None:
@@ -75,26 +106,3 @@ def test_series_covers_the_steps_on_the_road(table: Make) -> None:
     series = safety_series(tables, 1)
     assert series.step.tolist() == [2, 3, 4]
     assert (series.headway[1:] < series.headway[:-1]).all()
-
-
-def test_pet_of_a_crossing(table: Make) -> None:
-    # 1 is at the origin at step 20, 2 crosses it 1.5 s later; boxes 4 x 2 m at 10 m/s
-    tables = [
-        table(k, {"id": 1, "x": k - 20.0, "y": 0.0}, {"id": 2, "x": 0.0, "y": k - 35.0, "yaw": 1.5707963})
-        for k in range(60)
-    ]
-    (found,) = encroachments(tables, 1)
-    # the rear of 1 is past the flank of 2 when 1 is 3 m on, the front of 2 is at the flank of 1 3 m before: 1.5 - 0.6 s
-    assert found.pet == pytest.approx(0.9, abs=0.21)
-    assert (found.agent, found.first) == (2, 1)
-    assert encroachments(tables, 2)[0].first == 1
-
-
-def test_no_pet_in_parallel_lanes_or_much_later(table: Make) -> None:
-    parallel = [table(k, {"id": 1, "x": 1.0 * k, "y": 0.0}, {"id": 2, "x": 1.0 * k, "y": 3.5}) for k in range(30)]
-    assert encroachments(parallel, 1) == []
-    late = [
-        table(k, {"id": 1, "x": k - 20.0, "y": 0.0}, {"id": 2, "x": 0.0, "y": k - 90.0, "yaw": 1.5707963})
-        for k in range(100)
-    ]
-    assert encroachments(late, 1) == []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,14 +15,14 @@ from PIL import Image
 from litsim_sim.analysis.run import Run
 from litsim_sim.cli.report import main
 from litsim_sim.errors import InputError
-from litsim_sim.report.pictures import COLOURS, write_film, write_png
-from litsim_sim.report.tracks import Mode
+from litsim_sim.report.modes import COLOURS, Mode
+from litsim_sim.report.pictures import _ffmpeg, write_film, write_png
 
 
-def has(picture: Image.Image, colour: str) -> bool:
+def has(picture: Image.Image, colour: str, tolerance: int = 8) -> bool:
     wanted = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
     pixels = np.asarray(picture.convert("RGB")).astype(int)[60:]  # below the legend
-    return int((np.abs(pixels - wanted).max(axis=-1) <= 8).sum()) > 50
+    return int((np.abs(pixels - wanted).max(axis=-1) <= tolerance).sum()) > 50
 
 
 def test_png(small_run: Run, tmp_path: Path) -> None:
@@ -48,10 +50,41 @@ def test_steps_that_are_not_there(first: int, last: int, small_run: Run, tmp_pat
         write_film(small_run, tmp_path / "film.gif", first, last, quiet=True)
 
 
+def test_mp4(small_run: Run, tmp_path: Path) -> None:
+    try:
+        program = _ffmpeg(tmp_path / "film.mp4")
+    except InputError as error:
+        pytest.skip(str(error))
+    write_film(small_run, tmp_path / "film.mp4", 20, 40, quiet=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
+    decode = [program, "-nostdin", "-i", str(tmp_path / "film.mp4"), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(decode, capture_output=True, check=True)
+    frames = np.frombuffer(done.stdout, np.uint8).reshape(-1, 480, 1280, 3)
+    assert len(frames) == 11
+    assert "Duration: 00:00:02.20" in done.stderr.decode()
+    assert "h264" in done.stderr.decode()
+    for frame, modes in ((0, {Mode.EGO, Mode.LOG, Mode.POLICY}), (10, {Mode.EGO, Mode.LOG, Mode.HANDBACK})):
+        picture = Image.fromarray(frames[frame])
+        assert {mode for mode, (colour, _) in COLOURS.items() if has(picture, colour, 30)} == modes  # lossy
+
+
 def test_mp4_needs_ffmpeg(small_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("shutil.which", lambda name: None)
-    with pytest.raises(InputError, match="ffmpeg"):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(InputError, match=r"film.mp4: an MP4 needs ffmpeg, .*pip install imageio-ffmpeg"):
         write_film(small_run, tmp_path / "film.mp4", quiet=True)
+
+
+def test_ffmpeg_that_fails_is_named_and_leaves_nothing(
+    small_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = tmp_path / "ffmpeg"
+    broken.write_text("#!/bin/sh\ncat >/dev/null\nexit 7\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr("shutil.which", lambda name: str(broken))
+    with pytest.raises(InputError, match=r"film.mp4: cannot be written: .*ffmpeg ended with exit status 7"):
+        write_film(small_run, tmp_path / "film.mp4", 20, 24, quiet=True)
+    assert list(tmp_path.iterdir()) == [broken]
 
 
 @pytest.mark.parametrize("words", [[], ["bag", "--experiment", "x"], ["nowhere"], ["bag", "--png", "a.jpg"]])

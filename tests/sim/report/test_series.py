@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from litsim_sim.analysis.run import Run
-from litsim_sim.report.series import TTC_MAX, counts, deviations, speeds, times_to_collision
-from litsim_sim.report.tracks import Mode, collect, ghosts_of, tracks_of
+from litsim_sim.report.modes import Mode
+from litsim_sim.report.series import TTC_MAX, counts, deviations, speeds, times_to_leader
+from litsim_sim.report.tracks import collect, ghosts_of, tracks_of
 from litsim_sim.scene import Controller
 
 Make = Callable[..., Any]
@@ -67,7 +68,7 @@ def test_time_to_collision(small_run: Run, agent_table: Make) -> None:
         ([], np.nan),
     ]
     tables = [agent_table(k, ego, *others) for k, (others, _) in enumerate(cases)]
-    found, others = times_to_collision(replace(small_run, tables=tables), 0, len(cases))
+    found, others = times_to_leader(replace(small_run, tables=tables), 0, len(cases))
     assert found == pytest.approx([expected for _, expected in cases], nan_ok=True)
     assert np.isnan(others).all()
     assert TTC_MAX < 59.0

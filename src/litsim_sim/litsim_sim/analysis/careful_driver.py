@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.analysis.safety import time_to_collision
+from litsim_sim.analysis.safety import times_to_collision
 from litsim_sim.geometry import boxes_overlap, to_body
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scene import AgentTable
@@ -85,7 +85,7 @@ def _risky(table: AgentTable, ego: int, agent: int, lane_map: LaneMap | None) ->
     """Whether the driver sees that `agent` is a risk."""
     pair = table.take(np.isin(table.id, [ego, agent]))
     e, a = pair.row(ego), pair.row(agent)
-    if time_to_collision(pair, e) <= TTC_S:
+    if times_to_collision(pair, np.array([e]))[0] <= TTC_S:
         return True
     if lane_map is None:
         return False

@@ -6,11 +6,13 @@ import tempfile
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from litsim_sim.analysis.collision import InLane
 from litsim_sim.analysis.run import NET_FILE, Run
 from litsim_sim.errors import InputError
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scene import AgentTable
+from litsim_sim.scene import AgentTable, Controller
 
 
 def lane_map_of(run: Run) -> LaneMap | None:
@@ -33,6 +35,17 @@ def in_lane_of(run: Run) -> InLane | None:
         return lane_map is not None and bool(lane_map.inside_lane(one.x, one.y, one.yaw, one.length, one.width)[0])
 
     return in_lane if run.net_xml else None
+
+
+def off_road_controlled(run: Run) -> float | None:
+    """Share of the agent-steps under control at which the box centre is on no lane; None without any, or a net."""
+    lane_map = lane_map_of(run)
+    driven = [
+        table.take((table.controller == Controller.POLICY) | (table.controller == Controller.BASELINE))
+        for table in run.simulated
+    ]
+    x, y = (np.concatenate([getattr(table, name) for table in driven] or [np.empty(0)]) for name in ("x", "y"))
+    return float(np.mean(~lane_map.inside_road(x, y))) if lane_map is not None and len(x) else None
 
 
 @lru_cache(maxsize=2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from litsim_sim.analysis.run import Run, StageState, TopicGaps
 
@@ -15,18 +16,25 @@ class Lockstep:
         missed: number of steps at which the bridge held an answer of before, by topic.
         gaps: topics with missing, duplicated or unordered steps.
         problems: everything that makes the run invalid, in words; empty for a valid one.
+        port: what became of the messages of the ego, by :data:`litsim_sim.ego_port.COUNTS`, and their `interface`;
+            empty where the ego was not driven over topics.
     """
 
     missed: dict[str, int]
     gaps: dict[str, TopicGaps]
     problems: tuple[str, ...]
+    port: dict[str, Any]
 
 
 def lockstep(run: Run) -> Lockstep:
     """Check a run for missing answers, gaps in the record, and its end."""
     missed = {str(topic): int(n) for topic, n in (run.summary.get("missed") or {}).items()}
     gaps = {topic: found for topic, found in run.gaps.items() if found}
-    return Lockstep(missed, gaps, tuple(_problems(run, missed, gaps)))
+    problems = _problems(run, missed, gaps)
+    port = dict(run.summary.get("ego_port") or {})
+    if port.get("invalid"):
+        problems.append(f"{port['invalid']} answers of the ego could not be used")
+    return Lockstep(missed, gaps, tuple(problems), port)
 
 
 def _problems(run: Run, missed: dict[str, int], gaps: dict[str, TopicGaps]) -> list[str]:

@@ -13,15 +13,19 @@ from litsim_sim.analysis.careful_driver import careful_driver
 from litsim_sim.analysis.collision import Collisions, collisions
 from litsim_sim.analysis.comfort import comfort
 from litsim_sim.analysis.displacement import Displacements, displacements
-from litsim_sim.analysis.lanes import in_lane_of, lane_map_of
+from litsim_sim.analysis.ego import ego_motion
+from litsim_sim.analysis.encroachment import encroachments
+from litsim_sim.analysis.lanes import in_lane_of, lane_map_of, off_road_controlled
 from litsim_sim.analysis.lockstep import Lockstep, lockstep
 from litsim_sim.analysis.progress import mean_progress
 from litsim_sim.analysis.realism import realism
 from litsim_sim.analysis.run import Run
-from litsim_sim.analysis.safety import TTC_CRITICAL_S, encroachments, safety_series
-from litsim_sim.analysis.takeover import Handback, Jump, LedgerEntry, handbacks, ledger
+from litsim_sim.analysis.safety import TTC_CRITICAL_S, safety_series
+from litsim_sim.analysis.tables import ledger_row
+from litsim_sim.analysis.takeover import Handback, Jump, handbacks, ledger
 from litsim_sim.analysis.timing import Timing, timing
 from litsim_sim.digest import RunDigest
+from litsim_sim.files import replacing
 from litsim_sim.scene import ARRAY_FIELDS
 
 METRICS_FILE = "metrics.json"
@@ -56,6 +60,8 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "ade_controlled_m": _by_horizon(far, far.ade_controlled),
         "ade_all_m": _by_horizon(far, far.ade_all),
         "ade_ego_m": _by_horizon(far, far.ade_ego),
+        "ego_motion": ego_motion(run),
+        "off_road_controlled": off_road_controlled(run),
         "replay_error_max_m": max(far.replay_error().values(), default=None),
         "progress_m": mean_progress(driven),
         "progress_controlled_m": mean_progress(driven, hits.controlled),
@@ -63,7 +69,11 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "relevant_ratio": _share(len(taken & background), len(background)),
         "takeovers": len(entries),
         "false_alarms": sum(entry.false_alarm for entry in entries),
-        "ledger": [_ledger(entry) for entry in entries],
+        "detection": {
+            "max_rounds": max((d.iterations for d in run.detections.values()), default=0),
+            "bound_hits": sum(not d.converged for d in run.detections.values()),
+        },
+        "ledger": [ledger_row(entry) for entry in entries],
         "handback": _handback(back),
         "safety": _safety(run, hits),
         "comfort": _comfort(run, hits),
@@ -85,8 +95,14 @@ def digest(run: Run) -> str:
 
 
 def write_metrics(metrics: dict[str, Any], path: Path) -> None:
-    """Write `metrics` as JSON."""
-    path.write_text(json.dumps(metrics, indent=2, allow_nan=False) + "\n")
+    """Write `metrics` as JSON.
+
+    Raises:
+        InputError: `path` cannot be written.
+    """
+    text = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
+    with replacing(path) as new:
+        new.write_text(text)
 
 
 def _unusable(run: Run) -> list[str]:
@@ -179,27 +195,6 @@ def _mean(values: np.ndarray) -> float | None:
     return float(values.mean()) if len(values) else None
 
 
-def _ledger(entry: LedgerEntry) -> dict[str, Any]:
-    return {
-        "agent": entry.agent,
-        "opponent": entry.opponent,
-        "reason": entry.reason.name.lower(),
-        "detected_step": entry.detected_step,
-        "handback_step": entry.handback_step,
-        "released_step": entry.released_step,
-        "held_s": entry.held_s,
-        "time_to_conflict_s": entry.time_to_conflict,
-        "overlap_probability": entry.overlap_probability,
-        "log_collision_predicted": entry.log_collision_predicted,
-        "replay_would_collide": entry.replay is not None,
-        "replay_step": entry.replay.step if entry.replay else None,
-        "replay_opponent": entry.replay.opponent if entry.replay else None,
-        "false_alarm": entry.false_alarm,
-        "residual_m": entry.residual_position,
-        "residual_mps": entry.residual_speed,
-    }
-
-
 def _handback(back: list[Handback]) -> dict[str, Any]:
     found, noise = Jump(), Jump()
     for each in back:
@@ -223,6 +218,7 @@ def _lockstep(lock: Lockstep) -> dict[str, Any]:
         "missed": sum(lock.missed.values()),
         "gaps": sum(len(g.missing) + len(g.duplicated) + len(g.unordered) for g in lock.gaps.values()),
         "missed_by_topic": lock.missed,
+        "ego_port": lock.port,
     }
 
 

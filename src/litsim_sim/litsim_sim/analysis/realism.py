@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.analysis.safety import TTC_HORIZON_S, time_to_collision
+from litsim_sim.analysis.safety import TTC_HORIZON_S, times_to_collision
 from litsim_sim.geometry import box_corners, overlapping_pairs
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scene import AgentTable, FloatArray
@@ -116,8 +116,7 @@ def _values(
         parts["angular_acceleration"].append(_turn_change(tables, k, table.id[rows], turn, dt))
         parts["distance_to_nearest"].append(_distance_to_nearest(table, rows))
         parts["collision"].append(_colliding(table)[rows].astype(np.float64))
-        ttc = np.array([time_to_collision(table, int(row)) for row in rows])
-        parts["time_to_collision"].append(np.minimum(ttc, TTC_HORIZON_S))
+        parts["time_to_collision"].append(np.minimum(times_to_collision(table, rows), TTC_HORIZON_S))
         if lane_map is not None:
             edge = _distance_to_edge(table, rows, lane_map)
             parts["distance_to_road_edge"].append(edge)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -38,9 +38,10 @@ AGENTS = "/litsim/agents"
 TAKEOVERS = "/litsim/takeovers"
 CONTROLS = "/litsim/controls"
 EGO_CONTROL = "/litsim/ego/control"
+EGO_APPLIED = "/litsim/ego/applied"
 STATUS = "/litsim/status"
 TIMING = "/litsim/timing"
-DECODED = (RUN_INFO, AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL, STATUS, TIMING)
+DECODED = (RUN_INFO, AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
 """Topics whose messages are decoded; of all others only the log times are used."""
 
 RECORDING_FILE = "recording.parquet"
@@ -99,7 +100,8 @@ class RunInfo:
 class Takeover:
     """Why one agent is off its log at one step; fields and units as in ``litsim_msgs/Takeover``.
 
-    Poses are (x [m], y [m], yaw [rad]) in frame map; `reference_path` is (m, 2) in frame map [m].
+    Poses are (x [m], y [m], yaw [rad]) in frame map; `reference_path` is (m, 2) in frame map [m]. Fields with a default
+    are missing in older records.
     """
 
     agent: int
@@ -115,6 +117,16 @@ class Takeover:
     log_collision_predicted: bool
     residual_position: float
     residual_speed: float
+    path_source: int = 0
+    time_shift: float = 0.0
+
+
+@dataclass(frozen=True)
+class Detection:
+    """How conflict detection came to an end at one step: rounds until nothing new was found, or the bound on them."""
+
+    iterations: int
+    converged: bool
 
 
 @dataclass(frozen=True)
@@ -162,8 +174,9 @@ class Run:
         tables: agents of every recorded step, steps ascending.
         log: logged agents of the same steps; empty where the bag holds no recording.
         controls: answer of the policy by step; empty where the log alone moves the background.
-        ego_commands: answer of the ego by step.
+        ego_commands: command of the ego by step: its answer; what the bridge made of it where the ego is external.
         takeovers: who was off the log, by step.
+        detections: how conflict detection ended, by step.
         timing: compute time [s] by stage and step.
         statuses: in order of arrival.
         scenario_yaml: the resolved scenario.
@@ -181,6 +194,7 @@ class Run:
     controls: dict[int, ControlTable] = field(default_factory=dict)
     ego_commands: dict[int, EgoCommand] = field(default_factory=dict)
     takeovers: dict[int, list[Takeover]] = field(default_factory=dict)
+    detections: dict[int, Detection] = field(default_factory=dict)
     timing: dict[str, dict[int, float]] = field(default_factory=dict)
     statuses: list[Status] = field(default_factory=list)
     scenario_yaml: str = ""
@@ -245,6 +259,7 @@ def read_run(path: Path) -> Run:
         controls=content.controls,
         ego_commands=content.ego,
         takeovers=content.takeovers,
+        detections=content.detections,
         timing=content.timing,
         statuses=content.statuses,
         scenario_yaml=scenario_yaml,
@@ -265,6 +280,7 @@ class _Content:
         self.controls: dict[int, ControlTable] = {}
         self.ego: dict[int, EgoCommand] = {}
         self.takeovers: dict[int, list[Takeover]] = {}
+        self.detections: dict[int, Detection] = {}
         self.timing: dict[str, dict[int, float]] = {}
         self.statuses: list[Status] = []
         self._steps: dict[str, list[int]] = {}
@@ -294,14 +310,15 @@ class _Content:
         elif topic == CONTROLS:
             columns = [np.asarray(getattr(message, name), dtype) for name, dtype in CONTROL_FIELDS.items()]
             self.controls.setdefault(step, ControlTable(step, *columns))
-        elif topic == EGO_CONTROL:
+        elif topic == (EGO_APPLIED if self.info is not None and EGO_APPLIED in self.info.topics else EGO_CONTROL):
             command = EgoCommand(step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
             self.ego.setdefault(step, command)
         elif topic == TAKEOVERS:
             self.takeovers.setdefault(step, [_takeover(each) for each in message.takeovers])
+            self.detections.setdefault(step, Detection(int(message.iterations), bool(message.converged)))
         elif topic == TIMING:
             self.timing.setdefault(message.stage, {}).setdefault(step, message.compute_time)
-        else:
+        elif topic == STATUS:
             self.statuses.append(_copy(Status, message, state=StageState(message.state)))
 
 
@@ -325,7 +342,8 @@ _T = TypeVar("_T")
 
 def _copy(kind: type[_T], message: Any, **ready: Any) -> _T:
     """A dataclass from the fields of a message that have its names; those in `ready` are given."""
-    names = [each.name for each in fields(cast("Any", kind)) if each.name not in ready]
+    wanted = [each for each in fields(cast("Any", kind)) if each.name not in ready]
+    names = [each.name for each in wanted if each.default is MISSING or hasattr(message, each.name)]
     values = {name: getattr(message, name) for name in names}
     return kind(**ready, **{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
 

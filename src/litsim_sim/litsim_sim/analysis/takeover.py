@@ -44,6 +44,7 @@ class LedgerEntry:
             the other agents off their logs really went; None where it would have had none.
         residual_position: from the log at the last step of the takeover [m]; None where the log is over by then.
         residual_speed: the same of the speed [m/s].
+        time_shift: by which the log that it went back to was late at the last step of the takeover [s].
     """
 
     agent: int
@@ -59,6 +60,7 @@ class LedgerEntry:
     replay: ReplayContact | None
     residual_position: float | None
     residual_speed: float | None
+    time_shift: float = 0.0
 
     @property
     def false_alarm(self) -> bool:
@@ -199,6 +201,7 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayC
         replay=next(later, None),
         residual_position=last.residual_position if logged else None,
         residual_speed=last.residual_speed if logged else None,
+        time_shift=last.time_shift,
     )
 
 

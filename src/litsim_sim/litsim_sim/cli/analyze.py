@@ -1,4 +1,4 @@
-"""`analyze BAG`: the measures of a recorded run, as a table and as `metrics.json` beside the bag."""
+"""`analyze BAG`: the measures of a recorded run, on the terminal and as files beside the bag."""
 
 from __future__ import annotations
 
@@ -13,19 +13,21 @@ from rich.table import Table
 
 from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics, write_metrics
 from litsim_sim.analysis.run import Run, read_run
+from litsim_sim.analysis.tables import SERIES_FILE, TAKEOVERS_FILE, write_tables
 from litsim_sim.errors import InputError
+from litsim_sim.files import replacing
 
 PLOT_FILE = "overview.png"
+FILES = (METRICS_FILE, SERIES_FILE, TAKEOVERS_FILE, PLOT_FILE)
 NOTHING = "-"
 
 
-def analyze(bag: Path, json_path: Path | None = None, plot_path: Path | None = None) -> dict[str, Any]:
-    """Measure the run in `bag` (folder or MCAP file) and write `metrics.json` and `overview.png` beside it.
+def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
+    """Measure the run in `bag` (folder or MCAP file); write :data:`FILES` beside it, each whole or not at all.
 
     Args:
         bag: of the run.
-        json_path: where the measures go instead.
-        plot_path: where the picture goes instead.
+        out: folder of the files instead; made where it is missing.
 
     Returns:
         the tree of `metrics.json`.
@@ -34,22 +36,23 @@ def analyze(bag: Path, json_path: Path | None = None, plot_path: Path | None = N
         InputError: `bag` is no LitSim run, or the results cannot be written.
     """
     run = read_run(bag)
-    metrics = compute_metrics(run)
-    folder = run.path.parent
-    path = json_path or folder / METRICS_FILE
+    folder = out or run.path.parent
     try:
-        write_metrics(metrics, path)
-        path = plot_path or folder / PLOT_FILE
-        _plot(run, path)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    metrics = compute_metrics(run)
+    write_metrics(metrics, folder / METRICS_FILE)
+    write_tables(run, folder)
+    _plot(run, folder / PLOT_FILE)
     return metrics
 
 
 def _plot(run: Run, path: Path) -> None:
     from litsim_sim.analysis.plots import overview  # matplotlib takes half a second to load
 
-    overview(run, path)
+    with replacing(path) as new:
+        overview(run, new)
 
 
 def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> None:
@@ -106,14 +109,13 @@ def _percent(value: float | None) -> str:
 
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim analyze``."""
-    parser = argparse.ArgumentParser(prog="analyze", description=__doc__)
+    parser = argparse.ArgumentParser(prog="analyze", description=__doc__, epilog=f"Files: {', '.join(FILES)}.")
     parser.add_argument("bag", type=Path, help="folder of a run, or its MCAP file")
-    parser.add_argument("--json", type=Path, metavar="OUT", help=f"default: {METRICS_FILE} beside the bag")
-    parser.add_argument("--plot", type=Path, metavar="PNG", help=f"default: {PLOT_FILE} beside the bag")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="default: beside the bag")
     parser.add_argument("--quiet", action="store_true", help="print nothing")
     arguments = parser.parse_args(argv)
     try:
-        metrics = analyze(arguments.bag, arguments.json, arguments.plot)
+        metrics = analyze(arguments.bag, arguments.out)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -50,7 +50,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim replay``."""
-    words, ros = _split(sys.argv[1:] if argv is None else argv)
+    words, ros = split_arguments(sys.argv[1:] if argv is None else argv)
     p = parser()
     arguments = p.parse_args(words)
     if arguments.repair != (arguments.out is not None):
@@ -103,7 +103,7 @@ def _rerun(arguments: argparse.Namespace) -> NoReturn:
     os.execv(path, words)  # noqa: S606 - a list of words, never through a shell
 
 
-def _split(words: list[str]) -> tuple[list[str], list[str]]:
+def split_arguments(words: list[str]) -> tuple[list[str], list[str]]:
     """Arguments of ours, and those of ROS."""
     at = words.index("--ros-args") if "--ros-args" in words else len(words)
     return words[:at], words[at:]

@@ -12,9 +12,10 @@ from litsim_sim.analysis.run import Run, Takeover
 from litsim_sim.maps.lane_map import Lane
 from litsim_sim.recording import Kind
 from litsim_sim.report.forecasts import Forecasts
+from litsim_sim.report.modes import Mode
 from litsim_sim.report.packing import Packer
-from litsim_sim.report.series import counts, deviations, speeds, times_to_collision
-from litsim_sim.report.tracks import Mode, Tracks, ghosts_of, tracks_of
+from litsim_sim.report.series import counts, deviations, speeds, times_to_leader
+from litsim_sim.report.tracks import Tracks, ghosts_of, tracks_of
 from litsim_sim.scene import FloatArray
 
 METRE, RADIAN, SPEED, SIGMA = 0.01, 0.002, 0.01, 0.05  # resolutions
@@ -139,7 +140,7 @@ def _takeover(record: Takeover, path: int) -> dict[str, Any]:
 
 
 def _series(run: Run, tracks: Tracks, ghosts: Tracks) -> dict[str, Any]:
-    ego_ttc, others_ttc = times_to_collision(run, tracks.first, tracks.frames)
+    ego_ttc, others_ttc = times_to_leader(run, tracks.first, tracks.frames)
     ego = run.info.ego_id
     far = zip(ghosts.id.tolist(), deviations(tracks, ghosts), strict=True)
     return {

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import shutil
+import subprocess
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -19,18 +23,13 @@ from tqdm import tqdm
 
 from litsim_sim.analysis.run import Run
 from litsim_sim.errors import InputError
+from litsim_sim.files import replacing
 from litsim_sim.geometry import box_corners, to_body
 from litsim_sim.report.content import road
-from litsim_sim.report.tracks import Mode, Tracks, ghosts_of, tracks_of
+from litsim_sim.report.modes import COLOURS, Mode
+from litsim_sim.report.tracks import Tracks, ghosts_of, tracks_of
 from litsim_sim.scene import BoolArray, FloatArray
 
-COLOURS = {  # as in the LitSim paper, and in assets/report.css
-    Mode.EGO: ("#d62728", "ego"),
-    Mode.POLICY: ("#2ca02c", "taken over"),
-    Mode.HANDBACK: ("#86dcb5", "handing back"),
-    Mode.LOG: ("#f2c230", "log"),
-    Mode.BASELINE: ("#4878b0", "baseline"),
-}
 GROUND, ROAD, PAINT, INK = "#eceeea", "#cfd3d8", "#ffffff", "#2b3038"
 SIZE_PX, DPI = (1280, 480), 100
 AROUND = 60.0  # [m] of road ahead of the ego and behind it
@@ -124,22 +123,18 @@ def write_png(run: Run, step: int, path: Path) -> None:
     """
     stage = Stage(run)
     stage.show(step)
-    try:
-        stage.figure.savefig(path, dpi=DPI, format="png")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with replacing(path) as new:
+        stage.figure.savefig(new, dpi=DPI, format="png")
 
 
 def write_film(run: Run, path: Path, first: int | None = None, last: int | None = None, quiet: bool = False) -> None:
     """Draw steps `first` .. `last` (default: all after the history) at the speed of the run, as a GIF, or as an MP4
-    where `path` ends in .mp4.
+    (H.264) where `path` ends in .mp4.
 
     Raises:
         InputError: no such steps, `path` cannot be written, or ffmpeg, which makes an MP4, is not there.
     """
-    film = path.suffix.lower() == ".mp4"
-    if film and shutil.which("ffmpeg") is None:
-        raise InputError(f"{path}: an MP4 needs ffmpeg on PATH, and there is none; use --gif, which needs nothing")
+    write = partial(_write_mp4, _ffmpeg(path)) if path.suffix.lower() == ".mp4" else _write_gif
     first = run.info.history_steps if first is None else first
     last = run.tables[-1].step if last is None else last
     steps = range(first, last + 1, EVERY)
@@ -148,11 +143,25 @@ def write_film(run: Run, path: Path, first: int | None = None, last: int | None 
     stage = Stage(run)
     for step in (steps[0], steps[-1]):
         stage.show(step)
-    with tqdm(steps, unit="picture", disable=quiet, dynamic_ncols=True) as bar:
+    with replacing(path) as new, tqdm(steps, unit="picture", disable=quiet, dynamic_ncols=True) as bar:
+        write(stage, bar, new, run.info.dt * EVERY)
+
+
+def _ffmpeg(path: Path) -> str:
+    """The program that will write `path`: ffmpeg on PATH, or the one that the wheel imageio-ffmpeg brings.
+
+    Raises:
+        InputError: there is neither.
+    """
+    program = shutil.which("ffmpeg")
+    if program is None:
         try:
-            (_write_mp4 if film else _write_gif)(stage, bar, path, run.info.dt * EVERY)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+            program = str(importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe())
+        except (ImportError, RuntimeError) as error:
+            raise InputError(
+                f"{path}: an MP4 needs ffmpeg, on PATH or by `pip install imageio-ffmpeg`; --gif needs nothing"
+            ) from error
+    return program
 
 
 def _write_gif(stage: Stage, steps: tqdm[int], path: Path, seconds: float) -> None:
@@ -168,13 +177,16 @@ def _write_gif(stage: Stage, steps: tqdm[int], path: Path, seconds: float) -> No
     pictures[0].save(path, "GIF", save_all=True, append_images=pictures[1:], duration=duration, loop=0, optimize=False)
 
 
-def _write_mp4(stage: Stage, steps: tqdm[int], path: Path, seconds: float) -> None:
-    writer = FFMpegWriter(fps=round(1.0 / seconds), extra_args=["-pix_fmt", "yuv420p", "-loglevel", "error"])
-    writer.setup(stage.figure, str(path), DPI)
-    for step in steps:
-        stage.show(step)
-        writer.grab_frame()
-    writer.finish()
+def _write_mp4(program: str, stage: Stage, steps: tqdm[int], path: Path, seconds: float) -> None:
+    with rc_context({"animation.ffmpeg_path": program}):
+        writer = FFMpegWriter(fps=round(1.0 / seconds), codec="h264", extra_args=["-pix_fmt", "yuv420p"])
+        try:
+            with writer.saving(stage.figure, str(path), DPI):
+                for step in steps:
+                    stage.show(step)
+                    writer.grab_frame()
+        except subprocess.CalledProcessError as error:  # matplotlib has logged what ffmpeg said
+            raise OSError(f"{program} ended with exit status {error.returncode}") from error
 
 
 _Lines = tuple[LineCollection, Sequence[FloatArray]]

@@ -12,6 +12,7 @@ import yaml
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.analysis.run import Run, read_run
 from litsim_sim.errors import InputError
+from litsim_sim.files import replacing
 from litsim_sim.report.content import pack_run
 from litsim_sim.report.forecasts import read_forecasts
 from litsim_sim.report.markup import NOTHING, badge, contacts, definitions, ledger, number, page, percent, tree
@@ -45,10 +46,8 @@ def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | N
 
 def save(html: str, path: Path) -> None:
     """Write a page; InputError where that is impossible."""
-    try:
-        path.write_text(html, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with replacing(path) as new:
+        new.write_text(html, encoding="utf-8")
 
 
 def render(run: Run, metrics: dict[str, Any]) -> str:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_sim.analysis.run import Run
-from litsim_sim.geometry import to_body
-from litsim_sim.report.tracks import Mode, Tracks
-from litsim_sim.scene import AgentTable, Controller, FloatArray
+from litsim_sim.analysis.safety import following
+from litsim_sim.report.modes import Mode
+from litsim_sim.report.tracks import Tracks
+from litsim_sim.scene import Controller, FloatArray
 
 TTC_MAX = 12.0  # [s] above which nobody is in a hurry
-CLOSING_MIN = 0.1  # [m/s] below which a gap is not closing
 ON_LOG = 0.005  # [m]
-LEADER_MAX = 80.0  # [m] ahead, beyond which the road may have turned away
 
 
 def speeds(tracks: Tracks, agent: int) -> FloatArray:
@@ -33,18 +32,18 @@ def deviations(tracks: Tracks, logged: Tracks) -> FloatArray:
     return out
 
 
-def times_to_collision(run: Run, first: int, frames: int) -> tuple[FloatArray, FloatArray]:
+def times_to_leader(run: Run, first: int, frames: int) -> tuple[FloatArray, FloatArray]:
     """Time to collision [s] with the leader: of the ego, and the smallest among agents off their logs.
 
-    The leader is the nearest agent whose box reaches into the straight corridor ahead of the agent; both keep their
-    speeds. NaN where there is no leader, the gap does not close, or the time exceeds TTC_MAX.
+    The leader is that of :func:`litsim_sim.analysis.safety.following`; both keep their speeds. NaN where there is no
+    leader, the gap does not close, or the time exceeds TTC_MAX.
     """
     ego, others = np.full(frames, np.nan), np.full(frames, np.nan)
     for table in run.tables:
         driven = np.flatnonzero(table.off_log)
         if not len(driven):
             continue
-        ttc = np.nan_to_num(_to_leader(table, driven), nan=np.inf)
+        ttc = following(table, driven).time_to_leader
         is_ego = table.controller[driven] == Controller.EGO
         at = table.step - first
         for series, values in ((ego, ttc[is_ego]), (others, ttc[~is_ego])):
@@ -54,23 +53,5 @@ def times_to_collision(run: Run, first: int, frames: int) -> tuple[FloatArray, F
 
 
 def counts(tracks: Tracks, mode: int) -> FloatArray:
-    """Number of agents in a mode of :class:`litsim_sim.report.tracks.Mode`."""
+    """Number of agents in a mode of :class:`litsim_sim.report.modes.Mode`."""
     return np.asarray((tracks.mode == mode).sum(axis=0), np.float64)
-
-
-def _to_leader(table: AgentTable, rows: np.ndarray) -> FloatArray:
-    """(m,) time to collision of the agents at `rows` with their leaders [s]; NaN or infinite where there is none."""
-    yaw, speed = table.yaw[rows, None], table.speed[rows, None]
-    ahead, left = to_body(table.x[None] - table.x[rows, None], table.y[None] - table.y[rows, None], yaw)
-    turned = table.yaw[None] - yaw
-    cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-    half_length = 0.5 * (table.length * cos + table.width * sin + table.length[rows, None])
-    half_width = 0.5 * (table.width * cos + table.length * sin + table.width[rows, None])
-    leads = (np.abs(left) < half_width) & (ahead > 0.0) & (ahead < LEADER_MAX)
-    leads[np.arange(len(rows)), rows] = False
-    gap = np.where(leads, ahead - half_length, np.inf)
-    nearest = np.argmin(gap, axis=1)
-    each = np.arange(len(rows))
-    closing = speed[:, 0] - table.speed[nearest] * np.cos(turned[each, nearest])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(closing > CLOSING_MIN, np.maximum(gap[each, nearest], 0.0) / closing, np.nan)

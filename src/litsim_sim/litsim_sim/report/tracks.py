@@ -4,25 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
 from litsim_sim.analysis.run import Run, TakeoverState
+from litsim_sim.report.modes import Mode
 from litsim_sim.scene import AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
 
 MOTION = ("x", "y", "yaw", "speed", "acceleration")
-
-
-class Mode(IntEnum):
-    """What moves an agent, told apart by colour; the first four as in :class:`Controller`."""
-
-    LOG = 0
-    POLICY = 1
-    EGO = 2
-    BASELINE = 3
-    HANDBACK = 4
-    ABSENT = 5
 
 
 @dataclass(frozen=True)
@@ -35,7 +24,7 @@ class Tracks:
         first: step of frame 0.
         id, kind: (n,) of the agents.
         length, width: (n,) [m].
-        mode: (n, frames) :class:`Mode`.
+        mode: (n, frames) :class:`litsim_sim.report.modes.Mode`.
         x, y: (n, frames) in frame map [m].
         yaw: (n, frames) unwrapped [rad].
         speed: (n, frames) [m/s].

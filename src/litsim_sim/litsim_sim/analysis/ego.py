@@ -1,0 +1,46 @@
+"""How the ego drove, beside how the vehicle in its place drove in the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from litsim_sim.analysis.comfort import comfort
+from litsim_sim.analysis.lanes import lane_map_of
+from litsim_sim.analysis.run import Run
+from litsim_sim.geometry import box_corners
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scene import AgentTable
+
+
+def ego_motion(run: Run) -> dict[str, Any]:
+    """Measures of the ego after the history; `log` holds those of the recorded vehicle. None: nothing to measure.
+
+    - `off_road`, `over_edge`: shares of its steps at which its centre, or a corner of its box, is on no lane;
+    - `hard_brakes`: times that it began to brake harder than 3 m/s2.
+    """
+    lane_map = lane_map_of(run)
+    found = _motion(run.simulated, run.info.ego_id, lane_map, run.info.dt)
+    return found | {"log": _motion(run.simulated_log, run.info.ego_id, lane_map, run.info.dt)}
+
+
+def _motion(tables: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, dt: float) -> dict[str, Any]:
+    rows = [(table, table.row(agent)) for table in tables]
+    x, y, yaw, length, width = (
+        np.array([getattr(table, field)[row] for table, row in rows if row >= 0])
+        for field in ("x", "y", "yaw", "length", "width")
+    )
+    felt = comfort(tables, agent, dt)
+    off_road = over_edge = None
+    if lane_map is not None and len(x):
+        corners = box_corners(x, y, yaw, length, width)
+        on_lane = lane_map.inside_road(corners[..., 0].ravel(), corners[..., 1].ravel()).reshape(-1, 4)
+        off_road = float(np.mean(~lane_map.inside_road(x, y)))
+        over_edge = float(np.mean(~on_lane.all(axis=1)))
+    return {
+        "off_road": off_road,
+        "over_edge": over_edge,
+        "hard_brakes": None if felt is None else felt.hard_brakes,
+    }

@@ -1,0 +1,117 @@
+"""Post-encroachment time: who uses a place that another used before, and how soon (Allen et al. 1978)."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from litsim_sim.geometry import boxes_overlap
+from litsim_sim.recording import STEP_S
+from litsim_sim.scene import AgentTable, BoolArray, FloatArray, IntArray
+
+PET_HORIZON_S = 5.0  # between leaving and entering; longer is no encounter
+
+
+@dataclass(frozen=True)
+class Encroachment:
+    """Two agents that use the same place one after the other, in crossing or merging.
+
+    Attributes:
+        agent: the other one.
+        pet: time between the first leaving and the second entering a place that both sweep, the shortest [s].
+        first: id of the one that was there first.
+        step: at which the second entered.
+    """
+
+    agent: int
+    pet: float
+    first: int
+    step: int
+
+
+def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment]:
+    """Post-encroachment times of `agent` with every other that comes within 5 s, shortest first (Allen 1978).
+
+    Times between boxes that overlap in space at different steps, to the resolution of a step. Whoever follows in the
+    same lane encroaches too: its time is the headway to the leader's rear.
+    """
+    own_step, own = _track(tables, agent)
+    found = []
+    others = {int(i) for table in tables if table.row(agent) >= 0 for i in table.id.tolist()} - {agent}
+    for other in sorted(others):
+        other_step, track = _track(tables, other)
+        entry = _shortest(own_step, own, other_step, track)
+        if entry is not None:
+            i, j, gap = entry
+            first, step = (agent, other_step[j]) if own_step[i] < other_step[j] else (other, own_step[i])
+            found.append(Encroachment(other, gap * STEP_S, first, int(step)))
+    return sorted(found, key=lambda e: (e.pet, e.agent))
+
+
+def _track(tables: Sequence[AgentTable], agent: int) -> tuple[IntArray, FloatArray]:
+    """Steps (n,) and boxes (n, 5) x, y, yaw, length, width of an agent."""
+    rows = [(table, table.row(agent)) for table in tables]
+    there = [(table, row) for table, row in rows if row >= 0]
+    boxes = [[getattr(t, f)[row] for f in ("x", "y", "yaw", "length", "width")] for t, row in there]
+    return np.array([t.step for t, _ in there], np.int64), np.array(boxes).reshape(-1, 5)
+
+
+def _shortest(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray) -> tuple[int, int, int] | None:
+    """Indices into both tracks and the difference of steps of the closest uses of one place; None if too far apart."""
+    dx, dy = b[None, :, 0] - a[:, None, 0], b[None, :, 1] - a[:, None, 1]
+    reach = 0.5 * (np.hypot(a[0, 3], a[0, 4]) + np.hypot(b[0, 3], b[0, 4]))
+    apart = np.abs(step_b[None, :] - step_a[:, None])
+    close: BoolArray = (dx**2 + dy**2 < reach**2) & (apart * STEP_S <= PET_HORIZON_S)
+    i, j = np.nonzero(close)
+    if not len(i):
+        return None
+    hit = boxes_overlap(dx[i, j], dy[i, j], a[i, 2], b[j, 2], (a[i, 3], a[i, 4]), (b[j, 3], b[j, 4]))
+    if not hit.any():
+        return None
+    i, j = i[hit], j[hit]
+    best = int(np.argmin(apart[i, j]))
+    return int(i[best]), int(j[best]), int(apart[i[best], j[best]])
+
+
+def times_since_others(tables: Sequence[AgentTable]) -> Iterator[tuple[FloatArray, IntArray]]:
+    """For every table, how long ago another agent's box covered a place that each agent's box covers now.
+
+    Yields:
+        time (n,) [s], 0 in contact and inf beyond :data:`PET_HORIZON_S`, and id (n,) of that other agent, the lowest of
+        several, -1 where there is none. The smallest time of an agent is the shortest post-encroachment time as in
+        :func:`encroachments` among the pairs in which it came second.
+    """
+    recent: deque[AgentTable] = deque()
+    for table in tables:
+        recent.append(table)
+        while (table.step - recent[0].step) * STEP_S > PET_HORIZON_S:
+            recent.popleft()
+        yield _since_others(table, recent)
+
+
+def _since_others(table: AgentTable, recent: Sequence[AgentTable]) -> tuple[FloatArray, IntArray]:
+    names = ("id", "x", "y", "yaw", "length", "width")
+    ids, x, y, yaw, length, width = (np.concatenate([getattr(t, name) for t in recent]) for name in names)
+    age = np.concatenate([np.full(len(t), (table.step - t.step) * STEP_S) for t in recent])
+    since, other = np.full(len(table), np.inf), np.full(len(table), -1, np.int64)
+    usable = np.flatnonzero(np.isfinite(x + y))
+    own = np.flatnonzero(np.isfinite(table.x + table.y))
+    if not len(own):
+        return since, other
+    reach = float(np.hypot(length, width).max())
+    tree = KDTree(np.column_stack([x, y])[usable])
+    found = tree.query_ball_point(np.column_stack([table.x, table.y])[own], reach)
+    a = np.repeat(own, [len(each) for each in found])
+    b = usable[np.concatenate([np.asarray(each, np.int64) for each in found])]
+    a, b = a[ids[b] != table.id[a]], b[ids[b] != table.id[a]]
+    size = ((table.length[a], table.width[a]), (length[b], width[b]))
+    hit = boxes_overlap(x[b] - table.x[a], y[b] - table.y[a], table.yaw[a], yaw[b], *size)
+    a, b = a[hit], b[hit]
+    order = np.lexsort((ids[b], age[b], a))
+    agents, first = np.unique(a[order], return_index=True)
+    since[agents], other[agents] = age[b[order][first]], ids[b[order][first]]
+    return since, other

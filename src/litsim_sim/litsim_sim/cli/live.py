@@ -1,0 +1,54 @@
+"""`live`: a run, or its replay, as markers for RViz and Foxglove, and for Foxglove over a WebSocket."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from litsim_sim.cli.replay import split_arguments
+from litsim_sim.live_server import HOST, PORT
+
+RATE_MAX = 100.0  # [Hz]
+PORTS = range(2**16)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_sim live``."""
+    p = argparse.ArgumentParser(prog="live", description=__doc__)
+    p.add_argument("--rate", type=_rate, default=20.0, metavar="HZ", help="pictures a second at most (default: 20)")
+    serving = p.add_argument_group("Foxglove over a WebSocket (needs foxglove-sdk)")
+    serving.add_argument("--foxglove", action="store_true", help="serve all topics and the markers")
+    serving.add_argument("--port", type=_port, help=f"default: {PORT}; 0 is a free one")
+    serving.add_argument("--host", help=f"address to listen on (default: {HOST}, for this machine alone)")
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run litsim_sim live``."""
+    words, ros = split_arguments(sys.argv[1:] if argv is None else argv)
+    p = parser()
+    arguments = p.parse_args(words)
+    if not arguments.foxglove and (arguments.port is not None or arguments.host is not None):
+        p.error("--port and --host go with --foxglove")
+    from litsim_sim.live_node import live  # ROS takes a moment to load
+
+    host, port = arguments.host or HOST, PORT if arguments.port is None else arguments.port
+    live(ros, arguments.rate, (host, port) if arguments.foxglove else None)
+
+
+def _rate(text: str) -> float:
+    rate = float(text)
+    if not 0.0 < rate <= RATE_MAX:
+        raise argparse.ArgumentTypeError(f"{text}, expected more than 0 and at most {RATE_MAX:g}")
+    return rate
+
+
+def _port(text: str) -> int:
+    port = int(text)
+    if port not in PORTS:
+        raise argparse.ArgumentTypeError(f"{text}, expected 0 to {PORTS[-1]}")
+    return port
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,188 @@
+"""The live view beside a replay and beside a run."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from litsim_sim.analysis.run import read_run
+from litsim_sim.bag import BagReader
+from litsim_sim.ros import topics
+
+PATIENCE_S = 30.0
+
+
+class Viewer:
+    """Keeps the markers as RViz does: what is added and not deleted since."""
+
+    def __init__(self, domain: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node("viewer", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.shown: dict[str, dict[tuple[str, int], Marker]] = {topic.name: {} for topic in topics.MARKERS}
+        for topic in topics.MARKERS:
+            self.node.create_subscription(topic.type, topic.name, self._receiver(topic.name), topic.qos)
+
+    def _receiver(self, name: str) -> Callable[[MarkerArray], None]:
+        def receive(message: MarkerArray) -> None:
+            for marker in message.markers:
+                if marker.action == Marker.DELETE:
+                    self.shown[name].pop((marker.ns, marker.id), None)
+                else:
+                    self.shown[name][marker.ns, marker.id] = marker
+
+        return receive
+
+    def wait(self, what: str, done: Callable[[], object]) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not done():
+            assert time.monotonic() < end, f"waited {PATIENCE_S:g} s for {what}"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def boxes(self) -> dict[tuple[float, float], Marker]:
+        """Agents that are shown, by where they are."""
+        agents = self.shown[topics.MARKERS_AGENTS.name].values()
+        return {(m.pose.position.x, m.pose.position.y): m for m in agents if m.ns == "agents"}
+
+    def step(self) -> None:
+        """Ask the replay for one step."""
+        client = self.node.create_client(Trigger, "/replay/step")
+        self.wait("the replay", client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        self.wait("its answer", future.done)
+        assert future.result().success
+
+    def close(self) -> None:
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def viewer(graph: Any) -> Iterator[Viewer]:
+    made = Viewer(graph.domain)
+    yield made
+    made.close()
+
+
+def places(bag: Path) -> list[set[tuple[float, float]]]:
+    """Where the agents are at each step."""
+    return [set(zip(t.x.tolist(), t.y.tolist(), strict=True)) for t in read_run(bag).tables]
+
+
+def decoded(channel: dict[str, str], data: bytes) -> Any:
+    """A message by the definition that a server has advertised, without ROS."""
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(channel["schema"], channel["schemaName"]))
+    return store.deserialize_cdr(data, channel["schemaName"])
+
+
+def test_a_paused_replay_shows_every_step(graph: Any, viewer: Viewer, recorded: Any) -> None:
+    bag = recorded("idm", "litsim").bag
+    live = graph.start_node("litsim_sim", "live")
+    graph.start_node("litsim_sim", "replay", bag, "--paused")
+    viewer.wait("the live view", lambda: viewer.node.get_publishers_info_by_topic(topics.MARKERS_AGENTS.name))
+    viewer.wait("its subscriptions", lambda: viewer.node.count_subscribers(topics.AGENTS.name))
+    expected = places(bag)
+    for step in range(3):
+        viewer.step()
+        viewer.wait(f"step {step}", lambda step=step: viewer.boxes().keys() == expected[step])
+    late = Viewer(graph.domain)
+    try:
+        late.wait("the step that stands", lambda: late.boxes().keys() == expected[2])
+    finally:
+        late.close()
+    code, said = graph.end(live)
+    assert code == 0 and "Traceback" not in said, said
+
+
+def test_forecasts_and_conflicts_come_and_go(graph: Any, viewer: Viewer, recorded: Any) -> None:
+    bag = recorded("idm", "litsim").bag
+    run = read_run(bag)
+    held = [step for step, found in run.takeovers.items() if any(t.state == 0 for t in found)]
+    assert held, "nobody is taken over"
+    graph.start_node("litsim_sim", "live")
+    graph.start_node("litsim_sim", "replay", bag, "--loop", "--rate", "2")
+    forecasts, conflicts = (viewer.shown[t.name] for t in (topics.MARKERS_FORECASTS, topics.MARKERS_CONFLICTS))
+    viewer.wait("forecasts", lambda: forecasts)
+    viewer.wait("a conflict", lambda: {"conflicts", "paths", "goals"} <= {ns for ns, _ in conflicts})
+    viewer.wait("its end, at the latest with the next round", lambda: not conflicts)
+
+
+def test_a_live_view_that_hangs_or_dies_does_not_touch_the_run(graph: Any, recorded: Any) -> None:
+    usual = json.loads((recorded("idm", "litsim").bag / "metrics.json").read_text())
+    viewer = Viewer(graph.domain)  # without anybody who looks it does nothing
+    live = [graph.start_node("litsim_sim", "live", "--rate", "100") for _ in range(2)]
+    try:
+        viewer.wait("both", lambda: len(viewer.node.get_publishers_info_by_topic(topics.MARKERS_AGENTS.name)) == 2)
+        bag = graph.folder / "run"
+        words = ("--scenario", graph.scenario(), "--mode", "realtime", "--out", bag)
+        launcher = graph.start_launch(*words, ROS_DOMAIN_ID=str(graph.domain))
+        viewer.wait("markers", viewer.boxes)
+        live[0].send_signal(signal.SIGSTOP)
+        live[1].kill()
+        done = graph.finish(launcher)
+        live[0].send_signal(signal.SIGCONT)
+    finally:
+        viewer.close()
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads((bag / "metrics.json").read_text())
+    assert metrics["valid"], metrics["why"]
+    assert metrics["steps"] == usual["steps"]
+    assert not [name for name in BagReader(bag).topics if name.startswith("/litsim/markers")]
+
+
+def test_foxglove_gets_the_topics_and_the_markers(graph: Any, recorded: Any, foxglove_client: Any) -> None:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    bag = recorded("idm", "litsim").bag
+    live = graph.start_node("litsim_sim", "live", "--foxglove", "--port", "0")
+    url = ""
+    while not url:
+        line = live.stderr.readline()
+        assert line, "the live view has ended"
+        url = "".join(re.findall(r"ws://\S+", line))
+    client = foxglove_client(url)
+    names = {topic.name for topic in (topics.AGENTS, topics.TAKEOVERS, topics.EGO_STATE, topics.MARKERS_AGENTS)}
+    assert names <= client.channels.keys()
+    client.subscribe(topics.AGENTS.name, topics.MARKERS_AGENTS.name, topics.RUN_INFO.name)
+    graph.start_node("litsim_sim", "replay", bag)
+    heard: dict[str, list[tuple[int, bytes]]] = {}
+
+    def enough() -> bool:
+        while client.arrived():
+            name, time_ns, data = client.receive()
+            heard.setdefault(name, []).append((time_ns, data))
+        return {topics.AGENTS.name, topics.MARKERS_AGENTS.name, topics.RUN_INFO.name, "time"} <= heard.keys()
+
+    client.wait(enough)
+    sent = {m.log_time_ns: m.data for m in BagReader(bag).messages({topics.AGENTS.name})}
+    assert all(sent[time_ns] == data for time_ns, data in heard[topics.AGENTS.name])
+    time_ns, data = heard[topics.MARKERS_AGENTS.name][0]
+    boxes = [m for m in decoded(client.channels[topics.MARKERS_AGENTS.name], data).markers if m.ns == "agents"]
+    assert {(m.pose.position.x, m.pose.position.y) for m in boxes} == places(bag)[time_ns // 10**8]
+    code, said = graph.end(live)
+    assert code == 0 and "Traceback" not in said, said
+
+
+def test_a_port_that_is_taken_is_one_line(graph: Any) -> None:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    first = graph.start_node("litsim_sim", "live", "--foxglove", "--port", "0")
+    port = re.findall(r"ws://\S+:(\d+)", first.stderr.readline())[0]
+    second = graph.finish(graph.start_node("litsim_sim", "live", "--foxglove", "--port", port))
+    assert second.returncode == 2
+    assert second.stderr.startswith(f"error: --foxglove: cannot listen on 127.0.0.1:{port}: ")
+    assert second.stderr.count("\n") == 1
