@@ -1,0 +1,36 @@
+"""How long a stack took to answer, as a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from litsim_policy.ads_check.clauses import latencies
+from litsim_policy.ads_check.evidence import Evidence
+from litsim_sim.files import replacing
+from litsim_sim.recording import STEP_S
+
+
+def plot_latency(seen: Evidence, path: Path) -> bool:
+    """Latency by step and its distribution, as a PNG; False, and no file, where nothing was answered.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    steps, took = latencies(seen)
+    if not steps:
+        return False
+    figure = Figure(figsize=(11, 4), dpi=100, layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    by_step, histogram = figure.subplots(1, 2, width_ratios=(2, 1))
+    by_step.plot(steps, took, color="#4878b0", linewidth=1)
+    by_step.axhline(1e3 * STEP_S, color="#c9cdd3", linestyle="--", linewidth=1)
+    by_step.set(xlabel="step", ylabel="latency [ms]", title="from a step's first publication to its answer")
+    by_step.set_ylim(bottom=0.0)
+    histogram.hist(took, bins=30, color="#4878b0")
+    histogram.set(xlabel="latency [ms]", ylabel="answers")
+    with replacing(path) as new:
+        figure.savefig(new)
+    return True

@@ -1,0 +1,237 @@
+"""One run with a stack at the ego port: the real bridge and recorder, the stack, and a bystander."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from litsim_policy.ads_check.evidence import FAILED, FINISHED, Ending, Evidence
+from litsim_policy.ads_check.observer import Observer
+from litsim_sim.analysis.run import read_run
+from litsim_sim.cli.launch import EXECUTABLES, Child, Graph, GraphFailed
+from litsim_sim.ego_port import ego_state
+from litsim_sim.errors import InputError
+from litsim_sim.executables import find_executable
+from litsim_sim.run_info import RunPlan
+from litsim_sim.scenario import Scenario
+from litsim_sim.tracking import EgoState
+
+TICK_S = 0.1  # [s] between two looks at the graph
+LEASE_S = 25.0  # [s] after which DDS has noticed at the latest that a process died without a word
+MEETING_S = 15.0  # [s] for the observer to find the bridge
+LAZY_S = 5.0  # [s] for a stack that makes its publisher when it first has something to answer
+GRACE_S = 3.0  # [s] that a process gets to end after each signal
+STACK = "stack"
+
+
+@dataclass(frozen=True)
+class Check:
+    """What to do.
+
+    Attributes:
+        scenario: of the run.
+        out: folder of its record.
+        domain_id: of the graph.
+        command: that starts the stack; empty where somebody else does.
+        wait_s: for a publisher, and then for an answer to step 0 [s].
+        answer_timeout_s: for every later one [s].
+        end_wait_s: for which the stack is watched after the run [s].
+    """
+
+    scenario: Scenario
+    out: Path
+    domain_id: int
+    command: Sequence[str] = ()
+    wait_s: float = 30.0
+    answer_timeout_s: float = 5.0
+    end_wait_s: float = 5.0
+
+
+def observe(check: Check) -> Evidence:
+    """Run it, to the end or as far as the stack lets it come.
+
+    Raises:
+        InputError: the command cannot be started, or the workspace is not complete.
+    """
+    plan = RunPlan(check.scenario, "external", "replay")
+    nodes = {name: find_executable(*EXECUTABLES[name]) for name in ("recorder", "bridge")}
+    graph = Graph(check.out, check.domain_id)
+    file = check.out / "scenario.yaml"
+    file.write_text(check.scenario.to_yaml(), encoding="utf-8")
+    stack: Child | None = None
+    with Observer(check.domain_id) as observer:
+        try:
+            graph.start("bridge", nodes["bridge"], _bridge(check, plan, file))
+            _meet(graph.children["bridge"], observer)
+            stack = _start(check) if check.command else None
+            _discover(check, observer, stack)
+            graph.start("recorder", nodes["recorder"], {"output": str(check.out), "overwrite": True})
+            left = _follow(graph.children["bridge"], observer, stack)
+            failure = _failure(graph, left)
+            ending, left = _watch_end(check, observer, stack, left)
+        finally:
+            graph.stop()
+            if stack is not None:
+                _end(stack)
+        return Evidence(
+            wait_s=check.wait_s,
+            found=observer.found,
+            endpoints=observer.endpoints,
+            asked=observer.asked,
+            heard=tuple(observer.heard),
+            interface=observer.interface,
+            counts=observer.counts,
+            remarks=tuple(dict.fromkeys(text for text in observer.remarks if "/litsim/ego/" in text)),
+            states=_states(check),
+            lane_map=check.scenario.lane_map,
+            vehicle=check.scenario.vehicle,
+            total_steps=check.scenario.total_steps,
+            state=observer.state,
+            failure=failure,
+            left=left,
+            ending=ending,
+        )
+
+
+def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
+    """Parameters of the bridge: whatever is wrong is counted, only silence ends the run."""
+    return {
+        "scenario": str(file),
+        "ego": plan.ego,
+        "policy": plan.policy,
+        "on_missing": "stop",
+        "on_invalid": "hold",
+        "answer_timeout_s": check.answer_timeout_s,
+        "external_timeout_s": check.wait_s,
+        "handshake_timeout_s": check.wait_s + 2.0 * MEETING_S,  # the recorder is started last
+        "progress": "none",
+    }
+
+
+def _meet(bridge: Child, observer: Observer) -> None:
+    """Wait until the observer hears the bridge, which waits for its recorder meanwhile: not a step is to be missed.
+
+    Raises:
+        InputError: they cannot find each other.
+    """
+    until = time.monotonic() + MEETING_S
+    while not observer.hears_bridge:
+        if not bridge.running:
+            raise InputError(f"the bridge cannot be started: {bridge.obituary()}")
+        if time.monotonic() > until:
+            raise InputError(f"the bridge was not discovered within {MEETING_S:g} s; is DDS blocked on this machine?")
+        observer.listen(TICK_S)
+    observer.listen(3 * TICK_S)  # for the bridge to find the observer, too
+
+
+def _discover(check: Check, observer: Observer, stack: Child | None) -> None:
+    """Wait for a publisher of the stack. The run has not begun meanwhile: who is found is heard from step 0 on."""
+    observer.start()
+    until = time.monotonic() + check.wait_s
+    while not observer.found and time.monotonic() < until and (stack is None or stack.running):
+        observer.listen(TICK_S)
+    if observer.found:
+        observer.listen(3 * TICK_S)  # for the stack to find the observer, too
+
+
+def _start(check: Check) -> Child:
+    """Start the stack in the domain of the graph, in a process group of its own."""
+    log = check.out / "log" / f"{STACK}.log"
+    environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)}
+    try:
+        with log.open("w") as stream:
+            process = subprocess.Popen(
+                list(check.command),
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=stream,
+                text=True,
+                start_new_session=True,
+            )
+    except OSError as error:
+        raise InputError(f"{check.command[0]}: cannot be started: {error.strerror or error}") from error
+    return Child(STACK, process, log)
+
+
+def _follow(bridge: Child, observer: Observer, stack: Child | None) -> int | None:
+    """Listen until the bridge has ended, the stack has left, or there is none; returns at which step it left, if so."""
+    hopeless = time.monotonic() + LAZY_S
+    while bridge.running:
+        observer.listen(TICK_S)
+        if not observer.found and time.monotonic() > hopeless:
+            break
+        gone = (stack is not None and not stack.running) or (bool(observer.found) and not observer.present)
+        if gone and not observer.over:
+            observer.listen(5 * TICK_S)  # it may have heard of the end before this program has
+            if not observer.over:
+                return max(observer.asked, default=0)
+    observer.listen(TICK_S)
+    return None
+
+
+def _failure(graph: Graph, left: int | None) -> str:
+    """Why the run failed; empty where it did not."""
+    if left is not None or graph.children["bridge"].running:
+        graph.stop()
+        return "nobody answers" if left is None else "the stack left"
+    try:
+        graph.watch(quiet=True)
+    except GraphFailed as error:
+        return str(error)
+    return ""
+
+
+def _watch_end(check: Check, observer: Observer, stack: Child | None, left: int | None) -> tuple[Ending, int | None]:
+    """Watch the stack after the run.
+
+    One that fell silent and was started by somebody else is watched until DDS would have noticed its death.
+    """
+    began_ns, began = time.time_ns(), time.monotonic()
+    silent = observer.state != FINISHED and left is None and stack is None and bool(observer.found)
+    watch = max(check.end_wait_s, LEASE_S) if silent else check.end_wait_s
+    while (watched := time.monotonic() - began) < watch:
+        observer.listen(TICK_S)
+        if not observer.present and (stack is None or not stack.running):
+            break
+    if silent and not observer.present and observer.state in (FAILED, ""):
+        left = max(observer.asked, default=0)
+    after = [each.received_ns for each in observer.heard if each.received_ns > began_ns]
+    last_s = 1e-9 * (after[-1] - began_ns) if after else None
+    gone = stack is not None and not stack.running
+    return (
+        Ending(
+            watched_s=watched,
+            last_s=last_s,
+            present=observer.present,
+            exit_status=stack.process.returncode if stack is not None and gone else None,
+            obituary=stack.obituary().removeprefix("node ") if stack is not None and gone else "",
+        ),
+        left,
+    )
+
+
+def _end(stack: Child) -> None:
+    """End the stack, with all that it has started."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        if not stack.running:
+            return
+        stack.signal(number)
+        until = time.monotonic() + GRACE_S
+        while stack.running and time.monotonic() < until:
+            time.sleep(0.02)
+
+
+def _states(check: Check) -> dict[int, EgoState]:
+    """Of the ego, by step, from the record; none where the run did not come so far."""
+    try:
+        run = read_run(check.out)
+    except InputError:
+        return {}
+    states = {table.step: ego_state(table, run.info.ego_id) for table in run.tables}
+    return {step: state for step, state in states.items() if state is not None}

@@ -1,0 +1,144 @@
+"""`check_ads`: lets a driving system drive the ego for some seconds and judges every clause of the ego port."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+import tempfile
+from contextlib import ExitStack
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from litsim_policy.ads_check.clauses import Clause, Limits, Verdict, judge
+from litsim_policy.ads_check.plot import plot_latency
+from litsim_policy.ads_check.session import Check, observe
+from litsim_sim.cli.launch import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, SIGNALS
+from litsim_sim.domain import graph_domain
+from litsim_sim.errors import InputError
+from litsim_sim.files import replacing
+from litsim_sim.scenario import Scenario
+
+COLOURS = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.OPEN: "yellow"}
+PLOT_FILE = "latency.png"
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_policy check_ads``."""
+    p = argparse.ArgumentParser(
+        prog="check_ads",
+        description=__doc__,
+        epilog="Exit status: 0, every clause passes; 1, one does not; 2, bad input.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
+    p.add_argument("--seconds", type=_seconds, default=4.0, metavar="S", help="driven, after the history")
+    p.add_argument(
+        "--wait", type=_seconds, default=30.0, metavar="S", help="for a publisher, then for its first answer"
+    )
+    p.add_argument("--answer-timeout", type=_seconds, default=5.0, metavar="S", help="for every later one")
+    p.add_argument("--end-wait", type=_seconds, default=5.0, metavar="S", help="until it is silent after the run")
+    p.add_argument("--latency-limit", type=_seconds, metavar="MS", help="of 95 %% of the answers; else the timeout")
+    p.add_argument("--clipped-limit", type=float, default=0.1, metavar="SHARE", help="beyond the vehicle's limits")
+    p.add_argument("--domain-id", type=int, help="ROS_DOMAIN_ID; else the environment's, else 0, or free for COMMAND")
+    p.add_argument("--json", type=Path, metavar="FILE", help="write the result here")
+    p.add_argument("--out", type=Path, metavar="FOLDER", help=f"keep record, logs and {PLOT_FILE} here")
+    p.add_argument("command", nargs="*", metavar="COMMAND", help="after --: starts the stack; else start it yourself")
+    return p
+
+
+def check_ads(arguments: argparse.Namespace, console: Console) -> int:
+    """Check a stack; returns the exit status.
+
+    Raises:
+        InputError: something cannot be used.
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    scenario = Scenario.load(arguments.scenario, simulation_s=arguments.seconds)
+    limits = Limits(arguments.latency_limit or 1e3 * arguments.answer_timeout, arguments.clipped_limit)
+    with ExitStack() as stack:
+        domain_id = stack.enter_context(graph_domain(arguments.domain_id, reserve=bool(arguments.command)))
+        out = arguments.out or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="check_ads_")))
+        console.print(f"waiting for a stack in ROS_DOMAIN_ID {domain_id}, for {arguments.wait:g} s", highlight=False)
+        check = Check(
+            scenario=scenario,
+            out=_writable(out),
+            domain_id=domain_id,
+            command=arguments.command,
+            wait_s=arguments.wait,
+            answer_timeout_s=arguments.answer_timeout,
+            end_wait_s=arguments.end_wait,
+        )
+        seen = observe(check)
+        clauses = judge(seen, limits)
+        if arguments.out:
+            plot_latency(seen, out / PLOT_FILE)
+    passed = all(clause.verdict == Verdict.PASS for clause in clauses)
+    console.print(_table(clauses))
+    for remark in seen.remarks:
+        console.print(f"/diagnostics: {remark}", highlight=False, markup=False, soft_wrap=True)
+    if arguments.json:
+        described = {"passed": passed, "scenario": scenario.name, "steps": scenario.total_steps}
+        _write(described | {"clauses": _as_json(clauses), "remarks": list(seen.remarks)}, arguments.json)
+    return 0 if passed else EXIT_FAILED
+
+
+def _table(clauses: list[Clause]) -> Table:
+    table = Table(title="the ego port's contract", expand=True)
+    table.add_column("clause", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    table.add_column("why", ratio=1)
+    for clause in clauses:
+        table.add_row(clause.name, f"[{COLOURS[clause.verdict]}]{clause.verdict}[/]", clause.text.replace("[", r"\["))
+    return table
+
+
+def _as_json(clauses: list[Clause]) -> dict[str, Any]:
+    return {each.name: {"verdict": str(each.verdict), "why": each.text, **each.figures} for each in clauses}
+
+
+def _write(result: dict[str, Any], path: Path) -> None:
+    with replacing(path) as new:
+        new.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+def _writable(out: Path) -> Path:
+    """A folder for the record, refused before anything is started."""
+    if any(out.glob("*.mcap")):
+        raise InputError(f"{out}: holds a recording already; give another --out")
+    try:
+        (out / "log").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror}") from error
+    return out
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < inf:
+        raise ValueError(text)
+    return value
+
+
+def main() -> None:
+    """Entry point of ``ros2 run litsim_policy check_ads``."""
+    arguments = parser().parse_args()
+    for number in SIGNALS:
+        signal.signal(number, signal.default_int_handler)  # whatever is under way is ended in good order
+    try:
+        sys.exit(check_ads(arguments, Console()))
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(EXIT_INPUT)
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,161 @@
+"""`check_ads` passes a stack that keeps the contract, and of one that breaks it fails the clause that says so."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+HERE = Path(__file__).parent
+EXAMPLE = HERE.parents[1] / "examples/minimal_ads.py"
+CLAUSES = (
+    "discovery",
+    "types and QoS",
+    "answers every step",
+    "latency",
+    "frames plausible",
+    "values finite and feasible",
+    "end of run",
+)
+
+
+def start(graph: Any, *arguments: object, command: tuple[object, ...] = ()) -> Any:
+    """Start `check_ads` on the short scenario, with patience."""
+    scenario, result = graph.scenario(), graph.folder / "result.json"
+    usual = ("--scenario", scenario, "--seconds", 3, "--answer-timeout", 4, "--end-wait", 2, "--json", result)
+    stack = ("--", sys.executable, *command) if command else ()
+    return graph.start_node("litsim_policy", "check_ads", *map(str, (*usual, *arguments, *stack)))
+
+
+def verdicts(graph: Any) -> dict[str, str]:
+    clauses = json.loads((graph.folder / "result.json").read_text())["clauses"]
+    assert tuple(clauses) == CLAUSES
+    return {name: clause["verdict"] for name, clause in clauses.items()}
+
+
+def why(graph: Any, clause: str) -> str:
+    return json.loads((graph.folder / "result.json").read_text())["clauses"][clause]["why"]
+
+
+@pytest.mark.parametrize("interface", ["twist", "trajectory"])
+def test_the_example_passes(graph: Any, interface: str) -> None:
+    done = graph.finish(start(graph, "--out", graph.folder / "kept", command=(EXAMPLE, interface)))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert verdicts(graph) == dict.fromkeys(CLAUSES, "pass")
+    result = json.loads((graph.folder / "result.json").read_text())
+    assert (result["passed"], result["steps"]) == (True, 35)
+    clauses = result["clauses"]
+    assert list(clauses["discovery"]["publishers_s"]) == [f"/litsim/ego/{interface}"]
+    assert clauses["discovery"]["reads"] == [
+        "/diagnostics",
+        "/litsim/ego/route",
+        "/litsim/ego/state",
+        "/litsim/objects",
+    ]
+    assert (clauses["answers every step"]["steps"], clauses["answers every step"]["missing"]) == (36, [])
+    times = [clauses["latency"][name] for name in ("min_ms", "median_ms", "p95_ms", "max_ms")]
+    assert times == sorted(times)
+    assert clauses["end of run"] | {"why": ""} == {
+        "verdict": "pass",
+        "why": "",
+        "state": "FINISHED",
+        "left": None,
+        "exit_status": 0,
+        "last_message_s": None,
+    }
+    with Image.open(graph.folder / "kept/latency.png") as picture:
+        assert picture.size == (1100, 400)
+    assert list((graph.folder / "kept").glob("*.mcap"))
+    assert not graph.running()
+
+
+@pytest.mark.parametrize(
+    ("options", "clause", "words"),
+    [
+        (
+            ("--reliability", "best_effort"),
+            "types and QoS",
+            "/litsim/ego/twist: publisher does not match: offered BEST_EFFORT VOLATILE, requested RELIABLE VOLATILE",
+        ),
+        (("--fault", "nan"), "values finite and feasible", "first at step 12: twist.linear.x is nan"),
+        (
+            ("--fault", "teleport", "--interface", "trajectory"),
+            "values finite and feasible",
+            "1 cannot be used, first at step 12: it jumps by 25.0 m",
+        ),
+        (
+            ("--fault", "frame", "--interface", "trajectory"),
+            "frames plausible",
+            "1 with another frame, first at step 12: frame_id is 'odom', expected 'map'",
+        ),
+        (("--fault", "silence"), "answers every step", "12 of 13 steps; 1 missing, first 12; no answer to step 12"),
+        (("--fault", "future"), "answers every step", "36 of 36 steps; 24 of the future"),
+        (("--fault", "death"), "end of run", "the stack left at step 12 of 35, before the run was over: stack ended"),
+    ],
+)
+def test_a_fault_fails_its_clause_alone(graph: Any, options: tuple[str, ...], clause: str, words: str) -> None:
+    wait = 8 if "best_effort" in options else 30  # which nobody will hear
+    done = graph.finish(start(graph, "--wait", wait, command=(HERE / "standard_ego.py", *options)))
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    found = verdicts(graph)
+    assert [name for name, verdict in found.items() if verdict == "fail"] == [clause]
+    assert words in why(graph, clause)
+    expected = CLAUSES[2:6] if "best_effort" in options else ()
+    assert [name for name, verdict in found.items() if verdict == "not judged"] == list(expected)
+    assert not graph.running()
+
+
+def test_a_stack_that_others_have_started(graph: Any) -> None:
+    stack = graph.start_script("standard_ego.py", "--interface", "trajectory")
+    done = graph.finish(start(graph))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "of /standard_ego" in why(graph, "discovery")
+    assert "its publisher is there, idle" in why(graph, "end of run")
+    assert graph.end(stack, signal.SIGKILL)[0] == -signal.SIGKILL  # it was left alone
+
+
+def test_a_command_that_ends_at_once(graph: Any) -> None:
+    done = graph.finish(start(graph, command=("-c", "raise SystemExit('no licence')")))
+    assert done.returncode == 1
+    assert "before the stack left" in why(graph, "discovery")
+    assert why(graph, "end of run").endswith("stack ended with exit status 1: no licence")
+
+
+def test_a_recording_is_not_overwritten(graph: Any) -> None:
+    kept = graph.folder / "kept/kept_0.mcap"
+    kept.parent.mkdir()
+    kept.touch()
+    done = graph.finish(start(graph, "--out", kept.parent))
+    assert (done.returncode, kept.stat().st_size) == (2, 0)
+    assert "holds a recording already" in done.stderr
+
+
+def test_nobody_is_there(graph: Any) -> None:
+    done = graph.finish(start(graph, "--wait", 2))
+    assert done.returncode == 1
+    found = verdicts(graph)
+    assert found.pop("discovery") == "fail"
+    assert set(found.values()) == {"not judged"}
+    assert "within 2 s" in why(graph, "discovery")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--scenario", "nowhere"), "error: nowhere: no such scenario"),
+        (("--", "no-such-stack"), "error: no-such-stack: cannot be started: No such file or directory"),
+        (("--domain-id", "400"), "error: ROS_DOMAIN_ID is '400', expected 0 to 232"),
+    ],
+)
+def test_bad_input(graph: Any, arguments: tuple[str, ...], words: str) -> None:
+    done = graph.finish(graph.start_node("litsim_policy", "check_ads", *arguments))
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not graph.running()
