@@ -100,7 +100,7 @@ def test_choices_of_the_command_line(graph: Any) -> None:
 @pytest.mark.parametrize(
     ("program", "arguments", "expected"),
     [
-        (("litsim_policy", "conflict"), ("-p", "rio:=3.0"), "conflict: unknown parameter rio; expected clear_steps, "),
+        (("litsim_policy", "conflict"), ("-p", "rio:=3.0"), "conflict: unknown parameter rio; expected braking_hard, "),
         (("litsim_sim", "recorder"), ("-p", "output:=5"), "parameter 'output' to '5' of type 'INTEGER'"),
         (
             ("litsim_sim", "bridge"),

@@ -33,7 +33,7 @@ def demo() -> Scenario:
 
 @pytest.fixture(scope="module")
 def litsim(demo: Scenario, drive):
-    return drive(demo, "idm")
+    return drive(demo, "idm", policy="litsim")
 
 
 @pytest.fixture(scope="module")
