@@ -111,7 +111,8 @@ class BridgeNode(Node):
         parameters = {name: p.value for name, p in sorted(self._parameters.items()) if name != "use_sim_time"}
         self._broadcast.begin(run_info(self.plan, self._options.mode, {STAGE: parameters}))
         begin = time.monotonic()
-        while waiting := sorted(set(self.plan.stages) - self._ready):
+        while missing := set(self.plan.stages) - self._ready:
+            waiting = sorted(missing - {"recorder"}) or ["recorder"]  # which waits to hear all others
             since = time.monotonic() - begin
             if since > self._options.handshake_timeout_s:
                 raise RunFailed(
