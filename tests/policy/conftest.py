@@ -83,6 +83,14 @@ def placed(table: AgentTable, agent: int, **values: float) -> AgentTable:
     return replace(table, **fields)
 
 
+def farthest(speed: np.ndarray, then: np.ndarray, limits: VehicleLimits) -> np.ndarray:
+    """Longest way [m] of a step from one speed to the other: as hard as can be on the throttle, then on the brake."""
+    throttle, brake = limits.acceleration_max, limits.deceleration_max
+    first = np.clip((then - speed + brake * STEP_S) / (throttle + brake), 0.0, STEP_S)
+    peak, rest = speed + throttle * first, STEP_S - first
+    return 0.5 * (speed + peak) * first + (peak - 0.5 * brake * rest) * rest
+
+
 def beyond_limits(rounds: list[Round], controllers: tuple[Controller, ...]) -> list[tuple[int, int, str]]:
     """Step, agent and what it did that no vehicle can, of agents under one of `controllers` before and after."""
     limits, found = VehicleLimits(), []
@@ -92,9 +100,9 @@ def beyond_limits(rounds: list[Round], controllers: tuple[Controller, ...]) -> l
         a, b = before.take(kept), after.take(rows[kept])
         moved = np.hypot(b.x - a.x, b.y - a.y)
         # the box centre lies ahead of the rear axle and swings out in a turn
-        reach = STEP_S * np.maximum(a.speed, b.speed) + limits.rear_axle * a.length * np.abs(b.yaw - a.yaw)
+        reach = farthest(a.speed, b.speed, limits) + limits.rear_axle * a.length * np.abs(b.yaw - a.yaw)
         checks = {
-            "moved too far": moved > reach + 1e-4,  # speed can be highest between two steps
+            "moved too far": moved > reach + 1e-6,
             "accelerated too hard": b.speed - a.speed > limits.acceleration_max * STEP_S + 1e-6,
             "braked too hard": a.speed - b.speed > limits.deceleration_max * STEP_S + 1e-6,
         }
