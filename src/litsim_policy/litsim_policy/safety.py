@@ -123,12 +123,11 @@ class SafetyLayer:
         )
         safe = np.column_stack([limited_acceleration, limited_yaw_rate])
         for k, (row, errand) in enumerate(zip(rows.tolist(), errands, strict=True)):
-            if config.following:
-                cap = self._following_cap(table, row, errand)
-                changed[k, 1] = cap < safe[k, 0]
-                safe[k, 0] = min(safe[k, 0], cap)
+            cap = self._following_cap(table, row, errand) if config.following else config.acceleration_max
+            changed[k, 1] = cap < safe[k, 0]
+            safe[k, 0] = min(safe[k, 0], cap)
             if config.contact or config.road:
-                safe[k], changed[k, 2], changed[k, 3] = self._guarded(table, row, errand, safe[k])
+                safe[k], changed[k, 2], changed[k, 3] = self._guarded(table, row, errand, safe[k], cap)
         self.agent_steps += len(rows)
         for name, count in zip(GUARDS, changed.sum(axis=0).tolist(), strict=True):
             self.interventions[name] += count
@@ -178,18 +177,19 @@ class SafetyLayer:
         return float(np.clip(cap.min(), -config.braking_max, config.acceleration_max))
 
     def _guarded(
-        self, table: AgentTable, row: int, errand: Errand, command: FloatArray
+        self, table: AgentTable, row: int, errand: Errand, command: FloatArray, cap: float
     ) -> tuple[FloatArray, bool, bool]:
-        """The first of `command` (2,) and what could be done instead that touches nobody and stays on the road.
+        """The least change to `command` (2,) with which the agent touches nobody and stays on the road.
 
-        Where none does, the one that touches latest, and of those the one that brakes hardest.
+        Where there is none, the one that touches latest, and of those the one that brakes hardest. `cap` is the
+        acceleration that whoever is ahead allows [m/s2].
         """
         first_touch, on_road = self._look_ahead(table, row, command[None])
         touches = self.config.contact and first_touch[0] < np.inf
         leaves = self.config.road and not on_road[0]
         if not touches and not leaves:
             return command, False, False
-        choices = self._choices(table, row, errand, command)
+        choices = self._choices(table, row, errand, command, cap)
         touch, stays = self._look_ahead(table, row, choices)
         if not self.config.contact:
             touch[:] = np.inf
@@ -201,8 +201,11 @@ class SafetyLayer:
         moved = bool(np.abs(choices[best] - command).max() > 0.0)
         return choices[best], moved and bool(touches), moved and bool(leaves)
 
-    def _choices(self, table: AgentTable, row: int, errand: Errand, command: FloatArray) -> FloatArray:
-        """(12, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then the same braking."""
+    def _choices(self, table: AgentTable, row: int, errand: Errand, command: FloatArray, cap: float) -> FloatArray:
+        """(15, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then with other speeds.
+
+        The nearest to the commanded acceleration come first. Whoever is cut in on from behind is best off driving on.
+        """
         x, y, yaw, speed = (float(getattr(table, f)[row]) for f in ("x", "y", "yaw", "speed"))
         at = self._lane_map.nearest(table.x[row : row + 1], table.y[row : row + 1], table.yaw[row : row + 1])
         along_lane = 2.0 * speed / pursuit_reach(speed) * float(np.sin(at.heading[0] - yaw))
@@ -210,8 +213,12 @@ class SafetyLayer:
         twist, now = self.config.yaw_acceleration_max * STEP_S, float(table.yaw_rate[row])
         steering = np.array([command[1], pursuit_yaw_rate(errand.path, x, y, yaw, speed), along_lane])
         steering[1:] = np.clip(np.clip(steering[1:], now - twist, now + twist), -bound, bound)
-        braking = np.minimum(command[0], [command[0], -2.0, -4.0, -self.config.braking_max])
-        return np.array([[a, rate] for a in braking for rate in steering])
+        driving_on = max(min(self.config.acceleration_max, cap), command[0])
+        accelerations = np.append(
+            np.minimum(command[0], [command[0], -2.0, -4.0, -self.config.braking_max]), driving_on
+        )
+        accelerations = accelerations[np.argsort(np.abs(accelerations - command[0]), kind="stable")]
+        return np.array([[a, rate] for a in accelerations for rate in steering])
 
     def _look_ahead(self, table: AgentTable, row: int, commands: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Time of the first touch (c,) [s], infinite where there is none, and whether the agent stays on the road (c,).
