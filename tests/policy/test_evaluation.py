@@ -114,6 +114,16 @@ def test_ways_back_to_the_log_are_rows_of_the_table(monkeypatch, capsys, tmp_pat
     assert "time under control s" in capsys.readouterr().out
 
 
+def test_seeds_are_runs_of_their_own(monkeypatch, tmp_path) -> None:
+    words = ["--ego", "perturbed", "--policy", "replay", "--egos", "3", "--seeds", "1", "2"]
+    monkeypatch.setattr(sys, "argv", ["evaluate", "--out", str(tmp_path), *words])
+    evaluate.main()
+    found = json.loads((tmp_path / "evaluation.json").read_text())
+    runs = found["runs"]["replay"]
+    assert list(runs) == ["demo/3/1", "demo/3/2"] and found["summary"]["replay"]["runs"] == 2
+    assert runs["demo/3/1"]["digest"] != runs["demo/3/2"]["digest"]
+
+
 # Command lines
 
 
@@ -161,7 +171,7 @@ def test_the_command_line_writes_every_run_and_prints_the_table(monkeypatch, cap
     )
     evaluate.main()
     written = json.loads((tmp_path / "evaluation.json").read_text())
-    assert written["runs"]["replay"]["7"]["collision"]["excess"] > 0
+    assert written["runs"]["replay"]["demo/7"]["collision"]["excess"] > 0
     assert written["summary"]["replay"]["colliding_runs"] == 1
     printed = capsys.readouterr().out
     assert "colliding runs" in printed and "replay" in printed

@@ -36,6 +36,7 @@ class Job:
         handback: how agents come back to their logs, one of :data:`litsim_policy.handback.HANDBACKS`; None leaves that
             to the conflict stage's default.
         predictor: model that forecasts; None leaves that to the predictor stage's default.
+        seed: of everything random in the run; None leaves it to the scenario.
     """
 
     scenario: str
@@ -44,16 +45,23 @@ class Job:
     ego_id: int
     handback: str | None = None
     predictor: str | None = None
+    seed: int | None = None
 
     @property
     def row(self) -> str:
         """Name of the row of the table that it belongs to."""
         return ", ".join(part for part in (self.policy, self.predictor, self.handback) if part)
 
+    @property
+    def name(self) -> str:
+        """Which run of its row it is."""
+        run = f"{Path(self.scenario).stem}/{self.ego_id}"
+        return run if self.seed is None else f"{run}/{self.seed}"
+
 
 def run_in_process(job: Job) -> dict[str, Any]:
     """Metrics of a run in this process, SUMO included."""
-    scenario = Scenario.load(job.scenario, ego=job.ego_id)
+    scenario = Scenario.load(job.scenario, ego=job.ego_id, seed=job.seed)
     plan = RunPlan(scenario, job.ego, job.policy)
     takeover = None if job.handback is None else TakeoverConfig(handback=job.handback)
     mirror = SumoMirror(scenario.net_path, scenario.seed)
@@ -61,22 +69,23 @@ def run_in_process(job: Job) -> dict[str, Any]:
 
 
 def run_graph(job: Job, folder: Path) -> dict[str, Any]:
-    """Metrics of a run over DDS, recorded below `folder`.
+    """Metrics of a run over DDS, and as `recording` the name of its folder below `folder`.
 
     Raises:
         InputError: the launcher failed; the message is its own.
     """
-    out = folder / f"{Path(job.scenario).stem}-{job.ego}-{job.row.replace(', ', '-')}-{job.ego_id}"
+    out = folder / "-".join([job.ego, *job.row.split(", "), *job.name.split("/")])
     launch = find_executable("litsim_sim", "launch")
     command = [str(launch), "--quiet", "--overwrite", "--scenario", job.scenario, "--out", str(out)]
     command += ["--ego", job.ego, "--policy", job.policy, "--ego-id", str(job.ego_id)]
     command += ["--predictor", job.predictor] if job.predictor else []
+    command += [] if job.seed is None else ["--seed", str(job.seed)]
     environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode != 0:
         raise InputError(f"{out}: {done.stderr.strip().splitlines()[-1] if done.stderr.strip() else 'launch failed'}")
     metrics: dict[str, Any] = json.loads((out / METRICS_FILE).read_text())
-    return metrics
+    return metrics | {"recording": out.name}
 
 
 def run_batch(

@@ -256,7 +256,10 @@ def evaluation() -> Callable[..., Path]:
         collision = {"excess": 0, "ego_contacts": []}
         common = {"scenario": "made", "ego": "idm", "valid": True, "collision": collision, "ade_controlled_m": {}}
         runs = {
-            policy: {ego: common | {"takeovers": n} for ego, n in zip(("7", "8"), taken, strict=True)}
+            policy: {
+                f"made/{ego}": common | {"takeovers": n, "recording": f"idm-{policy}-made-{ego}"}
+                for ego, n in zip((7, 8), taken, strict=True)
+            }
             for policy, taken in (("replay", (0, 0)), ("litsim", (12, 3)))
         }
         content = {"summary": {policy: summary(list(by.values())) for policy, by in runs.items()}, "runs": runs}

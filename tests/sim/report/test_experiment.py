@@ -15,13 +15,13 @@ Write = Callable[..., Path]
 
 def test_page(evaluation: Write, tmp_path: Path) -> None:
     folder = evaluation(tmp_path)
-    (folder / "idm-litsim-8").mkdir()
-    (folder / "idm-litsim-8/report.html").write_text("")
+    (folder / "idm-litsim-made-8").mkdir()
+    (folder / "idm-litsim-made-8/report.html").write_text("")
     out = write_experiment_report(folder / "evaluation.json")
     html = out.read_text()
     assert out == folder / "experiment.html"
     assert html.count("<tr><td>litsim</td>") == html.count("<tr><td>replay</td>") == 2
-    assert 'href="idm-litsim-8/report.html"' in html
+    assert 'href="idm-litsim-made-8/report.html"' in html
     assert html.count("href=") == 2  # of the icon, and of the one run that has a report
     row = html[html.index("agents that collide") :].split("</tr>")[0]
     assert '<td class="number">4</td><td class="number best">0</td>' in row
@@ -31,11 +31,11 @@ def test_page(evaluation: Write, tmp_path: Path) -> None:
 
 
 def test_links_lead_from_where_the_page_is(evaluation: Write, tmp_path: Path) -> None:
-    (tmp_path / "runs/idm-litsim-7").mkdir(parents=True)
-    (tmp_path / "runs/idm-litsim-7/report.html").write_text("")
+    (tmp_path / "runs/idm-litsim-made-7").mkdir(parents=True)
+    (tmp_path / "runs/idm-litsim-made-7/report.html").write_text("")
     (tmp_path / "pages").mkdir()
     out = write_experiment_report(evaluation(tmp_path / "runs"), tmp_path / "pages/x.html")
-    assert 'href="../runs/idm-litsim-7/report.html"' in out.read_text()
+    assert 'href="../runs/idm-litsim-made-7/report.html"' in out.read_text()
 
 
 @pytest.mark.parametrize("text", [None, "no JSON", "[]", '{"summary": {}}', '{"summary": {"a": 1}, "runs": {"a": {}}}'])

@@ -55,6 +55,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--handback", nargs="+", choices=HANDBACKS, help="a row for each way back to the log, in process")
     p.add_argument("--predictor", nargs="+", metavar="MODEL", help="a row for each model that forecasts")
     p.add_argument("--egos", default="egos", help="field of the scenarios (egos, tuning, ego), or ids with commas")
+    p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed and ego, instead of the scenario's seed")
     p.add_argument("--graph", action="store_true", help="run each over DDS instead of in process")
     p.add_argument("--out", default="bags/evaluation", help="folder of the results, and of recordings over DDS")
     p.add_argument("--processes", type=int, default=2, help="runs at a time, in process")
@@ -71,15 +72,15 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, Any]:
         )
     ways = list(product(arguments.handback or [None], arguments.predictor or [None]))
     rows = [(p, *way) for p in arguments.policy for way in (ways if p != "replay" else [(None, None)])]
-    jobs = [Job(name, arguments.ego, p, ego, h, model) for p, h, model in rows for name, ego in egos]
+    draws = product(rows, arguments.seeds or [None], egos)
+    jobs = [Job(name, arguments.ego, p, ego, h, model, seed) for (p, h, model), seed, (name, ego) in draws]
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
     with tqdm(total=len(jobs), unit="run", dynamic_ncols=True) as bar:
         found = run_batch(jobs, arguments.processes, out if arguments.graph else None, bar.update)
     runs: dict[str, dict[str, Any]] = {}
     for job in jobs:
-        name = str(job.ego_id) if len(arguments.scenario) == 1 else f"{Path(job.scenario).stem}/{job.ego_id}"
-        runs.setdefault(job.row, {})[name] = found[job]
+        runs.setdefault(job.row, {})[job.name] = found[job]
     return {"summary": {row: summarise(mine.values()) for row, mine in runs.items()}, "runs": runs}
 
 

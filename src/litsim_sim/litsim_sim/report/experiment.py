@@ -181,15 +181,16 @@ def _bars(column: Column, summary: dict[str, dict[str, Any]]) -> str:
 
 def _runs(runs: dict[str, dict[str, Any]], folder: Path, beside: Path) -> str:
     """Every run in a table that can be sorted; one that has a report is linked."""
-    names = ("policy", "ego", "valid", *(column.name for column in RUN), "report")
+    names = ("policy", "run", "valid", *(column.name for column in RUN), "report")
     head = "".join(f'<th scope="col"><button type="button">{escape(name)}</button></th>' for name in names)
     body = ""
-    for policy, by_ego in runs.items():
-        for ego, metrics in by_ego.items():
+    for policy, by_name in runs.items():
+        for name, metrics in by_name.items():
             valid = bool(metrics.get("valid", True))
-            cells = [escape(policy), escape(str(ego)), badge(valid, "yes", "no")]
+            cells = [escape(policy), escape(name), badge(valid, "yes", "no")]
             cells += [escape(column.text(column.of(metrics))) for column in RUN]
-            cells.append(_link(folder / f"{metrics.get('ego')}-{policy}-{ego}" / REPORT_FILE, beside))
+            recording = metrics.get("recording")  # of runs over DDS
+            cells.append(_link(folder / recording / REPORT_FILE, beside) if recording else NOTHING)
             body += f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
     return (
         f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
