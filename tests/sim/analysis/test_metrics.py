@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import litsim_sim
@@ -17,7 +18,7 @@ from litsim_sim.analysis.plots import telling_moment
 from litsim_sim.analysis.run import StageState, Status, TopicGaps
 from litsim_sim.analysis.timing import timing
 from litsim_sim.cli.analyze import FILES, analyze, main, print_metrics
-from litsim_sim.scene import Controller
+from litsim_sim.scene import Controller, ControlSource, ControlTable
 
 Make = Callable[..., Any]
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"
@@ -63,6 +64,18 @@ def test_fields_are_those_of_the_design(run: Any) -> None:
     assert metrics["collision"]["rate_all"] == 0.0
 
 
+def answers(run: Any) -> dict[int, ControlTable]:
+    """Agent 2 by the policy, every fourth command guarded, then handed back; agent 3 is no business of a guard."""
+    found = {step: ControlTable.empty(step) for step in range(STEPS + 1)}
+    for step in range(20, 45):
+        driven = ControlSource.GUARDED if step % 4 == 0 else ControlSource.POLICY
+        source = [driven if step < 40 else ControlSource.HANDBACK, ControlSource.BASELINE]
+        found[step] = ControlTable(step, np.array([2, 3]), *np.zeros((3, 2)), np.array(source, np.uint8))
+    for step in (HISTORY - 1, STEPS):  # moves nobody after the history, or nobody at all
+        found[step] = ControlTable(step, np.array([2]), *np.zeros((3, 1)), np.array([ControlSource.GUARDED], np.uint8))
+    return found
+
+
 def test_collisions_show(run: Any, moved: Make) -> None:
     hit = [t if t.step < 50 else moved([t], 3, y=3.66, x=-12.0)[0] for t in run.tables]
     metrics = compute_metrics(replace(run, tables=hit))
@@ -72,6 +85,14 @@ def test_collisions_show(run: Any, moved: Make) -> None:
     assert collision["contacts"] == [{"pair": [2, 3], "step": 50, "in_log": False}]
     assert collision["rate_all"] == pytest.approx(2 / 3)
     assert collision["rate_controlled"] == 1.0
+
+
+def test_guarded_commands_show(run: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    assert compute_metrics(run)["comfort"]["controlled"]["guarded"] == {"count": 0, "share": None}
+    guarded = compute_metrics(replace(run, controls=answers(run)))
+    assert guarded["comfort"]["controlled"]["guarded"] == {"count": 5, "share": 5 / 20}
+    print_metrics(guarded)
+    assert "5 of the policy's agent-steps (25.0 %)" in capsys.readouterr().out
 
 
 def said(*statuses: Status) -> list[Status]:

@@ -21,6 +21,7 @@ from litsim_sim.report.forecasts import Forecasts
 from litsim_sim.report.markup import asset
 from litsim_sim.report.packing import unpack
 from litsim_sim.report.run_report import render, save
+from litsim_sim.scene import ControlSource, ControlTable
 
 Make = Callable[..., Any]
 VOID = {"meta", "link", "input", "br"}
@@ -99,6 +100,18 @@ def test_data_of_the_page(html: str) -> None:
     assert [len(each) for each in content["takeovers"]] == [int(20 <= k <= 45) for k in range(61)]
     assert content["road"]["lanes"] and content["road"]["lines"]
     assert sum(bool(path) for path in content["paths"]) == 1  # the same path at every step is kept once
+
+
+def test_guarded_commands_show(small_run: Run, without: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+    sources = [ControlSource.POLICY] * 3 + [ControlSource.GUARDED]
+    start = small_run.info.history_steps
+    answers = {
+        start + k: ControlTable(start + k, np.array([2]), *np.zeros((3, 1)), np.array([source], np.uint8))
+        for k, source in enumerate(sources)
+    }
+    guarded = without(controls=answers)
+    assert "1 of the policy&#x27;s agent-steps (25.0 %)" in render(guarded, compute_metrics(guarded))
 
 
 def test_size_of_a_long_dense_run(small_run: Run, without: Make) -> None:

@@ -15,6 +15,7 @@ from litsim_sim.analysis.comfort import comfort
 from litsim_sim.analysis.displacement import Displacements, displacements
 from litsim_sim.analysis.ego import ego_motion
 from litsim_sim.analysis.encroachment import encroachments
+from litsim_sim.analysis.guard import guarded
 from litsim_sim.analysis.lanes import in_lane_of, lane_map_of, off_road_controlled
 from litsim_sim.analysis.lockstep import Lockstep, lockstep
 from litsim_sim.analysis.progress import mean_progress
@@ -168,15 +169,17 @@ def _safety(run: Run, hits: Collisions) -> dict[str, Any]:
 
 
 def _comfort(run: Run, hits: Collisions) -> dict[str, Any]:
-    """Bounds of nuPlan for the ego and, as means and sums, for the agents ever under control."""
+    """Bounds of nuPlan for the ego and, as means and sums, for the agents ever under control; their guarded steps."""
     tables, dt = run.simulated, run.info.dt
     ego = comfort(tables, run.info.ego_id, dt)
+    changed = guarded(run)
     others = [found for agent in sorted(hits.controlled) if (found := comfort(tables, agent, dt)) is not None]
     return {
         "ego": {"within": ego.within, "hard_brakes": ego.hard_brakes} if ego else None,
         "controlled": {
             "comfortable": _share(sum(each.comfortable for each in others), len(others)),
             "hard_brakes": sum(each.hard_brakes for each in others),
+            "guarded": {"count": changed.changed, "share": changed.share},
         },
     }
 

@@ -87,6 +87,10 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     jumps = f"{back['max_position_jump_m']:.3f} m, {back['max_speed_jump_mps']:.2f} m/s"
     jumps += f", {back['max_yaw_jump_rad']:.3f} rad"
     yield "hand-backs", f"{back['count']}, mean residual {_number(back['residual_m'], 'm')}; largest jump {jumps}"
+    ego, others = metrics["comfort"]["ego"], metrics["comfort"]["controlled"]
+    yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, controlled agents {others['hard_brakes']}"
+    guarded = others["guarded"]
+    yield "guarded", f"{guarded['count']} of the policy's agent-steps ({_percent(guarded['share'])})"
     yield "lock-step", f"{metrics['lockstep']['missed']} missed answers, {metrics['lockstep']['gaps']} gaps"
     factor = timing["realtime_factor"]
     yield "wall time", f"{_number(timing['wall_s'], 's')}, {NOTHING if factor is None else f'{factor:.2f}'} x real time"
