@@ -12,7 +12,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
-from litsim_policy.rerun import open_record, resimulate
+from litsim_policy.rerun import resimulate
+from litsim_policy.rerun_record import open_record
 from litsim_sim.analysis.run import Run, read_run
 from litsim_sim.bag import BagReader
 from litsim_sim.repair import repair

@@ -15,7 +15,8 @@ from rclpy.serialization import serialize_message
 from litsim_policy.cli import rerun as command
 from litsim_policy.difference import differences
 from litsim_policy.messages import takeovers_to_message
-from litsim_policy.rerun import open_record, rerun_stage, resimulate, with_parameters
+from litsim_policy.rerun import rerun_stage, resimulate
+from litsim_policy.rerun_record import open_record, with_parameters
 from litsim_policy.runner import Runner
 from litsim_policy.takeover import TakeoverConfig
 from litsim_policy.yield_policy import YieldConfig
@@ -24,7 +25,6 @@ from litsim_predictor.messages import forecast_to_message
 from litsim_predictor.models import default_model, make_predictor
 from litsim_sim.bag import BagWriter, qos_yaml
 from litsim_sim.errors import InputError
-from litsim_sim.recording import STEP_S
 from litsim_sim.ros import messages, topics
 from litsim_sim.ros.definitions import type_hash, type_name
 from litsim_sim.run_info import RunPlan
@@ -42,19 +42,7 @@ def answered(make_scenario: Any, track: Any, lane_centres: Any) -> tuple[Scenari
     tracks = [track(i, x, lane_centres[lane], 15.0, last=STEPS - 1) for i, (x, lane) in places.items()]
     scenario = make_scenario(*tracks)
     plan = RunPlan(scenario, "idm", "litsim")
-    info = RunInfo(
-        header=messages.header(0),
-        run_id=plan.run_id,
-        scenario=scenario.name,
-        scenario_yaml=scenario.to_yaml(),
-        ego="idm",
-        policy="litsim",
-        ego_id=13,
-        total_steps=scenario.total_steps,
-        history_steps=scenario.history_steps,
-        dt=STEP_S,
-        stages=list(plan.stages),
-    )
+    info = RunInfo(header=messages.header(0), **plan.facts())
     predictor = make_predictor(default_model(), scenario)
     found: list[tuple[str, int, Any]] = []
     for now in Runner(plan).rounds():
@@ -252,7 +240,7 @@ def test_a_bag_without_attachments_is_refused(write: Any) -> None:
 
 def test_messages_of_another_version_are_refused(write: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     bag = write()
-    monkeypatch.setattr("litsim_policy.rerun.type_hash", lambda name: "RIHS01_other")
+    monkeypatch.setattr("litsim_policy.rerun_record.type_hash", lambda name: "RIHS01_other")
     with pytest.raises(InputError, match="recorded with another version of"), open_record(bag):
         pass
 

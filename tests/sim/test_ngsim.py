@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 from collections.abc import Callable
@@ -402,6 +403,20 @@ def test_an_interrupted_reading_is_taken_up(portal: Path, tmp_path: Path, monkey
         recording = Recording.read(one.path)
         assert recording.header == expected[one.name].header
         pd.testing.assert_frame_equal(recording.table, expected[one.name].table)
+
+
+def test_a_full_disk_leaves_what_was_read(portal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self: Recording, path: Path) -> None:
+        path.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Recording, "write", full)
+        with pytest.raises(InputError, match=r"us101_0750\.parquet: cannot be written: No space left on device"):
+            ngsim.convert(portal, tmp_path / "out", cleaned=False)
+    assert list((tmp_path / "out").iterdir()) == []
+    monkeypatch.setattr(Clocks, "assign", None)  # the file is not read again
+    assert len(ngsim.convert(portal, tmp_path / "out", cleaned=False)) == 3
 
 
 def test_finished_recordings_are_not_made_again(portal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,6 @@ from litsim_predictor.models import default_model, make_predictor
 from litsim_sim.analysis.run import Detection, RunInfo, StageState, Status, TakeoverReason, TakeoverState
 from litsim_sim.analysis.run import Run as RecordedRun
 from litsim_sim.analysis.run import Takeover as RecordedTakeover
-from litsim_sim.recording import STEP_S
 from litsim_sim.run_info import RunPlan
 from litsim_sim.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.world import Mirror, World, WorldConfig
@@ -104,23 +103,7 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
         rounds.append(now)
         progress()
     wall = time.perf_counter() - begin
-    info = RunInfo(
-        run_id=plan.run_id,
-        scenario=scenario.name,
-        scenario_yaml=scenario.to_yaml(),
-        ego=plan.ego,
-        policy=plan.policy,
-        ego_id=scenario.ego_id,
-        seed=scenario.seed,
-        total_steps=scenario.total_steps,
-        history_steps=scenario.history_steps,
-        dt=STEP_S,
-        mode="in-process",
-        stages=plan.stages,
-        topics=(),
-        configuration="",
-        versions="",
-    )
+    info = RunInfo(**plan.facts(), mode="in-process", topics=(), configuration="", versions="")
     finished = Status(scenario.total_steps, "bridge", StageState.FINISHED, wall, yaml.safe_dump(runner.world.summary()))
     return RecordedRun(
         path=Path(plan.run_id),
@@ -141,7 +124,7 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
             stage: {r.table.step: r.stage_s[stage] for r in rounds} for stage in (rounds[0].stage_s if rounds else ())
         },
         statuses=[finished],
-        scenario_yaml=scenario.to_yaml(),
+        scenario_yaml=info.scenario_yaml,
         net_xml=scenario.net_path.read_bytes(),
     )
 

@@ -22,8 +22,7 @@ from typing import Any
 
 import numpy as np
 import torch
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 from tqdm import tqdm
 
@@ -37,6 +36,7 @@ from litsim_policy.reward import PenaltyConfig
 from litsim_policy.training_data import DataConfig, prepare
 from litsim_policy.training_plots import plot_curves
 from litsim_sim.errors import InputError
+from litsim_sim.yaml_input import read_yaml
 
 CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
     "checkpoint.pt",
@@ -337,16 +337,7 @@ def read_config(path: Path) -> TrainConfig:
     Raises:
         InputError: it is missing, no YAML, or a field is wrong.
     """
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return TrainConfig.model_validate(values)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: malformed YAML: {' '.join(str(error).split())}") from error
-    except ValidationError as error:
-        problems = "; ".join(f"field {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise InputError(f"{path}: {problems}") from error
+    return read_yaml(path, TrainConfig)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -10,6 +10,10 @@ from pathlib import Path
 from litsim_sim.errors import InputError
 
 
+class Unwritable(InputError):
+    """A file that cannot be written: the input was fine, and with room and permission it would go on."""
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A new file beside `path`, with its ending, that takes its place when the block is done.
@@ -17,13 +21,13 @@ def replacing(path: Path) -> Iterator[Path]:
     Where the block raises, or the program is killed, `path` is as it was.
 
     Raises:
-        InputError: the file cannot be written.
+        Unwritable: the file cannot be written.
     """
     new = path.with_name(f".{os.getpid()}.{path.name}")
     try:
         yield new
         new.replace(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise Unwritable(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         new.unlink(missing_ok=True)

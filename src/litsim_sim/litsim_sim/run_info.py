@@ -8,7 +8,9 @@ import subprocess
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
+from litsim_sim.recording import STEP_S
 from litsim_sim.scenario import Scenario
 
 EGOS = ("bat", "idm", "log", "perturbed", "external")
@@ -51,6 +53,22 @@ class RunPlan:
         described = f"{described}\n{self.ego}\n{self.policy}"
         digest = hashlib.sha256(described.encode()).hexdigest()[:8]
         return f"{self.scenario.name}-{self.ego}-{self.policy}-{self.scenario.ego_id}-{self.scenario.seed}-{digest}"
+
+    def facts(self) -> dict[str, Any]:
+        """What holds of the run however it is run: fields of ``RunInfo``, the message and that of a record."""
+        return {
+            "run_id": self.run_id,
+            "scenario": self.scenario.name,
+            "scenario_yaml": self.scenario.to_yaml(),
+            "ego": self.ego,
+            "policy": self.policy,
+            "ego_id": self.scenario.ego_id,
+            "seed": self.scenario.seed,
+            "total_steps": self.scenario.total_steps,
+            "history_steps": self.scenario.history_steps,
+            "dt": STEP_S,
+            "stages": self.stages,
+        }
 
 
 def versions() -> dict[str, str]:

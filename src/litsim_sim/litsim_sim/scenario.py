@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from litsim_sim.datasets import load_recording
 from litsim_sim.errors import InputError
@@ -18,6 +18,7 @@ from litsim_sim.log import Log
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recording import STEP_S, Recording
 from litsim_sim.vehicle import VehicleModel
+from litsim_sim.yaml_input import parse_yaml, read_text, validate_yaml
 
 DATA_VARIABLE = "LITSIM_DATA"
 COVERAGE_MIN = 0.9  # share of recorded box centres that must lie on the road
@@ -131,11 +132,7 @@ class Scenario:
             raise InputError(
                 f"{name_or_path}: no such scenario; expected a YAML file, or one of {', '.join(packaged_scenarios())}"
             )
-        try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: not a readable text file: {error}") from error
-        return cls._build(text, str(path), path.resolve().parent, overrides)
+        return cls._build(read_text(path), str(path), path.resolve().parent, overrides)
 
     @classmethod
     def from_yaml(cls, text: str, where: str) -> Scenario:
@@ -152,12 +149,12 @@ class Scenario:
 
     @classmethod
     def _build(cls, text: str, where: str, folder: Path, overrides: dict[str, Any]) -> Scenario:
-        values = _parse(text, where)
+        values = parse_yaml(text, where, ScenarioFile)
         given = {key: value for key, value in overrides.items() if value is not None}
         if "vehicle" in given and isinstance(values.get("vehicle"), dict):
             given["vehicle"] = values["vehicle"] | given["vehicle"]
         values.update(given)
-        file = _validate(values, where, text)
+        file = validate_yaml(values, ScenarioFile, where, text)
         net = packaged(f"nets/{file.net}.net.xml") if file.net in packaged_nets() else folder / file.net
         resolved = {"recording": str(_data_path(file.recording, folder, where)), "net": str(net.resolve())}
         return cls(file.model_copy(update=resolved), where)
@@ -247,40 +244,6 @@ def packaged_scenarios() -> tuple[str, ...]:
 def packaged_nets() -> tuple[str, ...]:
     """Names that field `net` knows."""
     return tuple(sorted(path.name.removesuffix(".net.xml") for path in packaged("nets").glob("*.net.xml")))
-
-
-def _parse(text: str, where: str) -> dict[str, Any]:
-    """The top-level mapping of a YAML text."""
-    try:
-        values = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"{where}: malformed YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(values, dict):
-        raise InputError(f"{where}: expected fields such as name, recording, net and ego, found {values!r:.60}")
-    return values
-
-
-def _validate(values: dict[str, Any], where: str, text: str) -> ScenarioFile:
-    """`values` as a model, or an error that names lines and fields."""
-    try:
-        return ScenarioFile.model_validate(values)
-    except ValidationError as error:
-        lines = _lines_of_fields(text)
-        problems = []
-        for problem in error.errors():
-            field = ".".join(str(part) for part in problem["loc"])
-            line = lines.get(str(problem["loc"][0])) if problem["loc"] else None
-            at = f"line {line}, " if line else ""
-            problems.append(f"{at}field {field}: {problem['msg']}")
-        known = ", ".join(ScenarioFile.model_fields)
-        raise InputError(f"{where}: {'; '.join(problems)}; known fields: {known}") from error
-
-
-def _lines_of_fields(text: str) -> dict[str, int]:
-    """Line, from 1, of every top-level field."""
-    node = yaml.compose(text, Loader=yaml.SafeLoader)
-    pairs = node.value if isinstance(node, yaml.MappingNode) else []
-    return {str(key.value): key.start_mark.line + 1 for key, _ in pairs}
 
 
 def _data_path(recording: str, folder: Path, where: str) -> Path:

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from litsim_policy.difference import Tally
-from litsim_policy.rerun import STAGES, open_record, rerun_stage, resimulate
+from litsim_policy.rerun import STAGES, rerun_stage, resimulate
+from litsim_policy.rerun_record import open_record
 from litsim_sim.errors import InputError
 
 EXIT_DIFFERENT, EXIT_INPUT = 1, 2

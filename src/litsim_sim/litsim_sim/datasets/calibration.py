@@ -164,7 +164,8 @@ def _evolve(
 ) -> FloatArray:
     """Differential evolution (Storn and Price 1997, current-to-best/1/bin) of `count` problems at once.
 
-    `cost` takes candidates (population, count, 5) and gives (population, count). Returns the best (count, 5).
+    `cost` takes candidates (population, count, 5) and gives (population, count). Returns the best (count, 5). SciPy's
+    takes one problem at a time: 0.4 s each on one core, 7 minutes for the 1074 of a calibration, here 1.
     """
     rng = np.random.default_rng(seed)
     size = (population, count, len(model.low))

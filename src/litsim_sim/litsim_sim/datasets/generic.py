@@ -13,8 +13,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from litsim_sim.datasets.cleaning import clean, front_centres
 from litsim_sim.datasets.ngsim_tracks import PIECE, direction_of_motion
@@ -23,6 +22,7 @@ from litsim_sim.errors import InputError
 from litsim_sim.geometry import wrap_angle
 from litsim_sim.recording import COLUMNS, RATE_HZ, STEP_S, Kind, Recording, RecordingHeader
 from litsim_sim.scene import FloatArray, IntArray
+from litsim_sim.yaml_input import read_yaml
 
 FACTORS: dict[str, float] = {
     "m": 1.0,
@@ -154,18 +154,7 @@ def read_mapping(path: Path) -> Mapping:
     Raises:
         InputError: it is missing, no YAML, or a field is missing, unknown or of the wrong type.
     """
-    try:
-        fields = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from error
-    try:
-        return Mapping.model_validate(fields)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise InputError(f"{path}: {place}: {first['msg']}, but it is {first['input']!r}"[:400]) from error
+    return read_yaml(path, Mapping)
 
 
 def convert(path: Path, mapping: Mapping) -> Recording:

@@ -33,6 +33,7 @@ from litsim_sim.datasets.ngsim_periods import Clocks, Period
 from litsim_sim.datasets.ngsim_tracks import Mended
 from litsim_sim.datasets.sites import SITES
 from litsim_sim.errors import InputError
+from litsim_sim.files import Unwritable, replacing
 from litsim_sim.recording import HEADER_KEY, Recording, RecordingHeader
 
 LICENCE = "CC BY-SA"
@@ -204,6 +205,8 @@ def convert(
         try:
             work.lay_aside(layout, progress=progress)
             return work.make(progress=progress)
+        except Unwritable:
+            raise  # what is laid aside is taken up by the next call
         except InputError:
             work.discard()
             raise
@@ -295,6 +298,8 @@ class _Work:
                     tqdm.write(f"{period.name} ({number} of {len(periods)})", file=sys.stderr)
                 try:
                     self._make_one(period, path, progress=progress)
+                except Unwritable:
+                    raise
                 except InputError as error:
                     refused.append(f"{period.name}: {error}")
                     continue
@@ -313,9 +318,8 @@ class _Work:
         raw = pa.concat_tables([pq.read_table(part) for part in parts]).to_pandas(split_blocks=True, self_destruct=True)
         recording, mended, cleaning = _recording(raw, self.clocks, period, self.source, self.options, progress=progress)
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.partial")
-        recording.write(temporary)
-        temporary.replace(path)
+        with replacing(path) as new:
+            recording.write(new)
         self.done[period.name] = {
             "name": period.name,
             "rows": len(recording.table),
@@ -431,6 +435,5 @@ def _json(path: Path) -> dict[str, Any] | None:
 
 
 def _write_json(path: Path, values: dict[str, Any]) -> None:
-    temporary = path.with_name(f".{path.name}.partial")
-    temporary.write_text(json.dumps(values, indent=1), encoding="utf-8")
-    temporary.replace(path)
+    with replacing(path) as new:
+        new.write_text(json.dumps(values, indent=1), encoding="utf-8")

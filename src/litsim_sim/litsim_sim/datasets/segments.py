@@ -15,12 +15,13 @@ from typing import Annotated, Literal, cast
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from litsim_sim.datasets import load_recording
 from litsim_sim.errors import InputError
 from litsim_sim.recording import STEP_S, Kind, Recording
 from litsim_sim.scene import FloatArray
+from litsim_sim.yaml_input import read_yaml
 
 Part = Literal["train", "val", "test"]
 PARTS: tuple[Part, ...] = ("train", "val", "test")
@@ -134,15 +135,7 @@ class Manifest(BaseModel):
         Raises:
             InputError: the file is missing or no manifest.
         """
-        try:
-            return cls.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-        except OSError as error:
-            raise InputError(f"{path}: no such manifest") from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: malformed YAML: {' '.join(str(error).split())}") from error
-        except ValidationError as error:
-            problems = "; ".join(f"field {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors()[:3])
-            raise InputError(f"{path}: not a manifest of segments: {problems}") from error
+        return read_yaml(path, cls)
 
 
 def cut(

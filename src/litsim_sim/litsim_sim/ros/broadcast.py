@@ -11,7 +11,6 @@ from nav_msgs.msg import Path
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from litsim_sim.recording import STEP_S
 from litsim_sim.ros import messages, standard
 from litsim_sim.ros.topics import (
     AGENTS,
@@ -80,26 +79,15 @@ def route(scenario: Scenario) -> Path:
 
 def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]]) -> RunInfo:
     """A run and who takes part; `configuration` are the parameters of stages, by stage and name."""
-    scenario = plan.scenario
     per_step = (
         (CLOCK, AGENTS, EGO_STATE)
         + (() if plan.policy == "replay" else (FORECASTS, TAKEOVERS, CONTROLS))
         + ((EGO_APPLIED,) if plan.ego == EXTERNAL else (EGO_CONTROL,))
     )
     return RunInfo(
+        **plan.facts(),
         header=messages.header(0),
-        run_id=plan.run_id,
-        scenario=scenario.name,
-        scenario_yaml=scenario.to_yaml(),
-        ego=plan.ego,
-        policy=plan.policy,
-        ego_id=scenario.ego_id,
-        seed=scenario.seed,
-        total_steps=scenario.total_steps,
-        history_steps=scenario.history_steps,
-        dt=STEP_S,
         mode=mode,
-        stages=list(plan.stages),
         topics=[topic.name for topic in per_step],
         configuration=yaml.safe_dump(configuration),
         versions=yaml.safe_dump(versions()),

@@ -1,0 +1,172 @@
+"""A recorded run as it is needed to run it, or a stage of it, again: messages, scenario, parameters."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from litsim_msgs.msg import StageStatus
+from rclpy.serialization import deserialize_message
+
+from litsim_sim.analysis.run import NET_FILE, RECORDING_FILE, SCENARIO_FILE
+from litsim_sim.bag import BagReader
+from litsim_sim.errors import InputError
+from litsim_sim.ros.definitions import type_hash, type_name
+from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_APPLIED, EGO_CONTROL, FORECASTS, RUN_INFO, STATUS, TAKEOVERS
+from litsim_sim.run_info import versions
+from litsim_sim.scenario import Scenario, ScenarioFile
+from litsim_sim.yaml_input import parse_yaml
+
+ATTACHED = {"recording": RECORDING_FILE, "net": NET_FILE}
+"""Field of the scenario, and the attachment that takes its place."""
+
+PER_STEP = (AGENTS, FORECASTS, TAKEOVERS, CONTROLS, EGO_CONTROL)
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Record:
+    """A recorded run that can be run again.
+
+    Attributes:
+        path: of the MCAP file.
+        info: the recorded ``RunInfo``.
+        scenario: rebuilt from the attachments.
+        messages: by topic and step; of a step that comes twice, the first.
+        parameters: of each stage that has told them, flat, by name.
+        notes: what keeps a re-run from coming out equal, or may.
+    """
+
+    path: Path
+    info: Any
+    scenario: Scenario
+    messages: dict[str, dict[int, Any]]
+    parameters: dict[str, dict[str, Any]]
+    notes: list[str] = field(default_factory=list)
+
+    def configured(self, stage: str, default: _T, prefix: str = "") -> _T:
+        """`default` with what the stage has told of its parameters."""
+        return with_parameters(default, self.parameters.get(stage, {}), prefix)
+
+
+@contextmanager
+def open_record(bag: Path) -> Iterator[Record]:
+    """Read a bag; its scenario lies in a temporary folder meanwhile.
+
+    Raises:
+        InputError: not a bag, no LitSim run, no attachments to build the scenario from, or messages of another version.
+    """
+    reader = BagReader(bag)
+    found = _decoded(reader)
+    info = found[RUN_INFO.name].get(0)
+    if info is None:
+        raise InputError(f"{reader.path}: no LitSim run: no message on {RUN_INFO.name}")
+    with tempfile.TemporaryDirectory(prefix="litsim-rerun-") as folder:
+        record = Record(
+            reader.path,
+            info,
+            _scenario(reader, Path(folder)),
+            found,
+            _parameters(info, found[STATUS.name]),
+        )
+        _note(record, reader)
+        yield record
+
+
+def with_parameters(default: _T, given: dict[str, Any], prefix: str = "") -> _T:
+    """A frozen dataclass of parameters from their flat names, as ``litsim_sim.ros.parameters.declare`` names them.
+
+    Raises:
+        InputError: a value does not fit its field.
+    """
+    values: dict[str, Any] = {}
+    for each in fields(default):  # type: ignore[arg-type]
+        name, value = prefix + each.name, getattr(default, each.name)
+        if is_dataclass(value):
+            values[each.name] = with_parameters(value, given, f"{name}.")
+            continue
+        try:
+            values[each.name] = type(value)(given[name]) if name in given else value
+        except (TypeError, ValueError) as error:
+            raise InputError(f"recorded parameter {name} is {given[name]!r}, expected such as {value!r}") from error
+    return type(default)(**values)
+
+
+def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
+    """Messages by topic and step; run information as step 0, stage states numbered as they come."""
+    wanted = {topic.name: topic for topic in (RUN_INFO, STATUS, *PER_STEP, EGO_APPLIED)}
+    for name, topic in wanted.items():
+        here, there = type_hash(type_name(topic.type)), reader.topics[name].type_hash if name in reader.topics else ""
+        if here and there and here != there:
+            raise InputError(f"{reader.path}: {name} was recorded with another version of {type_name(topic.type)}")
+    found: dict[str, dict[int, Any]] = {name: {} for name in wanted}
+    for message in reader.messages(wanted):
+        decoded, kept = deserialize_message(message.data, wanted[message.topic].type), found[message.topic]
+        info = found[RUN_INFO.name].get(0)
+        if message.topic in (RUN_INFO.name, STATUS.name):
+            kept.setdefault(0 if message.topic == RUN_INFO.name else len(kept), decoded)
+        elif info is None or decoded.run_id == info.run_id:
+            kept.setdefault(decoded.step, decoded)
+    if applied := found.pop(EGO_APPLIED.name):  # of an external ego counts what the bridge made of its answers
+        found[EGO_CONTROL.name] = applied
+    return found
+
+
+def _scenario(reader: BagReader, folder: Path) -> Scenario:
+    """The scenario with recording and net from the bag; the recording is cropped already."""
+    lacking = [name for name in (SCENARIO_FILE, *ATTACHED.values()) if name not in reader.attachments]
+    if lacking:
+        raise InputError(f"{reader.path}: cannot be run again without attachment {', '.join(lacking)}")
+    for name in ATTACHED.values():
+        (folder / name).write_bytes(reader.attachments[name])
+    where = f"{reader.path}: attachment {SCENARIO_FILE}"
+    values = parse_yaml(reader.attachments[SCENARIO_FILE], where, ScenarioFile)
+    values |= {name: str(folder / file) for name, file in ATTACHED.items()} | {"crop": None}
+    return Scenario.from_yaml(yaml.safe_dump(values), where)
+
+
+def _parameters(info: Any, statuses: dict[int, Any]) -> dict[str, dict[str, Any]]:
+    """What the stages have told of their parameters: in the run's configuration, or when they were ready."""
+    told = {name: _flat(values) for name, values in _mapping(info.configuration).items() if isinstance(values, dict)}
+    for status in statuses.values():
+        if status.state == StageStatus.READY and (values := _mapping(status.text)):
+            inner = values.get(status.stage)
+            told[status.stage] = _flat(inner if isinstance(inner, dict) else values)
+    return told
+
+
+def _mapping(text: str) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return {}
+    return values if isinstance(values, dict) else {}
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return found
+
+
+def _note(record: Record, reader: BagReader) -> None:
+    if not reader.complete:
+        record.notes.append(f"the recording is not complete ({reader.problem}): as far as it goes")
+    if record.scenario.total_steps != record.info.total_steps:
+        record.notes.append(f"{record.info.total_steps} steps were run, {record.scenario.total_steps} are attached")
+    then, now = _mapping(record.info.versions).get("commit"), versions()["commit"]
+    if then != now:
+        record.notes.append(f"recorded with commit {then}, this is {now}")
+    agents = record.messages[AGENTS.name]
+    if (last := max(agents, default=-1)) < record.info.total_steps:
+        record.notes.append(f"the record ends at step {last} of {record.info.total_steps}")
+    missed = [step for step in agents if step not in record.messages[EGO_CONTROL.name]]
+    if missed:
+        record.notes.append(f"{len(missed)} steps lack the ego's answer, the first is {min(missed)}")
