@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from litsim_policy.benchmark import LANES, SPACING, SPEED, Sample, columns_of_traffic, measure, rows, write_scenario
+from litsim_policy.benchmark import Sample, measure, rows, write_scenario
 from litsim_policy.conflict_benchmark import detection_rows, measure_detection
+from litsim_predictor.benchmark import LANES, SPACING, SPEED, columns_of_traffic
 from litsim_sim.errors import InputError
 from litsim_sim.geometry import overlapping_pairs
 from litsim_sim.scenario import Scenario

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 HAS_TORCH = find_spec("torch") is not None
-NEED_TORCH = ["test_learned*.py", "test_bat.py", "test_baselines.py", "test_benchmark.py", "test_conflicts.py"]
+NEED_TORCH = ["test_learned*.py", "test_bat.py", "test_baselines.py", "test_conflicts.py"]
 NEED_TORCH += ["test_evaluate.py", "test_scores.py"]
 if HAS_TORCH:
     import torch

@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import pytest
 
-from litsim_predictor.kinematic import KinematicPredictor
-from litsim_predictor.learned.benchmark import (
+from litsim_predictor.benchmark import (
     AGENTS_MOST,
     SCENARIO,
     WARM_UP,
     Timing,
     columns_of_traffic,
-    models_here,
     time_models,
     time_predictor,
 )
-from litsim_predictor.learned.weights import SHIPPED, path_of
+from litsim_predictor.kinematic import KinematicPredictor
 from litsim_sim.errors import InputError
 from litsim_sim.geometry import overlapping_pairs
+from litsim_sim.log import Log
+from litsim_sim.recording import STEP_S
 from litsim_sim.scenario import Scenario
 
 
 def test_the_traffic_is_on_the_road_and_nobody_overlaps() -> None:
     lane_map = Scenario.load(SCENARIO).lane_map
-    for step in (0, WARM_UP + 100):
-        table = columns_of_traffic(step, 7, AGENTS_MOST)
+    steps = WARM_UP + 100
+    log = Log.from_recording(columns_of_traffic(AGENTS_MOST, steps * STEP_S, first_id=7), 0, steps + 1)
+    for step in (0, steps):
+        table = log.table(step)
         assert (len(table), table.row(7)) == (AGENTS_MOST, 0)
         assert lane_map.inside_road(table.x, table.y).all()
         assert not len(overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width))
@@ -36,11 +38,6 @@ def test_every_model_is_timed_with_every_number_of_agents() -> None:
     for _, _, timing in found:
         assert 0.0 < timing.least <= timing.median <= timing.most
     assert str(Timing(2.0, 1.0, 3.456)) == "2.00 (1.00 to 3.46)"
-
-
-def test_predictors_without_weights_are_left_out() -> None:
-    assert models_here()[0] == "kinematic"
-    assert set(models_here()[1:]) == {name for name in SHIPPED if path_of(name).is_file()}
 
 
 def test_a_predictor_that_leaves_agents_out_is_not_timed() -> None:

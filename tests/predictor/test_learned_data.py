@@ -16,8 +16,9 @@ from litsim_predictor.learned.features import frame_headings
 from litsim_predictor.learned.raster import AHEAD, COLUMNS, LEFT, ROWS, MapRaster, raster_of_net
 from litsim_predictor.learned.scenes import Augmentation, scene_batches, training_batches
 from litsim_predictor.learned.sources import Us101TrackSource, Us101WindowSource, load, net_path
-from litsim_predictor.learned.tracks import PARTS, Tracks, parts_of
+from litsim_predictor.learned.tracks import Tracks, parts_of
 from litsim_predictor.learned.training import TEST_FRAMES, TRACKS, WINDOWS, Locator
+from litsim_sim.datasets.segments import PARTS
 from litsim_sim.errors import InputError
 from litsim_sim.maps.lane_map import LaneMap
 

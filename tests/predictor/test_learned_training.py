@@ -17,6 +17,7 @@ from litsim_predictor.learned.training import CHECKPOINT, CURVES, HISTORY_FILE, 
 from litsim_predictor.learned.weights import Provenance, load_model, save_model
 from litsim_sim.errors import InputError
 from litsim_sim.recording import Kind, Recording, RecordingHeader
+from litsim_sim.yaml_input import read_yaml
 
 Straight = Callable[..., pd.DataFrame]
 SMALL = """
@@ -100,8 +101,8 @@ def interrupt_at(epoch: int) -> Callable[..., float]:
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("model: joint\nepochs: 0\n", "small.yaml: field epochs"),
-        ("model: joint\nlearning: 1\n", "small.yaml: field learning"),
+        ("model: joint\nepochs: 0\n", "small.yaml: line 2, field epochs"),
+        ("model: joint\nlearning: 1\n", "small.yaml: line 2, field learning"),
         ("model: [\n", "small.yaml: malformed YAML"),
         ("model: rnn\n", "field model is 'rnn', expected one of joint, cs_lstm, bat"),
         (SMALL.replace("made.parquet", "gone.parquet"), "gone.parquet: no such file"),
@@ -113,6 +114,19 @@ def test_bad_configurations_are_named(
     config.write_text(text)
     with pytest.raises(SystemExit) as stopped:
         run(config, tmp_path / "out")
+    assert stopped.value.code == 2
+    assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "named"),
+    [("--epochs", "0", "error: command line: field epochs"), ("--device", "abacus", "error: --device abacus")],
+)
+def test_wrong_options_are_named(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, named: str
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        run(config, tmp_path / "out", option, value)
     assert stopped.value.code == 2
     assert named in capsys.readouterr().err
 
@@ -129,7 +143,7 @@ def test_a_training_is_not_overwritten_and_another_one_not_resumed(
 
 @pytest.mark.parametrize("name", ["default", "paper", "cs_lstm", "bat"])
 def test_packaged_configurations_are_whole(name: str) -> None:
-    config = TrainingConfig.read(train.packaged_configs()[name])
+    config = read_yaml(train.packaged_configs()[name], TrainingConfig)
     build(config.model, config.parameters, name)
 
 

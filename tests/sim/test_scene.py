@@ -110,6 +110,18 @@ def test_only_the_last_steps_are_kept(agent_table: Build) -> None:
     assert history.series("x", np.array([1]))[0].tolist() == [[4.0, 5.0, 6.0]]
 
 
+def test_a_window_strides_back_from_the_newest_step_as_far_as_the_history_reaches(agent_table: Build) -> None:
+    history = History(10)
+    for step in range(5):
+        late = [{"id": 2, "x": -1.0, "speed": 9.0}] if step >= 4 else []
+        history.push(agent_table(step, {"id": 1, "x": float(step), "speed": 10.0 * step}, *late))
+    values, valid = history.window(("x", "speed"), np.array([2, 1]), length=4, stride=2)
+    assert values[0].tolist() == [[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [-1.0, 9.0]]
+    assert values[1].tolist() == [[0.0, 0.0], [0.0, 0.0], [2.0, 20.0], [4.0, 40.0]]
+    assert valid.tolist() == [[False, False, False, True], [False, True, True, True]]
+    assert history.window(("x",), np.array([1]), length=2)[0][0, :, 0].tolist() == [3.0, 4.0]
+
+
 @pytest.mark.parametrize("step", [7, 5, 4, 0])
 def test_a_step_that_does_not_follow_starts_afresh(agent_table: Build, step: int) -> None:
     history = History(10)

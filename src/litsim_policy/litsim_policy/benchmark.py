@@ -10,22 +10,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import yaml
 
+from litsim_predictor.benchmark import columns_of_traffic
 from litsim_sim.analysis.metrics import METRICS_FILE
 from litsim_sim.errors import InputError
 from litsim_sim.executables import find_executable
-from litsim_sim.recording import STEP_S, Kind, Recording, RecordingHeader
 from litsim_sim.scenario import packaged
 
 NET = "us101_like"
-LANES = 5
-LANE_WIDTH = 3.66  # [m]
-SPACING = 10.0  # [m] between vehicles of a lane
-SPEED = 8.0  # [m/s]
-SIZE = (4.5, 1.8)  # [m]
 
 
 @dataclass(frozen=True)
@@ -46,29 +39,11 @@ class Sample:
         return self.graph / self.in_process
 
 
-def columns_of_traffic(agents: int, seconds: float) -> Recording:
-    """A recording of `agents` vehicles in five lanes, all at 8 m/s and 10 m apart, for `seconds`.
+def write_scenario(folder: Path, agents: int, seconds: float) -> Path:
+    """A scenario on :func:`columns_of_traffic`; the ego is in the middle of the columns.
 
     An ego that keeps a longer headway falls back in it, and those behind it are taken over.
     """
-    frames = round(seconds / STEP_S) + 1
-    number = np.arange(agents)
-    x0 = 15.0 + SPACING * (number // LANES) + 2.0 * (number % LANES)
-    y0 = -LANE_WIDTH * (number % LANES + 0.5)
-    frame, vehicle = (grid.ravel() for grid in np.meshgrid(np.arange(frames), number, indexing="ij"))
-    table = pd.DataFrame({"vehicle_id": vehicle + 1, "frame": frame})
-    table["x"] = x0[vehicle] + SPEED * STEP_S * frame
-    table["y"] = y0[vehicle]
-    table["yaw"] = table["acceleration"] = 0.0
-    table["speed"] = SPEED
-    table["length"], table["width"] = SIZE
-    table["kind"] = int(Kind.CAR)
-    table["lane"] = vehicle % LANES + 1
-    return Recording.from_table(RecordingHeader("columns", source="generated for the benchmark"), table, "benchmark")
-
-
-def write_scenario(folder: Path, agents: int, seconds: float) -> Path:
-    """A scenario on :func:`columns_of_traffic`; the ego is in the middle of the columns."""
     columns_of_traffic(agents, seconds).write(folder / f"{agents}.parquet")
     values = {
         "name": f"bench_{agents}",

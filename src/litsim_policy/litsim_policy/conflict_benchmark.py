@@ -7,8 +7,8 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from litsim_policy.benchmark import columns_of_traffic
 from litsim_policy.conflict import ConflictConfig, ConflictDetector
+from litsim_predictor.benchmark import columns_of_traffic
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_sim.log import Log

@@ -2,20 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 
 from litsim_predictor.forecast import Predictor
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
+from litsim_predictor.learned import SHIPPED
 from litsim_sim.errors import InputError
+from litsim_sim.parameters import Read
 from litsim_sim.scenario import Scenario
 
-LEARNED = ("default", "paper", "cs_lstm", "bat")
-MODELS = ("kinematic", *LEARNED)
+MODELS = ("kinematic", *SHIPPED)
 
 
 def default_model() -> str:
     """What forecasts unless told otherwise: the learned model where torch is installed."""
     return "default" if find_spec("torch") else "kinematic"
+
+
+@dataclass(frozen=True)
+class PredictorConfig:
+    """Parameters of the predictor stage.
+
+    Attributes:
+        model: see :func:`make_predictor`.
+        kinematic: of the model of that name.
+    """
+
+    model: str = field(default_factory=default_model)
+    kinematic: KinematicConfig = KinematicConfig()
+
+
+def predictor_stage(read: Read) -> Callable[[Scenario], Predictor]:
+    """Read the parameters; what is returned builds the predictor once the run is known."""
+    config = read(PredictorConfig())
+    return lambda scenario: make_predictor(config.model, scenario, config.kinematic)
 
 
 def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | None = None) -> Predictor:
@@ -31,7 +53,7 @@ def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | 
     """
     if model == "kinematic":
         return KinematicPredictor(scenario.ego_id, scenario.roi_m, kinematic)
-    if model not in LEARNED and not model.endswith(".safetensors"):
+    if model not in SHIPPED and not model.endswith(".safetensors"):
         raise InputError(
             f"predictor: parameter model is {model!r}, expected one of {', '.join(MODELS)}, or a file *.safetensors"
         )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from litsim_msgs.msg import RunInfo
 
 from litsim_predictor.forecast import Predictor
-from litsim_predictor.kinematic import KinematicConfig
 from litsim_predictor.messages import forecast_to_message
-from litsim_predictor.models import default_model, make_predictor
+from litsim_predictor.models import predictor_stage
 from litsim_sim.ros.messages import agents_from_message
 from litsim_sim.ros.parameters import declare
 from litsim_sim.ros.stage import StageNode, run_node
@@ -27,14 +27,13 @@ class PredictorNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._model = str(self.declare_parameter("model", default_model()).value)
-        self._kinematic = declare(self, KinematicConfig(), "kinematic.")
+        self._make = predictor_stage(partial(declare, self))
         self._run_id = ""
         self._predictor: Predictor
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._predictor, self._run_id = make_predictor(self._model, scenario, self._kinematic), info.run_id
+        self._predictor, self._run_id = self._make(scenario), info.run_id
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""

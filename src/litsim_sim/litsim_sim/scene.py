@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 
@@ -118,12 +118,26 @@ class History:
             values (m, h) with zeros where an agent was absent, and the mask (m, h) of where it was present;
             h is the number of steps held, the newest last.
         """
-        values = np.zeros((len(agents), len(self._tables)))
-        valid = np.zeros(values.shape, np.bool_)
-        for column, table in enumerate(self._tables):
+        values, valid = self.window((field,), agents, len(self._tables))
+        return values[..., 0], valid
+
+    def window(
+        self, fields: Sequence[str], agents: IntArray, length: int, stride: int = 1
+    ) -> tuple[FloatArray, BoolArray]:
+        """Values of several `fields` for `agents` (m,) at `length` steps, `stride` apart, up to the newest.
+
+        Returns:
+            values (m, length, len(fields)) with zeros where an agent was absent or the history does not reach, and the
+            mask (m, length) of where it was present; the newest step is the last.
+        """
+        values = np.zeros((len(agents), length, len(fields)))
+        valid = np.zeros((len(agents), length), np.bool_)
+        newest_first = list(self._tables)[::-stride][:length]
+        for back, table in enumerate(newest_first):
             rows = table.rows(agents)
             present = rows >= 0
-            values[present, column] = getattr(table, field)[rows[present]]
+            column = length - 1 - back
+            values[present, column] = np.stack([getattr(table, name)[rows[present]] for name in fields], axis=-1)
             valid[:, column] = present
         return values, valid
 

@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from litsim_predictor.benchmark import time_models
+from litsim_predictor.models import MODELS
 from litsim_sim.errors import InputError
 
 
@@ -26,10 +28,8 @@ def parser() -> argparse.ArgumentParser:
 
 def main() -> None:
     """Entry point of ``ros2 run litsim_predictor bench``."""
-    from litsim_predictor.learned.benchmark import models_here, time_models
-
     arguments = parser().parse_args()
-    models = arguments.models or models_here()
+    models = arguments.models or MODELS
     cells: dict[str, list[str]] = {}
     try:
         with tqdm(total=len(models) * len(arguments.agents), unit="run", dynamic_ncols=True) as bar:

@@ -57,14 +57,14 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
         InputError: a model, file, or option cannot be used.
     """
     from litsim_predictor.learned.conflicts import conflict_counts
-    from litsim_predictor.learned.evaluation import known_models, load_models, part_of, recording_tracks, score, summary
+    from litsim_predictor.learned.evaluation import COMPARED, load_models, part_of, recording_tracks, score, summary
     from litsim_predictor.learned.scenes import scene_batches
     from litsim_predictor.learned.tracks import Tracks
 
     for name in ("stride", "batch"):
         if getattr(arguments, name) < 1:
             raise InputError(f"--{name} {getattr(arguments, name)}: expected 1 or more")
-    models = load_models(arguments.models or known_models(), arguments.device)
+    models = load_models(arguments.models or COMPARED, arguments.device)
     scenario = None if arguments.recording else Scenario.load(arguments.scenario)
     if scenario is None:
         sources = [recording_tracks(path, arguments.net) for path in arguments.recording]

@@ -9,8 +9,8 @@ from importlib import resources
 from pathlib import Path
 
 from litsim_sim.errors import InputError
+from litsim_sim.yaml_input import read_yaml, validate_yaml
 
-EXIT_INPUT = 2
 DATA_HELP = "Files of recordings are looked for here, beside the configuration, and under LITSIM_DATA."
 
 
@@ -40,19 +40,20 @@ def main(argv: list[str] | None = None) -> None:
     try:
         _train(arguments)
     except InputError as error:
-        print(f"train: {error}", file=sys.stderr)
-        raise SystemExit(EXIT_INPUT) from error
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _train(arguments: argparse.Namespace) -> None:
     import torch
 
+    from litsim_predictor.learned.device import check_device
     from litsim_predictor.learned.training import CHECKPOINT, CURVES, WEIGHTS, Locator, Training, TrainingConfig
 
     file = packaged_configs().get(arguments.config, Path(arguments.config))
     chosen = {name: getattr(arguments, name) for name in ("epochs", "seed") if getattr(arguments, name) is not None}
-    config = TrainingConfig.read(file)
-    config = TrainingConfig.model_validate(config.model_dump() | chosen)
+    config = read_yaml(file, TrainingConfig)
+    config = validate_yaml(config.model_dump() | chosen, TrainingConfig, "command line", "")
     folder: Path = arguments.out
     if (folder / CHECKPOINT).exists() and not arguments.resume:
         raise InputError(f"{folder}: holds a training already; --resume goes on with it")
@@ -65,6 +66,7 @@ def _train(arguments: argparse.Namespace) -> None:
     device = arguments.device
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() else "cpu"
+    check_device(device)
     name = arguments.config if arguments.config in packaged_configs() else file.name
     options = [word for key, value in chosen.items() for word in (f"--{key}", str(value))]
     command = shlex.join(["ros2", "run", "litsim_predictor", "train", "--config", name, *options, "--out", folder.name])

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from litsim_predictor.kinematic import KinematicConfig, roll_out, spread
-from litsim_predictor.learned.batch import DT, HISTORY, HORIZON, Prediction, SceneBatch
-from litsim_predictor.learned.model import SceneModel, constant_velocity
+from litsim_predictor.learned.batch import DT, HISTORY, HORIZON, Prediction, SceneBatch, numbers
+from litsim_predictor.learned.model import Decode, SceneModel, constant_velocity
 from litsim_sim.geometry import wrap_angle
 from litsim_sim.recording import STEP_S
 from litsim_sim.scene import FloatArray
@@ -23,9 +23,9 @@ class ConstantVelocity(SceneModel):
         super().__init__()
         self._config = config or KinematicConfig(dt=DT, horizon=DT * HORIZON)
 
-    def forward(self, batch: SceneBatch, decode: str | Tensor = "best") -> Prediction:  # noqa: ARG002 - of one kind
+    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:  # noqa: ARG002 - of one kind
         """See :class:`SceneModel`."""
-        yaw = np.repeat(_numbers(batch.state[..., 3])[..., None], HORIZON, axis=-1)
+        yaw = np.repeat(numbers(batch.state[..., 3])[..., None], HORIZON, axis=-1)
         return self._prediction(batch, constant_velocity(batch), yaw)
 
     def _prediction(self, batch: SceneBatch, mean: Tensor, yaw: FloatArray) -> Prediction:
@@ -41,10 +41,10 @@ class ConstantVelocity(SceneModel):
 class ConstantTurnRate(ConstantVelocity):
     """The `kinematic` predictor: constant speed, and a turn rate averaged over the last second that decays."""
 
-    def forward(self, batch: SceneBatch, decode: str | Tensor = "best") -> Prediction:  # noqa: ARG002 - of one kind
+    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:  # noqa: ARG002 - of one kind
         """See :class:`SceneModel`."""
         yaw, way = roll_out(
-            _numbers(batch.state[..., 3]), _numbers(batch.state[..., 2]), self._turn_rate(batch), TIMES, self._config
+            numbers(batch.state[..., 3]), numbers(batch.state[..., 2]), self._turn_rate(batch), TIMES, self._config
         )
         return self._prediction(batch, torch.as_tensor(way).to(batch.state), yaw)
 
@@ -52,13 +52,9 @@ class ConstantTurnRate(ConstantVelocity):
         """(B, N) [rad/s]; zero where an agent has just appeared or hardly turns."""
         window = self._config.rate_window * STEP_S
         steps = min(round(window / DT), HISTORY - 1)
-        yaw, observed = _numbers(batch.history[:, :, -steps - 1 :, 2]), batch.observed[:, :, -steps - 1 :].cpu().numpy()
+        yaw, observed = numbers(batch.history[:, :, -steps - 1 :, 2]), batch.observed[:, :, -steps - 1 :].cpu().numpy()
         first = np.argmax(observed, axis=-1)
         start = np.take_along_axis(yaw, first[..., None], axis=-1)[..., 0]
         span = DT * (steps - first)
         rate = np.divide(wrap_angle(yaw[..., -1] - start), span, out=np.zeros(start.shape), where=span > 0.5 * window)
         return np.where(np.abs(rate) > self._config.rate_dead_band, rate, 0.0)
-
-
-def _numbers(values: Tensor) -> FloatArray:
-    return values.detach().cpu().numpy().astype(np.float64)

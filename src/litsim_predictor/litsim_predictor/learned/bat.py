@@ -29,7 +29,18 @@ from litsim_predictor.learned.batch import (
     SceneBatch,
 )
 from litsim_predictor.learned.centrality import CENTRALITIES, centralities, mean_rates, proximity_graph
-from litsim_predictor.learned.model import SceneModel, chosen_maneuver, constant_velocity, gaussian
+from litsim_predictor.learned.model import (
+    GAUSSIAN_CHANNELS,
+    Decode,
+    SceneModel,
+    constant_velocity,
+    decoded_maneuvers,
+    gaussian,
+    maneuver_logits,
+    maneuver_parts,
+    offsets,
+    rotate,
+)
 
 GRID_ROWS, GRID_COLUMNS = 13, 3
 CELL_LENGTH, CELL_WIDTH = 4.57, 3.66  # [m]: 15 feet, as is usual on NGSIM, and a lane
@@ -37,7 +48,6 @@ POLAR_CHANNELS = 5  # r, cos phi, sin phi, radial velocity, observed
 LENGTH_UNIT, SPEED_UNIT = 10.0, 10.0  # [m], [m/s] that the networks count in
 AT_ORIGIN = 1e-3  # [m] within which a position has no angle
 APPROACH_S = 3.0  # [s] over which neighbours are expected to keep their velocity, when they are ranked
-GAUSSIAN_CHANNELS = 5  # velocity along x and y, two scales, correlation
 
 
 @dataclass(frozen=True)
@@ -108,7 +118,7 @@ class Bat(SceneModel):
         self.longitudinal = nn.Linear(encoding, len(LONGITUDINAL))
         self.decoder = ManeuverDecoder(encoding, decoder_units)
 
-    def forward(self, batch: SceneBatch, decode: str | Tensor = "best") -> Prediction:
+    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
         """See :meth:`SceneModel.forward`."""
         scene, row = batch.agent.nonzero(as_tuple=True)
         motions, state = motions_of(batch, scene, row), batch.state[scene, row]
@@ -119,16 +129,10 @@ class Bat(SceneModel):
         other = self.other(polar(motions, pairs.target, pairs.other), behaviour[pairs.other])
         encoding = torch.cat([target, self.interaction(target, other, motions, pairs)], dim=-1)
 
-        lateral = self.lateral(encoding).log_softmax(dim=-1)
-        longitudinal = self.longitudinal(encoding).log_softmax(dim=-1)
-        joint = (lateral[:, :, None] + longitudinal[:, None, :]).flatten(1)
+        joint = maneuver_logits(self.lateral(encoding), self.longitudinal(encoding))
         shape = batch.agent.shape
         logits = joint.new_zeros(*shape, len(MANEUVERS)).index_put((scene, row), joint)
-        if isinstance(decode, str) and decode == "all":
-            maneuver = torch.arange(len(MANEUVERS), device=scene.device).expand(len(scene), -1)
-        else:
-            maneuver = chosen_maneuver(logits, decode)[scene, row][:, None]
-        raw = self.decoder(encoding, maneuver)  # (T, M, HORIZON, 5)
+        raw = self.decoder(encoding, decoded_maneuvers(logits, decode)[scene, row])  # (T, M, HORIZON, 5)
         everywhere = raw.new_zeros(*shape, *raw.shape[1:]).index_put((scene, row), raw)
         ahead = constant_velocity(batch)[:, :, None] + DT * everywhere[..., :2].cumsum(dim=-2)
         scale, correlation = gaussian(everywhere[..., 2:])
@@ -233,11 +237,8 @@ class ManeuverDecoder(nn.Module):
         self.gaussian = nn.Linear(units, GAUSSIAN_CHANNELS)
 
     def forward(self, encoding: Tensor, maneuver: Tensor) -> Tensor:
-        """(T, M, HORIZON, GAUSSIAN_CHANNELS) of manoeuvres (T, M) int64; velocities in m/s, the rest unbounded."""
-        lateral = nn.functional.one_hot(maneuver // len(LONGITUDINAL), len(LATERAL))
-        longitudinal = nn.functional.one_hot(maneuver % len(LONGITUDINAL), len(LONGITUDINAL))
-        wanted = torch.cat([lateral, longitudinal], dim=-1).to(encoding.dtype)
-        given = self.encoding(encoding)[:, None] + self.maneuver(wanted)
+        """(T, M, HORIZON, GAUSSIAN_CHANNELS) of manoeuvres (T, M) int64; means are velocities [m/s], scales are raw."""
+        given = self.encoding(encoding)[:, None] + self.maneuver(maneuver_parts(maneuver).to(encoding.dtype))
         hidden = cell = given.new_zeros(*maneuver.shape, self.recurrent.in_features)
         steps = []
         for _ in range(HORIZON):
@@ -290,7 +291,7 @@ def neighbours(batch: SceneBatch) -> Neighbours:
     """
     speed, yaw = batch.state[..., 2], batch.heading + batch.state[..., 3]
     velocity = speed[..., None] * torch.stack([yaw.cos(), yaw.sin()], dim=-1)
-    offset = batch.position[:, None] - batch.position[:, :, None]  # (B, target, other, 2)
+    offset = offsets(batch)
     approach = velocity[:, None] - velocity[:, :, None]
     squared = (approach**2).sum(dim=-1)
     when = (-(offset * approach).sum(dim=-1) / squared.clamp_min(1e-6)).clamp(0.0, APPROACH_S)
@@ -315,13 +316,6 @@ def rank_encoding(rank: Tensor, size: int) -> Tensor:
     frequency = torch.exp(torch.arange(0, size, 2, device=rank.device) * (-math.log(10_000.0) / size))
     angle = rank[:, None] * frequency
     return torch.stack([angle.sin(), angle.cos()], dim=-1).flatten(1)
-
-
-def rotate(vector: Tensor, angle: Tensor) -> Tensor:
-    """Vectors (..., 2) turned by angles (...) [rad]."""
-    cos, sin = angle.cos(), angle.sin()
-    x, y = vector[..., 0], vector[..., 1]
-    return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=-1)
 
 
 def last_state(lstm: nn.LSTM, series: Tensor) -> Tensor:

@@ -9,8 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
+import numpy as np
 import torch
 from torch import Tensor
+
+from litsim_sim.scene import FloatArray
 
 DT = 0.2
 """[s] between steps of history and future: NGSIM's 10 Hz subsampled to 5 Hz, as is usual in prediction."""
@@ -18,6 +21,10 @@ HISTORY = 16
 """Steps of history, the present included: 3 s."""
 HORIZON = 25
 """Steps of the future: 5 s."""
+SECONDS = tuple(range(1, round(HORIZON * DT) + 1))
+"""Horizons that measures are told for [s]."""
+AT_SECONDS = slice(round(1.0 / DT) - 1, None, round(1.0 / DT))
+"""The steps of the future at :data:`SECONDS`."""
 HISTORY_CHANNELS = 4
 """x [m], y [m], yaw relative to the agent frame [rad], speed [m/s]."""
 STATE_CHANNELS = 4
@@ -82,6 +89,11 @@ class Prediction:
     mean: Tensor
     scale: Tensor
     correlation: Tensor
+
+
+def numbers(values: Tensor) -> FloatArray:
+    """`values` as an array of numpy, wherever they are."""
+    return values.detach().cpu().numpy().astype(np.float64)
 
 
 def maneuvers_of(future: Tensor, future_known: Tensor, speed: Tensor) -> Tensor:

@@ -15,9 +15,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 import torch
 
-from litsim_predictor.learned.batch import DT, HORIZON
+from litsim_predictor.learned.batch import AT_SECONDS, HORIZON, SECONDS, numbers
 from litsim_predictor.learned.boxes import path_headings
-from litsim_predictor.learned.features import AgentInputs, agent_inputs
+from litsim_predictor.learned.features import AgentInputs, agent_inputs, in_map
 from litsim_predictor.learned.model import SceneModel
 from litsim_predictor.learned.scenes import inputs_batch
 from litsim_predictor.learned.tracks import STRIDE, Tracks
@@ -31,7 +31,6 @@ from litsim_sim.scene import BoolArray, FloatArray, IntArray
 DriveKind = Literal["keeps_speed", "brakes"]
 DRIVE_KINDS: tuple[DriveKind, ...] = get_args(DriveKind)
 
-SECONDS = tuple(range(1, round(HORIZON * DT) + 1))
 DECELERATION = 2.0  # [m/s2]
 BRAKING_S = 2.5
 BRAKES = 2  # drives of each ego that brake, each at a time of its own; in one more it keeps its speed
@@ -212,7 +211,7 @@ class _Scene:
         dx, dy = self.box[..., 0] - path[:, 0], self.box[..., 1] - path[:, 1]
         sizes = self.sizes[:, 0, None], self.sizes[:, 1, None]
         hit = boxes_overlap(dx, dy, path[:, 2], self.box[..., 2], (self.size[0], self.size[1]), sizes) & self.there
-        return np.logical_or.accumulate(hit, axis=1)[:, [round(second / DT) - 1 for second in SECONDS]]
+        return np.logical_or.accumulate(hit, axis=1)[:, AT_SECONDS]
 
 
 def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
@@ -278,13 +277,11 @@ def _ego_paths(model: SceneModel, scenes: Sequence[_Scene]) -> FloatArray:
     device = next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
     with torch.inference_mode():
         mean = model(inputs_batch([scene.inputs for scene in scenes]).to(device), decode="best").mean
-    path = mean[range(len(scenes)), [scene.ego for scene in scenes], 0].cpu().numpy().astype(np.float64)
-    origin = np.array([scene.inputs.frame[scene.ego] for scene in scenes])[:, None]
+    path = numbers(mean[range(len(scenes)), [scene.ego for scene in scenes], 0])
+    frame = np.array([scene.inputs.frame[scene.ego] for scene in scenes])
     yaw = np.array([scene.inputs.state[scene.ego, 3] for scene in scenes], np.float64)
-    cos, sin = np.cos(origin[..., 2]), np.sin(origin[..., 2])
-    x = origin[..., 0] + cos * path[..., 0] - sin * path[..., 1]
-    y = origin[..., 1] + sin * path[..., 0] + cos * path[..., 1]
-    return np.stack([x, y, origin[..., 2] + path_headings(path, yaw)], axis=-1)
+    headings = frame[:, 2:] + path_headings(path, yaw)
+    return np.concatenate([in_map(path, frame), headings[..., None]], axis=-1)
 
 
 def _share(part: int, whole: int) -> float | None:

@@ -10,10 +10,20 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.learned.batch import HORIZON, LATERAL, LONGITUDINAL, MANEUVERS, Prediction, SceneBatch
-from litsim_predictor.learned.joint import LENGTH, OUTPUTS
-from litsim_predictor.learned.model import SceneModel, chosen_maneuver, gaussian
+from litsim_predictor.learned.batch import HORIZON, LATERAL, LONGITUDINAL, Prediction, SceneBatch
+from litsim_predictor.learned.model import (
+    GAUSSIAN_CHANNELS,
+    Decode,
+    SceneModel,
+    decoded_maneuvers,
+    gaussian,
+    maneuver_logits,
+    maneuver_parts,
+    offsets,
+    rotate,
+)
 
+LENGTH = 20.0  # [m] by which positions are scaled
 GRID = (13, 3)
 CELL_AHEAD, CELL_LEFT = 4.572, 3.66  # [m] 15 feet, and a lane
 
@@ -45,9 +55,9 @@ class CsLstm(SceneModel):
         width = embedding + 5 * second
         self.lateral, self.longitudinal = nn.Linear(width, len(LATERAL)), nn.Linear(width, len(LONGITUDINAL))
         self.decoder = nn.LSTM(width + len(LATERAL) + len(LONGITUDINAL), decoder, batch_first=True)
-        self.out = nn.Linear(decoder, OUTPUTS)
+        self.out = nn.Linear(decoder, GAUSSIAN_CHANNELS)
 
-    def forward(self, batch: SceneBatch, decode: str | Tensor = "best") -> Prediction:
+    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
         """See :meth:`SceneModel.forward`."""
         b, n = batch.agent.shape
         there = batch.agent
@@ -56,32 +66,19 @@ class CsLstm(SceneModel):
         encoding = hidden[0].new_zeros(b, n, hidden.shape[-1])
         encoding[there] = hidden[0]
         context = torch.cat([self.dynamics(encoding), self.social(social_grid(batch, encoding)).view(b, n, -1)], dim=-1)
-        lateral, longitudinal = self.lateral(context), self.longitudinal(context)
-        logits = (lateral.log_softmax(-1)[..., :, None] + longitudinal.log_softmax(-1)[..., None, :]).flatten(2)
-        if isinstance(decode, str) and decode == "all":
-            maneuver = torch.arange(len(MANEUVERS), device=context.device).expand(b, n, -1)
-        else:
-            maneuver = chosen_maneuver(logits, decode)[..., None]
-        kinds = torch.cat(
-            [
-                nn.functional.one_hot(maneuver // len(LONGITUDINAL), len(LATERAL)),
-                nn.functional.one_hot(maneuver % len(LONGITUDINAL), len(LONGITUDINAL)),
-            ],
-            dim=-1,
-        ).to(context.dtype)
+        logits = maneuver_logits(self.lateral(context), self.longitudinal(context))
+        maneuver = decoded_maneuvers(logits, decode)
         modes = maneuver.shape[-1]
-        read = torch.cat([context[:, :, None].expand(-1, -1, modes, -1), kinds], dim=-1).flatten(0, 2)
-        raw = self.out(self.decoder(read[:, None].expand(-1, HORIZON, -1))[0]).view(b, n, modes, HORIZON, OUTPUTS)
+        wanted = maneuver_parts(maneuver).to(context.dtype)
+        read = torch.cat([context[:, :, None].expand(-1, -1, modes, -1), wanted], dim=-1).flatten(0, 2)
+        raw = self.out(self.decoder(read[:, None].expand(-1, HORIZON, -1))[0]).unflatten(0, (b, n, modes))
         scale, correlation = gaussian(raw[..., 2:])
         return Prediction(logits, LENGTH * raw[..., :2], scale, correlation)
 
 
 def social_grid(batch: SceneBatch, encoding: Tensor) -> Tensor:
     """(B * N, width, 13, 3) encodings of the agents in the cells around each agent; of two in a cell, their sum."""
-    cos, sin = batch.heading.cos()[:, :, None], batch.heading.sin()[:, :, None]
-    apart = batch.position[:, None] - batch.position[:, :, None]
-    ahead = apart[..., 0] * cos + apart[..., 1] * sin
-    left = apart[..., 1] * cos - apart[..., 0] * sin
+    ahead, left = rotate(offsets(batch), -batch.heading[..., None]).unbind(dim=-1)
     row = torch.round(ahead / CELL_AHEAD).long() + GRID[0] // 2
     column = torch.round(left / CELL_LEFT).long() + GRID[1] // 2
     other = ~torch.eye(batch.agent.shape[1], dtype=torch.bool, device=batch.agent.device)

@@ -10,28 +10,28 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
+from litsim_predictor.learned import SHIPPED
 from litsim_predictor.learned.baselines import ConstantTurnRate, ConstantVelocity
 from litsim_predictor.learned.batch import DT, HISTORY, HORIZON, SceneBatch
 from litsim_predictor.learned.conflicts import ConflictCounts, DriveKind
+from litsim_predictor.learned.device import check_device
 from litsim_predictor.learned.model import SceneModel
 from litsim_predictor.learned.scores import ScoreBoard, Scores, by_second
 from litsim_predictor.learned.sources import net_path, split
-from litsim_predictor.learned.tracks import STRIDE, Part, Tracks
-from litsim_predictor.learned.weights import SHIPPED, load_model, path_of
+from litsim_predictor.learned.tracks import STRIDE, Tracks
+from litsim_predictor.learned.weights import load_model
+from litsim_sim.datasets.segments import Part
 from litsim_sim.errors import InputError
 from litsim_sim.recording import STEP_S, Recording
 
 REFERENCE = "constant_velocity"
 """The model that every evaluation includes, for ratios to it."""
 KINEMATIC: dict[str, type[SceneModel]] = {REFERENCE: ConstantVelocity, "kinematic": ConstantTurnRate}
+COMPARED = (*KINEMATIC, *SHIPPED)
+"""The models that an evaluation compares unless told otherwise."""
 NEEDED_FRAMES = STRIDE * (HISTORY - 1 + HORIZON) + 1
 
 _log = logging.getLogger(__name__)
-
-
-def known_models() -> tuple[str, ...]:
-    """Kinematic models, and those whose weights come with the package."""
-    return (*KINEMATIC, *(name for name in SHIPPED if path_of(name).is_file()))
 
 
 def load_models(names: Sequence[str], device: str) -> dict[str, SceneModel]:
@@ -40,14 +40,11 @@ def load_models(names: Sequence[str], device: str) -> dict[str, SceneModel]:
     Raises:
         InputError: there is none of that name, or no such device.
     """
-    try:
-        torch.empty(0, device=device)
-    except (RuntimeError, AssertionError) as error:  # a build without CUDA asserts
-        raise InputError(f"--device {device}: {str(error).splitlines()[0]}; expected one of torch, as cpu") from error
+    check_device(device)
     ordered = dict.fromkeys([REFERENCE, *names])
     for name in ordered:
-        if name not in KINEMATIC and name not in SHIPPED and not Path(name).is_file():
-            known = ", ".join([*KINEMATIC, *SHIPPED])
+        if name not in COMPARED and not Path(name).is_file():
+            known = ", ".join(COMPARED)
             raise InputError(f"--models {name}: no such model, expected one of {known}, or a file of weights")
     models = {name: KINEMATIC[name]() if name in KINEMATIC else load_model(name)[0] for name in ordered}
     return {name: model.to(device).eval() for name, model in models.items()}

@@ -8,10 +8,10 @@ import numpy as np
 
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.learned.batch import HISTORY_CHANNELS, STATE_CHANNELS
-from litsim_predictor.learned.raster import ByteArray, MapRaster
-from litsim_sim.geometry import wrap_angle
+from litsim_predictor.learned.raster import MapRaster
+from litsim_sim.geometry import to_body, wrap_angle
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scene import BoolArray, FloatArray
+from litsim_sim.scene import BoolArray, ByteArray, FloatArray
 
 LANE_ANGLE = 0.6  # [rad] a vehicle at a larger angle to the lane under it does not drive along it
 LANE_DISTANCE = 3.0  # [m] nor does one farther from its centre line
@@ -59,10 +59,9 @@ def agent_inputs(
         raster: the map.
     """
     x, y = series[:, -1, 0], series[:, -1, 1]
-    cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    dx, dy = series[..., 0] - x[:, None], series[..., 1] - y[:, None]
+    ahead, left = to_body(series[..., 0] - x[:, None], series[..., 1] - y[:, None], heading[:, None])
     yaw = wrap_angle(series[..., 2] - heading[:, None])
-    history = np.stack([dx * cos + dy * sin, dy * cos - dx * sin, yaw, series[..., 3]], axis=-1)
+    history = np.stack([ahead, left, yaw, series[..., 3]], axis=-1)
     assert history.shape[-1] == HISTORY_CHANNELS
     history = np.where(observed[..., None], history, 0.0)
     state = np.concatenate([size, series[:, -1, 3:4], yaw[:, -1:]], axis=-1).astype(np.float32)
@@ -74,3 +73,10 @@ def agent_inputs(
         state=state,
         raster=raster.cut(x, y, heading),
     )
+
+
+def in_map(path: FloatArray, frame: FloatArray) -> FloatArray:
+    """Positions (..., T, 2) [m] in frame map, of a `path` (..., T, 2) [m] in each agent frame (..., 3) [m, rad]."""
+    cos, sin = np.cos(frame[..., 2:]), np.sin(frame[..., 2:])
+    turned = np.stack([cos * path[..., 0] - sin * path[..., 1], sin * path[..., 0] + cos * path[..., 1]], axis=-1)
+    return frame[..., None, :2] + turned

@@ -16,23 +16,24 @@ from typing import Literal, cast
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.learned.batch import (
-    DT,
-    HISTORY_CHANNELS,
-    HORIZON,
-    MANEUVERS,
-    STATE_CHANNELS,
-    Prediction,
-    SceneBatch,
+from litsim_predictor.learned.batch import HISTORY_CHANNELS, HORIZON, MANEUVERS, STATE_CHANNELS, Prediction, SceneBatch
+from litsim_predictor.learned.model import (
+    GAUSSIAN_CHANNELS,
+    Decode,
+    SceneModel,
+    constant_velocity,
+    decoded_maneuvers,
+    future_times,
+    gaussian,
+    offsets,
+    rotate,
 )
-from litsim_predictor.learned.model import SceneModel, chosen_maneuver, constant_velocity, gaussian
 from litsim_predictor.learned.raster import CHANNELS, COLUMNS, ROWS
 
 LENGTH = 20.0  # [m] by which positions are scaled
 LANE = 4.0  # [m] by which lateral distances are scaled
 SPEED = 15.0  # [m/s] by which speeds are scaled
 RELATION_CHANNELS = 8
-OUTPUTS = 5  # x, y, two standard deviations, correlation
 
 
 class MapEncoder(nn.Module):
@@ -128,15 +129,14 @@ class DirectDecoder(nn.Module):
             nn.ReLU(),
             nn.Linear(hidden, hidden),
             nn.ReLU(),
-            nn.Linear(hidden, HORIZON * OUTPUTS),
+            nn.Linear(hidden, HORIZON * GAUSSIAN_CHANNELS),
         )
 
     def forward(self, context: Tensor, maneuver: Tensor, base: Tensor, truth: Tensor | None) -> tuple[Tensor, Tensor]:
         """Means (n, HORIZON, 2) and raw scales (n, HORIZON, 3); `truth` is not used."""
         del truth
-        raw = self.layers(context + self.maneuver(maneuver)).view(-1, HORIZON, OUTPUTS)
-        t = DT * torch.arange(1, HORIZON + 1, device=raw.device, dtype=raw.dtype)
-        return base + t[:, None] * raw[..., :2], raw[..., 2:]
+        raw = self.layers(context + self.maneuver(maneuver)).view(-1, HORIZON, GAUSSIAN_CHANNELS)
+        return base + future_times(raw)[:, None] * raw[..., :2], raw[..., 2:]
 
 
 class RecurrentDecoder(nn.Module):
@@ -152,7 +152,7 @@ class RecurrentDecoder(nn.Module):
         self.maneuver = nn.Embedding(len(MANEUVERS), width)
         self.context = nn.Linear(width, hidden)
         self.gru = nn.GRU(2 + hidden, hidden // 2, batch_first=True, bidirectional=True)
-        self.out = nn.Linear(hidden, OUTPUTS)
+        self.out = nn.Linear(hidden, GAUSSIAN_CHANNELS)
 
     def forward(self, context: Tensor, maneuver: Tensor, base: Tensor, truth: Tensor | None) -> tuple[Tensor, Tensor]:
         """Means (n, HORIZON, 2) and raw scales (n, HORIZON, 3); `truth` (n, HORIZON, 2) is forced where given."""
@@ -207,16 +207,17 @@ class JointPredictor(SceneModel):
         super().__init__()
         self.map = MapEncoder(map_channels, map_width)
         self.history = HistoryEncoder(history_width, history_channels)
-        self.state = nn.Sequential(nn.Linear(STATE_CHANNELS, state_width), nn.ReLU())
-        width = map_width + history_width + state_width
         self.scene = None if relative else SceneAttention(state_width, heads)
+        if self.scene is None:
+            self.state = nn.Sequential(nn.Linear(STATE_CHANNELS, state_width), nn.ReLU())
+        width = map_width + history_width + state_width
         self.relative = nn.ModuleList([RelativeAttention(width, heads) for _ in range(layers if relative else 0)])
         self.neighbours, self.reach = neighbours, reach
         self.dropout = nn.Dropout(dropout)
         self.maneuver = nn.Sequential(nn.Linear(width, hidden), nn.ReLU(), nn.Linear(hidden, len(MANEUVERS)))
         self.decoder = (DirectDecoder if decoder == "direct" else RecurrentDecoder)(width, hidden)
 
-    def forward(self, batch: SceneBatch, decode: str | Tensor = "best") -> Prediction:
+    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
         """See :meth:`SceneModel.forward`."""
         b, n = batch.agent.shape
         there = batch.agent
@@ -231,22 +232,20 @@ class JointPredictor(SceneModel):
         logits = self.maneuver(agents)
         return self._decode(batch, self.dropout(agents), logits, decode)
 
-    def _decode(self, batch: SceneBatch, agents: Tensor, logits: Tensor, decode: str | Tensor) -> Prediction:
-        b, n, width = agents.shape
-        if isinstance(decode, str) and decode == "all":
-            maneuver = torch.arange(len(MANEUVERS), device=agents.device).expand(b, n, -1)
-        else:
-            maneuver = chosen_maneuver(logits, decode)[..., None]
-        modes = maneuver.shape[-1]
-        base = constant_velocity(batch)[:, :, None].expand(-1, -1, modes, -1, -1).flatten(0, 2)
+    def _decode(self, batch: SceneBatch, agents: Tensor, logits: Tensor, decode: Decode) -> Prediction:
+        maneuver = decoded_maneuvers(logits, decode)
+        shape = (*maneuver.shape, HORIZON)
+
+        def for_each_maneuver(values: Tensor) -> Tensor:
+            """(B * N * M, ...) of (B, N, ...)."""
+            return values.flatten(0, 1).repeat_interleave(maneuver.shape[-1], dim=0)
+
+        base = constant_velocity(batch)
         truth = None
         if self.training and float(torch.rand(())) < self.forcing:
-            truth = torch.where(batch.future_known[..., None], batch.future, constant_velocity(batch))
-            truth = truth[:, :, None].expand(-1, -1, modes, -1, -1).flatten(0, 2)
-        context = agents[:, :, None].expand(-1, -1, modes, -1).reshape(-1, width)
-        mean, raw = self.decoder(context, maneuver.flatten(), base, truth)
+            truth = for_each_maneuver(torch.where(batch.future_known[..., None], batch.future, base))
+        mean, raw = self.decoder(for_each_maneuver(agents), maneuver.flatten(), for_each_maneuver(base), truth)
         scale, correlation = gaussian(raw)
-        shape = (b, n, modes, HORIZON)
         return Prediction(logits, mean.view(*shape, 2), scale.view(*shape, 2), correlation.view(*shape))
 
 
@@ -273,16 +272,13 @@ class Neighbours:
     def of(cls, batch: SceneBatch, count: int, reach: float) -> Neighbours:
         """At most `count` others within `reach` metres."""
         b, n = batch.agent.shape
-        apart = batch.position[:, None] - batch.position[:, :, None]
+        apart = offsets(batch)
         distance = torch.hypot(apart[..., 0], apart[..., 1]).masked_fill(~batch.agent[:, None], float("inf"))
         itself = torch.eye(n, dtype=torch.bool, device=distance.device)
         distance, index = distance.masked_fill(itself, -1.0).topk(min(count + 1, n), dim=-1, largest=False)
         scene = torch.arange(b, device=index.device)[:, None, None]
         agent = torch.arange(n, device=index.device)[:, None]
-        apart = apart[scene, agent, index]
-        cos, sin = batch.heading.cos()[..., None], batch.heading.sin()[..., None]
-        ahead = apart[..., 0] * cos + apart[..., 1] * sin
-        left = apart[..., 1] * cos - apart[..., 0] * sin
+        ahead, left = rotate(apart[scene, agent, index], -batch.heading[..., None]).unbind(dim=-1)
         turn = batch.heading[scene, index] - batch.heading[..., None]
         speed = batch.state[..., 2]
         other = speed[scene, index]

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.learned.batch import DT, HORIZON, Prediction, SceneBatch
+from litsim_predictor.learned.batch import DT, HORIZON, LATERAL, LONGITUDINAL, Prediction, SceneBatch
 
+Decode = Literal["all", "best"] | Tensor
+"""What to decode; see :meth:`SceneModel.forward`."""
+GAUSSIAN_CHANNELS = 5  # mean x and y, two scales, correlation
 SCALE_FLOOR = 0.02  # [m] least standard deviation: below what the recordings measure
 CORRELATION_LIMIT = 0.95
 
@@ -27,7 +31,7 @@ class SceneModel(nn.Module):
     forcing = 0.0
 
     @abstractmethod
-    def forward(self, batch: SceneBatch, decode: str | Tensor = "best") -> Prediction:
+    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
         """Predict every agent of `batch`, in one pass.
 
         Args:
@@ -37,18 +41,50 @@ class SceneModel(nn.Module):
         """
 
 
-def chosen_maneuver(logits: Tensor, decode: str | Tensor) -> Tensor:
-    """(B, N) the manoeuvre to decode, for a `decode` of "best" or given manoeuvres."""
+def decoded_maneuvers(logits: Tensor, decode: Decode) -> Tensor:
+    """(B, N, M) int64 the manoeuvres to decode, of logits (B, N, K); see :meth:`SceneModel.forward`."""
+    if isinstance(decode, str) and decode == "all":
+        return torch.arange(logits.shape[-1], device=logits.device).expand_as(logits)
     best = logits.argmax(dim=-1)
-    return best if isinstance(decode, str) else torch.where(decode >= 0, decode, best)
+    return (best if isinstance(decode, str) else torch.where(decode >= 0, decode, best))[..., None]
+
+
+def maneuver_logits(lateral: Tensor, longitudinal: Tensor) -> Tensor:
+    """(..., K) logits of manoeuvres whose two parts are independent, from theirs: (..., 3) each."""
+    return (lateral.log_softmax(-1)[..., :, None] + longitudinal.log_softmax(-1)[..., None, :]).flatten(-2)
+
+
+def maneuver_parts(maneuver: Tensor) -> Tensor:
+    """(..., 6) int64: the lateral part of manoeuvres (...) one-hot, then the longitudinal one."""
+    lateral = nn.functional.one_hot(maneuver // len(LONGITUDINAL), len(LATERAL))
+    return torch.cat([lateral, nn.functional.one_hot(maneuver % len(LONGITUDINAL), len(LONGITUDINAL))], dim=-1)
+
+
+def rotate(vector: Tensor, angle: Tensor) -> Tensor:
+    """Vectors (..., 2) turned by angles (...) [rad]."""
+    cos, sin = angle.cos(), angle.sin()
+    x, y = vector[..., 0], vector[..., 1]
+    return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=-1)
+
+
+def offsets(batch: SceneBatch) -> Tensor:
+    """(B, N, N, 2) from each agent (first N) to every agent (second N), in the axes of frame map [m].
+
+    Turned by ``-batch.heading[..., None]``, they are ahead of the first and to its left.
+    """
+    return batch.position[:, None] - batch.position[:, :, None]
+
+
+def future_times(like: Tensor) -> Tensor:
+    """(HORIZON,) the steps of the future [s], on the device and of the type of `like`."""
+    return DT * torch.arange(1, HORIZON + 1, device=like.device, dtype=like.dtype)
 
 
 def constant_velocity(batch: SceneBatch) -> Tensor:
     """(B, N, HORIZON, 2) positions at constant speed along the heading, in the agent frame [m]."""
     speed, yaw = batch.state[..., 2], batch.state[..., 3]
-    t = DT * torch.arange(1, HORIZON + 1, device=speed.device, dtype=speed.dtype)
     direction = torch.stack([yaw.cos(), yaw.sin()], dim=-1)
-    return speed[..., None, None] * t[:, None] * direction[..., None, :]
+    return speed[..., None, None] * future_times(speed)[:, None] * direction[..., None, :]
 
 
 def gaussian(raw: Tensor) -> tuple[Tensor, Tensor]:

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from litsim_predictor.forecast import Forecast, agents_of_interest
-from litsim_predictor.learned.batch import DT, HISTORY, MANEUVERS, Prediction
-from litsim_predictor.learned.features import AgentInputs, agent_inputs, frame_headings
+from litsim_predictor.learned.batch import DT, HISTORY, MANEUVERS, Prediction, numbers
+from litsim_predictor.learned.features import AgentInputs, agent_inputs, frame_headings, in_map
 from litsim_predictor.learned.model import SceneModel
 from litsim_predictor.learned.raster import MapRaster
 from litsim_predictor.learned.scenes import inputs_batch
@@ -50,27 +50,16 @@ class LearnedPredictor:
         return _in_map(prediction, inputs, agents)
 
     def _inputs(self, agents: AgentTable) -> AgentInputs:
-        series = np.zeros((len(agents), HISTORY, 4))
-        observed = np.zeros((len(agents), HISTORY), np.bool_)
-        for back, past in enumerate(list(self._history)[::-STRIDE]):
-            rows = past.rows(agents.id)
-            there = rows >= 0
-            rows, column = rows[there], HISTORY - 1 - back
-            series[there, column] = np.stack([past.x[rows], past.y[rows], past.yaw[rows], past.speed[rows]], axis=-1)
-            observed[:, column] = there
+        series, observed = self._history.window(("x", "y", "yaw", "speed"), agents.id, HISTORY, STRIDE)
         heading = frame_headings(self._lane_map, agents.x, agents.y, agents.yaw)
         return agent_inputs(series, observed, np.stack([agents.length, agents.width], axis=-1), heading, self._raster)
 
 
 def _in_map(prediction: Prediction, inputs: AgentInputs, agents: AgentTable) -> Forecast:
     """The forecast of the most probable manoeuvres in frame map."""
-    origin, heading = inputs.frame[:, None, :2], inputs.frame[:, None, 2]
-    cos, sin = np.cos(heading), np.sin(heading)
-    local = prediction.mean[0, :, 0].numpy().astype(np.float64)
-    turned = np.stack([cos * local[..., 0] - sin * local[..., 1], sin * local[..., 0] + cos * local[..., 1]], axis=-1)
-    mean = origin + turned
+    mean = in_map(numbers(prediction.mean[0, :, 0]), inputs.frame)
     covariance = _turned(
-        prediction.scale[0, :, 0].numpy().astype(np.float64), prediction.correlation[0, :, 0].numpy(), cos, sin
+        numbers(prediction.scale[0, :, 0]), prediction.correlation[0, :, 0].numpy(), inputs.frame[:, 2:]
     )
     return Forecast(
         step=agents.step,
@@ -84,8 +73,9 @@ def _in_map(prediction: Prediction, inputs: AgentInputs, agents: AgentTable) -> 
     )
 
 
-def _turned(scale: FloatArray, correlation: FloatArray, cos: FloatArray, sin: FloatArray) -> FloatArray:
-    """(n, T, 3) sigma_x, sigma_y, correlation of Gaussians (n, T, 2), (n, T) that are turned by angles (n, 1)."""
+def _turned(scale: FloatArray, correlation: FloatArray, angle: FloatArray) -> FloatArray:
+    """(n, T, 3) sigma_x, sigma_y, correlation of Gaussians (n, T, 2), (n, T) that are turned by angles (n, 1) [rad]."""
+    cos, sin = np.cos(angle), np.sin(angle)
     xx, yy = scale[..., 0] ** 2, scale[..., 1] ** 2
     xy = correlation * scale[..., 0] * scale[..., 1]
     turned_xx = cos**2 * xx - 2.0 * cos * sin * xy + sin**2 * yy

@@ -11,12 +11,9 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from litsim_sim.maps.lane_map import Lane, LaneMap
-from litsim_sim.scene import FloatArray
-
-ByteArray = npt.NDArray[np.uint8]
+from litsim_sim.scene import ByteArray, FloatArray
 
 CHANNELS = 4
 ROWS, COLUMNS = 24, 24

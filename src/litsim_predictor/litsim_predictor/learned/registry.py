@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from litsim_predictor.learned.bat import Bat
+from litsim_predictor.learned.cs_lstm import CsLstm
+from litsim_predictor.learned.joint import JointPredictor
 from litsim_predictor.learned.model import SceneModel
 from litsim_sim.errors import InputError
 
-KINDS = ("joint", "cs_lstm", "bat")
+KINDS: dict[str, type[SceneModel]] = {"joint": JointPredictor, "cs_lstm": CsLstm, "bat": Bat}
 
 
 def build(kind: str, parameters: dict[str, Any], where: str) -> SceneModel:
@@ -16,14 +19,9 @@ def build(kind: str, parameters: dict[str, Any], where: str) -> SceneModel:
     Raises:
         InputError: unknown kind or parameters.
     """
-    from litsim_predictor.learned.bat import Bat
-    from litsim_predictor.learned.cs_lstm import CsLstm
-    from litsim_predictor.learned.joint import JointPredictor
-
     if kind not in KINDS:
         raise InputError(f"{where}: field model is {kind!r}, expected one of {', '.join(KINDS)}")
-    models: dict[str, type[SceneModel]] = {"joint": JointPredictor, "cs_lstm": CsLstm, "bat": Bat}
     try:
-        return models[kind](**parameters)
+        return KINDS[kind](**parameters)
     except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{where}: field parameters does not fit model {kind}: {error}") from error

@@ -12,6 +12,7 @@ from litsim_predictor.learned.batch import HISTORY, HORIZON, SceneBatch, maneuve
 from litsim_predictor.learned.features import AgentInputs, agent_inputs
 from litsim_predictor.learned.raster import CHANNELS, COLUMNS, ROWS, MapRaster
 from litsim_predictor.learned.tracks import Tracks
+from litsim_sim.geometry import to_body
 from litsim_sim.scene import BoolArray, FloatArray, IntArray
 
 NO_MAP = MapRaster(None)
@@ -134,10 +135,8 @@ def _scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -> _
     inputs = agent_inputs(
         tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], raster or tracks.raster
     )
-    cos, sin = np.cos(inputs.frame[:, 2])[:, None], np.sin(inputs.frame[:, 2])[:, None]
-    dx = tracks.motion[later, 0] - inputs.frame[:, 0, None]
-    dy = tracks.motion[later, 1] - inputs.frame[:, 1, None]
-    future = np.stack([dx * cos + dy * sin, dy * cos - dx * sin], axis=-1)
+    x, y, heading = inputs.frame.T[..., None]
+    future = np.stack(to_body(tracks.motion[later, 0] - x, tracks.motion[later, 1] - y, heading), axis=-1)
     return _Scene(
         inputs=inputs,
         future=np.where(known[..., None], future, 0.0),

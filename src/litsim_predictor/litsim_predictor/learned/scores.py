@@ -22,18 +22,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from litsim_predictor.learned.batch import DT, HORIZON, Prediction, SceneBatch
+from litsim_predictor.learned.batch import AT_SECONDS, HORIZON, SECONDS, Prediction, SceneBatch, numbers
 from litsim_predictor.learned.boxes import agents_that_overlap, path_headings
+from litsim_predictor.learned.features import in_map
 from litsim_predictor.learned.model import mahalanobis_squared, negative_log_likelihood
 from litsim_sim.errors import InputError
 from litsim_sim.scene import BoolArray, FloatArray
 
-SECONDS = tuple(range(1, round(HORIZON * DT) + 1))
 SCENE_SAMPLES = 6
 """K of the joint ADE. Sample 0 is every agent's most probable manoeuvre; in the others each agent draws its own."""
 ELLIPSES = {"50": -2.0 * math.log(0.5), "90": -2.0 * math.log(0.1)}
 """Squared Mahalanobis radius of the ellipse that holds so many percent of a Gaussian in the plane (chi-squared, 2)."""
-_AT = [round(second / DT) - 1 for second in SECONDS]
 
 
 @dataclass(frozen=True)
@@ -137,13 +136,13 @@ class ScoreBoard:
         of_best = distance[torch.arange(count, device=chosen.device), chosen]
         self._samples += count
         self._scenes += len(np.unique(scene))
-        self._squared += _numbers((of_best**2).sum(dim=0))
-        self._nll += _numbers(mixture.sum(dim=0))
+        self._squared += numbers((of_best**2).sum(dim=0))
+        self._nll += numbers(mixture.sum(dim=0))
         for name, limit in ELLIPSES.items():
-            self._inside[name] += _numbers((radius <= limit).sum(dim=0))
-        ade = _numbers(distance.mean(dim=-1))
-        joint = self._joint_ade(ade, _numbers(logits[scored].exp()), chosen.cpu().numpy(), scene)
-        self._ade += [_numbers(of_best.mean(dim=-1)).sum(), ade.min(axis=1).sum(), joint]
+            self._inside[name] += numbers((radius <= limit).sum(dim=0))
+        ade = numbers(distance.mean(dim=-1))
+        joint = self._joint_ade(ade, numbers(logits[scored].exp()), chosen.cpu().numpy(), scene)
+        self._ade += [numbers(of_best.mean(dim=-1)).sum(), ade.min(axis=1).sum(), joint]
         self._overlaps += self._count_overlaps(batch, best_of(prediction.mean, best), scored.cpu().numpy())
 
     def scores(self) -> Scores:
@@ -160,14 +159,14 @@ class ScoreBoard:
         return Scores(
             samples=n,
             scenes=self._scenes,
-            rmse=np.sqrt(self._squared[_AT] / n),
-            nll_at=self._nll[_AT] / n,
+            rmse=np.sqrt(self._squared[AT_SECONDS] / n),
+            nll_at=self._nll[AT_SECONDS] / n,
             nll=float(self._nll.mean() / n),
             ade=ade,
             min_ade=min_ade,
             joint_ade=joint_ade,
             calibration={name: float(inside.mean() / n) for name, inside in self._inside.items()},
-            calibration_at={name: inside[_AT] / n for name, inside in self._inside.items()},
+            calibration_at={name: inside[AT_SECONDS] / n for name, inside in self._inside.items()},
             overlap_rate=overlap_rate,
             overlap_rate_truth=overlap_rate_truth,
         )
@@ -189,18 +188,12 @@ class ScoreBoard:
         Both look at the agents and instants whose true future is known.
         """
         known = (batch.agent[..., None] & batch.future_known).cpu().numpy()
-        heading, position = _numbers(batch.heading)[..., None], _numbers(batch.position)[:, :, None]
-        cos, sin = np.cos(heading), np.sin(heading)
-        state = _numbers(batch.state)
+        frame = np.concatenate([numbers(batch.position), numbers(batch.heading)[..., None]], axis=-1)
+        state = numbers(batch.state)
         counts = []
-        for path in (_numbers(mean), _numbers(batch.future)):
-            x = position[..., 0] + cos * path[..., 0] - sin * path[..., 1]
-            y = position[..., 1] + sin * path[..., 0] + cos * path[..., 1]
-            yaw = heading + path_headings(path, state[..., 3])
-            hit = agents_that_overlap(x, y, yaw, (state[..., 0], state[..., 1]), known)
+        for path in (numbers(mean), numbers(batch.future)):
+            box = in_map(path, frame)
+            yaw = frame[..., 2:] + path_headings(path, state[..., 3])
+            hit = agents_that_overlap(box[..., 0], box[..., 1], yaw, (state[..., 0], state[..., 1]), known)
             counts.append(int((hit & scored).sum()))
         return counts
-
-
-def _numbers(values: Tensor) -> FloatArray:
-    return values.detach().cpu().numpy().astype(np.float64)

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 from pydantic import BaseModel, ConfigDict, Field
 
-from litsim_predictor.learned.tracks import PARTS, Part, Tracks, parts_of
+from litsim_predictor.learned.tracks import Tracks, parts_of
 from litsim_predictor.learned.us101_road import Us101Road
 from litsim_sim.datasets import ngsim_windows
+from litsim_sim.datasets.segments import PARTS, Part
 from litsim_sim.errors import InputError
 from litsim_sim.recording import STEP_S, Recording
 from litsim_sim.scenario import packaged, packaged_nets
@@ -121,17 +121,6 @@ def net_path(name: str) -> Path:
     return packaged(f"nets/{plain}.net.xml") if plain in packaged_nets() else Path(name)
 
 
-def recording_tracks(path: Path, net: str = "") -> Tracks:
-    """All vehicles of the neutral recording at `path`; `net` overrides that of its header, empty means no map.
-
-    Raises:
-        InputError: see :meth:`Recording.read` and :meth:`LaneMap.from_net`.
-    """
-    recording = Recording.read(path)
-    name = net or recording.header.net
-    return Tracks.from_table(recording.header.name, recording.table, net_path(name) if name else None)
-
-
 def split(tracks: Tracks) -> dict[Part, list[Tracks]]:
     """Tracks by part, 70/10/20 by vehicle id."""
     part = parts_of(tracks.vehicle)
@@ -141,7 +130,9 @@ def split(tracks: Tracks) -> dict[Part, list[Tracks]]:
 def _recordings(source: RecordingSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
     parts: dict[Part, list[Tracks]] = {}
     for file in source.files:
-        tracks = recording_tracks(locate(file))
+        recording = Recording.read(locate(file))
+        net = recording.header.net
+        tracks = Tracks.from_table(recording.header.name, recording.table, net_path(net) if net else None)
         for name, pieces in (split(tracks) if source.part is None else {source.part: [tracks]}).items():
             parts.setdefault(name, []).extend(pieces)
     return parts
@@ -158,25 +149,21 @@ def _us101_windows(source: Us101WindowSource, locate: Callable[[str], Path]) -> 
 
 def _us101_tracks(source: Us101TrackSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
     columns = ("period", "vehicle_id", "frame", "local_x_m", "local_y_m", "speed_mps", "space_headway_m")
-    windows = locate(source.windows)
-    road = Us101Road.fit(_read(windows, ngsim_windows.COLUMNS), str(windows))
+    path = locate(source.windows)
+    windows = _read(path, ngsim_windows.COLUMNS)
+    road = Us101Road.fit(windows, str(path))
     table = _read(locate(source.file), columns)
     table = table[table["local_y_m"] <= road.end].sort_values(["period", "vehicle_id", "frame"])
-    table = table[_apart_from(table, ngsim_windows.read_table(windows), source.test_frames, road)]
+    table = table[_apart_from(table, ngsim_windows.neutral_table(windows, str(path)), source.test_frames, road)]
     table = table.astype({"vehicle_id": np.int64, "frame": np.int64, "period": np.int64})
     table["vehicle_id"] += PERIOD_IDS * table["period"]
     table["frame"] += PERIOD_FRAMES * table["period"]
-    part = parts_of(table["vehicle_id"].to_numpy(np.int64))
     # Few vehicles have full tracks here, and tests are on the windows: what would be for tests is for training too.
-    return {
-        "train": [_with_leaders(table[part != PARTS.index("val")], road)],
-        "val": [_with_leaders(table[part == PARTS.index("val")], road)],
-    }
+    val = parts_of(table["vehicle_id"].to_numpy(np.int64)) == PARTS.index("val")
+    return {"train": [_with_leaders(table[~val], road)], "val": [_with_leaders(table[val], road)]}
 
 
-def _apart_from(
-    table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, int], road: Us101Road
-) -> npt.NDArray[np.bool_]:
+def _apart_from(table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, int], road: Us101Road) -> BoolArray:
     """(R,) rows of single vehicles that are in no test window, by their id and by where they were.
 
     Rows of the time of the test windows are left out, too: the leaders that they tell of may be test vehicles.
@@ -191,7 +178,7 @@ def _apart_from(
     met = met[np.hypot(met["x"] - met["front_x"], met["y"] - met["front_y"]) < SAME_VEHICLE]
     seen = set(window["vehicle_id"]) | set(met["vehicle"])
     tested = (table["period"] == 0) & (table["vehicle_id"].isin(seen) | table["frame"].between(*frames))
-    return ~tested.to_numpy(np.bool_)
+    return np.asarray(~tested, np.bool_)
 
 
 def _with_leaders(table: pd.DataFrame, road: Us101Road) -> Tracks:
@@ -282,9 +269,9 @@ def _i80_lanes(source: I80LaneSource, locate: Callable[[str], Path]) -> dict[Par
             }
         ).drop_duplicates(["vehicle_id", "frame"])
         tracks = Tracks.from_table(f"i80_{period}_lane{lane}", straight, None)
-        part = parts_of(tracks.vehicle)
-        parts["train"].append(tracks.take(part != PARTS.index("val")))
-        parts["val"].append(tracks.take(part == PARTS.index("val")))
+        val = parts_of(tracks.vehicle) == PARTS.index("val")
+        parts["train"].append(tracks.take(~val))
+        parts["val"].append(tracks.take(val))
     return parts
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -19,8 +18,6 @@ from litsim_sim.scene import BoolArray, FloatArray, IntArray
 STRIDE = round(DT / STEP_S)
 """Frames of a recording between two steps of a model."""
 
-Part = Literal["train", "val", "test"]
-PARTS: tuple[Part, ...] = get_args(Part)
 SHARES = (0.7, 0.1)  # of the vehicle ids for training and validation; the rest is for tests (conv-social-pooling)
 ROUNDING = 1e-6  # 0.7 + 0.1 is a little less than 0.8
 
@@ -128,7 +125,7 @@ class Tracks:
 
 
 def parts_of(vehicle: IntArray) -> IntArray:
-    """Part (R,) of each row, as a position in :data:`PARTS`: 70/10/20 by vehicle id.
+    """Part (R,) of each row, as a position in :data:`litsim_sim.datasets.segments.PARTS`: 70/10/20 by vehicle id.
 
     Ids of a recording ascend with time, so the parts follow each other and hardly meet (as in conv-social-pooling).
     """

@@ -11,12 +11,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import torch
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 from tqdm import tqdm
 
-from litsim_predictor.learned.batch import MANEUVERS, SceneBatch
+from litsim_predictor.learned.batch import AT_SECONDS, MANEUVERS, SECONDS, SceneBatch
 from litsim_predictor.learned.model import negative_log_likelihood
 from litsim_predictor.learned.registry import build
 from litsim_predictor.learned.scenes import Augmentation, scene_batches, training_batches
@@ -30,9 +29,11 @@ from litsim_predictor.learned.sources import (
     files_of,
     load,
 )
-from litsim_predictor.learned.tracks import Part, Tracks
+from litsim_predictor.learned.tracks import Tracks
 from litsim_predictor.learned.weights import Provenance, save_model
+from litsim_sim.datasets.segments import Part
 from litsim_sim.errors import InputError
+from litsim_sim.files import replacing
 from litsim_sim.scenario import packaged
 
 WINDOWS, TRACKS = "ngsim/us101_0750_frames_0126_1149.parquet", "ngsim/us101_vehicle_tracks.parquet"
@@ -88,24 +89,6 @@ class TrainingConfig(BaseModel):
     forcing_epochs: Annotated[int, Field(ge=0)] = 0
     augmentation: Augmentation = Augmentation()
     seed: int = 0
-
-    @classmethod
-    def read(cls, path: Path) -> TrainingConfig:
-        """Read a YAML file.
-
-        Raises:
-            InputError: the file is missing or holds something else.
-        """
-        if not path.is_file():
-            raise InputError(f"{path}: no such training configuration")
-        try:
-            return cls.model_validate(yaml.safe_load(path.read_text()))
-        except yaml.YAMLError as error:
-            raise InputError(f"{path}: malformed YAML: {' '.join(str(error).split())}") from error
-        except ValidationError as error:
-            first = error.errors()[0]
-            field = ".".join(map(str, first["loc"])) or "file"
-            raise InputError(f"{path}: field {field}: {first['msg']}") from error
 
 
 class Locator:
@@ -248,19 +231,19 @@ class Training:
     def _validate(self) -> dict[str, float]:
         """Errors by second with the most probable manoeuvre, of the validation part, complete histories and futures."""
         self.model.eval()
-        squared, nll, right, count = torch.zeros(5), 0.0, 0, 0
+        squared, nll, right, count = torch.zeros(len(SECONDS)), 0.0, 0, 0
         for batch in self._validation():
             moved = batch.to(self._device)
             prediction = self.model(moved)
             error = ((prediction.mean[:, :, 0] - moved.future) ** 2).sum(dim=-1)[moved.target]
-            squared += error[:, 4::5].sum(dim=0).cpu()
+            squared += error[:, AT_SECONDS].sum(dim=0).cpu()
             nll += float(negative_log_likelihood(prediction, moved.future)[:, :, 0][moved.target].mean(dim=1).sum())
             right += int((prediction.maneuver.argmax(dim=-1) == moved.maneuver)[moved.target].sum())
             count += int(moved.target.sum())
         if not count:
             raise InputError("training configuration: field data: no vehicle for validation is seen for 8 s")
         rmse = (squared / count).sqrt().tolist()
-        figures = {f"val_rmse_{k + 1}": value for k, value in enumerate(rmse)}
+        figures = {f"val_rmse_{second}": value for second, value in zip(SECONDS, rmse, strict=True)}
         return figures | {"val_error": float(np.mean(rmse)), "val_nll": nll / count, "val_maneuver": right / count}
 
     def _validation(self) -> Iterator[SceneBatch]:
@@ -295,12 +278,13 @@ class Training:
             "history": json.dumps(self.history),
             "best": json.dumps(self._best),
         }
-        partial = self._folder / f".{CHECKPOINT}.partial"
-        torch.save(state, partial)
-        partial.replace(self._folder / CHECKPOINT)
+        with replacing(self._folder / CHECKPOINT) as new:
+            torch.save(state, new)
         summary = {"best": self._best, "manifest": self._manifest, "epochs": self.history, "maneuvers": list(MANEUVERS)}
-        (self._folder / HISTORY_FILE).write_text(json.dumps(summary, indent=1) + "\n")
-        self._plot(self._folder / CURVES)
+        with replacing(self._folder / HISTORY_FILE) as new:
+            new.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+        with replacing(self._folder / CURVES) as new:
+            self._plot(new)
 
     def _plot(self, path: Path) -> None:
         from matplotlib.figure import Figure

@@ -13,12 +13,12 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
+from litsim_predictor.learned import SHIPPED
 from litsim_predictor.learned.model import SceneModel
 from litsim_predictor.learned.registry import build
 from litsim_sim.errors import InputError
+from litsim_sim.files import replacing
 
-SHIPPED = ("default", "paper", "cs_lstm", "bat")
-"""Names of the weights that come with the package."""
 FORMAT = "litsim_predictor/1"
 
 
@@ -42,19 +42,16 @@ class Provenance:
     figures: dict[str, Any]
 
 
-def path_of(name: str) -> Path:
-    """The file of shipped weights `name`, or the file of that path."""
-    shipped = Path(str(resources.files("litsim_predictor"))) / "weights" / f"{name}.safetensors"
-    return shipped if name in SHIPPED else Path(name)
-
-
 def save_model(model: SceneModel, provenance: Provenance, path: Path) -> None:
-    """Write weights to `path`, whole or not at all."""
+    """Write weights to `path`, whole or not at all.
+
+    Raises:
+        InputError: see :func:`litsim_sim.files.replacing`.
+    """
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in model.state_dict().items()}
     metadata = {"format": FORMAT, "provenance": json.dumps(vars(provenance), sort_keys=True)}
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_bytes(save(tensors, metadata))
-    partial.replace(path)
+    with replacing(path) as new:
+        new.write_bytes(save(tensors, metadata))
 
 
 def load_model(name: str) -> tuple[SceneModel, Provenance]:
@@ -63,7 +60,7 @@ def load_model(name: str) -> tuple[SceneModel, Provenance]:
     Raises:
         InputError: the file is missing, is damaged, or holds no weights of a model that is known here.
     """
-    path = path_of(name)
+    path = _path_of(name)
     if not path.is_file():
         raise InputError(f"{path}: no such weights; shipped are {', '.join(SHIPPED)}")
     try:
@@ -77,6 +74,12 @@ def load_model(name: str) -> tuple[SceneModel, Provenance]:
     _check(model.state_dict(), tensors, path)
     model.load_state_dict(tensors)
     return model.eval(), provenance
+
+
+def _path_of(name: str) -> Path:
+    """The file of shipped weights `name`, or the file of that path."""
+    shipped = Path(str(resources.files("litsim_predictor"))) / "weights" / f"{name}.safetensors"
+    return shipped if name in SHIPPED else Path(name)
 
 
 def _provenance(metadata: Mapping[str, str], path: Path) -> Provenance:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import yaml
 from rclpy.node import Node
 
+from litsim_sim.parameters import Config
+
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 """Parameters that rclpy declares itself."""
-
-Config = TypeVar("Config")
 
 
 def declare(node: Node, default: Config, prefix: str = "") -> Config:
     """Declare each field of the frozen dataclass `default` as a parameter, and return what the node was given.
 
-    The fields of a dataclass in a field become `field.name`; a tuple is an array.
+    A :class:`litsim_sim.parameters.Read`, once the node is bound. A tuple is an array.
     """
     values: dict[str, Any] = {}
     for field in fields(default):  # type: ignore[arg-type]

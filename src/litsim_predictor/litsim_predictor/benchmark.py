@@ -1,21 +1,21 @@
-"""How long a forecast takes, with a given number of agents around the ego."""
+"""How long a forecast takes, with a given number of agents around the ego, and the traffic of benchmarks."""
 
 from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from litsim_predictor.forecast import Predictor
-from litsim_predictor.learned.weights import SHIPPED, path_of
-from litsim_predictor.models import MODELS, make_predictor
+from litsim_predictor.models import make_predictor
 from litsim_sim.errors import InputError
-from litsim_sim.recording import STEP_S, Kind
+from litsim_sim.log import Log
+from litsim_sim.recording import STEP_S, Kind, Recording, RecordingHeader
 from litsim_sim.scenario import Scenario
-from litsim_sim.scene import AgentTable, Controller
 
 SCENARIO = "demo"
 AGENTS_MOST = 250  # more do not fit on the net of the scenario
@@ -40,12 +40,7 @@ class Timing:
         return f"{self.median:.2f} ({self.least:.2f} to {self.most:.2f})"
 
 
-def models_here() -> list[str]:
-    """The predictors that need no training, and those whose weights come with the package."""
-    return [model for model in MODELS if model not in SHIPPED or path_of(model).is_file()]
-
-
-def time_models(models: list[str], agents: list[int], steps: int) -> Iterator[tuple[str, int, Timing]]:
+def time_models(models: Sequence[str], agents: Sequence[int], steps: int) -> Iterator[tuple[str, int, Timing]]:
     """Time each of `models` with each number of `agents`, over `steps` steps after 3 s of history.
 
     Raises:
@@ -60,14 +55,15 @@ def time_models(models: list[str], agents: list[int], steps: int) -> Iterator[tu
 
 
 def time_predictor(predictor: Predictor, ego: int, agents: int, steps: int) -> Timing:
-    """Time `predictor`, fresh, on `agents` agents of whom one is `ego`.
+    """Time `predictor`, fresh, on `agents` agents of whom the first is `ego`.
 
     Raises:
         InputError: it did not forecast them all.
     """
     walls = []
-    for step in range(WARM_UP + steps):
-        table = columns_of_traffic(step, ego, agents)
+    log = Log.from_recording(columns_of_traffic(agents, (WARM_UP + steps) * STEP_S, ego), 0, WARM_UP + steps)
+    for step in range(log.steps):
+        table = log.table(step)
         begin = time.perf_counter()
         forecast = predictor.forecast(table)
         walls.append(1e3 * (time.perf_counter() - begin))
@@ -77,21 +73,22 @@ def time_predictor(predictor: Predictor, ego: int, agents: int, steps: int) -> T
     return Timing(statistics.median(walls), min(walls), max(walls))
 
 
-def columns_of_traffic(step: int, ego: int, agents: int) -> AgentTable:
-    """Five lanes of vehicles 10 m apart at 8 m/s on the net of :data:`SCENARIO`; the ids begin with `ego`."""
+def columns_of_traffic(agents: int, seconds: float, first_id: int = 1) -> Recording:
+    """A recording of `agents` vehicles in five lanes, all at 8 m/s and 10 m apart, for `seconds` [s].
+
+    They are on the net of :data:`SCENARIO`; the ids go up from `first_id`, lane by lane and then back along the road.
+    """
+    frames = round(seconds / STEP_S) + 1
     number = np.arange(agents)
-    nothing = np.zeros(agents)
-    return AgentTable(
-        step=step,
-        id=ego + number,
-        kind=np.full(agents, Kind.CAR, np.uint8),
-        controller=np.where(number == 0, Controller.EGO, Controller.LOG).astype(np.uint8),
-        x=15.0 + SPACING * (number // LANES) + 2.0 * (number % LANES) + SPEED * STEP_S * step,
-        y=nothing - LANE_WIDTH * (number % LANES + 0.5),
-        yaw=nothing,
-        speed=nothing + SPEED,
-        acceleration=nothing,
-        yaw_rate=nothing,
-        length=nothing + SIZE[0],
-        width=nothing + SIZE[1],
-    )
+    x0 = 15.0 + SPACING * (number // LANES) + 2.0 * (number % LANES)
+    y0 = -LANE_WIDTH * (number % LANES + 0.5)
+    frame, vehicle = (grid.ravel() for grid in np.meshgrid(np.arange(frames), number, indexing="ij"))
+    table = pd.DataFrame({"vehicle_id": vehicle + first_id, "frame": frame})
+    table["x"] = x0[vehicle] + SPEED * STEP_S * frame
+    table["y"] = y0[vehicle]
+    table["yaw"] = table["acceleration"] = 0.0
+    table["speed"] = SPEED
+    table["length"], table["width"] = SIZE
+    table["kind"] = int(Kind.CAR)
+    table["lane"] = vehicle % LANES + 1
+    return Recording.from_table(RecordingHeader("columns", source="generated for the benchmark"), table, "benchmark")

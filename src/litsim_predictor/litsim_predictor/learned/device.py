@@ -1,0 +1,19 @@
+"""The device that models run on, as a person names it."""
+
+from __future__ import annotations
+
+import torch
+
+from litsim_sim.errors import InputError
+
+
+def check_device(name: str) -> None:
+    """Refuse what is no device of torch here.
+
+    Raises:
+        InputError: there is no such device here.
+    """
+    try:
+        torch.empty(0, device=name)
+    except (RuntimeError, AssertionError) as error:  # a build without CUDA asserts
+        raise InputError(f"--device {name}: {str(error).splitlines()[0]}; expected one of torch, as cpu") from error
