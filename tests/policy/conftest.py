@@ -69,9 +69,9 @@ def run(
     scenario: Scenario, ego: Drive | str, policy: str = "yield", mirror: Mirror | None = None, **config: Any
 ) -> Driven:
     """Run `scenario` in process; `ego` is the name of one that comes with LitSim, or says what to do."""
-    runner = Runner(RunPlan(scenario, ego if isinstance(ego, str) else "log", policy), mirror, **config)
-    if not isinstance(ego, str):
-        runner._ego = ScriptedEgo(scenario.ego_id, ego)
+    scripted = None if isinstance(ego, str) else ScriptedEgo(scenario.ego_id, ego)
+    plan = RunPlan(scenario, ego if isinstance(ego, str) else "log", policy)
+    runner = Runner(plan, mirror, ego=scripted, **config)
     return Driven(scenario, list(runner.rounds()), runner.world)
 
 

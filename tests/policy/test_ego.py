@@ -112,13 +112,12 @@ def test_the_parameters_of_the_idm_ego_count(make_scenario, track) -> None:
 
 
 @pytest.fixture
-def perturbed(drive, monkeypatch):
-    """Runs a scenario, by replay if not told otherwise, with a perturbed ego; returns the run and the ego."""
+def perturbed(drive):
+    """Runs a scenario, by replay if not told otherwise, with a perturbed ego; returns the run and such an ego."""
 
     def run(scenario: Scenario, policy: str = "replay", **config):
         ego = PerturbedEgo(scenario, PerturbedConfig(**config))
-        monkeypatch.setattr("litsim_policy.runner.make_ego", lambda *_: ego)
-        return drive(scenario, "perturbed", policy=policy), ego
+        return drive(scenario, "perturbed", policy=policy, parameters={"ego": config}), ego
 
     return run
 

@@ -23,7 +23,7 @@ def metrics(**changes: Any) -> dict[str, Any]:
         "ledger": [{"released_step": 80, "held_s": 3.0}, {"released_step": None, "held_s": 5.5}],
         "detection": {"bound_hits": 1, "max_rounds": 3},
         "false_alarms": 1,
-        "comfort": {"controlled": {"hard_brakes": 4}},
+        "comfort": {"controlled": {"hard_brakes": 4, "guarded": {"count": 5, "share": 0.1}}},
         "off_road_controlled": 0.1,
         "relevant_ratio": 0.2,
         "ade_controlled_m": {"5": 1.0},
@@ -58,6 +58,7 @@ def test_counts_are_summed_and_rates_averaged() -> None:
     assert row["relevant_ratio"] == pytest.approx(0.3)
     assert (row["releases"], row["held_s"], row["bound_hits"]) == (2, 17.0, 2)
     assert (row["takeovers_per_run"], row["hard_brakes"], row["off_road"]) == (3.5, 8, 0.1)
+    assert row["guarded"] == pytest.approx(0.1)
 
 
 def test_largest_values_are_kept() -> None:
@@ -105,12 +106,22 @@ def test_a_batch_answers_every_job_in_order_from_processes_of_its_own() -> None:
 
 
 def test_ways_back_to_the_log_are_rows_of_the_table(monkeypatch, capsys, tmp_path) -> None:
-    words = ["--policy", "replay", "yield", "--handback", "catch_up", "time_shift", "--egos", "7", "--processes", "2"]
+    words = [
+        "--policy",
+        "replay",
+        "yield",
+        "--set",
+        "conflict.handback=catch_up,time_shift",
+        "--egos",
+        "7",
+        "--processes",
+        "2",
+    ]
     monkeypatch.setattr(sys, "argv", ["evaluate", "--out", str(tmp_path), *words])
     evaluate.main()
     found = json.loads((tmp_path / "evaluation.json").read_text())["summary"]
-    assert list(found) == ["replay", "yield, catch_up", "yield, time_shift"]
-    assert found["yield, time_shift"]["held_s"] < found["yield, catch_up"]["held_s"]
+    assert list(found) == ["replay", "yield, handback=catch_up", "yield, handback=time_shift"]
+    assert found["yield, handback=time_shift"]["held_s"] < found["yield, handback=catch_up"]["held_s"]
     assert "time under control s" in capsys.readouterr().out
 
 
@@ -133,7 +144,8 @@ def test_seeds_are_runs_of_their_own(monkeypatch, tmp_path) -> None:
         (evaluate.parser, ["--policy", "politeness"]),
         (evaluate.parser, ["--ego", "external"]),
         (evaluate.parser, ["--processes", "many"]),
-        (evaluate.parser, ["--handback", "jump"]),
+        (evaluate.parser, ["--set", "conflict.handback"]),
+        (run.parser, ["--set", "conflict.handback=catch_up,time_shift"]),
         (run.parser, ["--ego", "chauffeur"]),
         (run.parser, ["--policy", "politeness"]),
         (bench.parser, ["--agents", "ten"]),
@@ -150,14 +162,14 @@ def test_unknown_scenarios_and_egos_are_input_errors(monkeypatch, capsys, tmp_pa
         ["--scenario", "nowhere"],
         ["--egos", "7;8"],
         ["--egos", "tuning"],
-        ["--graph", "--handback", "catch_up"],
+        ["--set", "conflict.handback=jump"],
     ):
         monkeypatch.setattr(sys, "argv", ["evaluate", *words, "--out", str(tmp_path)])
         with pytest.raises(SystemExit) as stop:
             evaluate.main()
         assert stop.value.code == 2
         error = capsys.readouterr().err
-        assert error.startswith("error: ") and words[-1] in error and "Traceback" not in error
+        assert error.startswith("error: ") and words[-1].rpartition("=")[2] in error and "Traceback" not in error
 
 
 def test_an_ego_that_is_not_there_is_an_input_error() -> None:

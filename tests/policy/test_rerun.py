@@ -16,13 +16,11 @@ from litsim_policy.cli import rerun as command
 from litsim_policy.difference import differences
 from litsim_policy.messages import takeovers_to_message
 from litsim_policy.rerun import rerun_stage, resimulate
-from litsim_policy.rerun_record import open_record, with_parameters
+from litsim_policy.rerun_record import open_record
 from litsim_policy.runner import Runner
 from litsim_policy.takeover import TakeoverConfig
-from litsim_policy.yield_policy import YieldConfig
-from litsim_predictor.kinematic import KinematicConfig
 from litsim_predictor.messages import forecast_to_message
-from litsim_predictor.models import default_model, make_predictor
+from litsim_predictor.models import PredictorConfig, default_model, make_predictor
 from litsim_sim.bag import BagWriter, qos_yaml
 from litsim_sim.errors import InputError
 from litsim_sim.ros import messages, topics
@@ -178,18 +176,10 @@ def test_an_external_ego_answers_as_recorded(write: Any) -> None:
 def test_recorded_parameters_are_taken(write: Any) -> None:
     told = {"predictor": "{model: kinematic, kinematic.horizon: 4.0}", "conflict": "conflict: {confirm_steps: 1}"}
     with open_record(write(**told)) as record:
-        assert record.configured("conflict", TakeoverConfig()) == TakeoverConfig(confirm_steps=1)
-        assert record.configured("predictor", KinematicConfig(), "kinematic.").horizon == 4.0
+        assert record.read("conflict")(TakeoverConfig()) == TakeoverConfig(confirm_steps=1)
+        assert record.read("predictor")(PredictorConfig()).kinematic.horizon == 4.0
         assert rerun_stage(record, "predictor").first.field == "horizon"
     assert not any("predictor" in note for note in record.notes)
-
-
-def test_parameters_by_their_flat_names() -> None:
-    found = with_parameters(YieldConfig(), {"idm.headway": 2, "other": 3})
-    assert found.idm.headway == 2.0 and isinstance(found.idm.headway, float)
-    assert with_parameters(KinematicConfig(), {"sigma_along": [1.0, 2.0]}).sigma_along == (1.0, 2.0)
-    with pytest.raises(InputError, match="recorded parameter horizon is 'long'"):
-        with_parameters(KinematicConfig(), {"horizon": "long"})
 
 
 def test_a_record_with_gaps_is_compared_as_far_as_it_goes(write: Any) -> None:

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
-from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
 from litsim_policy.handback import HANDBACKS
 from litsim_policy.runner import Runner, record
-from litsim_policy.takeover import State, TakeoverConfig
+from litsim_policy.takeover import State
 from litsim_sim.analysis.collision import first_contacts
 from litsim_sim.analysis.metrics import compute_metrics, digest
 from litsim_sim.analysis.run import Run
@@ -87,7 +86,14 @@ def test_a_run_can_be_shown_while_it_goes(demo: Scenario) -> None:
 
 def test_a_model_that_there_is_not_is_refused(demo: Scenario) -> None:
     with pytest.raises(InputError, match="oracle"):
-        Runner(RunPlan(demo, "idm", "litsim"), model="oracle")
+        Runner(RunPlan(demo, "idm", "litsim"), parameters={"predictor": {"model": "oracle"}})
+
+
+def test_parameters_that_no_stage_has_are_refused(demo: Scenario) -> None:
+    with pytest.raises(InputError, match=r"conflict: unknown parameter horizn; expected .*horizon"):
+        Runner(RunPlan(demo, "idm", "yield"), parameters={"conflict": {"horizn": 2.0}})
+    with pytest.raises(InputError, match="policy: unknown parameter weights; expected none"):
+        Runner(RunPlan(demo, "idm", "replay"), parameters={"policy": {"weights": "mine"}})
 
 
 # The demo
@@ -149,22 +155,19 @@ def test_even_where_agents_change_hands_nobody_jumps(demo: Scenario, drive, beyo
 )
 def test_over_whole_runs_nobody_jumps(drive, beyond_limits, ego, handback, kind, deceleration, duration) -> None:
     """Between two steps nobody moves farther than its speed lets it, nor beyond its limits, whoever drives it then."""
-    scenario = Scenario.load("demo", ego=ego)
-    config = PerturbedConfig(kind=kind, deceleration=deceleration, duration=duration)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("litsim_policy.runner.make_ego", lambda *_: PerturbedEgo(scenario, config))
-        run = drive(scenario, "perturbed", takeover=TakeoverConfig(handback=handback))
+    perturbed = {"kind": kind, "deceleration": deceleration, "duration": duration}
+    parameters = {"ego": perturbed, "conflict": {"handback": handback}}
+    run = drive(Scenario.load("demo", ego=ego), "perturbed", parameters=parameters)
     assert beyond_limits(run.rounds, EVERYBODY) == []
 
 
-def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario, track, monkeypatch) -> None:
+def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario, track) -> None:
     """A golden scene: the ego brakes from 10 to 2 m/s, 7.5 m before the follower that its log keeps at 10 m/s."""
     scenario = make_scenario(track(1, x=112.0, last=200), track(2, x=100.0, last=200))
-    config = PerturbedConfig(kind="brake", time=(0.0, 0.0), duration=4.0)
-    monkeypatch.setattr("litsim_policy.runner.make_ego", lambda *_: PerturbedEgo(scenario, config))
-    replay = Runner(RunPlan(scenario, "perturbed", "replay"))
+    parameters = {"ego": {"kind": "brake", "time": (0.0, 0.0), "duration": 4.0}}
+    replay = Runner(RunPlan(scenario, "perturbed", "replay"), parameters=parameters)
     assert len(list(replay.rounds())) == 201
-    (entry,) = compute_metrics(record(Runner(RunPlan(scenario, "perturbed", "yield"))))["ledger"]
+    (entry,) = compute_metrics(record(Runner(RunPlan(scenario, "perturbed", "yield"), parameters=parameters)))["ledger"]
     assert (entry["agent"], entry["opponent"], entry["reason"]) == (2, 1, "conflict")
     assert (entry["replay_opponent"], entry["replay_step"]) == (1, replay.world.contacts[(1, 2)])
     predicted = entry["detected_step"] + 10 * entry["time_to_conflict_s"]
@@ -206,7 +209,8 @@ def test_agents_do_not_flicker_between_holding_and_handing_back(litsim, demo: Sc
 
 
 def test_how_eagerly_is_taken_over_can_be_chosen(demo: Scenario, recorded: Run) -> None:
-    never = record(Runner(RunPlan(demo, "idm", "litsim"), takeover=TakeoverConfig(confirm_steps=1000, urgent_time=0.0)))
+    blind = {"conflict": {"confirm_steps": 1000, "urgent_time": 0.0}}
+    never = record(Runner(RunPlan(demo, "idm", "litsim"), parameters=blind))
     metrics = compute_metrics(never)
     assert metrics["takeovers"] == 0 and metrics["collision"]["excess"] > 0
     assert digest(never) != digest(recorded)

@@ -320,7 +320,7 @@ def braking(until: int, to: float, back: bool) -> Callable[[AgentTable, int], tu
 
 def test_an_agent_yields_and_comes_back_to_its_log(make_scenario, track, drive) -> None:
     scenario = make_scenario(track(1, x=100.0, last=300), track(2, x=85.0, last=300))
-    run = drive(scenario, braking(until=20, to=6.0, back=True), takeover=TakeoverConfig(handback="catch_up"))
+    run = drive(scenario, braking(until=20, to=6.0, back=True), parameters={"conflict": {"handback": "catch_up"}})
     assert run.life(2) == [State.HELD, State.HANDBACK, State.RELEASED]
     assert run.world.contacts == {}
     steps = sorted(run.takeovers(2))
@@ -368,7 +368,7 @@ def test_an_entry_where_the_ego_stands_is_late_and_adopted(make_scenario, track,
 
 def test_an_agent_drives_on_under_control_when_its_log_is_over(make_scenario, track, drive) -> None:
     scenario = make_scenario(track(1, x=100.0, last=120), track(2, x=85.0, last=50))
-    run = drive(scenario, braking(until=0, to=3.0, back=False), takeover=TakeoverConfig(handback="catch_up"))
+    run = drive(scenario, braking(until=0, to=3.0, back=False), parameters={"conflict": {"handback": "catch_up"}})
     records = run.takeovers(2)
     assert max(records) == scenario.total_steps
     over = [t for step, t in records.items() if step > 50]
@@ -389,7 +389,7 @@ def lag_then_go(make_scenario, track, drive) -> Callable[..., Any]:
 
     def run(handback: str) -> Any:
         scenario = make_scenario(*(track(i, x=115.0 - 16.0 * i, last=200) for i in (1, 2, 3)))
-        return drive(scenario, drive_it, takeover=TakeoverConfig(handback=handback))
+        return drive(scenario, drive_it, parameters={"conflict": {"handback": handback}})
 
     return run
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from litsim_msgs.msg import RunInfo
 
-from litsim_policy.conflict import ConflictConfig
 from litsim_policy.messages import takeovers_to_message
-from litsim_policy.takeover import TakeoverConfig, TakeoverManager
+from litsim_policy.stages import conflict_stage
+from litsim_policy.takeover import TakeoverManager
 from litsim_predictor.messages import forecast_from_message
 from litsim_sim.ros.messages import agents_from_message
 from litsim_sim.ros.parameters import declare
@@ -27,14 +28,13 @@ class ConflictNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._conflict_config = declare(self, ConflictConfig())
-        self._config = declare(self, TakeoverConfig())
+        self._make = conflict_stage(partial(declare, self))
         self._run_id = ""
         self._manager: TakeoverManager
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._manager, self._run_id = TakeoverManager(scenario, self._conflict_config, self._config), info.run_id
+        self._manager, self._run_id = self._make(scenario), info.run_id
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""

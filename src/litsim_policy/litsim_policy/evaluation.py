@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import re
 import subprocess
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
@@ -15,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from litsim_policy.runner import Runner, record
-from litsim_policy.takeover import TakeoverConfig
 from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics
 from litsim_sim.errors import InputError
 from litsim_sim.executables import find_executable
+from litsim_sim.parameters import by_stage
 from litsim_sim.run_info import RunPlan
 from litsim_sim.scenario import Scenario
 from litsim_sim.sumo import SumoMirror
@@ -33,9 +34,8 @@ class Job:
         ego: what drives the ego.
         policy: what moves the background.
         ego_id: vehicle that is the ego.
-        handback: how agents come back to their logs, one of :data:`litsim_policy.handback.HANDBACKS`; None leaves that
-            to the conflict stage's default.
-        predictor: model that forecasts; None leaves that to the predictor stage's default.
+        parameters: stage, name and value of each that is not at its default.
+        label: what tells its row of the table from others with the same policy.
         seed: of everything random in the run; None leaves it to the scenario.
     """
 
@@ -43,14 +43,14 @@ class Job:
     ego: str
     policy: str
     ego_id: int
-    handback: str | None = None
-    predictor: str | None = None
+    parameters: tuple[tuple[str, str, Any], ...] = ()
+    label: str = ""
     seed: int | None = None
 
     @property
     def row(self) -> str:
         """Name of the row of the table that it belongs to."""
-        return ", ".join(part for part in (self.policy, self.predictor, self.handback) if part)
+        return ", ".join(part for part in (self.policy, self.label) if part)
 
     @property
     def name(self) -> str:
@@ -63,9 +63,8 @@ def run_in_process(job: Job) -> dict[str, Any]:
     """Metrics of a run in this process, SUMO included."""
     scenario = Scenario.load(job.scenario, ego=job.ego_id, seed=job.seed)
     plan = RunPlan(scenario, job.ego, job.policy)
-    takeover = None if job.handback is None else TakeoverConfig(handback=job.handback)
     mirror = SumoMirror(scenario.net_path, scenario.seed)
-    return compute_metrics(record(Runner(plan, mirror, model=job.predictor, takeover=takeover)))
+    return compute_metrics(record(Runner(plan, mirror, by_stage(job.parameters))))
 
 
 def run_graph(job: Job, folder: Path) -> dict[str, Any]:
@@ -74,11 +73,12 @@ def run_graph(job: Job, folder: Path) -> dict[str, Any]:
     Raises:
         InputError: the launcher failed; the message is its own.
     """
-    out = folder / "-".join([job.ego, *job.row.split(", "), *job.name.split("/")])
+    out = folder / re.sub(r"[^\w.=]+", "-", f"{job.ego}-{job.row}-{job.name}")
     launch = find_executable("litsim_sim", "launch")
     command = [str(launch), "--quiet", "--overwrite", "--scenario", job.scenario, "--out", str(out)]
     command += ["--ego", job.ego, "--policy", job.policy, "--ego-id", str(job.ego_id)]
-    command += ["--predictor", job.predictor] if job.predictor else []
+    settings = [f"{stage}.{name}={json.dumps(value)}" for stage, name, value in job.parameters]
+    command += ["--set", *settings] if settings else []
     command += [] if job.seed is None else ["--seed", str(job.seed)]
     environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
@@ -141,6 +141,7 @@ def summarise(runs: Iterable[dict[str, Any]]) -> dict[str, Any]:
         "ade_all_m": {h: _mean(r["ade_all_m"].get(h) for r in runs) for h in ade},
         "replay_error_max_m": max((r["replay_error_max_m"] or 0.0 for r in runs), default=None),
         "hard_brakes": sum(r["comfort"]["controlled"]["hard_brakes"] for r in runs),
+        "guarded": _mean(r["comfort"]["controlled"]["guarded"]["share"] for r in runs),
         "off_road": _mean(r["off_road_controlled"] for r in runs),
         "progress_m": _mean(r["progress_m"] for r in runs),
         "max_position_jump_m": max((r["handback"]["max_position_jump_m"] for r in runs), default=None),

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from litsim_policy.handback import HandbackConfig
-from litsim_policy.policy_c import PolicyC, PolicyNetwork, shipped_weights
-from litsim_policy.safety import SafetyConfig
+from litsim_policy.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.takeover import TakeoverTable
 from litsim_policy.yield_policy import YieldConfig, YieldPolicy
 from litsim_sim.errors import InputError
@@ -26,14 +25,17 @@ def make_policy(
     scenario: Scenario,
     config: YieldConfig | None = None,
     handback: HandbackConfig | None = None,
-    safety: SafetyConfig | None = None,
+    policy_c: PolicyCConfig | None = None,
 ) -> Policy:
     """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: there is none of that name, or its weights cannot be used.
     """
     if name not in ("litsim", "yield"):
         raise InputError(f"policy: {name!r} is unknown, expected litsim or yield")
     rules = YieldPolicy(scenario, config or YieldConfig(), handback or HandbackConfig())
-    return rules if name == "yield" else PolicyC(scenario, PolicyNetwork.load(shipped_weights()), rules, safety)
+    if name == "yield":
+        return rules
+    policy_c = policy_c or PolicyCConfig()
+    return PolicyC(scenario, policy_c.network(), rules, policy_c.safety)

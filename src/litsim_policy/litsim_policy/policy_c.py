@@ -89,6 +89,27 @@ def shipped_weights() -> Path:
     return Path(str(resources.files("litsim_policy").joinpath("weights/policy_c.safetensors")))
 
 
+@dataclass(frozen=True)
+class PolicyCConfig:
+    """Parameters of :class:`PolicyC`.
+
+    Attributes:
+        weights: file of the network, as ``litsim_policy train`` writes it; empty for the one that comes with LitSim.
+        safety: limits and guards.
+    """
+
+    weights: str = ""
+    safety: SafetyConfig = SafetyConfig()
+
+    def network(self) -> PolicyNetwork:
+        """The network that `weights` says.
+
+        Raises:
+            InputError: it cannot be used.
+        """
+        return PolicyNetwork.load(Path(self.weights) if self.weights else shipped_weights())
+
+
 class Driver:
     """The network and the layer, without anything of a run."""
 

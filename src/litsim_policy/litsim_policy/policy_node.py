@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from litsim_msgs.msg import RunInfo
 
-from litsim_policy.handback import HandbackConfig
 from litsim_policy.messages import takeovers_from_message
-from litsim_policy.policies import Policy, make_policy
-from litsim_policy.safety import SafetyConfig
-from litsim_policy.yield_policy import YieldConfig
+from litsim_policy.policies import Policy
+from litsim_policy.stages import policy_stage
 from litsim_sim.ros.messages import agents_from_message, controls_to_message
 from litsim_sim.ros.parameters import declare
 from litsim_sim.ros.stage import StageNode, run_node
@@ -28,16 +27,13 @@ class PolicyNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._yield = declare(self, YieldConfig())
-        self._handback = declare(self, HandbackConfig(), "handback.")
-        self._safety = declare(self, SafetyConfig(), "safety.")
+        self._make = policy_stage(partial(declare, self))
         self._run_id = ""
         self._policy: Policy
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._policy = make_policy(info.policy, scenario, self._yield, self._handback, self._safety)
-        self._run_id = info.run_id
+        self._policy, self._run_id = self._make(info.policy, scenario), info.run_id
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""

@@ -10,21 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from litsim_policy.conflict import ConflictConfig
 from litsim_policy.difference import Tally
-from litsim_policy.ego import Ego, make_ego
-from litsim_policy.ego.idm import CAREFUL
-from litsim_policy.handback import HandbackConfig
 from litsim_policy.messages import takeovers_from_message, takeovers_to_message
-from litsim_policy.policies import Policy, make_policy
 from litsim_policy.rerun_record import Record
 from litsim_policy.runner import Runner
-from litsim_policy.takeover import TakeoverConfig, TakeoverManager
-from litsim_policy.yield_policy import YieldConfig
-from litsim_predictor.forecast import Predictor
-from litsim_predictor.kinematic import KinematicConfig
+from litsim_policy.stages import conflict_stage, ego_stage, policy_stage
 from litsim_predictor.messages import forecast_from_message, forecast_to_message
-from litsim_predictor.models import default_model, make_predictor
+from litsim_predictor.models import predictor_stage
 from litsim_sim.digest import RunDigest
 from litsim_sim.errors import InputError
 from litsim_sim.ros.messages import (
@@ -102,7 +94,7 @@ def resimulate(record: Record) -> Resimulated:
     last = min((max(found) for found in compared if found), default=-1)  # what is cut short may end amid a step
     digests = RunDigest(), RunDigest()
     steps = 0
-    for now in _Again(record).rounds():
+    for now in _again(record).rounds():
         step = now.table.step
         if step > last:
             break
@@ -121,19 +113,16 @@ def resimulate(record: Record) -> Resimulated:
     return Resimulated(tally, steps, digests[0].hexdigest(), digests[1].hexdigest())
 
 
-class _Again(Runner):
+def _again(record: Record) -> Runner:
     """The runner with the stages as they were configured."""
-
-    def __init__(self, record: Record) -> None:
-        info = record.info
-        ego = "log" if info.ego == EXTERNAL else info.ego  # replaced below
-        super().__init__(RunPlan(record.scenario, ego, info.policy))
-        self._ego = _RecordedEgo(record.messages[EGO_CONTROL.name]) if info.ego == EXTERNAL else _ego(record)
-        if self._reacts:
-            silent = [name for name in STAGES if name in info.stages and name not in record.parameters]
-            if silent:
-                record.notes.append(f"the record does not tell the parameters of {', '.join(silent)}: taking defaults")
-            self._predictor, self._manager, self._policy = _predictor(record), _manager(record), _policy(record)
+    info = record.info
+    external = info.ego == EXTERNAL
+    silent = [name for name in STAGES if name in info.stages and name not in record.parameters]
+    if silent:
+        record.notes.append(f"the record does not tell the parameters of {', '.join(silent)}: taking defaults")
+    ego = _RecordedEgo(record.messages[EGO_CONTROL.name]) if external else None
+    parameters = {name: values for name, values in record.parameters.items() if name in STAGES}
+    return Runner(RunPlan(record.scenario, info.ego, info.policy), parameters=parameters, ego=ego)
 
 
 class _RecordedEgo:
@@ -163,53 +152,27 @@ class Stage:
     make: Callable[[Record], Callable[..., Any]]
 
 
-def _predictor(record: Record) -> Predictor:
-    model = str(record.parameters.get("predictor", {}).get("model", default_model()))
-    return make_predictor(model, record.scenario, record.configured("predictor", KinematicConfig(), "kinematic."))
-
-
-def _manager(record: Record) -> TakeoverManager:
-    return TakeoverManager(
-        record.scenario,
-        record.configured("conflict", ConflictConfig()),
-        record.configured("conflict", TakeoverConfig()),
-    )
-
-
-def _policy(record: Record) -> Policy:
-    return make_policy(
-        record.info.policy,
-        record.scenario,
-        record.configured("policy", YieldConfig()),
-        record.configured("policy", HandbackConfig(), "handback."),
-    )
-
-
-def _ego(record: Record) -> Ego:
-    return make_ego(record.info.ego, record.scenario, record.configured("ego", CAREFUL))
-
-
 def _predictor_stage(record: Record) -> Callable[..., Any]:
-    core = _predictor(record)
+    core = predictor_stage(record.read("predictor"))(record.scenario)
     return lambda agents: forecast_to_message(core.forecast(agents_from_message(agents)), record.info.run_id)
 
 
 def _conflict_stage(record: Record) -> Callable[..., Any]:
-    core = _manager(record)
+    core = conflict_stage(record.read("conflict"))(record.scenario)
     return lambda agents, forecast: takeovers_to_message(
         core.update(agents_from_message(agents), forecast_from_message(forecast)), record.info.run_id
     )
 
 
 def _policy_stage(record: Record) -> Callable[..., Any]:
-    core = _policy(record)
+    core = policy_stage(record.read("policy"))(record.info.policy, record.scenario)
     return lambda agents, takeovers: controls_to_message(
         core.act(agents_from_message(agents), takeovers_from_message(takeovers)), record.info.run_id
     )
 
 
 def _ego_stage(record: Record) -> Callable[..., Any]:
-    core = _ego(record)
+    core = ego_stage(record.info.ego, record.read("ego"))(record.scenario)
     return lambda agents: ego_to_message(core.plan(agents_from_message(agents)), record.info.run_id)
 
 

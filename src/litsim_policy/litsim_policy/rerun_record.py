@@ -5,9 +5,9 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import yaml
 from litsim_msgs.msg import StageStatus
@@ -16,6 +16,7 @@ from rclpy.serialization import deserialize_message
 from litsim_sim.analysis.run import NET_FILE, RECORDING_FILE, SCENARIO_FILE
 from litsim_sim.bag import BagReader
 from litsim_sim.errors import InputError
+from litsim_sim.parameters import Given
 from litsim_sim.ros.definitions import type_hash, type_name
 from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_APPLIED, EGO_CONTROL, FORECASTS, RUN_INFO, STATUS, TAKEOVERS
 from litsim_sim.run_info import versions
@@ -26,8 +27,6 @@ ATTACHED = {"recording": RECORDING_FILE, "net": NET_FILE}
 """Field of the scenario, and the attachment that takes its place."""
 
 PER_STEP = (AGENTS, FORECASTS, TAKEOVERS, CONTROLS, EGO_CONTROL)
-
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -50,9 +49,9 @@ class Record:
     parameters: dict[str, dict[str, Any]]
     notes: list[str] = field(default_factory=list)
 
-    def configured(self, stage: str, default: _T, prefix: str = "") -> _T:
-        """`default` with what the stage has told of its parameters."""
-        return with_parameters(default, self.parameters.get(stage, {}), prefix)
+    def read(self, stage: str) -> Given:
+        """What the stage has told of its parameters."""
+        return Given(stage, self.parameters.get(stage, {}))
 
 
 @contextmanager
@@ -77,25 +76,6 @@ def open_record(bag: Path) -> Iterator[Record]:
         )
         _note(record, reader)
         yield record
-
-
-def with_parameters(default: _T, given: dict[str, Any], prefix: str = "") -> _T:
-    """A frozen dataclass of parameters from their flat names, as ``litsim_sim.ros.parameters.declare`` names them.
-
-    Raises:
-        InputError: a value does not fit its field.
-    """
-    values: dict[str, Any] = {}
-    for each in fields(default):  # type: ignore[arg-type]
-        name, value = prefix + each.name, getattr(default, each.name)
-        if is_dataclass(value):
-            values[each.name] = with_parameters(value, given, f"{name}.")
-            continue
-        try:
-            values[each.name] = type(value)(given[name]) if name in given else value
-        except (TypeError, ValueError) as error:
-            raise InputError(f"recorded parameter {name} is {given[name]!r}, expected such as {value!r}") from error
-    return type(default)(**values)
 
 
 def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:

@@ -6,20 +6,24 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import yaml
 
-from litsim_policy.conflict import ConflictConfig
-from litsim_policy.ego import make_ego
-from litsim_policy.policies import make_policy
-from litsim_policy.takeover import Takeover, TakeoverConfig, TakeoverManager, TakeoverTable
-from litsim_predictor.models import default_model, make_predictor
+from litsim_policy.ego import Ego
+from litsim_policy.stages import conflict_stage, ego_stage, policy_stage
+from litsim_policy.takeover import Takeover, TakeoverTable
+from litsim_predictor.models import predictor_stage
 from litsim_sim.analysis.run import Detection, RunInfo, StageState, Status, TakeoverReason, TakeoverState
 from litsim_sim.analysis.run import Run as RecordedRun
 from litsim_sim.analysis.run import Takeover as RecordedTakeover
-from litsim_sim.run_info import RunPlan
+from litsim_sim.parameters import Given, Parameters
+from litsim_sim.run_info import POLICY_STAGES, RunPlan
 from litsim_sim.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.world import Mirror, World, WorldConfig
+
+STAGES = (*POLICY_STAGES, "ego")
+"""Stages that have a core here."""
 
 
 @dataclass(frozen=True)
@@ -38,27 +42,48 @@ class Round:
     stage_s: dict[str, float]
 
 
+def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str, Callable[..., Any]]:
+    """What builds the stages of runs with this ego, or one from elsewhere, and this policy; see `litsim_policy.stages`.
+
+    Raises:
+        InputError: a parameter is unknown to its stage, or does not fit; or there is no such ego.
+    """
+    given = {stage: Given(stage, values) for stage, values in parameters.items()}
+    read = {stage: given.setdefault(stage, Given(stage, {})) for stage in STAGES}
+    stages: dict[str, Callable[..., Any]] = {} if ego is None else {"ego": ego_stage(ego, read["ego"])}
+    if policy != "replay":
+        stages |= {"predictor": predictor_stage(read["predictor"]), "conflict": conflict_stage(read["conflict"])}
+        stages["policy"] = policy_stage(read["policy"])
+    for each in given.values():
+        each.check()
+    return stages
+
+
 class Runner:
-    """Runs a plan in this process; with a mirror (libsumo: one per process) or without."""
+    """Runs a plan in this process; with a mirror (libsumo: one per process) or without.
+
+    `parameters` are those of the stages' nodes; `ego` drives in place of the one that the plan names.
+
+    Raises:
+        InputError: a parameter is unknown to its stage or does not fit, or a stage cannot be built.
+    """
 
     def __init__(
         self,
         plan: RunPlan,
         mirror: Mirror | None = None,
-        *,
-        model: str | None = None,
-        conflict: ConflictConfig | None = None,
-        takeover: TakeoverConfig | None = None,
+        parameters: Parameters | None = None,
+        ego: Ego | None = None,
     ) -> None:
         scenario = plan.scenario
         self.plan = plan
-        self.world = World(scenario, WorldConfig(guard_entries=plan.policy != "replay"), mirror)
-        self._ego = make_ego(plan.ego, scenario)
         self._reacts = plan.policy != "replay"
+        stages = configured(None if ego else plan.ego, plan.policy, parameters or {})
+        self.world = World(scenario, WorldConfig(guard_entries=self._reacts), mirror)
+        self._ego = ego or stages["ego"](scenario)
         if self._reacts:
-            self._predictor = make_predictor(model or default_model(), scenario)
-            self._manager = TakeoverManager(scenario, conflict or ConflictConfig(), takeover or TakeoverConfig())
-            self._policy = make_policy(plan.policy, scenario)
+            self._predictor, self._manager = stages["predictor"](scenario), stages["conflict"](scenario)
+            self._policy = stages["policy"](plan.policy, scenario)
 
     def rounds(self) -> Iterator[Round]:
         """Every step of the run with its answers, in order."""

@@ -14,8 +14,9 @@ from rich.table import Table
 from tqdm import tqdm
 
 from litsim_policy.evaluation import Job, run_batch, summarise
-from litsim_policy.handback import HANDBACKS
+from litsim_policy.runner import configured
 from litsim_sim.errors import InputError
+from litsim_sim.parameters import SET_HELP, by_stage, setting
 from litsim_sim.run_info import EGOS, POLICIES
 from litsim_sim.scenario import Scenario
 
@@ -36,12 +37,13 @@ COLUMNS = {
     "false alarms": "false_alarms",
     "relevant %": "relevant_ratio",
     "hard brakes of controlled": "hard_brakes",
+    "guarded %, of policy C's steps": "guarded",
     "off road %, controlled": "off_road",
     "progress m": "progress_m",
     "max jump m": "max_position_jump_m",
     "max residual at release m": "max_residual_m",
 }
-PERCENT = ("rate_all", "rate_controlled", "reactive", "relevant_ratio", "off_road")
+PERCENT = ("rate_all", "rate_controlled", "reactive", "relevant_ratio", "guarded", "off_road")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -52,8 +54,15 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--scenario", nargs="+", default=["demo"], help="names of packaged scenarios, or YAML files")
     p.add_argument("--ego", default="idm", choices=[e for e in EGOS if e != "external"], help="what drives the ego")
     p.add_argument("--policy", nargs="+", default=["replay", "litsim"], choices=POLICIES, help="rows of the table")
-    p.add_argument("--handback", nargs="+", choices=HANDBACKS, help="a row for each way back to the log, in process")
     p.add_argument("--predictor", nargs="+", metavar="MODEL", help="a row for each model that forecasts")
+    p.add_argument(
+        "--set",
+        type=setting,
+        nargs="+",
+        default=[],
+        metavar="STAGE.NAME=VALUE[,VALUE]",
+        help=f"{SET_HELP}; a row for each of several values",
+    )
     p.add_argument("--egos", default="egos", help="field of the scenarios (egos, tuning, ego), or ids with commas")
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed and ego, instead of the scenario's seed")
     p.add_argument("--graph", action="store_true", help="run each over DDS instead of in process")
@@ -65,15 +74,11 @@ def parser() -> argparse.ArgumentParser:
 def evaluate(arguments: argparse.Namespace) -> dict[str, Any]:
     """Run what the arguments ask for; returns the summary by row of the table, and the metrics of every run."""
     egos = [(name, ego) for name in arguments.scenario for ego in _egos(arguments.egos, Scenario.load(name))]
-    if arguments.graph and arguments.handback:
-        raise InputError(
-            "expected no --graph: over DDS, it is a parameter of the conflict node that decides on "
-            f"--handback {' '.join(arguments.handback)}"
-        )
-    ways = list(product(arguments.handback or [None], arguments.predictor or [None]))
-    rows = [(p, *way) for p in arguments.policy for way in (ways if p != "replay" else [(None, None)])]
+    rows = _rows(arguments)
+    for row in rows:  # what is wrong with a parameter is to be known before the first run
+        configured(arguments.ego, row["policy"], by_stage(row["parameters"]))
     draws = product(rows, arguments.seeds or [None], egos)
-    jobs = [Job(name, arguments.ego, p, ego, h, model, seed) for (p, h, model), seed, (name, ego) in draws]
+    jobs = [Job(name, arguments.ego, ego_id=ego, seed=seed, **row) for row, seed, (name, ego) in draws]
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
     with tqdm(total=len(jobs), unit="run", dynamic_ncols=True) as bar:
@@ -82,6 +87,24 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, Any]:
     for job in jobs:
         runs.setdefault(job.row, {})[job.name] = found[job]
     return {"summary": {row: summarise(mine.values()) for row, mine in runs.items()}, "runs": runs}
+
+
+def _rows(arguments: argparse.Namespace) -> list[dict[str, Any]]:
+    """Policy, parameters and label of each row: every policy with every combination of what is varied."""
+    varied = [("predictor", "model", arguments.predictor or []), *arguments.set]
+    rows = []
+    for policy in arguments.policy:
+        # of a replay, only the ego has a stage
+        mine = [s for s in varied if s[2] and (policy != "replay" or s[0] == "ego")]
+        for values in product(*(values for _, _, values in mine)):
+            parameters = tuple((stage, name, value) for (stage, name, _), value in zip(mine, values, strict=True))
+            told = [
+                str(value) if name == "model" else f"{name}={value}"
+                for (_, name, several), value in zip(mine, values, strict=True)
+                if len(several) > 1 or name == "model"
+            ]
+            rows.append({"policy": policy, "parameters": parameters, "label": ", ".join(told)})
+    return rows
 
 
 def print_table(title: str, summary: dict[str, dict[str, Any]]) -> None:

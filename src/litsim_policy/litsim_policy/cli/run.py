@@ -13,6 +13,7 @@ from litsim_predictor.models import MODELS, default_model
 from litsim_sim.analysis.metrics import compute_metrics, write_metrics
 from litsim_sim.cli.analyze import print_metrics
 from litsim_sim.errors import InputError
+from litsim_sim.parameters import SET_HELP, by_stage, one_setting
 from litsim_sim.run_info import EGOS, POLICIES, RunPlan
 from litsim_sim.scenario import Scenario
 from litsim_sim.sumo import SumoMirror
@@ -27,6 +28,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--predictor", default=default_model(), metavar="MODEL", help=f"{', '.join(MODELS)}, or weights")
     p.add_argument("--ego-id", type=int, help="another vehicle of the recording as the ego")
     p.add_argument("--seed", type=int, help="another seed than the scenario's")
+    p.add_argument("--set", type=one_setting, nargs="+", default=[], metavar="STAGE.NAME=VALUE", help=SET_HELP)
     p.add_argument("--json", type=Path, help="write the metrics to this file")
     return p
 
@@ -37,7 +39,8 @@ def main() -> None:
     try:
         scenario = Scenario.load(arguments.scenario, ego=arguments.ego_id, seed=arguments.seed)
         plan = RunPlan(scenario, arguments.ego, arguments.policy)
-        runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed), model=arguments.predictor)
+        parameters = by_stage([("predictor", "model", arguments.predictor), *arguments.set])
+        runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed), parameters)
         with tqdm(total=scenario.total_steps + 1, unit="step", dynamic_ncols=True) as bar:
             metrics = compute_metrics(record(runner, bar.update))
         if arguments.json:

@@ -26,6 +26,7 @@ from litsim_sim.domain import graph_domain
 from litsim_sim.ego_answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.errors import InputError
 from litsim_sim.executables import find_executable
+from litsim_sim.parameters import SET_HELP, by_stage, one_setting
 from litsim_sim.report.run_report import write_report
 from litsim_sim.run_info import EGOS, POLICIES, RunPlan
 from litsim_sim.scenario import Scenario
@@ -183,6 +184,9 @@ def launch(arguments: argparse.Namespace) -> int:
     plan = RunPlan(_scenario(arguments), arguments.ego, arguments.policy)
     domain = graph_domain(arguments.domain_id, reserve=arguments.ego != "external")
     nodes = {name: _executable(name, plan.ego) for name in (*reversed(plan.stages), "bridge")}
+    settings = by_stage(arguments.set)
+    if absent := sorted(set(settings) - set(nodes)):
+        raise InputError(f"--set {', '.join(absent)}: takes no part in this run, expected {', '.join(sorted(nodes))}")
     out = Path(arguments.out or f"bags/{plan.scenario.name}")
     _check_output(out, arguments.overwrite)
     parameters: dict[str, dict[str, object]] = {
@@ -212,7 +216,7 @@ def launch(arguments: argparse.Namespace) -> int:
             say(arguments, f"waiting for an external ego to answer on {' or '.join(topics)}")
         try:
             for name, path in nodes.items():
-                graph.start(name, path, parameters.get(name, {}))
+                graph.start(name, path, parameters.get(name, {}) | settings.get(name, {}))
             graph.watch(arguments.quiet)
         except GraphFailed as error:
             failure = error
@@ -261,6 +265,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="NAME=VALUE",
         help=f"the ego's vehicle model, else the scenario's: {', '.join(VEHICLE_FIELDS)}",
     )
+    p.add_argument("--set", type=one_setting, nargs="+", default=[], metavar="STAGE.NAME=VALUE", help=SET_HELP)
     p.add_argument("--answer-timeout", type=_seconds, default=5.0, metavar="S", help="for the answers to one step")
     p.add_argument(
         "--domain-id",
