@@ -9,11 +9,14 @@ from typing import Any
 
 import pytest
 
+from litsim_policy.rerun import resimulate
+from litsim_policy.rerun_record import open_record
 from litsim_policy.runner import Runner, record
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.analysis.run import read_run
 from litsim_sim.bag import BagReader
 from litsim_sim.cli.analyze import analyze
+from litsim_sim.parameters import by_stage
 from litsim_sim.run_info import RunPlan
 from litsim_sim.scenario import Scenario
 
@@ -45,6 +48,23 @@ def test_two_launches_and_the_runner_agree(recorded: Any, ego: str, policy: str)
     messages = per_step_messages(first.bag)
     assert len(messages) == 36 * (7 if policy == "litsim" else 4)
     assert per_step_messages(second.bag) == messages
+
+
+def test_parameters_are_the_same_over_dds_in_process_and_in_re_runs(graph: Any) -> None:
+    scenario, bag = graph.scenario(), graph.folder / "set"
+    settings = {"ego.kind": "brake", "ego.time": [0.0, 0.0], "policy.safety.following": False, "conflict.horizon": 2.5}
+    words = [f"{name}={json.dumps(value)}" for name, value in settings.items()]
+    done = graph.launch("--scenario", scenario, "--ego", "perturbed", "--out", bag, "--set", *words)
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads((bag / "metrics.json").read_text())
+    plan = RunPlan(Scenario.load(str(scenario)), "perturbed", "litsim")
+    split = [(*name.split(".", 1), value) for name, value in settings.items()]
+    assert compute_metrics(record(Runner(plan, parameters=by_stage(split))))["digest"] == metrics["digest"]
+    assert compute_metrics(record(Runner(plan)))["digest"] != metrics["digest"]
+    with open_record(bag) as recorded_run:
+        again = resimulate(recorded_run)
+    assert again.computed == again.recorded == metrics["digest"]
+    assert again.tally.different == 0 and not recorded_run.notes
 
 
 def test_stages_serve_one_run_after_the_other(graph: Any, recorded: Any) -> None:

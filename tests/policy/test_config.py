@@ -14,11 +14,10 @@ from litsim_policy.ego.bat import BatConfig
 from litsim_policy.ego.idm import CAREFUL
 from litsim_policy.ego.perturbed import PerturbedConfig
 from litsim_policy.handback import HandbackConfig
-from litsim_policy.safety import SafetyConfig
+from litsim_policy.policy_c import PolicyCConfig
 from litsim_policy.takeover import TakeoverConfig
 from litsim_policy.yield_policy import YieldConfig
-from litsim_predictor.kinematic import KinematicConfig
-from litsim_predictor.models import default_model
+from litsim_predictor.models import PredictorConfig
 
 SOURCES = Path(__file__).parents[2] / "src"
 
@@ -42,7 +41,7 @@ def flat(config: Any, prefix: str = "") -> dict[str, Any]:
         (
             "litsim_policy/config/policy.yaml",
             "policy",
-            flat(YieldConfig()) | flat(HandbackConfig(), "handback.") | flat(SafetyConfig(), "safety."),
+            flat(YieldConfig()) | flat(HandbackConfig(), "handback.") | flat(PolicyCConfig()),
         ),
         ("litsim_policy/config/ego_bat.yaml", "ego", flat(BatConfig())),
         ("litsim_policy/config/ego_idm.yaml", "ego", flat(CAREFUL)),
@@ -50,7 +49,7 @@ def flat(config: Any, prefix: str = "") -> dict[str, Any]:
         (
             "litsim_predictor/config/predictor.yaml",
             "predictor",
-            {"model": default_model()} | flat(KinematicConfig(), "kinematic."),
+            flat(PredictorConfig()),
         ),
     ],
 )
