@@ -141,6 +141,15 @@ def test_it_brakes_as_long_as_it_should_and_then_returns_to_the_logged_speed_but
     assert np.abs(y - y[0]).max() < 0.05
 
 
+def test_it_keeps_its_speed_whoever_is_ahead(make_scenario, track, perturbed) -> None:
+    scenario = make_scenario(track(1, x=100.0, speed=12.0, last=150), track(2, x=130.0, speed=8.0, last=150))
+    run, ego = perturbed(scenario, kind="keep_speed", time=(1.0, 1.0))
+    assert (ego.kind, ego.first_step) == ("keep_speed", 13)
+    contact = run.world.contacts[(1, 2)]
+    assert run.series(1, "speed")[13:contact] == pytest.approx(12.0)
+    assert run.series(1, "x")[contact] == pytest.approx(100.0 + 1.2 * contact, abs=0.2)
+
+
 def test_it_changes_to_the_next_lane_and_keeps_to_it(make_scenario, track, perturbed, lane_centres) -> None:
     scenario = make_scenario(track(1, x=100.0, y=lane_centres[2], last=150))
     run, ego = perturbed(scenario, kind="lane_change", time=(1.0, 1.0))

@@ -67,6 +67,7 @@ def test_demo(demo: Scenario) -> None:
     assert all(lane.left and lane.right for lane in lanes)
     assert demo.egos[0] == demo.ego_id
     assert demo.tuning_egos == ()
+    assert set(demo.egos) < set(demo.possible_egos) < set(demo.log.ids.tolist())
 
 
 def test_demo_ego_has_a_follower_and_neighbours(demo: Scenario) -> None:
@@ -212,6 +213,15 @@ def test_malformed_yaml(tmp_path: Path, text: str, message: str) -> None:
 )
 def test_fields_that_do_not_fit(tmp_path: Path, fields: dict[str, Any], change: dict[str, Any], message: str) -> None:
     assert message in refusal(tmp_path, fields | change)
+
+
+def test_possible_egos_are_those_that_are_not_refused(demo: Scenario) -> None:
+    for agent in (*demo.possible_egos[::10], 90):
+        if agent in demo.possible_egos:
+            assert Scenario.load("demo", ego=agent).ego_id == agent
+        else:
+            with pytest.raises(InputError, match=f"vehicle {agent} is present in steps"):
+                Scenario.load("demo", ego=agent)
 
 
 def test_missing_fields(tmp_path: Path, fields: dict[str, Any]) -> None:

@@ -180,6 +180,12 @@ class Scenario:
         return tuple(self.file.tuning)
 
     @property
+    def possible_egos(self) -> tuple[int, ...]:
+        """Vehicles that are there from step 0 through the first simulated step."""
+        there = (self.log.first_step == 0) & (self.log.last_step > self.history_steps)
+        return tuple(self.log.ids[there].tolist())
+
+    @property
     def roi_m(self) -> float:
         """Radius around the ego within which agents may be taken over [m]."""
         return self.file.roi_m

@@ -63,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="STAGE.NAME=VALUE[,VALUE]",
         help=f"{SET_HELP}; a row for each of several values",
     )
-    p.add_argument("--egos", default="egos", help="field of the scenarios (egos, tuning, ego), or ids with commas")
+    p.add_argument("--egos", default="egos", help="field of the scenarios (egos, tuning, ego), all, or ids with commas")
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed and ego, instead of the scenario's seed")
     p.add_argument("--graph", action="store_true", help="run each over DDS instead of in process")
     p.add_argument("--out", default="bags/evaluation", help="folder of the results, and of recordings over DDS")
@@ -128,6 +128,8 @@ def print_table(title: str, summary: dict[str, dict[str, Any]]) -> None:
 def _egos(choice: str, scenario: Scenario) -> tuple[int, ...]:
     if choice == "ego":
         return (scenario.ego_id,)
+    if choice == "all":
+        return scenario.possible_egos
     if choice in ("egos", "tuning"):
         chosen = scenario.egos if choice == "egos" else scenario.tuning_egos
         if not chosen:
@@ -136,7 +138,7 @@ def _egos(choice: str, scenario: Scenario) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in choice.split(","))
     except ValueError as error:
-        raise InputError(f"--egos {choice}: expected egos, tuning, ego, or ids with commas") from error
+        raise InputError(f"--egos {choice}: expected egos, tuning, ego, all, or ids with commas") from error
 
 
 def _cell(key: str, value: float | None) -> str:

@@ -1,4 +1,4 @@
-"""The ego that follows its log until a seeded moment, then brakes or changes lane, and keeps going after that."""
+"""The ego that follows its log until a seeded moment, then brakes, changes lane or no longer minds others."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from litsim_sim.recording import STEP_S
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import AgentTable, EgoCommand, EgoMode
 
-KINDS = ("brake", "lane_change", "mixed")
+KINDS = ("brake", "lane_change", "mixed", "keep_speed")
 FOLLOWING = IdmConfig()
 """Car following after the perturbation: the parameters calibrated on NGSIM, so that little is added to it."""
 
@@ -25,7 +25,8 @@ class PerturbedConfig:
     """What happens to the log, and when.
 
     Attributes:
-        kind: brake, lane_change, or mixed, which is either of the two as the seed says.
+        kind: brake, lane_change, or mixed, which is either of the two as the seed says; or keep_speed: from then on the
+            ego drives at the speed that it has, whoever is ahead.
         time: [s] after the history, between which (earliest, latest) the seed puts the perturbation; equal fixes it.
         deceleration: of braking [m/s2].
         duration: of braking [s].
@@ -74,14 +75,14 @@ class PerturbedEgo:
         self._scenario, self._config = scenario, config or PerturbedConfig()
         random = np.random.default_rng([scenario.seed, scenario.ego_id])
         drawn = random.uniform(*self._config.time)
-        changes_lane = bool(random.integers(2)) if self._config.kind == "mixed" else self._config.kind == "lane_change"
+        changes_lane = int(random.integers(2)) if self._config.kind == "mixed" else 0
         self._left_first = bool(random.integers(2))
         self._row = scenario.log.row(scenario.ego_id)
         self._path: ReferencePath | None = None
         self._brake_from: int | None = None
         self.first_step = scenario.history_steps + round(drawn / STEP_S)
         """Step from which on the ego is off its log, at the earliest."""
-        self.kind = "lane_change" if changes_lane else "brake"
+        self.kind = ("brake", "lane_change")[changes_lane] if self._config.kind == "mixed" else self._config.kind
         """What it does then."""
 
     def plan(self, table: AgentTable) -> EgoCommand:
@@ -131,8 +132,10 @@ class PerturbedEgo:
         return bool(taken.any())
 
     def _acceleration(self, table: AgentTable, row: int, path: ReferencePath) -> float:
-        """Braking [m/s2] while that lasts; then back to the logged speed, but never into a leader."""
+        """Acceleration [m/s2]: braking while that lasts; then back to the logged speed, but never into a leader."""
         config, speed = self._config, float(table.speed[row])
+        if self.kind == "keep_speed":
+            return 0.0
         braked = np.inf if self._brake_from is None else (table.step - self._brake_from) * STEP_S
         if braked < config.duration - 1e-9:
             return -config.deceleration
