@@ -126,18 +126,20 @@ def test_penalties(traffic, agent_table, lane_centres) -> None:
     before = agent_table(4, {"id": 1, "x": 100.0, "y": y}, {"id": 2, "x": 105.0, "y": y}, {"id": 3, "x": 60.0, "y": y})
     after = agent_table(
         5,
-        {"id": 1, "x": 101.0, "y": y, "acceleration": -2.5},
+        {"id": 1, "x": 101.0, "y": y, "acceleration": -3.75},
         {"id": 2, "x": 105.0, "y": y},
         {"id": 3, "x": 61.0, "y": lane_centres[0] + 1.2},
     )
-    found = penalties(before, after, np.array([1, 2, 3]), traffic.lane_map)
+    guarded = np.array([False, True, False])
+    found = penalties(before, after, np.array([1, 2, 3]), traffic.lane_map, guarded)
     assert found.collision.tolist() == [True, False, False], "who is run into from behind could not help it"
     assert found.hard_brake == pytest.approx([0.5, 0.0, 0.0])
     assert found.proximity[0] == 1.0 and found.proximity[2] == 0.0
     assert found.edge[2] > 0.9 and found.off_road.tolist() == [False, False, True]
-    again = penalties(after, after, np.array([1, 2, 3]), traffic.lane_map)
+    again = penalties(after, after, np.array([1, 2, 3]), traffic.lane_map, guarded)
     assert not again.collision.any() and not again.off_road.any(), "each counts once"
     assert (found.total(PenaltyConfig()) <= 0.0).all()
+    assert found.total(PenaltyConfig())[1] == -PenaltyConfig().guard
 
 
 # Experts

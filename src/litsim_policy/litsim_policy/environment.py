@@ -29,7 +29,7 @@ from litsim_policy.safety import LIMITS_ONLY, SafetyConfig, SafetyLayer
 from litsim_policy.takeover import State, TakeoverConfig, TakeoverManager, TakeoverTable
 from litsim_predictor.models import make_predictor
 from litsim_sim.scenario import Scenario
-from litsim_sim.scene import AgentTable, BoolArray, ControlTable, FloatArray, IntArray
+from litsim_sim.scene import AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
 from litsim_sim.world import World
 
 Array = np.ndarray
@@ -124,6 +124,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         self.scenario = _with_ego(self._scenarios[int(random.integers(len(self._scenarios)))], random)
         self.world = World(self.scenario)
         self.safety = SafetyLayer(self.scenario.lane_map, self._safety_config)
+        self._guards = SafetyLayer(self.scenario.lane_map)  # they only tell
         self._observer = Observer(self.scenario.lane_map, self._observation)
         self._ego = drawn_ego(self.scenario, random)
         self._predictor = make_predictor(self.config.model, self.scenario)
@@ -149,10 +150,12 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         """
         before, errands = self._table, self._errands
         driven = np.array([errand.agent for errand in errands], np.int64)
-        controls = command(before, errands, np.asarray(action, np.float64)[: len(errands)], self.safety)
+        wanted = np.asarray(action, np.float64)[: len(errands)]
+        guarded = command(before, errands, wanted, self._guards).source == ControlSource.GUARDED
+        controls = command(before, errands, wanted, self.safety)
         self._advance(merged(controls, self._others_controls()))
         self._choose()
-        outcome = self._outcome(before, driven, errands)
+        outcome = self._outcome(before, driven, errands, guarded)
         terminated = bool(outcome.terminated.any())
         if not self._errands and not terminated:
             self._pass_by()
@@ -210,8 +213,8 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
             goal = np.array([log.x[row, due], log.y[row, due]])
             self._drafted[agent] = (Errand(agent, path, goal, due), path)
 
-    def _outcome(self, before: AgentTable, driven: IntArray, errands: list[Errand]) -> Outcome:
-        """What the step from `before` to now did to the agents that were `driven`."""
+    def _outcome(self, before: AgentTable, driven: IntArray, errands: list[Errand], guarded: BoolArray) -> Outcome:
+        """What the step from `before` to now did to the agents that were `driven`, some by commands to be `guarded`."""
         after = self._table
         rows = after.rows(driven)
         here = rows >= 0
@@ -226,7 +229,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         speed = 0.5 * (after.speed[rows] + before.speed[before.rows(driven)])
         moved = normalised(consistent(after.acceleration[rows], after.yaw_rate[rows], speed))
         executed[here] = moved[here]
-        terms = penalties(before, after, driven[here], self.scenario.lane_map)
+        terms = penalties(before, after, driven[here], self.scenario.lane_map, guarded[here])
         penalty, terminated = np.zeros(len(driven)), np.zeros(len(driven), np.bool_)
         penalty[here], terminated[here] = terms.total(self._penalty), terms.collision | terms.off_road
         driven_on = here & np.isin(driven, list(now)) & (after.step < self._end) & ~terminated.any()

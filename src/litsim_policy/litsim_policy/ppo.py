@@ -35,7 +35,7 @@ class PpoConfig:
     batch: int = 256
     epochs: int = 4
     clip: float = 0.2
-    discount: float = 0.97
+    discount: float = 0.98
     smoothing: float = 0.95
     value_weight: float = 0.5
     entropy_weight: float = 0.001

@@ -1,7 +1,7 @@
-"""What policy C is punished for in training: collisions, proximity, leaving the road and braking hard.
+"""What policy C is punished for in training: collision, proximity, leaving the road, hard braking, need of a guard.
 
-Smooth ramps after RAIL (Bhattacharyya 2019): a cliff tells a gradient nothing. All vectorised over the agents that were
-driven.
+Smooth ramps after RAIL (Bhattacharyya 2019): a cliff tells a gradient nothing. A guard that would intervene tells at
+once what a collision tells seconds later. All vectorised over the agents that were driven.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from litsim_sim.geometry import boxes_overlap, to_body
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scene import AgentTable, BoolArray, FloatArray, IntArray
 
-BRAKE_FROM, BRAKE_FULL = 2.0, 3.0  # [m/s2] of braking between which the penalty rises
+BRAKE_FROM, BRAKE_FULL = 3.0, 4.5  # [m/s2] of braking between which the penalty rises
 EDGE_FROM, EDGE_FULL = 0.5, -0.1  # [m] from the agent's side to the edge of the road, likewise; negative is outside
 EDGE_PROBES = 7  # places between those two
 NEAR_ALONG, NEAR_ACROSS = 1.5, 0.4  # [m] between boxes, along and across, below which somebody is near
@@ -29,14 +29,16 @@ class PenaltyConfig:
         off_road: once, when the road is left; the episode ends there.
         edge: a step, with a side 0.1 m beyond the edge.
         proximity: a step, at contact.
-        hard_brake: a step, from 3 m/s2 on.
+        hard_brake: a step, from 4.5 m/s2 on.
+        guard: a step, with a command that a guard of the safety layer would have changed.
     """
 
     collision: float = 20.0
     off_road: float = 20.0
     edge: float = 2.0
     proximity: float = 1.0
-    hard_brake: float = 0.5
+    hard_brake: float = 0.3
+    guard: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class Penalties:
 
     Attributes:
         collision, off_road: whether it happened in this step.
+        guard: whether a guard would have changed the command.
     """
 
     collision: BoolArray
@@ -52,17 +55,27 @@ class Penalties:
     edge: FloatArray
     proximity: FloatArray
     hard_brake: FloatArray
+    guard: BoolArray
 
     def total(self, config: PenaltyConfig) -> FloatArray:
         """(m,) at most 0. Of the terms that last, only the worst counts, as in RAIL."""
         lasting = np.maximum.reduce(
-            [config.edge * self.edge, config.proximity * self.proximity, config.hard_brake * self.hard_brake]
+            [
+                config.edge * self.edge,
+                config.proximity * self.proximity,
+                config.hard_brake * self.hard_brake,
+                config.guard * self.guard,
+            ]
         )
         return -(lasting + config.collision * self.collision + config.off_road * self.off_road)
 
 
-def penalties(before: AgentTable, after: AgentTable, agents: IntArray, lane_map: LaneMap) -> Penalties:
+def penalties(
+    before: AgentTable, after: AgentTable, agents: IntArray, lane_map: LaneMap, guarded: BoolArray
+) -> Penalties:
     """Of `agents` (m,), who are on the road in both tables, over the step between them.
+
+    `guarded` (m,) tells whose command a guard would have changed.
 
     A collision is a new contact with somebody who is not behind: whoever is run into from behind could not help it.
     """
@@ -81,6 +94,7 @@ def penalties(before: AgentTable, after: AgentTable, agents: IntArray, lane_map:
         edge=_ramp(clearance, EDGE_FROM, EDGE_FULL),
         proximity=near,
         hard_brake=_ramp(-after.acceleration[rows], BRAKE_FROM, BRAKE_FULL),
+        guard=guarded,
     )
 
 

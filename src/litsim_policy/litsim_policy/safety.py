@@ -72,7 +72,7 @@ class SafetyConfig:
 
 
 LIMITS_ONLY = SafetyConfig(following=False, contact=False, road=False)
-"""What training runs with: a policy that leans on the guards learns nothing about what they guard against."""
+"""What training drives with: the guards only tell what they would have changed, and that costs."""
 
 
 @dataclass(frozen=True)

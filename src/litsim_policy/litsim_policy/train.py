@@ -76,7 +76,7 @@ class TrainConfig(BaseModel):
     transitions: int = Field(3072, gt=0)
     critic_reward: float = Field(0.3, ge=0)
     validate_every: int = Field(20, gt=0)
-    validation_episodes: int = Field(10, gt=0)
+    validation_episodes: int = Field(20, gt=0)
     data: DataConfig
     observation: ObservationConfig = ObservationConfig()
     environment: EnvironmentConfig = EnvironmentConfig()
@@ -140,7 +140,8 @@ class Training:
     @property
     def about(self) -> dict[str, str]:
         """Where weights come from, for their metadata."""
-        return {"seed": str(self.config.seed), "iterations": str(len(self.history))}
+        config = self.config.model_dump_json()
+        return {"seed": str(self.config.seed), "iterations": str(len(self.history)), "config": config}
 
 
 def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool = True) -> Training:
@@ -273,7 +274,7 @@ def drive(
         terms = outcome.terms
         sums["transitions"] += len(outcome.agents)
         sums["penalty"] += float(outcome.penalty.sum())
-        for name in ("collision", "off_road", "edge", "proximity", "hard_brake"):
+        for name in ("collision", "off_road", "edge", "proximity", "hard_brake", "guard"):
             sums[name] += float(getattr(terms, name).sum())
         over = terminated or truncated or not (info["agents"] != NOBODY).any()
     return tracks
@@ -285,7 +286,7 @@ def validate(policy: GaussianPolicy, environment: PolicyEnvironment, config: Tra
     for episode in range(config.validation_episodes):
         drive(environment, policy, 10_000_019 + episode, sums, None)
     rates = _rates(sums, config.validation_episodes)
-    wanted = ("penalty", "collisions", "off_road", "hard_brake", "collided_share")
+    wanted = ("penalty", "collisions", "off_road", "hard_brake", "guard", "collided_share")
     found = {f"validation_{name}": rates[name] for name in wanted}
     return found | {"validation_score": rates["penalty"]}
 
@@ -303,6 +304,7 @@ def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
         "edge": sums["edge"] / count,
         "proximity": sums["proximity"] / count,
         "hard_brake": sums["hard_brake"] / count,
+        "guard": sums["guard"] / count,
     }
 
 

@@ -14,7 +14,7 @@ PANELS = {
     "off the road per 1000 agent-steps": ("off_road", "validation_off_road"),
     "critic: share told right": ("critic_accuracy",),
     "critic: mean logit of the policy": ("critic_reward",),
-    "divergence of an update": ("divergence",),
+    "share of agent-steps that a guard would have changed": ("guard", "validation_guard"),
 }
 STYLE: dict[str, dict[str, Any]] = {
     "validation": {"marker": "o", "markersize": 3},
