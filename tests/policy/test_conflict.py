@@ -122,6 +122,13 @@ def test_a_leader_that_cuts_in_right_before_the_ego_is_in_conflict(look, lane_ce
     assert [c.agent for c in scene.conflicts()] == [2]
 
 
+@pytest.mark.parametrize(("lane", "yaw", "found"), [(0, -0.25, [2]), (1, 0.0, [])])
+def test_only_a_leader_in_the_strip_that_the_ego_sweeps_is_followed(look, lane_centres, lane, yaw, found) -> None:
+    """Ahead, but in the next lane: one that comes over is not somebody whom the ego has been following."""
+    ahead = {"id": 2, "x": 109.0, "y": lane_centres[lane], "speed": 5.0, "yaw": yaw, "last": 25}
+    assert [c.agent for c in look(ahead, ego={"speed": 12.0}).conflicts()] == found
+
+
 def test_a_crossing_at_an_angle_is_found_when_shapely_finds_it(look, lane_centres) -> None:
     scene = look({"id": 2, "x": 94.0, "y": lane_centres[3], "speed": 14.0, "yaw": 0.3, "last": 38})
     mine, others = boxes_at(scene, 2, scene.logged), boxes_at(scene, 1, scene.forecast)
@@ -354,6 +361,24 @@ def test_an_ego_that_brakes_hard_is_expected_to_go_on_for_a_second(make_scenario
     assert ahead(acceleration=-6.0)[[9, 29]] == pytest.approx([7.0, 7.0 + 4.0 * 2.0])
     assert ahead(acceleration=-6.0, speed=3.0)[[4, 9, 29]] == pytest.approx([0.75, 0.75, 0.75]), "then it stands"
     assert ahead(acceleration=-1.0)[29] == pytest.approx(30.0), "that is not hard"
+
+
+def test_agents_under_control_are_expected_where_they_are_forecast_however_they_brake(
+    make_scenario, track, placed
+) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
+    table = placed(log.table(NOW), 2, controller=Controller.POLICY, acceleration=-6.0)
+    assert detector.forecast_future(table, straight_on(table)).x[1] - table.x[1] == pytest.approx(np.arange(1.0, 31.0))
+
+
+def test_spreads_are_scaled_and_keep_their_shape(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    table = log.table(NOW)
+    forecast = straight_on(table)
+    forecast.covariance[:] = [2.0, 0.5, 0.4]  # sigma along x and y [m], and their correlation
+    future = ConflictDetector(log, 30.0, ConflictConfig(sigma_scale=3.0)).forecast_future(table, forecast)
+    assert future.covariance[:, 0, -1] == pytest.approx([9.0 * 4.0, 9.0 * 0.25, 9.0 * 0.4 * 2.0 * 0.5], rel=1e-6)
 
 
 # thresholds

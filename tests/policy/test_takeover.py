@@ -208,6 +208,12 @@ def test_past_its_goal_an_agent_is_held_for_five(stage) -> None:
     assert states == [State.HELD] * 4 + [State.HANDBACK] * 2
 
 
+def test_an_agent_is_held_for_a_while_however_soon_it_is_free(stage) -> None:
+    s, x = opened(stage, held_steps_min=12)
+    states = [only(s.see({2: {"x": x + 11.0, "controller": Controller.POLICY}})).state for _ in range(13)]
+    assert states == [State.HELD] * 11 + [State.HANDBACK] * 2
+
+
 def test_a_conflict_of_its_log_makes_it_wait_anew(stage) -> None:
     s, x = opened(stage, clear_steps=3)
     held = {"x": x, "controller": Controller.POLICY}

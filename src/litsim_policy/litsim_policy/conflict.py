@@ -34,8 +34,8 @@ class ConflictConfig:
         probability_clear: below which, at every instant, there is none any more; for agents that are off their log
             already. Lower than the threshold, it keeps takeovers from flickering.
         sigma_scale: by which the standard deviations of the forecast are multiplied.
-        braking_time: [s] for which an agent off its log that brakes hard is taken to go on doing so, where its forecast
-            does not expect as much; 0 leaves forecasts as they are.
+        braking_time: [s] for which an ego that brakes hard is taken to go on doing so, where its forecast does not
+            expect as much; 0 leaves forecasts as they are.
         braking_hard: [m/s2] from which on braking is hard.
     """
 

@@ -109,9 +109,13 @@ def run_batch(
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, mp_context=context) as pool:
         pending = {pool.submit(run_in_process, job): job for job in jobs}
-        for future in as_completed(pending):
-            found[pending[future]] = future.result()
-            done()
+        try:
+            for future in as_completed(pending):
+                found[pending[future]] = future.result()
+                done()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)  # one run that fails is no reason to wait for the others
+            raise
     return {job: found[job] for job in jobs}
 
 

@@ -106,13 +106,16 @@ class Training:
         names = ("policy", "value", "critic", "policy_optimiser", "critic_optimiser")
         return {name: getattr(self, name) for name in names}
 
-    def write(self, out: Path) -> None:
-        """Checkpoint, history, curves and weights."""
+    def keep(self, out: Path) -> None:
+        """Write a checkpoint, to go on from here."""
         state = {name: part.state_dict() for name, part in self._parts.items()}
         described = json.dumps(self.config.model_dump(mode="json"))
         fresh = out / f"{CHECKPOINT}.new"
         torch.save({**state, "history": self.history, "best": float(self.best), "config": described}, fresh)
         fresh.replace(out / CHECKPOINT)  # a run that is killed while it writes leaves the checkpoint before
+
+    def write(self, out: Path) -> None:
+        """History, curves and weights."""
         (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
         save(self.policy, out / LAST, self.about)
         plot_curves(self.history, out / CURVES)
@@ -175,6 +178,7 @@ def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool 
             if found.get("validation_score", -np.inf) > training.best:
                 training.best = found["validation_score"]
                 save(training.policy, out / BEST, training.about)
+            training.keep(out)
             if iteration % config.validate_every == 0 or last:
                 training.write(out)
             bar.set_postfix({"penalty": f"{found['penalty']:.3f}", "collisions/1000": f"{found['collisions']:.2f}"})
@@ -362,6 +366,9 @@ def main() -> None:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
+    except KeyboardInterrupt:
+        print(f"\ninterrupted; to go on: --resume with --out {arguments.out}", file=sys.stderr)
+        sys.exit(130)
     driving_network(training.policy)
     print(f"best validation score {training.best:.4f}: {arguments.out / BEST}; curves: {arguments.out / CURVES}")
 

@@ -9,7 +9,6 @@ import signal
 import sys
 import tempfile
 from contextlib import ExitStack
-from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from rich.table import Table
 from litsim_policy.ads_check.clauses import Clause, Limits, Verdict, judge
 from litsim_policy.ads_check.plot import plot_latency
 from litsim_policy.ads_check.session import Check, observe
+from litsim_sim.cli.arguments import DefaultsFormatter, number, positive
 from litsim_sim.cli.launch import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, SIGNALS
 from litsim_sim.domain import graph_domain
 from litsim_sim.errors import InputError
@@ -35,17 +35,19 @@ def parser() -> argparse.ArgumentParser:
         prog="check_ads",
         description=__doc__,
         epilog="Exit status: 0, every clause passes; 1, one does not; 2, bad input.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=DefaultsFormatter,
     )
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
-    p.add_argument("--seconds", type=_seconds, default=4.0, metavar="S", help="driven, after the history")
+    p.add_argument("--seconds", type=positive, default=4.0, metavar="S", help="driven, after the history")
     p.add_argument(
-        "--wait", type=_seconds, default=30.0, metavar="S", help="for a publisher, then for its first answer"
+        "--wait", type=positive, default=30.0, metavar="S", help="for a publisher, then for its first answer"
     )
-    p.add_argument("--answer-timeout", type=_seconds, default=5.0, metavar="S", help="for every later one")
-    p.add_argument("--end-wait", type=_seconds, default=5.0, metavar="S", help="until it is silent after the run")
-    p.add_argument("--latency-limit", type=_seconds, metavar="MS", help="of 95 %% of the answers; else the timeout")
-    p.add_argument("--clipped-limit", type=float, default=0.1, metavar="SHARE", help="beyond the vehicle's limits")
+    p.add_argument("--answer-timeout", type=positive, default=5.0, metavar="S", help="for every later one")
+    p.add_argument("--end-wait", type=positive, default=5.0, metavar="S", help="until it is silent after the run")
+    p.add_argument("--latency-limit", type=positive, metavar="MS", help="of 95 %% of the answers; else the timeout")
+    p.add_argument(
+        "--clipped-limit", type=number(0.0, 1.0), default=0.1, metavar="SHARE", help="beyond the vehicle's limits"
+    )
     p.add_argument("--domain-id", type=int, help="ROS_DOMAIN_ID; else the environment's, else 0, or free for COMMAND")
     p.add_argument("--json", type=Path, metavar="FILE", help="write the result here")
     p.add_argument("--out", type=Path, metavar="FOLDER", help=f"keep record, logs and {PLOT_FILE} here")
@@ -119,18 +121,11 @@ def _writable(out: Path) -> Path:
     return out
 
 
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < inf:
-        raise ValueError(text)
-    return value
-
-
 def main() -> None:
     """Entry point of ``ros2 run litsim_policy check_ads``."""
     arguments = parser().parse_args()
-    for number in SIGNALS:
-        signal.signal(number, signal.default_int_handler)  # whatever is under way is ended in good order
+    for each in SIGNALS:
+        signal.signal(each, signal.default_int_handler)  # whatever is under way is ended in good order
     try:
         sys.exit(check_ads(arguments, Console()))
     except InputError as error:

@@ -17,7 +17,7 @@ from litsim_policy.evaluation import Job, run_batch, summarise
 from litsim_policy.runner import configured
 from litsim_sim.errors import InputError
 from litsim_sim.parameters import SET_HELP, by_stage, setting
-from litsim_sim.run_info import EGOS, POLICIES
+from litsim_sim.run_info import EGOS, POLICIES, POLICY_STAGES
 from litsim_sim.scenario import Scenario
 
 COLUMNS = {
@@ -67,13 +67,17 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed and ego, instead of the scenario's seed")
     p.add_argument("--graph", action="store_true", help="run each over DDS instead of in process")
     p.add_argument("--out", default="bags/evaluation", help="folder of the results, and of recordings over DDS")
-    p.add_argument("--processes", type=int, default=2, help="runs at a time, in process")
+    p.add_argument("--processes", type=_at_least_one, default=2, help="runs at a time, in process")
     return p
 
 
 def evaluate(arguments: argparse.Namespace) -> dict[str, Any]:
     """Run what the arguments ask for; returns the summary by row of the table, and the metrics of every run."""
     egos = [(name, ego) for name in arguments.scenario for ego in _egos(arguments.egos, Scenario.load(name))]
+    names = [Path(name).stem for name in arguments.scenario]
+    if len(set(names)) < len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise InputError(f"--scenario: {', '.join(twice)} more than once; runs are told apart by the name of the file")
     rows = _rows(arguments)
     for row in rows:  # what is wrong with a parameter is to be known before the first run
         configured(arguments.ego, row["policy"], by_stage(row["parameters"]))
@@ -94,8 +98,8 @@ def _rows(arguments: argparse.Namespace) -> list[dict[str, Any]]:
     varied = [("predictor", "model", arguments.predictor or []), *arguments.set]
     rows = []
     for policy in arguments.policy:
-        # of a replay, only the ego has a stage
-        mine = [s for s in varied if s[2] and (policy != "replay" or s[0] == "ego")]
+        # a replay has no stages of the policy; of others, what is unknown is to be refused
+        mine = [s for s in varied if s[2] and (policy != "replay" or s[0] not in POLICY_STAGES)]
         for values in product(*(values for _, _, values in mine)):
             parameters = tuple((stage, name, value) for (stage, name, _), value in zip(mine, values, strict=True))
             told = [
@@ -125,6 +129,17 @@ def print_table(title: str, summary: dict[str, dict[str, Any]]) -> None:
     Console().print(table)
 
 
+def _at_least_one(text: str) -> int:
+    """Of processes.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is no such number.
+    """
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected a whole number of at least 1")
+    return int(text)
+
+
 def _egos(choice: str, scenario: Scenario) -> tuple[int, ...]:
     if choice == "ego":
         return (scenario.ego_id,)
@@ -136,9 +151,16 @@ def _egos(choice: str, scenario: Scenario) -> tuple[int, ...]:
             raise InputError(f"{scenario.name}: field {choice} of the scenario lists no egos")
         return chosen
     try:
-        return tuple(int(part) for part in choice.split(","))
+        chosen = tuple(int(part) for part in choice.split(","))
     except ValueError as error:
         raise InputError(f"--egos {choice}: expected egos, tuning, ego, all, or ids with commas") from error
+    absent = sorted(set(chosen) - set(scenario.possible_egos))
+    if absent:
+        named = ", ".join(map(str, absent))
+        raise InputError(
+            f"--egos {choice}: {named} not there at the start of {scenario.name}, expected vehicles that are"
+        )
+    return chosen
 
 
 def _cell(key: str, value: float | None) -> str:

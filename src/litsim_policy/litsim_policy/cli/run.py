@@ -39,7 +39,8 @@ def main() -> None:
     try:
         scenario = Scenario.load(arguments.scenario, ego=arguments.ego_id, seed=arguments.seed)
         plan = RunPlan(scenario, arguments.ego, arguments.policy)
-        parameters = by_stage([("predictor", "model", arguments.predictor), *arguments.set])
+        forecast = [] if arguments.policy == "replay" else [("predictor", "model", arguments.predictor)]
+        parameters = by_stage([*forecast, *arguments.set])
         runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed), parameters)
         with tqdm(total=scenario.total_steps + 1, unit="step", dynamic_ncols=True) as bar:
             metrics = compute_metrics(record(runner, bar.update))

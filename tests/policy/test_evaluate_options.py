@@ -1,0 +1,69 @@
+"""`evaluate` and `run`: what is wrong with an option is said before the first run, and nothing is ignored."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from litsim_policy.cli import evaluate, run
+
+
+@pytest.fixture
+def scenario(make_scenario, track, tmp_path: Path) -> Path:
+    path = tmp_path / "short.yaml"
+    path.write_text(make_scenario(track(1, x=100.0, last=20), track(2, x=60.0, last=20)).to_yaml())
+    return path
+
+
+def refused(monkeypatch, capsys, *words: str) -> str:
+    """The error of `evaluate` with these words, which is to come before the first run."""
+    monkeypatch.setattr(evaluate, "run_batch", lambda *_: pytest.fail("runs have begun"))
+    monkeypatch.setattr(sys, "argv", ["evaluate", *words])
+    with pytest.raises(SystemExit) as stop:
+        evaluate.main()
+    assert stop.value.code == 2
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--policy", "replay", "--set", "conflct.horizon=2"], "conflct: unknown parameter horizon"),
+        (["--policy", "yield", "--set", "conflict.horizon=2,-1"], "parameter horizon is -1.0"),
+        (["--egos", "2,99999"], "--egos 2,99999: 99999"),
+        (["--processes", "0"], "'0', expected a whole number of at least 1"),
+    ],
+)
+def test_what_is_wrong_is_said_before_the_first_run(
+    monkeypatch, capsys, tmp_path, scenario, words: list[str], said: str
+) -> None:
+    error = refused(monkeypatch, capsys, "--scenario", str(scenario), "--out", str(tmp_path / "out"), *words)
+    assert said in error and "Traceback" not in error
+
+
+def test_two_files_of_one_name_would_be_one_run_and_are_refused(monkeypatch, capsys, tmp_path, scenario) -> None:
+    other = tmp_path / "elsewhere" / scenario.name
+    other.parent.mkdir()
+    shutil.copy(scenario, other)
+    error = refused(monkeypatch, capsys, "--scenario", str(scenario), str(other), "--out", str(tmp_path / "out"))
+    assert "short more than once" in error
+
+
+def test_all_are_those_that_can_be_the_ego(monkeypatch, tmp_path, scenario) -> None:
+    words = ["--scenario", str(scenario), "--policy", "replay", "--egos", "all", "--out", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", ["evaluate", *words])
+    evaluate.main()
+    assert list(json.loads((tmp_path / "evaluation.json").read_text())["runs"]["replay"]) == ["short/1", "short/2"]
+
+
+@pytest.mark.parametrize("policy", ["replay", "yield"])
+def test_every_policy_can_be_run(monkeypatch, tmp_path, scenario, policy: str) -> None:
+    out = tmp_path / "metrics.json"
+    words = ["--scenario", str(scenario), "--policy", policy, "--predictor", "kinematic", "--json", str(out)]
+    monkeypatch.setattr(sys, "argv", ["run", *words])
+    run.main()
+    assert json.loads(out.read_text())["policy"] == policy
