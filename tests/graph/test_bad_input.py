@@ -88,8 +88,9 @@ def test_choices_of_the_command_line(graph: Any) -> None:
     assert line == "error: ROS_DOMAIN_ID is '233', expected 0 to 232"
     for arguments, expected in (
         (("--policy", "nice"), "argument --policy: invalid choice: 'nice' (choose from "),
-        (("--answer-timeout", "0"), "argument --answer-timeout: invalid "),
+        (("--answer-timeout", "0"), "argument --answer-timeout: '0', expected a number of more than 0"),
         (("--vehicle", "delay_s=0.25"), "argument --vehicle: delay_s=0.25: delay_s is 0.25, expected a multiple of "),
+        (("--ego-interface", "twist"), "error: --ego-interface twist: the ego is idm, expected --ego external"),
         (("--vehicle", "wheels=4"), "argument --vehicle: wheels=4: wheels is unknown, expected some of "),
     ):
         done = graph.launch(*arguments)

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 HERE = Path(__file__).parent
-EXAMPLE = HERE.parents[1] / "examples/minimal_ads.py"
+EXAMPLES = HERE.parents[1] / "examples"
 CLAUSES = (
     "discovery",
     "types and QoS",
@@ -42,9 +42,9 @@ def why(graph: Any, clause: str) -> str:
     return json.loads((graph.folder / "result.json").read_text())["clauses"][clause]["why"]
 
 
-@pytest.mark.parametrize("interface", ["twist", "trajectory"])
-def test_the_example_passes(graph: Any, interface: str) -> None:
-    done = graph.finish(start(graph, "--out", graph.folder / "kept", command=(EXAMPLE, interface)))
+@pytest.mark.parametrize(("example", "interface"), [("minimal_ads.py", "twist"), ("trajectory_ads.py", "trajectory")])
+def test_an_example_passes(graph: Any, example: str, interface: str) -> None:
+    done = graph.finish(start(graph, "--out", graph.folder / "kept", command=(EXAMPLES / example,)))
     assert done.returncode == 0, done.stdout + done.stderr
     assert verdicts(graph) == dict.fromkeys(CLAUSES, "pass")
     result = json.loads((graph.folder / "result.json").read_text())
@@ -150,6 +150,7 @@ def test_nobody_is_there(graph: Any) -> None:
     [
         (("--scenario", "nowhere"), "error: nowhere: no such scenario"),
         (("--", "no-such-stack"), "error: no-such-stack: cannot be started: No such file or directory"),
+        (("--clipped-limit", "nan"), "--clipped-limit: 'nan', expected a number of at least 0 and at most 1"),
         (("--domain-id", "400"), "error: ROS_DOMAIN_ID is '400', expected 0 to 232"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The example of the documentation drives the demo's ego, in an environment that knows nothing of LitSim."""
+"""The examples drive the demo's ego, in an environment that knows nothing of LitSim."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from litsim_sim.analysis.run import read_run
 from litsim_sim.scene import Controller
 
 ROOT = Path(__file__).parents[2]
-EXAMPLE = ROOT / "examples/minimal_ads.py"
+EXAMPLES = ROOT / "examples"
+SHOWN = EXAMPLES / "minimal_ads.py"
 
 
 def bare_environment() -> dict[str, str]:
@@ -34,7 +35,8 @@ def bare_environment() -> dict[str, str]:
 
 def test_the_documentation_shows_the_example() -> None:
     text = (ROOT / "docs/ego-interface.md").read_text()
-    assert f"```python\n{EXAMPLE.read_text()}```\n" in text
+    assert f"```python\n{SHOWN.read_text()}```\n" in text
+    assert sum(bool(line) for line in SHOWN.read_text().splitlines()) <= 40
 
 
 @pytest.mark.parametrize("package", ["litsim_msgs", "litsim_sim", "litsim_policy"])
@@ -44,14 +46,14 @@ def test_its_environment_does_not_know_us(package: str, tmp_path: Path) -> None:
     assert f"ModuleNotFoundError: No module named '{package}'" in done.stderr
 
 
-@pytest.mark.parametrize("interface", ["twist", "trajectory"])
-def test_it_drives_the_demo(graph: Any, interface: str) -> None:
+@pytest.mark.parametrize(("example", "interface"), [("minimal_ads.py", "twist"), ("trajectory_ads.py", "trajectory")])
+def test_it_drives_the_demo(graph: Any, example: str, interface: str) -> None:
     environment = bare_environment() | {
         "ROS_DOMAIN_ID": str(graph.domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
     bag = graph.folder / "run"
-    with subprocess.Popen([sys.executable, str(EXAMPLE), interface], env=environment, cwd=graph.folder) as ads:
+    with subprocess.Popen([sys.executable, EXAMPLES / example], env=environment, cwd=graph.folder) as ads:
         try:
             options = ("--ego", "external", "--policy", "litsim", "--out", bag, "--domain-id", graph.domain)
             done = graph.launch("--scenario", "demo", *options)

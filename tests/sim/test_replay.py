@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from mcap.writer import Writer
 
 from litsim_sim.bag import BagMessage, BagReader, BagTopic, BagWriter, qos_yaml
 from litsim_sim.cli import replay as command
@@ -248,6 +249,9 @@ def test_qos_is_read_by_name_and_by_the_numbers_of_old_bags(tmp_path: Path) -> N
     old = BagTopic("/o", "t/msg/T", "", yaml.safe_dump([{"durability": 1, "reliability": 2, "depth": 3}]))
     assert is_latched(old) and offered_qos(old)["reliability"] == "best_effort"
     assert offered_qos(BagTopic("/o", "t/msg/T", "")) == {}
+    for text, why in (("[", "malformed YAML: "), ("depth: 3", "expected a YAML list of profiles, found {'depth': 3}")):
+        with pytest.raises(InputError, match=f"^topic /o: offered_qos_profiles: {why}"):
+            offered_qos(BagTopic("/o", "t/msg/T", "", text))
 
 
 def test_keys_of_a_terminal() -> None:
@@ -295,6 +299,21 @@ def test_repair_of_a_complete_bag_loses_nothing(tmp_path: Path, capsys) -> None:
     assert list(BagReader(tmp_path / "copy").messages()) == list(BagReader(path).messages())
 
 
+def test_repair_keeps_a_topic_whose_qos_cannot_be_read(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/Int8", "ros2msg", b"int8 data")
+        channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": "["})
+        writer.add_message(channel, STEP_NS, b"\0\1\0\0\7", STEP_NS)
+        writer.finish()
+    done = repair(tmp_path / "a.mcap", tmp_path / "whole")
+    assert len(done.lost) == 1 and done.lost[0].startswith("topic /a: offered_qos_profiles: malformed YAML: ")
+    again = BagReader(tmp_path / "whole")
+    assert [m.data for m in again.messages()] == [b"\0\1\0\0\7"]
+    assert offered_qos(again.topics["/a"]) == {}
+
+
 def refused(*words: object) -> int:
     with pytest.raises(SystemExit) as ended:
         command.main([str(word) for word in words])
@@ -305,7 +324,7 @@ def test_repair_overwrites_nothing(tmp_path: Path, capsys) -> None:
     path = write(tmp_path / "bag")
     before = path.read_bytes()
     assert refused(tmp_path / "bag", "--repair", "--out", tmp_path / "bag") == 2
-    assert "holds a bag already" in capsys.readouterr().err
+    assert "holds a bag already (run_0.mcap); give another folder" in capsys.readouterr().err
     assert path.read_bytes() == before
 
 
@@ -323,5 +342,9 @@ def test_what_is_no_bag_is_refused(tmp_path: Path, capsys) -> None:
 def test_words_that_do_not_go_together(tmp_path: Path, capsys) -> None:
     assert refused(tmp_path, "--repair") == 2
     assert refused(tmp_path, "--repair", "--resimulate", "--out", tmp_path) == 2
+    assert refused(tmp_path, "--json", tmp_path / "a.json") == 2
+    assert "--json goes with --node or --resimulate" in capsys.readouterr().err
+    assert refused(tmp_path, "--delay", "-1") == 2
+    assert "argument --delay: '-1', expected a number of at least 0" in capsys.readouterr().err
     assert refused(tmp_path, "--node", "conflikt") == 2
     assert "expected one of predictor, conflict, policy, ego" in capsys.readouterr().err

@@ -278,7 +278,7 @@ def _make_room(folder: Path, overwrite: bool) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     there = [*sorted(folder.glob("*.mcap")), *(p for p in [folder / METADATA_FILE] if p.exists())]
     if there and not overwrite:
-        raise InputError(f"{folder}: holds a bag already ({there[0].name}); give another --out, or --overwrite")
+        raise InputError(f"{folder}: holds a bag already ({there[0].name}); give another folder")
     for path in [*there, *(folder / name for name in DERIVED_FILES)]:
         path.unlink(missing_ok=True)
 

@@ -14,9 +14,11 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from zstandard import ZstdError
 
 from litsim_sim.analysis.run import read_run
-from litsim_sim.bag import ROSBAG2_RECORD, BagReader, BagWriter, find_mcap
+from litsim_sim.bag import ROSBAG2_RECORD, BagReader, BagTopic, BagWriter, find_mcap
 from litsim_sim.errors import InputError
+from litsim_sim.replay import offered_qos
 
+NO_QOS = "[]"  # profiles of a topic of which nothing is known
 REPAIR_RECORD = "repair"  # name of the metadata record that says what was lost
 _DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, IndexError, KeyError)
 _SECOND_NS = 1e9
@@ -70,7 +72,12 @@ def _copy(records: list[McapRecord], writer: BagWriter, done: Repaired) -> None:
     for record in records:
         if isinstance(record, Channel) and record.id not in topics:
             schema = schemas[record.schema_id]
-            qos = record.metadata.get("offered_qos_profiles") or "[]"
+            qos = record.metadata.get("offered_qos_profiles") or NO_QOS
+            try:
+                offered_qos(BagTopic(record.topic, schema.name, "", qos))
+            except InputError as error:
+                done.lost.append(str(error))
+                qos = NO_QOS
             type_hash = record.metadata.get("topic_type_hash", "")
             writer.add_topic(record.topic, schema.name, schema.data.decode(), qos, type_hash)
             topics[record.id] = record.topic

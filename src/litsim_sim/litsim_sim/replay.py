@@ -12,10 +12,9 @@ from collections.abc import Collection, Iterable, Sequence
 from math import inf, isfinite
 from typing import Any
 
-import yaml
-
 from litsim_sim.bag import BagMessage, BagReader, BagTopic, qos_yaml
 from litsim_sim.errors import InputError
+from litsim_sim.yaml_input import load_yaml
 
 CLOCK = BagTopic("/clock", "rosgraph_msgs/msg/Clock", "", qos_yaml(10))
 SECOND_NS = 1_000_000_000
@@ -226,11 +225,16 @@ def clock(time_ns: int) -> BagMessage:
 
 
 def offered_qos(topic: BagTopic) -> dict[str, Any]:
-    """The QoS profile that a topic was recorded with, policies by name; empty where the bag says nothing."""
-    profiles = yaml.safe_load(topic.qos_yaml or "[]")
-    profile = profiles[0] if isinstance(profiles, list) and profiles else {}
-    if not isinstance(profile, dict):
-        return {}
+    """The QoS profile that a topic was recorded with, policies by name; empty where the bag says nothing.
+
+    Raises:
+        InputError: what it says is no YAML list of profiles.
+    """
+    where = f"topic {topic.name}: offered_qos_profiles"
+    profiles = load_yaml(topic.qos_yaml or "[]", where)
+    if not isinstance(profiles, list) or not all(isinstance(each, dict) for each in profiles):
+        raise InputError(f"{where}: expected a YAML list of profiles, found {profiles!r:.60}")
+    profile = profiles[0] if profiles else {}
     # Bags older than Jazzy number the policies.
     return {name: _OLD_NAMES[name].get(v, v) if name in _OLD_NAMES else v for name, v in profile.items()}
 

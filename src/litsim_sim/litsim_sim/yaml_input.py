@@ -43,16 +43,25 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: cannot be read as UTF-8 text: {error}") from error
 
 
+def load_yaml(text: str | bytes, where: str) -> Any:
+    """What a YAML text says, whatever it is; `where` names the text in errors.
+
+    Raises:
+        InputError: it is no YAML.
+    """
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise InputError(f"{where}: malformed YAML: {' '.join(str(error).split())}") from error
+
+
 def parse_yaml(text: str | bytes, where: str, model: type[BaseModel]) -> dict[str, Any]:
     """The fields of a YAML text, not yet checked; `where` names the text in errors, `model` what was expected.
 
     Raises:
         InputError: it is no YAML, or something else than fields and values.
     """
-    try:
-        values = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"{where}: malformed YAML: {' '.join(str(error).split())}") from error
+    values = load_yaml(text, where)
     if not isinstance(values, dict):
         some = ", ".join(list(model.model_fields)[:4])
         raise InputError(f"{where}: expected fields such as {some}, found {values!r:.{FOUND_MAX}}")

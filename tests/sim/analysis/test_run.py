@@ -146,7 +146,17 @@ def test_messages_of_another_version_are_refused(tmp_path: Path) -> None:
         read_run(tmp_path / "bag")
 
 
-def test_scenario_without_start_frame_is_refused(table: Make, make_run: Make, write_run: Make, tmp_path: Path) -> None:
-    run = make_run([table(0, {"id": 1, "x": 0.0, "y": 0.0})], scenario_yaml="name: demo\n")
-    with pytest.raises(InputError, match="no whole number in field 'start_frame'"):
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("name: demo\n", "no whole number in field 'start_frame'"),
+        ("just words", "no whole number in field 'start_frame'"),
+        ("start_frame: [0\n", r"run_0\.mcap: scenario of the run: malformed YAML: .* line 2"),
+    ],
+)
+def test_scenario_without_start_frame_is_refused(
+    text: str, why: str, table: Make, make_run: Make, write_run: Make, tmp_path: Path
+) -> None:
+    run = make_run([table(0, {"id": 1, "x": 0.0, "y": 0.0})], scenario_yaml=text)
+    with pytest.raises(InputError, match=why):
         read_run(write_run(run, tmp_path / "bag"))

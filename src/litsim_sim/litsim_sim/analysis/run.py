@@ -13,7 +13,6 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import yaml
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -32,6 +31,7 @@ from litsim_sim.scene import (
     EgoMode,
     FloatArray,
 )
+from litsim_sim.yaml_input import load_yaml
 
 RUN_INFO = "/litsim/run_info"
 AGENTS = "/litsim/agents"
@@ -219,7 +219,7 @@ class Run:
         """What the bridge said at the end of the run, beside its wall time in `wall_s`; empty if it said nothing."""
         for status in reversed(self.statuses):
             if status.stage == BRIDGE and status.state == StageState.FINISHED:
-                said = yaml.safe_load(status.text)
+                said = load_yaml(status.text, f"{self.path}: topic {STATUS}, what the bridge said at the end")
                 return (said if isinstance(said, dict) else {}) | {"wall_s": status.compute_time}
         return {}
 
@@ -249,7 +249,7 @@ def read_run(path: Path) -> Run:
     if info is None or not content.tables:
         because = f" ({reader.problem})" if reader.problem else ""
         raise InputError(f"{reader.path}: no LitSim run: no message on {AGENTS if info else RUN_INFO}{because}")
-    scenario_yaml = reader.attachments.get(SCENARIO_FILE, b"").decode() or info.scenario_yaml
+    scenario_yaml = _scenario_yaml(reader) or info.scenario_yaml
     steps = sorted(content.tables)
     return Run(
         path=reader.path,
@@ -373,9 +373,27 @@ def _log(reader: BagReader, scenario_yaml: str, steps: list[int]) -> list[AgentT
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(f"{where}: not a readable recording: {error}") from error
     recording = Recording.from_table(header, arrow.to_pandas(), where)
-    scenario = yaml.safe_load(scenario_yaml)
+    log = Log.from_recording(recording, start_frame(scenario_yaml, reader.path), steps[-1] + 1)
+    return [log.table(step) for step in steps]
+
+
+def _scenario_yaml(reader: BagReader) -> str:
+    """The attached scenario; empty where there is none."""
+    try:
+        return reader.attachments.get(SCENARIO_FILE, b"").decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{reader.path}: attachment {SCENARIO_FILE}: no UTF-8 text: {error}") from error
+
+
+def start_frame(scenario_yaml: str, bag: Path) -> int:
+    """Frame of the recording at step 0, by the text of the scenario in `bag`.
+
+    Raises:
+        InputError: the text is no YAML, or does not say.
+    """
+    where = f"{bag}: scenario of the run"
+    scenario = load_yaml(scenario_yaml, where)
     start = scenario.get(START_FIELD) if isinstance(scenario, dict) else None
     if not isinstance(start, int):
-        raise InputError(f"{reader.path}: attachment {SCENARIO_FILE}: no whole number in field {START_FIELD!r}")
-    log = Log.from_recording(recording, start, steps[-1] + 1)
-    return [log.table(step) for step in steps]
+        raise InputError(f"{where}: no whole number in field {START_FIELD!r}")
+    return start

@@ -15,20 +15,20 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
 from typing import IO
 
 from tqdm import tqdm
 
 from litsim_sim.cli.analyze import analyze, print_metrics
+from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.domain import graph_domain
 from litsim_sim.ego_answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.errors import InputError
 from litsim_sim.executables import find_executable
 from litsim_sim.parameters import SET_HELP, by_stage, one_setting
 from litsim_sim.report.run_report import write_report
-from litsim_sim.run_info import EGOS, POLICIES, RunPlan
+from litsim_sim.run_info import EGOS, EXTERNAL, POLICIES, RunPlan
 from litsim_sim.scenario import Scenario
 from litsim_sim.vehicle import VEHICLE_FIELDS, VehicleModel
 
@@ -181,8 +181,12 @@ def launch(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: something cannot be used; found before anything is started.
     """
+    if arguments.ego != EXTERNAL and arguments.ego_interface != AUTO:
+        raise InputError(
+            f"--ego-interface {arguments.ego_interface}: the ego is {arguments.ego}, expected --ego external"
+        )
     plan = RunPlan(_scenario(arguments), arguments.ego, arguments.policy)
-    domain = graph_domain(arguments.domain_id, reserve=arguments.ego != "external")
+    domain = graph_domain(arguments.domain_id, reserve=arguments.ego != EXTERNAL)
     nodes = {name: _executable(name, plan.ego) for name in (*reversed(plan.stages), "bridge")}
     settings = by_stage(arguments.set)
     if absent := sorted(set(settings) - set(nodes)):
@@ -211,7 +215,7 @@ def launch(arguments: argparse.Namespace) -> int:
     with domain as domain_id:
         graph = Graph(out, domain_id)
         say(arguments, f"run {plan.run_id} in ROS_DOMAIN_ID {domain_id}")
-        if plan.ego == "external":
+        if plan.ego == EXTERNAL:
             topics = [INPUTS[each] for each in Interface if arguments.ego_interface in (AUTO, each)]
             say(arguments, f"waiting for an external ego to answer on {' or '.join(topics)}")
         try:
@@ -242,9 +246,7 @@ def launch(arguments: argparse.Namespace) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim launch``."""
-    p = argparse.ArgumentParser(
-        prog="launch", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    p = argparse.ArgumentParser(prog="launch", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
     p.add_argument("--ego", default="idm", choices=EGOS, help="what drives the ego; external: your stack, over topics")
     p.add_argument("--policy", default="litsim", choices=POLICIES, help="what moves the background")
@@ -266,7 +268,7 @@ def parser() -> argparse.ArgumentParser:
         help=f"the ego's vehicle model, else the scenario's: {', '.join(VEHICLE_FIELDS)}",
     )
     p.add_argument("--set", type=one_setting, nargs="+", default=[], metavar="STAGE.NAME=VALUE", help=SET_HELP)
-    p.add_argument("--answer-timeout", type=_seconds, default=5.0, metavar="S", help="for the answers to one step")
+    p.add_argument("--answer-timeout", type=positive, default=5.0, metavar="S", help="for the answers to one step")
     p.add_argument(
         "--domain-id",
         type=int,
@@ -315,14 +317,6 @@ def _vehicle_value(text: str) -> tuple[str, float]:
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text}: {error}") from error
     return name, float(value)
-
-
-def _seconds(text: str) -> float:
-    """A time from the command line."""
-    value = float(text)
-    if not 0.0 < value < inf:
-        raise ValueError(text)
-    return value
 
 
 def _show_progress(lines: IO[str], quiet: bool) -> None:

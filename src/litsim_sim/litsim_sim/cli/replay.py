@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
+from litsim_sim.cli.arguments import number
 from litsim_sim.errors import InputError
 from litsim_sim.executables import find_executable
 
@@ -31,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
     playing.add_argument("--paused", action="store_true", help="wait for space, s, or the services ~/pause and ~/step")
     playing.add_argument(
         "--delay",
-        type=float,
+        type=number(0.0),
         default=1.0,
         metavar="S",
         help="for subscribers to be found before it begins (default: 1)",
@@ -55,6 +56,8 @@ def main(argv: list[str] | None = None) -> None:
     arguments = p.parse_args(words)
     if arguments.repair != (arguments.out is not None):
         p.error("--repair and --out go together")
+    if arguments.json and not (arguments.node or arguments.resimulate):
+        p.error("--json goes with --node or --resimulate")
     try:
         if arguments.repair:
             _repair(arguments.bag, arguments.out)
@@ -74,7 +77,7 @@ def _play(arguments: argparse.Namespace, ros: list[str]) -> None:
         arguments.bag,
         ros,
         arguments.topics,
-        max(0.0, arguments.delay),
+        arguments.delay,
         rate=arguments.rate,
         start_s=arguments.start,
         loop=arguments.loop,
