@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
-from litsim_sim.analysis.careful_driver import BRAKE_MAX, REACTION_S, careful_driver
+from litsim_sim.analysis.careful_driver import BRAKE_MAX, REACTION_S, WANDERING, careful_driver
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scenario import packaged
 
 Make = Callable[..., Any]
 
@@ -55,3 +57,44 @@ def test_one_that_appears_right_ahead_cannot_be_avoided(table: Make) -> None:
     assert found.perceived_step == 48
     assert not found.avoided
     assert found.speed_at_contact == pytest.approx(10.0)  # still reacting
+
+
+LANES = (-1.83, -5.49, -9.15)  # [m] centres of the leftmost lanes of us101_like
+DRIFT = 0.1  # [m] to the side in a step
+
+
+def cut_in(table: Make, ego_lane: float, begins: int = 10, ahead: float = 25.0) -> list[Any]:
+    """Agent 2, 5 m/s slower and `ahead` of ego 1, leaves the middle lane to the left from a step on, up to the next."""
+    tables = []
+    for k in range(100):
+        y = min(LANES[1] + DRIFT * max(0, k - begins), LANES[0])
+        ego = {"id": 1, "x": 100.0 + 1.5 * k, "y": ego_lane, "speed": 15.0}
+        tables.append(table(k, ego, {"id": 2, "x": 100.0 + ahead + 1.0 * k, "y": y, "speed": 10.0}))
+    return tables
+
+
+def contact_step(tables: list[Any]) -> int:
+    """First step at which the two boxes overlap; they are parallel and of one size."""
+    return next(t.step for t in tables if abs(t.x[1] - t.x[0]) < t.length[0] and abs(t.y[1] - t.y[0]) < t.width[0])
+
+
+def test_a_cut_in_is_seen_by_its_wandering_before_it_is_in_the_way(table: Make) -> None:
+    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+    tables = cut_in(table, LANES[0])
+    hit = contact_step(tables)
+    found = careful_driver(tables, 1, 2, hit, 0.1, lane_map)
+    assert found.perceived_step == 10 + int(WANDERING / DRIFT) + 1  # the first step beyond it
+    assert found.avoided
+    late = careful_driver(tables, 1, 2, hit, 0.1, None)  # without lanes, only once it is straight ahead
+    assert late.perceived_step > found.perceived_step
+    close = cut_in(table, LANES[0], begins=28)
+    assert not careful_driver(close, 1, 2, contact_step(close), 0.1, lane_map).avoided
+
+
+def test_wandering_away_from_the_ego_is_no_risk(table: Make) -> None:
+    """Nor is, two lanes further on, where it then is in its new lane."""
+    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+    tables = cut_in(table, LANES[2])
+    found = careful_driver(tables, 1, 2, 60, 0.1, lane_map)
+    assert found.perceived_step == 60  # nothing announced whatever it was
+    assert found.avoided

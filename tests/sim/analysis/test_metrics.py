@@ -17,7 +17,7 @@ from litsim_sim.analysis.metrics import compute_metrics, write_metrics
 from litsim_sim.analysis.plots import telling_moment
 from litsim_sim.analysis.run import StageState, Status, TopicGaps
 from litsim_sim.analysis.timing import timing
-from litsim_sim.cli.analyze import FILES, analyze, main, print_metrics
+from litsim_sim.cli.analyze import FILES, analyze, main, print_ledger, print_metrics
 from litsim_sim.scene import Controller, ControlSource, ControlTable
 
 Make = Callable[..., Any]
@@ -93,6 +93,27 @@ def test_guarded_commands_show(run: Any, capsys: pytest.CaptureFixture[str]) -> 
     assert guarded["comfort"]["controlled"]["guarded"] == {"count": 5, "share": 5 / 20}
     print_metrics(guarded)
     assert "5 of the policy's agent-steps (25.0 %)" in capsys.readouterr().out
+
+
+def test_the_ledger_shows_contacts_and_takeovers(
+    run: Any, moved: Make, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    print_ledger(compute_metrics(run))
+    assert capsys.readouterr().out == ""  # nothing happened
+    hit = [t if t.step < 50 else moved([t], 3, y=3.66)[0] for t in run.tables]  # into the ego from behind
+    metrics = compute_metrics(replace(run, tables=hit))
+    taken = {"agent": 2, "opponent": 1, "reason": "conflict", "detected_step": 21, "released_step": 40, "held_s": 2.0}
+    found = {"time_to_conflict_s": 1.5, "overlap_probability": 0.4, "residual_m": 5.0, "false_alarm": False}
+    metrics["ledger"] = [
+        taken | found | {"replay_would_collide": True, "replay_step": 36, "replay_opponent": 1},
+        taken | found | {"reason": "blocked_entry", "released_step": None, "replay_would_collide": False},
+    ]
+    print_ledger(metrics)
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["3", "5.0", "rear", "other", "0.00", "hits", "too"] in lines
+    assert ["2", "conflict", "1", "2.1", "1.5", "0.40", "hits", "1", "at", "3.6", "2.0", "4.0", "5.00"] in lines
+    assert ["2", "blocked", "entry", "1", "2.1", "-", "-", "meets", "nobody", "2.0", "-", "5.00"] in lines
 
 
 def said(*statuses: Status) -> list[Status]:

@@ -90,6 +90,12 @@ def test_the_ledger_is_readable_without_a_script(html: str) -> None:
         assert text in row
 
 
+def test_contacts_of_the_ego_are_judged(html: str) -> None:
+    (row,) = re.findall(r'<tr data-step="\d+" data-agent="2">.*?</tr>', html[html.index("contacts-title") :])
+    for text in ("ego 1", "no", "rear: ego not at fault; the careful driver hits too", "m/s"):
+        assert f"{text}<" in row or f" {text}<" in row
+
+
 def test_data_of_the_page(html: str) -> None:
     match = re.search(r'<script id="data" type="text/plain">([^<]*)</script>', html)
     assert match

@@ -1,8 +1,8 @@
 """The careful and competent human driver of UN Regulation 157: would he have avoided a contact of the ego?
 
-The regulation gives the driver's numbers: he sees the risk once the other vehicle has wandered 0.375 m from its lane's
-centre towards him, or once the time to collision is 2 s; reacts after 0.75 s; and brakes up to 0.774 g, building it up
-with 12.65 m/s3.
+The regulation gives the driver's numbers: he sees the risk once a vehicle of the next lane has wandered 0.375 m from
+its centre towards him, or once the time to collision is 2 s; reacts after 0.75 s; and brakes up to 0.774 g, building it
+up with 12.65 m/s3.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ REACTION_S = 0.75
 BRAKE_MAX = 0.774 * 9.81  # [m/s2]
 BRAKE_JERK = 12.65  # [m/s3]
 WANDERING = 0.375  # [m]
+NEXT_LANE = 1.5  # widths of the agent's lane, from its centre: whoever is nearer drives beside it
 TTC_S = 2.0
 LOOK_BACK_S = 5.0  # before the contact, from which on a risk is looked for
 LOOK_ON_S = 3.0  # after it, in which the driver must stay free
@@ -94,7 +95,8 @@ def _risky(table: AgentTable, ego: int, agent: int, lane_map: LaneMap | None) ->
         return False
     _, left = to_body(pair.x[e : e + 1] - pair.x[a], pair.y[e : e + 1] - pair.y[a], at.heading[a : a + 1])
     towards = float(np.sign(left[0]) * at.d[a])
-    return towards > WANDERING
+    to_ego = abs(float(left[0] + at.d[a]))  # across, from the centre of the agent's lane
+    return towards > WANDERING and to_ego < NEXT_LANE * lane_map.lanes[at.lane[a]].width
 
 
 def _meets(table: AgentTable, ego: int, agent: int, pose: list[float]) -> bool:

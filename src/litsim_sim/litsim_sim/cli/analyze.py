@@ -12,14 +12,17 @@ from rich.console import Console
 from rich.table import Table
 
 from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics, write_metrics
-from litsim_sim.analysis.run import Run, read_run
+from litsim_sim.analysis.run import Run, TakeoverReason, read_run
 from litsim_sim.analysis.tables import SERIES_FILE, TAKEOVERS_FILE, write_tables
 from litsim_sim.errors import InputError
 from litsim_sim.files import replacing
+from litsim_sim.recording import STEP_S
 
 PLOT_FILE = "overview.png"
 FILES = (METRICS_FILE, SERIES_FILE, TAKEOVERS_FILE, PLOT_FILE)
 NOTHING = "-"
+CONTACT_COLUMNS = ("agent", "at", "kind", "at fault", "delta-v", "careful driver")
+LEDGER_COLUMNS = ("agent", "why", "with", "at", "in", "p", "pure replay", "held", "back", "off")
 
 
 def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
@@ -67,6 +70,58 @@ def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> No
     console.print(table)
 
 
+def print_ledger(metrics: dict[str, Any], console: Console | None = None) -> None:
+    """Print every contact of the ego and every takeover, with its reason and outcome; nothing where there are none."""
+    console = console or Console()
+    for title, head, rows in (
+        ("contacts of the ego (s, m/s)", CONTACT_COLUMNS, list(_contact_rows(metrics))),
+        ("takeovers (s; last off the log by m)", LEDGER_COLUMNS, list(_ledger_rows(metrics))),
+    ):
+        if rows:
+            table = Table(*head, title=title, title_justify="left", box=None, pad_edge=False)
+            for row in rows:
+                table.add_row(*row)
+            console.print("", table)
+
+
+def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    avoided = {(each["agent"], each["step"]): each["avoided"] for each in metrics["safety"]["careful_driver"]}
+    for each in metrics["collision"]["ego_contacts"]:
+        agent, step = each["agent"], each["step"]
+        yield (
+            str(agent),
+            _time(step),
+            each["verdict"].replace("_", " "),
+            "ego" if each["ego_at_fault"] else "other",
+            _plain(each["delta_v_mps"]),
+            "avoids it" if avoided[agent, step] else "hits too",
+        )
+
+
+def _ledger_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    for each in metrics["ledger"]:
+        predicted = each["reason"] == TakeoverReason.CONFLICT.name.lower()
+        replay = "false alarm" if each["false_alarm"] else "meets nobody"
+        if each["replay_would_collide"]:
+            replay = f"hits {each['replay_opponent']} at {_time(each['replay_step'])}"
+        yield (
+            str(each["agent"]),
+            each["reason"].replace("_", " "),
+            str(each["opponent"]),
+            _time(each["detected_step"]),
+            f"{each['time_to_conflict_s']:.1f}" if predicted else NOTHING,
+            _plain(each["overlap_probability"]) if predicted else NOTHING,
+            replay,
+            f"{each['held_s']:.1f}",
+            _time(each["released_step"]),
+            _plain(each["residual_m"]),
+        )
+
+
+def _time(step: int | None) -> str:
+    return NOTHING if step is None else f"{step * STEP_S:.1f}"
+
+
 def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     collision, back, timing = metrics["collision"], metrics["handback"], metrics["timing"]
     yield "valid", "yes" if metrics["valid"] else f"NO: {metrics['why']}"
@@ -87,16 +142,33 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     jumps = f"{back['max_position_jump_m']:.3f} m, {back['max_speed_jump_mps']:.2f} m/s"
     jumps += f", {back['max_yaw_jump_rad']:.3f} rad"
     yield "hand-backs", f"{back['count']}, mean residual {_number(back['residual_m'], 'm')}; largest jump {jumps}"
-    ego, others = metrics["comfort"]["ego"], metrics["comfort"]["controlled"]
-    yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, controlled agents {others['hard_brakes']}"
-    guarded = others["guarded"]
-    yield "guarded", f"{guarded['count']} of the policy's agent-steps ({_percent(guarded['share'])})"
+    yield from _driving_rows(metrics)
     yield "lock-step", f"{metrics['lockstep']['missed']} missed answers, {metrics['lockstep']['gaps']} gaps"
     factor = timing["realtime_factor"]
     yield "wall time", f"{_number(timing['wall_s'], 's')}, {NOTHING if factor is None else f'{factor:.2f}'} x real time"
     stages = (f"{stage} {t['median']:.1f}/{t['max']:.1f}" for stage, t in timing["stage_ms"].items())
     yield "stages, median/max ms", ", ".join(stages) or NOTHING
     yield "digest", metrics["digest"][:16]
+
+
+def _driving_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """How safely, comfortably and naturally it was driven."""
+    safety, road = metrics["safety"], metrics["ego_motion"]
+    below = ", ".join(f"{_percent(share)} below {limit} s" for limit, share in safety["ttc_below"].items())
+    yield "ego: TTC", f"shortest {_number(safety['min_ttc_s'], 's')}; {below}"
+    near = f"headway {_number(safety['min_headway_s'], 's')}, PET {_number(safety['min_pet_s'], 's')}"
+    yield "ego: closest", f"{near}, DRAC {_number(safety['max_drac_mps2'], 'm/s²')}"
+    if road:
+        yield "ego: off road", f"{_percent(road['off_road'])} of steps, over its edge {_percent(road['over_edge'])}"
+    ego, others = metrics["comfort"]["ego"], metrics["comfort"]["controlled"]
+    yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, controlled agents {others['hard_brakes']}"
+    within = _percent(min(ego["within"].values())) if ego else NOTHING
+    kept = _percent(others["comfortable"])
+    yield "comfort", f"ego {within} of steps within the bound least kept; controlled agents that keep all: {kept}"
+    guarded = others["guarded"]
+    yield "guarded", f"{guarded['count']} of the policy's agent-steps ({_percent(guarded['share'])})"
+    realism = metrics["realism"]
+    yield "realism", f"{realism['score']:.3f} of the log's own likelihood" if realism else NOTHING
 
 
 def _plain(value: float | None) -> str:
@@ -125,6 +197,7 @@ def main(argv: list[str] | None = None) -> None:
         sys.exit(2)
     if not arguments.quiet:
         print_metrics(metrics)
+        print_ledger(metrics)
 
 
 if __name__ == "__main__":

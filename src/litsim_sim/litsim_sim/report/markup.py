@@ -65,17 +65,31 @@ def ledger(entries: Sequence[dict[str, Any]], dt: float, ego: int) -> str:
     return hint + _table(head.split("|"), body)
 
 
-def contacts(found: Sequence[dict[str, Any]], dt: float, ego: int) -> str:
+def contacts(metrics: dict[str, Any], dt: float, ego: int) -> str:
     """The contacts of `metrics.json` as a table; a row leads to the first step of a contact."""
+    found = metrics["collision"]["contacts"]
     if not found:
         return '<p class="none">No boxes touched.</p>'
+    verdicts = {(each["agent"], each["step"]): each for each in metrics["collision"]["ego_contacts"]}
+    avoided = {(each["agent"], each["step"]): each["avoided"] for each in metrics["safety"]["careful_driver"]}
     body = ""
     for each in found:
         pair, step = each["pair"], each["step"]
         agent = pair[1] if pair[0] == ego else pair[0]
-        cells = (_who(pair[0], ego), _who(pair[1], ego), f"{step * dt:.1f} s", "yes" if each["in_log"] else "no")
+        verdict = verdicts.get((agent, step)) if ego in pair else None
+        cells = (
+            *(_who(pair[0], ego), _who(pair[1], ego), f"{step * dt:.1f} s", "yes" if each["in_log"] else "no"),
+            _verdict(verdict, avoided[agent, step]) if verdict else NOTHING,
+            number(verdict["delta_v_mps"], 1, "m/s") if verdict else NOTHING,
+        )
         body += _row(step, agent, cells)
-    return _table(("agent", "and", "at", "also in the log"), body)
+    return _table(("agent", "and", "at", "also in the log", "verdict", "Δv of the ego"), body)
+
+
+def _verdict(contact: dict[str, Any], avoided: bool) -> str:
+    kind = str(contact["verdict"]).replace("_", " ")
+    fault = "at fault" if contact["ego_at_fault"] else "not at fault"
+    return f"{kind}: ego {fault}; the careful driver {'avoids it' if avoided else 'hits too'}"
 
 
 def _takeover_row(entry: dict[str, Any], dt: float, ego: int) -> str:

@@ -7,15 +7,14 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.analysis.run import Run, read_run
+from litsim_sim.analysis.run import RUN_INFO, Run, read_run
 from litsim_sim.errors import InputError
 from litsim_sim.files import replacing
 from litsim_sim.report.content import pack_run
 from litsim_sim.report.forecasts import read_forecasts
 from litsim_sim.report.markup import NOTHING, badge, contacts, definitions, ledger, number, page, percent, tree
+from litsim_sim.yaml_input import load_yaml
 
 REPORT_FILE = "report.html"
 SCRIPTS = ("data.js", "view.js", "charts.js", "app.js")
@@ -66,7 +65,7 @@ def render(run: Run, metrics: dict[str, Any]) -> str:
         problems=_problems(metrics),
         ledger=ledger(takeovers, info.dt, info.ego_id),
         ledger_count=str(len(takeovers)),
-        contacts=contacts(collision, info.dt, info.ego_id),
+        contacts=contacts(metrics, info.dt, info.ego_id),
         contacts_count=str(len(collision)),
         measures=definitions(_measures(metrics)),
         every_measure=tree({k: v for k, v in metrics.items() if k != "ledger"}),
@@ -135,6 +134,6 @@ def _what_was_run(run: Run) -> Iterator[tuple[str, str]]:
     )
     yield from (("run", info.run_id), ("scenario", info.scenario), ("seed", str(info.seed)), ("steps", steps))
     yield from (("ego", f"agent {info.ego_id}, driven by {info.ego}"), ("background", info.policy), ("mode", info.mode))
-    versions = yaml.safe_load(info.versions) if info.versions else None
+    versions = load_yaml(info.versions, f"{run.path}: topic {RUN_INFO}, field versions") if info.versions else None
     for name, version in versions.items() if isinstance(versions, dict) else ():
         yield str(name), str(version)
