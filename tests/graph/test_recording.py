@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.analysis.run import StageState, read_run
 from litsim_sim.bag import BagReader, find_mcap
 from litsim_sim.scenario import Scenario
@@ -131,6 +132,28 @@ def test_killed_recorder_is_named_and_leaves_whole_chunks(graph: Any) -> None:
     assert 9 <= last < run.info.total_steps
     assert [table.step for table in run.tables] == list(range(last + 1))
     assert set(run.controls) == set(run.ego_commands) == set(range(last + 1))
+    done = graph.finish(graph.start_node("litsim_sim", "replay", bag, "--repair", "--out", graph.folder / "whole"))
+    assert done.returncode == 0, done.stderr
+    whole = read_run(graph.folder / "whole")
+    assert whole.complete
+    assert [table.step for table in whole.tables] == list(range(last + 1))
+    with AnyReader([graph.folder / "whole"]) as reader:
+        assert {connection.topic for connection in reader.connections} >= set(run.info.topics)
+
+
+def test_a_gap_fails_the_run(graph: Any) -> None:
+    recorder = graph.start_script("deaf_recorder.py", "--ros-args", "-p", f"output:={graph.folder / 'run'}")
+    graph.start_node("litsim_policy", "ego_idm")
+    arguments = {"scenario": graph.scenario(), "policy": "replay", "progress": "none"}
+    bridge = graph.finish(graph.start_node("litsim_sim", "bridge", **arguments))
+    done = graph.finish(recorder)
+    gap = "/litsim/ego/state lacks 1 steps (7)"
+    assert (bridge.returncode, done.returncode) == (1, 1), bridge.stderr + done.stderr
+    assert f"error: recorder: {gap}" in bridge.stderr
+    assert done.stderr.splitlines()[-1] == f"error: the recording has gaps: {gap}"
+    run = read_run(graph.folder / "run")
+    assert {topic: gaps.missing for topic, gaps in run.gaps.items() if gaps} == {"/litsim/ego/state": (7,)}
+    assert "/litsim/ego/state: 1 steps missing (first 7)" in compute_metrics(run)["why"]
 
 
 def test_full_disk_ends_the_run_with_the_name_of_the_file(graph: Any) -> None:

@@ -202,7 +202,7 @@ def test_by_default_all_models_that_come_with_the_package_are_compared() -> None
     ("words", "expected"),
     [
         (["--models", "crystal_ball"], "crystal_ball"),
-        (["--recording", "nowhere.parquet"], "nowhere.parquet: no such recording"),
+        (["--recording", "nowhere.parquet"], "nowhere.parquet: no such file"),
         (["--scenario", "nowhere"], "no such scenario"),
         (["--stride", "0"], "--stride 0: expected 1 or more"),
         (["--batch", "-1"], "--batch -1"),

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from litsim_sim.datasets import load_recording, ngsim, ngsim_format, ngsim_windows
+from litsim_sim.datasets import load_recording, ngsim, ngsim_blocks, ngsim_conversion, ngsim_windows
 from litsim_sim.datasets.ngsim_made import Traffic, table, write_portal, write_text
 from litsim_sim.datasets.ngsim_periods import Clocks
 from litsim_sim.datasets.ngsim_summary import summary
@@ -284,7 +284,7 @@ def test_lines_that_cannot_be_read(text: Path, tmp_path: Path, change: Any, mess
 def test_the_line_is_right_in_later_blocks_and_after_empty_lines(
     text: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ngsim_format, "BLOCK", 4096)
+    monkeypatch.setattr(ngsim_blocks, "BLOCK", 4096)
     edited(text, put(1500, 11, "fast"))
     with pytest.raises(InputError, match="line 1500: column v_Vel"):
         ngsim.convert(text, tmp_path / "out.parquet")
@@ -372,8 +372,8 @@ def test_nothing_in_it(tmp_path: Path) -> None:
 @pytest.fixture
 def portal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Three recordings in some forty blocks, laid aside in some eight goes."""
-    monkeypatch.setattr(ngsim_format, "BLOCK", 1 << 14)
-    monkeypatch.setattr(ngsim, "LAID_ASIDE", 600)
+    monkeypatch.setattr(ngsim_blocks, "BLOCK", 1 << 14)
+    monkeypatch.setattr(ngsim_conversion, "LAID_ASIDE", 600)
     path = tmp_path / "portal.csv"
     parts = [made(US101, "0750"), made(US101, "0805", seed=1), made(LANKERSHIM, "0830")]
     write_portal(pd.concat(parts).sample(frac=1.0, random_state=2), path)
@@ -420,7 +420,7 @@ def test_a_full_disk_leaves_what_was_read(portal: Path, tmp_path: Path, monkeypa
 
 
 def test_finished_recordings_are_not_made_again(portal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    make, names = ngsim._recording, []
+    make, names = ngsim_conversion.recording_of, []
 
     def interrupted(*arguments: Any, **options: Any) -> Any:
         names.append(arguments[2].name)
@@ -428,7 +428,7 @@ def test_finished_recordings_are_not_made_again(portal: Path, tmp_path: Path, mo
             raise KeyboardInterrupt
         return make(*arguments, **options)
 
-    monkeypatch.setattr(ngsim, "_recording", interrupted)
+    monkeypatch.setattr(ngsim_conversion, "recording_of", interrupted)
     with pytest.raises(KeyboardInterrupt):
         ngsim.convert(portal, tmp_path / "out", cleaned=False)
     assert [path.name for path in (tmp_path / "out").glob("*.parquet")] == ["us101_0750.parquet"]
@@ -447,7 +447,7 @@ def test_a_single_file_is_left_where_it_is_complete(
     text: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (first,) = ngsim.convert(text, tmp_path / "out.parquet", cleaned=False)
-    monkeypatch.setattr(ngsim, "_recording", None)  # must not be called
+    monkeypatch.setattr(ngsim_conversion, "recording_of", None)  # must not be called
     (again,) = ngsim.convert(text, tmp_path / "out.parquet", cleaned=False)
     assert again == first
 

@@ -134,7 +134,7 @@ def test_another_rate() -> None:
 
 
 def test_files_that_are_no_recordings(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such recording"):
+    with pytest.raises(InputError, match="no such file"):
         Recording.read(tmp_path / "absent.parquet")
     text = tmp_path / "text.parquet"
     text.write_text("not Parquet")

@@ -21,7 +21,7 @@ from litsim_sim.lockstep import Gate
 from litsim_sim.recording import STEP_S
 from litsim_sim.ros import diagnostics, messages
 from litsim_sim.ros.bridge_options import declare_options
-from litsim_sim.ros.broadcast import EXTERNAL, Broadcast, run_info
+from litsim_sim.ros.broadcast import Broadcast, run_info
 from litsim_sim.ros.diagnostics import Diagnostics
 from litsim_sim.ros.ego_port import subscribe
 from litsim_sim.ros.stage import process, reason, serve
@@ -34,6 +34,7 @@ from litsim_sim.ros.topics import (
     STATUS,
     TIMING,
 )
+from litsim_sim.run_info import EXTERNAL
 from litsim_sim.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.sumo import SumoMirror
 from litsim_sim.world import World, WorldConfig

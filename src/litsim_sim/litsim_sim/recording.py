@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from litsim_sim.errors import InputError
+from litsim_sim.parquet_input import read_arrow
 
 STEP_S = 0.1  # [s] of one frame: LitSim runs at NGSIM's 10 Hz
 RATE_HZ = 10.0
@@ -135,12 +136,7 @@ class Recording:
         Raises:
             InputError: as :meth:`from_table`, or the file is missing, no Parquet, or has no LitSim header.
         """
-        if not path.is_file():
-            raise InputError(f"{path}: no such recording")
-        try:
-            arrow = pq.read_table(path)
-        except (pa.ArrowException, OSError) as error:
-            raise InputError(f"{path}: not a readable Parquet file: {error}") from error
+        arrow = read_arrow(path)
         raw = (arrow.schema.metadata or {}).get(HEADER_KEY)
         if raw is None:
             raise InputError(

@@ -13,7 +13,8 @@ from typing import Any
 from litsim_sim.recording import STEP_S
 from litsim_sim.scenario import Scenario
 
-EGOS = ("bat", "idm", "log", "perturbed", "external")
+EXTERNAL = "external"  # whoever answers on the ego port
+EGOS = ("bat", "idm", "log", "perturbed", EXTERNAL)
 """What may drive the ego; `external` is any stack that answers on the ego port."""
 
 POLICIES = ("litsim", "yield", "replay")
@@ -41,7 +42,7 @@ class RunPlan:
     def stages(self) -> tuple[str, ...]:
         """Stages that the bridge waits for before step 0; an external ego is met at step 0."""
         driven = () if self.policy == "replay" else POLICY_STAGES
-        return (*driven, *(() if self.ego == "external" else ("ego",)), "recorder")
+        return (*driven, *(() if self.ego == EXTERNAL else ("ego",)), "recorder")
 
     @property
     def run_id(self) -> str:

@@ -13,14 +13,13 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 from pydantic import BaseModel, ConfigDict, Field
 
 from litsim_predictor.learned.tracks import Tracks, parts_of
 from litsim_predictor.learned.us101_road import Us101Road
 from litsim_sim.datasets import ngsim_windows
 from litsim_sim.datasets.segments import PARTS, Part
-from litsim_sim.errors import InputError
+from litsim_sim.parquet_input import read_table
 from litsim_sim.recording import STEP_S, Recording
 from litsim_sim.scenario import packaged, packaged_nets
 from litsim_sim.scene import BoolArray, FloatArray, IntArray
@@ -150,9 +149,9 @@ def _us101_windows(source: Us101WindowSource, locate: Callable[[str], Path]) -> 
 def _us101_tracks(source: Us101TrackSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
     columns = ("period", "vehicle_id", "frame", "local_x_m", "local_y_m", "speed_mps", "space_headway_m")
     path = locate(source.windows)
-    windows = _read(path, ngsim_windows.COLUMNS)
+    windows = read_table(path, ngsim_windows.COLUMNS)
     road = Us101Road.fit(windows, str(path))
-    table = _read(locate(source.file), columns)
+    table = read_table(locate(source.file), columns)
     table = table[table["local_y_m"] <= road.end].sort_values(["period", "vehicle_id", "frame"])
     table = table[_apart_from(table, ngsim_windows.neutral_table(windows, str(path)), source.test_frames, road)]
     table = table.astype({"vehicle_id": np.int64, "frame": np.int64, "period": np.int64})
@@ -253,7 +252,7 @@ def _neutral(
 
 
 def _i80_lanes(source: I80LaneSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
-    table = _read(locate(source.file), ("period", "lane", "vehicle_id", "frame", "local_y_m", "speed_mps"))
+    table = read_table(locate(source.file), ("period", "lane", "vehicle_id", "frame", "local_y_m", "speed_mps"))
     parts: dict[Part, list[Tracks]] = {"train": [], "val": []}
     for (period, lane), rows in table.groupby(["period", "lane"]):
         straight = pd.DataFrame(
@@ -279,7 +278,7 @@ def _urban_windows(source: UrbanSource, locate: Callable[[str], Path]) -> dict[P
     columns = ("scenario", "vehicle_id", "frame", "x_m", "y_m", "heading_rad", "speed_mps", "length_m", "width_m")
     parts: dict[Part, list[Tracks]] = {"train": [], "test": []}
     for file in source.files:
-        table = _read(locate(file), columns)
+        table = read_table(locate(file), columns)
         table = table.rename(columns=lambda name: {"heading_rad": "yaw"}.get(name, name.rsplit("_m", 1)[0]))
         test = table["scenario"].str.startswith(source.test)
         # Windows overlap in time: a vehicle of a test window may be in others, too.
@@ -288,16 +287,3 @@ def _urban_windows(source: UrbanSource, locate: Callable[[str], Path]) -> dict[P
             for scenario, rows in table[mine].groupby("scenario"):
                 parts[name].append(Tracks.from_table(str(scenario), rows, None))  # type: ignore[index]
     return parts
-
-
-def _read(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    try:
-        table = pd.read_parquet(path)
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path}: not a readable Parquet file: {error}") from error
-    missing = [name for name in columns if name not in table.columns]
-    if missing:
-        raise InputError(f"{path}: missing columns {missing}; expected {list(columns)}")
-    return table

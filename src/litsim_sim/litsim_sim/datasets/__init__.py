@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from litsim_sim.datasets import ngsim_windows
 from litsim_sim.datasets.cropping import Crop, cropped
 from litsim_sim.errors import InputError
+from litsim_sim.parquet_input import read_schema, read_table
 from litsim_sim.recording import COLUMNS, HEADER_KEY, Recording
 
 __all__ = ["Crop", "load_recording"]
@@ -39,13 +36,10 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
             f"{path}: format not recognised: neither Parquet nor an official NGSIM file (text of 18 or 24 columns, or "
             f"CSV with its header); other tables need a mapping: data convert --mapping"
         )
-    try:
-        schema = pq.read_schema(path)
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path}: not a readable Parquet file: {error}") from error
+    schema = read_schema(path)
     columns = list(schema.names)
     if ngsim_windows.is_windows(columns):
-        return ngsim_windows.convert(cropped(pd.read_parquet(path), crop, str(path)), str(path))
+        return ngsim_windows.convert(cropped(read_table(path), crop, str(path)), str(path))
     if HEADER_KEY in (schema.metadata or {}):
         recording = Recording.read(path)
         if not crop:

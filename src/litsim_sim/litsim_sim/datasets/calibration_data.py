@@ -6,17 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from litsim_sim.datasets.calibration import Pairs
 from litsim_sim.datasets.synthetic_motion import smooth
-from litsim_sim.errors import InputError
+from litsim_sim.parquet_input import read_table
 from litsim_sim.recording import STEP_S
 from litsim_sim.scene import BoolArray, FloatArray
 
 I80_PAIRS = "ngsim/i80_car_following_pairs.parquet"
 US101_TRACKS = "ngsim/us101_vehicle_tracks.parquet"
 US101_WINDOWS = "ngsim/us101_0750_frames_0126_1149.parquet"
+
+I80_COLUMNS = (
+    *("pair", "period", "follower", "frame", "follower_y_m", "follower_speed_mps"),
+    *("leader_y_m", "leader_speed_mps", "leader_length_m"),
+)
+US101_COLUMNS = ("period", "vehicle_id", "frame", "local_x_m", "local_y_m", "speed_mps", "space_headway_m")
 
 WINDOWS_END = 1200  # frame of period 0 until which the windows reach that embedded traffic is compared with: left out
 STEPS_MIN, STEPS_MAX = 250, 600  # of a stretch of car-following: shorter ones say little, longer ones are cut
@@ -36,7 +41,10 @@ def car_following(data: Path) -> Pairs:
     Raises:
         InputError: a file is missing or of another format.
     """
-    stretches = _i80_stretches(_table(data / I80_PAIRS)) + _us101_stretches(_table(data / US101_TRACKS))
+    purpose = "calibration needs it (README of the folder in LITSIM_DATA)"
+    pairs = read_table(data / I80_PAIRS, I80_COLUMNS, purpose=purpose)
+    tracks = read_table(data / US101_TRACKS, US101_COLUMNS, purpose=purpose)
+    stretches = _i80_stretches(pairs) + _us101_stretches(tracks)
     columns: dict[str, FloatArray] = {}
     longest = max(len(stretch) for stretch in stretches)
     steps = np.array([len(stretch) for stretch in stretches])
@@ -64,15 +72,6 @@ def count_lane_changes(lateral: FloatArray, lane_width: float) -> int:
         if not lane - LANE_SLACK / lane_width <= value <= lane + 1 + LANE_SLACK / lane_width:
             lane, changes = int(np.floor(value)), changes + 1
     return changes
-
-
-def _table(path: Path) -> pd.DataFrame:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; calibration needs it (README of the folder in LITSIM_DATA)")
-    try:
-        return pd.read_parquet(path)
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path}: not a readable Parquet file: {error}") from error
 
 
 def _i80_stretches(table: pd.DataFrame) -> list[pd.DataFrame]:

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import yaml
 
 from litsim_sim.analysis.lanes import lane_map_of
-from litsim_sim.analysis.run import START_FIELD, Run
+from litsim_sim.analysis.run import Run, start_frame
 from litsim_sim.errors import InputError
 from litsim_sim.recording import COLUMNS
 from litsim_sim.scene import Controller
@@ -25,10 +24,9 @@ def trajectories(run: Run) -> pd.DataFrame:
     junction, or no net), `controller` who moved the agent: log, policy, ego or baseline.
 
     Raises:
-        InputError: the net in the bag cannot be read.
+        InputError: the net or the scenario in the bag cannot be read.
     """
-    fields = yaml.safe_load(run.scenario_yaml) if run.scenario_yaml else None
-    start = fields.get(START_FIELD) if isinstance(fields, dict) else None
+    start = start_frame(run.scenario_yaml, run.path) if run.scenario_yaml else 0
     rows = pd.concat(
         [
             pd.DataFrame(
@@ -44,7 +42,7 @@ def trajectories(run: Run) -> pd.DataFrame:
         ],
         ignore_index=True,
     )
-    rows = rows.assign(frame=rows["step"] + int(start or 0), lane=_lanes(run, rows))
+    rows = rows.assign(frame=rows["step"] + start, lane=_lanes(run, rows))
     return rows[[*COLUMNS, *EXTRA]].astype(COLUMNS)
 
 

@@ -86,7 +86,7 @@ class Clocks:
         """Index (n,) of the clock of every row; new clocks are added.
 
         Args:
-            columns: site, time_ms, frame and line of the rows, as :class:`litsim_sim.datasets.ngsim_format.Block`.
+            columns: site, time_ms, frame and line of the rows, as :class:`litsim_sim.datasets.ngsim_blocks.Block`.
             where: the file, for errors.
 
         Raises:

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
+from litsim_sim import parquet_input
 from litsim_sim.errors import InputError
 from litsim_sim.geometry import wrap_angle
 from litsim_sim.recording import Kind, Recording, RecordingHeader
@@ -65,13 +65,7 @@ def read_table(path: Path) -> pd.DataFrame:
     Raises:
         InputError: the file is missing or not of this format.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such recording")
-    try:
-        table = pd.read_parquet(path)
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path}: not a readable Parquet file: {error}") from error
-    return neutral_table(table, str(path))
+    return neutral_table(parquet_input.read_table(path), str(path))
 
 
 def convert(table: pd.DataFrame, where: str) -> Recording:

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
+from litsim_sim.datasets import ngsim_windows
 from litsim_sim.datasets.calibration_data import LANE_WIDTH, US101_WINDOWS, count_lane_changes
 from litsim_sim.datasets.synthetic_motion import smooth
-from litsim_sim.errors import InputError
+from litsim_sim.parquet_input import read_table
 from litsim_sim.recording import STEP_S, Recording
 from litsim_sim.scene import FloatArray
 
@@ -71,21 +71,16 @@ def recorded(data: Path) -> Sample:
     """The complete windows of the US-101 file in the folder `data`.
 
     Raises:
-        InputError: the file is missing or cannot be read.
+        InputError: the file is missing, cannot be read or lacks columns.
     """
-    path = data / US101_WINDOWS
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; the comparison needs it (README of the folder in LITSIM_DATA)")
-    try:
-        table = pd.read_parquet(path)
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path}: not a readable Parquet file: {error}") from error
-    table = table[table["src"] < 2]
+    columns = {"vehicle_id": "vehicle", "local_y_m": "front", "local_x_m": "lateral", "lane_est": "lane"}
+    purpose = "the comparison needs it (README of the folder in LITSIM_DATA)"
+    table = read_table(data / US101_WINDOWS, ("src", "frame", *columns), purpose=purpose)
+    table = table[table["src"] < ngsim_windows.WINDOW_SOURCES]
     inside = np.zeros(len(table), np.bool_)
     for (first, last), (low, high) in WINDOWS:
         inside |= (table["frame"].between(first, last) & table["local_y_m"].between(low, high)).to_numpy()
     table = table[inside]
-    columns = {"vehicle_id": "vehicle", "local_y_m": "front", "local_x_m": "lateral", "lane_est": "lane"}
     return _sample([table.rename(columns=columns)])
 
 

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from litsim_sim.datasets import load_recording, ngsim, ngsim_format, ngsim_windows
 from litsim_sim.datasets.sites import SITES
 from litsim_sim.errors import InputError
+from litsim_sim.parquet_input import read_schema
 
 US101_WINDOWS: dict[str, tuple[tuple[int, int], tuple[float, float]]] = {
     "frames 316-543": ((316, 543), (180.0, 415.0)),
@@ -124,7 +123,4 @@ def _parquet_columns(path: Path) -> list[str]:
     with path.open("rb") as file:
         if file.read(4) != b"PAR1":
             return []
-    try:
-        return list(pq.read_schema(path).names)
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path}: not a readable Parquet file: {error}") from error
+    return list(read_schema(path).names)

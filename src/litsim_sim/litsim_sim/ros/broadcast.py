@@ -27,12 +27,11 @@ from litsim_sim.ros.topics import (
     TAKEOVERS,
     Topic,
 )
-from litsim_sim.run_info import RunPlan, versions
+from litsim_sim.run_info import EXTERNAL, RunPlan, versions
 from litsim_sim.scenario import Scenario
 from litsim_sim.scene import AgentTable
 
 ROUTE_LENGTH = 1000.0  # [m] of the route that the ego is given
-EXTERNAL = "external"
 
 
 class Broadcast:
