@@ -17,6 +17,7 @@ from litsim_policy.network import GaussianPolicy
 from litsim_policy.policy_c import PolicyNetwork
 from litsim_policy.training_data import REPORTED, RealWindow
 from litsim_sim.errors import InputError
+from litsim_sim.yaml_input import read_yaml
 
 CONFIG = Path(__file__).parents[2] / "src" / "litsim_policy" / "config"
 
@@ -47,7 +48,7 @@ def file(make_scenario, track, lane_centres, tmp_path_factory) -> Path:
 
 
 def with_iterations(file: Path, count: int) -> train.TrainConfig:
-    return train.read_config(file).model_copy(update={"iterations": count})
+    return read_yaml(file, train.TrainConfig).model_copy(update={"iterations": count})
 
 
 def weights(training: train.Training) -> list[torch.Tensor]:
@@ -81,7 +82,7 @@ def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
 
 def test_drivers_are_imitated(file: Path) -> None:
     """After the warm start the policy does in the recordings what the drivers did, better than nothing would."""
-    config = train.read_config(file)
+    config = read_yaml(file, train.TrainConfig)
     data = train.prepare(config.data, file.parent / "data")
     random = np.random.default_rng(0)
     experts = train.expert_pairs(data.train, config.observation, config.expert, random)
@@ -100,7 +101,7 @@ def test_drivers_are_imitated(file: Path) -> None:
 
 
 def test_tracks_are_whole(file: Path) -> None:
-    config = train.read_config(file)
+    config = read_yaml(file, train.TrainConfig)
     data = train.prepare(config.data, file.parent / "data")
     environment = PolicyEnvironment(data.train, config.environment)
     policy = GaussianPolicy(config.observation)
@@ -125,10 +126,10 @@ def test_configurations_that_are_wrong(tmp_path: Path, text: str, said: str) -> 
     path = tmp_path / "wrong.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=said) as error:
-        train.read_config(path)
+        read_yaml(path, train.TrainConfig)
     assert str(path) in str(error.value)
     with pytest.raises(InputError, match="cannot be read"):
-        train.read_config(tmp_path / "missing.yaml")
+        read_yaml(tmp_path / "missing.yaml", train.TrainConfig)
 
 
 def test_nothing_to_train_on(tmp_path: Path, monkeypatch, capsys) -> None:
@@ -151,7 +152,7 @@ def test_what_is_reported_on_is_never_learned_from(frames: tuple[int, int], *, f
 
 
 def test_packaged_configurations_differ_in_what_the_paper_says_only() -> None:
-    usual, paper = (train.read_config(CONFIG / name) for name in ("policy_c.yaml", "policy_c_paper.yaml"))
+    usual, paper = (read_yaml(CONFIG / name, train.TrainConfig) for name in ("policy_c.yaml", "policy_c_paper.yaml"))
     assert (paper.ppo.learning_rate, paper.ppo.batch) == (0.03, 32)
     same = {"ppo": usual.ppo, "iterations": usual.iterations}
     assert paper.model_copy(update=same) == usual

@@ -13,6 +13,7 @@ import yaml
 
 from litsim_policy import train
 from litsim_policy.network import GaussianPolicy
+from litsim_sim.yaml_input import read_yaml
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def config(make_scenario, track, lane_centres, tmp_path_factory) -> train.TrainC
         "ppo": {"epochs": 1, "batch": 16, "value_first": 1},
     }
     (folder / "config.yaml").write_text(yaml.safe_dump(values))
-    return train.read_config(folder / "config.yaml")
+    return read_yaml(folder / "config.yaml", train.TrainConfig)
 
 
 def weights(training: train.Training) -> list[torch.Tensor]:

@@ -337,15 +337,6 @@ def _warm_start(policy: GaussianPolicy, shown: Demonstrations, config: TrainConf
             optimiser.step()
 
 
-def read_config(path: Path) -> TrainConfig:
-    """Read a YAML file.
-
-    Raises:
-        InputError: it is missing, no YAML, or a field is wrong.
-    """
-    return read_yaml(path, TrainConfig)
-
-
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy train``."""
     p = argparse.ArgumentParser(prog="train", description=(__doc__ or "").splitlines()[0])
@@ -361,7 +352,7 @@ def main() -> None:
     arguments = parser().parse_args()
     torch.set_num_threads(arguments.threads)
     try:
-        config = read_config(arguments.config)
+        config = read_yaml(arguments.config, TrainConfig)
         training = run(config, arguments.out, resume=arguments.resume)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)

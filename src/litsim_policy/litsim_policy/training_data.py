@@ -95,8 +95,7 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
         where = folder / f"{generated.net}_{generated.seed}_{generated.segments}"
         if not (where / "manifest.yaml").is_file():
             _synthesize(generated, where)
-        manifest = Manifest.model_validate(yaml.safe_load((where / "manifest.yaml").read_text()))
-        for segment in manifest.segments:
+        for segment in Manifest.read(where / "manifest.yaml").segments:
             (train if segment.part == "train" else validation).append(Scenario.load(where / f"{segment.name}.yaml"))
     train += [_real(window, folder) for window in config.real] * config.real_weight
     train += [Scenario.load(name) for name in config.scenarios]
