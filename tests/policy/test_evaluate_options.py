@@ -55,6 +55,7 @@ def test_two_files_of_one_name_would_be_one_run_and_are_refused(monkeypatch, cap
 
 def test_all_are_those_that_can_be_the_ego(monkeypatch, tmp_path, scenario) -> None:
     words = ["--scenario", str(scenario), "--policy", "replay", "--egos", "all", "--out", str(tmp_path)]
+    words += ["--ego", "perturbed", "--set", "ego.kind=brake", "ego.time=[0.0, 0.0]"]
     monkeypatch.setattr(sys, "argv", ["evaluate", *words])
     evaluate.main()
     assert list(json.loads((tmp_path / "evaluation.json").read_text())["runs"]["replay"]) == ["short/1", "short/2"]

@@ -53,7 +53,7 @@ def test_what_does_not_fit_is_refused(name: str, value: Any) -> None:
 
 def test_settings_of_command_lines() -> None:
     assert setting("conflict.handback=catch_up,time_shift") == ("conflict", "handback", ["catch_up", "time_shift"])
-    assert setting("ego.time=[0, 1]") == ("ego", "time", [[0, 1]])
+    assert setting("ego.time=[0, 1]") == ("ego", "time", [(0, 1)])
     assert one_setting("policy.safety.contact=false") == ("policy", "safety.contact", False)
     settings = [("ego", "kind", "brake"), ("ego", "duration", 1.0), ("ego", "kind", "mixed")]
     assert by_stage(settings) == {"ego": {"kind": "mixed", "duration": 1.0}}

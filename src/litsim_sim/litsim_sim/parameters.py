@@ -98,7 +98,7 @@ def setting(text: str) -> tuple[str, str, list[Any]]:
         values = []
     if not (equals and dot and stage and name and values) or None in values:
         raise argparse.ArgumentTypeError(f"{text!r}: expected STAGE.NAME=VALUE, such as conflict.horizon=2.0")
-    return stage, name, values
+    return stage, name, [tuple(each) if isinstance(each, list) else each for each in values]
 
 
 def one_setting(text: str) -> tuple[str, str, Any]:

@@ -112,7 +112,7 @@ class Graph:
         """Start the executable at `path` as node `name`."""
         arguments = [str(path), "--ros-args"]
         for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
-            quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else value
+            quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str | tuple) else value
             arguments += ["-p", f"{key}:={quoted}"]
         log = self._log_folder / f"{name}.log"
         with log.open("w") as stream, _held_back():
