@@ -18,9 +18,9 @@ import pytest
 import yaml
 from hypothesis import settings
 
-from litsim_sim.recording import COLUMNS, STEP_S, Recording, RecordingHeader
-from litsim_sim.scenario import Scenario
-from litsim_sim.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, AgentTable, Controller
+from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
+from litsim_sim.scenario.scenario import Scenario
 
 # Real data, where they lie beside the project; elsewhere the tests that need them are skipped and say so.
 BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -29,8 +29,8 @@ setup(
     install_requires=["setuptools"],
     entry_points={
         "console_scripts": [
-            "bridge = litsim_sim.bridge_node:main",
-            "recorder = litsim_sim.recorder_node:main",
+            "bridge = litsim_sim.nodes.bridge:main",
+            "recorder = litsim_sim.nodes.recorder:main",
             "launch = litsim_sim.cli.launch:main",
             "analyze = litsim_sim.cli.analyze:main",
             "report = litsim_sim.cli.report:main",

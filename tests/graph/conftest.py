@@ -20,9 +20,10 @@ import pytest
 import yaml
 from ament_index_python.packages import get_package_prefix
 
-from litsim_sim.bag import BagReader
-from litsim_sim.errors import InputError
-from litsim_sim.recording import STEP_S, Recording, RecordingHeader
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.record.bag import BagReader
+from litsim_sim.recordings.recording import Recording, RecordingHeader
 
 HERE = Path(__file__).parent
 MARK = "LITSIM_TEST"  # variable by which a graph's processes are known

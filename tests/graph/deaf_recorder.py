@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from litsim_sim import recorder_node
+from litsim_sim.nodes import recorder as recorder_node
 from litsim_sim.ros.topics import EGO_STATE
 
 

@@ -11,7 +11,7 @@ from litsim_msgs.msg import RunInfo, Takeovers
 from litsim_sim.ros.messages import header
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, CONTROLS, FORECASTS, TAKEOVERS
-from litsim_sim.scenario import Scenario
+from litsim_sim.scenario.scenario import Scenario
 
 
 class MuteStage(StageNode):

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from litsim_sim.recording import HEADER_KEY, Recording
+from litsim_sim.recordings.recording import HEADER_KEY, Recording
 
 HANDSHAKE_S = 12.0  # importing torch takes seconds, more where the cores are shared
 

@@ -9,16 +9,16 @@ from typing import Any
 
 import pytest
 
-from litsim_policy.rerun import resimulate
-from litsim_policy.rerun_record import open_record
-from litsim_policy.runner import Runner, record
+from litsim_policy.run.recorded_run import open_record
+from litsim_policy.run.rerun import resimulate
+from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.analysis.run import read_run
-from litsim_sim.bag import BagReader
 from litsim_sim.cli.analyze import analyze
-from litsim_sim.parameters import by_stage
-from litsim_sim.run_info import RunPlan
-from litsim_sim.scenario import Scenario
+from litsim_sim.core.parameters import by_stage
+from litsim_sim.record.bag import BagReader
+from litsim_sim.record.run import read_run
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import Scenario
 
 
 def metrics_of(run: Any) -> dict[str, Any]:

@@ -12,11 +12,11 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 
-from litsim_policy.rerun import resimulate
-from litsim_policy.rerun_record import open_record
-from litsim_sim.analysis.run import Run, read_run
-from litsim_sim.bag import BagReader
-from litsim_sim.repair import repair
+from litsim_policy.run.recorded_run import open_record
+from litsim_policy.run.rerun import resimulate
+from litsim_sim.record.bag import BagReader
+from litsim_sim.record.repair import repair
+from litsim_sim.record.run import Run, read_run
 
 ERROR, WARN = b"\x02", b"\x01"
 COUNTS = {"answered": 36, "late": 0, "stale": 0, "future": 0, "surplus": 0, "invalid": 0, "refused": 0}

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_sim.analysis.run import read_run
-from litsim_sim.bag import BagReader
-from litsim_sim.scene import Controller
+from litsim_sim.core.scene import Controller
+from litsim_sim.record.bag import BagReader
+from litsim_sim.record.run import read_run
 
 
 def launch(graph: Any, *ego: object, launcher: tuple[object, ...] = ()) -> subprocess.CompletedProcess[str]:

@@ -18,8 +18,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from litsim_sim.analysis.run import read_run
-from litsim_sim.bag import BagReader
+from litsim_sim.record.bag import BagReader
+from litsim_sim.record.run import read_run
 from litsim_sim.ros import topics
 
 PATIENCE_S = 30.0

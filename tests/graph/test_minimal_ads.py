@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from litsim_sim.analysis.run import read_run
-from litsim_sim.scene import Controller
+from litsim_sim.core.scene import Controller
+from litsim_sim.record.run import read_run
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

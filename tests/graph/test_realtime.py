@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from litsim_sim.analysis.run import read_run
-from litsim_sim.bag import BagReader
+from litsim_sim.record.bag import BagReader
+from litsim_sim.record.run import read_run
 
 
 def test_late_and_missing_answers_are_counted(graph: Any) -> None:

@@ -14,9 +14,9 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.analysis.run import StageState, read_run
-from litsim_sim.bag import BagReader, find_mcap
-from litsim_sim.scenario import Scenario
+from litsim_sim.record.bag import BagReader, find_mcap
+from litsim_sim.record.run import StageState, read_run
+from litsim_sim.scenario.scenario import Scenario
 
 STEP_NS = 100_000_000
 BY_STEP_FIELD = ("/litsim/agents", "/litsim/forecasts", "/litsim/takeovers", "/litsim/controls", "/litsim/ego/control")

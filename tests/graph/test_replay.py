@@ -20,7 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from litsim_sim.bag import BagReader
+from litsim_sim.record.bag import BagReader
 from litsim_sim.ros import topics
 
 PATIENCE_S = 30.0

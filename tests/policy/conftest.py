@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.runner import Round, Runner
-from litsim_policy.takeover import State, Takeover
-from litsim_sim.dynamics import VehicleLimits
-from litsim_sim.recording import STEP_S
-from litsim_sim.run_info import RunPlan
-from litsim_sim.scenario import Scenario
-from litsim_sim.scene import AgentTable, Controller, EgoCommand
-from litsim_sim.world import Mirror, World
+from litsim_policy.conflict.takeover import State, Takeover
+from litsim_policy.run.runner import Round, Runner
+from litsim_sim.core.dynamics import VehicleLimits
+from litsim_sim.core.scene import STEP_S, AgentTable, Controller, EgoCommand
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.world.world import Mirror, World
 
 Drive = Callable[[AgentTable, int], tuple[float, float]]
 """Acceleration [m/s2] and yaw rate [rad/s] of the ego, which is in the given row of the table."""

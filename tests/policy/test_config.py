@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 import yaml
 
-from litsim_policy.conflict import ConflictConfig
+from litsim_policy.conflict.detection import ConflictConfig
+from litsim_policy.conflict.takeover import TakeoverConfig
+from litsim_policy.driving.handback import HandbackConfig
+from litsim_policy.driving.policy_c import PolicyCConfig
+from litsim_policy.driving.yield_policy import YieldConfig
 from litsim_policy.ego.bat import BatConfig
 from litsim_policy.ego.idm import CAREFUL
 from litsim_policy.ego.perturbed import PerturbedConfig
-from litsim_policy.handback import HandbackConfig
-from litsim_policy.policy_c import PolicyCConfig
-from litsim_policy.takeover import TakeoverConfig
-from litsim_policy.yield_policy import YieldConfig
 from litsim_predictor.models import PredictorConfig
 
 SOURCES = Path(__file__).parents[2] / "src"

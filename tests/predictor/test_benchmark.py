@@ -14,11 +14,11 @@ from litsim_predictor.benchmark import (
     time_predictor,
 )
 from litsim_predictor.kinematic import KinematicPredictor
-from litsim_sim.errors import InputError
-from litsim_sim.geometry import overlapping_pairs
-from litsim_sim.log import Log
-from litsim_sim.recording import STEP_S
-from litsim_sim.scenario import Scenario
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import overlapping_pairs
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.scenario import Scenario
 
 
 def test_the_traffic_is_on_the_road_and_nobody_overlaps() -> None:

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from litsim_predictor.forecast import Forecast, agents_of_interest
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
-from litsim_sim.recording import STEP_S
-from litsim_sim.scene import AgentTable, Controller
+from litsim_sim.core.scene import STEP_S, AgentTable, Controller
 
 Build = Callable[..., AgentTable]
 EGO, ROI = 1, 30.0

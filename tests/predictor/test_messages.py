@@ -15,8 +15,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_predictor.messages import forecast_from_message, forecast_to_message
+from litsim_sim.core.scene import AgentTable
 from litsim_sim.ros.messages import header
-from litsim_sim.scene import AgentTable
 
 
 def through_cdr(forecast: Forecast) -> Forecast:

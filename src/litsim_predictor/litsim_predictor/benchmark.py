@@ -12,10 +12,11 @@ import pandas as pd
 
 from litsim_predictor.forecast import Predictor
 from litsim_predictor.models import make_predictor
-from litsim_sim.errors import InputError
-from litsim_sim.log import Log
-from litsim_sim.recording import STEP_S, Kind, Recording, RecordingHeader
-from litsim_sim.scenario import Scenario
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S, Kind
+from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.scenario import Scenario
 
 SCENARIO = "demo"
 AGENTS_MOST = 250  # more do not fit on the net of the scenario

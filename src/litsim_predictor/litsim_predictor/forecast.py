@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 Float32Array = npt.NDArray[np.float32]
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_predictor.forecast import Forecast, agents_of_interest
-from litsim_sim.recording import STEP_S
-from litsim_sim.scene import AgentTable, FloatArray, History
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, History
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from importlib.util import find_spec
 from litsim_predictor.forecast import Predictor
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
 from litsim_predictor.learned import SHIPPED
-from litsim_sim.errors import InputError
-from litsim_sim.parameters import Read
-from litsim_sim.scenario import Scenario
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import Read
+from litsim_sim.scenario.scenario import Scenario
 
 MODELS = ("kinematic", *SHIPPED)
 
@@ -62,9 +62,9 @@ def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | 
         raise InputError(f"predictor: model {model} needs torch, which is not installed here; kinematic does not")
     import torch
 
+    from litsim_predictor.learned.data.raster import raster_of_net
+    from litsim_predictor.learned.models.weights import load_model
     from litsim_predictor.learned.predictor import LearnedPredictor
-    from litsim_predictor.learned.raster import raster_of_net
-    from litsim_predictor.learned.weights import load_model
 
     # Scenes are small: on shared cores a second thread is mostly waited for; and rounding depends on their number.
     torch.set_num_threads(1)

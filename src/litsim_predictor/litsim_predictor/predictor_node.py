@@ -15,7 +15,7 @@ from litsim_sim.ros.messages import agents_from_message
 from litsim_sim.ros.parameters import declare
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, FORECASTS
-from litsim_sim.scenario import Scenario
+from litsim_sim.scenario.scenario import Scenario
 
 
 class PredictorNode(StageNode):

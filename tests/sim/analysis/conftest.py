@@ -16,11 +16,11 @@ import pytest
 import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from litsim_sim.analysis.run import Run, RunInfo, StageState, Status
-from litsim_sim.bag import BagWriter, qos_yaml
-from litsim_sim.digest import CONTROL_FIELDS
-from litsim_sim.recording import COLUMNS
-from litsim_sim.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller
+from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.digest import CONTROL_FIELDS
+from litsim_sim.record.run import Run, RunInfo, StageState, Status
+from litsim_sim.recordings.recording import COLUMNS
 
 MESSAGES = Path(__file__).resolve().parents[3] / "src/litsim_msgs/msg"
 START_FRAME = 100

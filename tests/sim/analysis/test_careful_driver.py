@@ -9,7 +9,7 @@ import pytest
 
 from litsim_sim.analysis.careful_driver import BRAKE_MAX, REACTION_S, WANDERING, careful_driver
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scenario import packaged
+from litsim_sim.scenario.scenario import packaged
 
 Make = Callable[..., Any]
 

@@ -12,7 +12,7 @@ import pytest
 import litsim_sim
 from litsim_sim.analysis.collision import Verdict, collisions, first_contacts, judge
 from litsim_sim.analysis.lanes import in_lane_of
-from litsim_sim.scene import Controller
+from litsim_sim.core.scene import Controller
 
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"  # lanes of 3.66 m, the leftmost at y = -1.83
 Make = Callable[..., Any]

@@ -9,7 +9,7 @@ import pytest
 
 from litsim_sim.analysis.displacement import displacements
 from litsim_sim.analysis.progress import mean_progress, travelled
-from litsim_sim.scene import Controller
+from litsim_sim.core.scene import Controller
 
 Make = Callable[..., Any]
 HISTORY = 30

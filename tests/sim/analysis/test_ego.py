@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from litsim_sim.analysis.ego import ego_motion
-from litsim_sim.scenario import packaged
-from litsim_sim.scene import AgentTable
+from litsim_sim.core.scene import AgentTable
+from litsim_sim.scenario.scenario import packaged
 
 NET = packaged("nets/us101_like.net.xml")
 EDGE = 0.0  # [m] y of the left edge of that net

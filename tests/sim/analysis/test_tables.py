@@ -15,10 +15,10 @@ import pytest
 from litsim_sim.analysis.comfort import comfort
 from litsim_sim.analysis.displacement import displacements
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.analysis.run import Run, Takeover, TakeoverReason, TakeoverState
 from litsim_sim.analysis.safety import safety_series
 from litsim_sim.analysis.tables import SERIES, TAKEOVERS, series_table, write_tables
-from litsim_sim.scene import Controller
+from litsim_sim.core.scene import Controller
+from litsim_sim.record.run import Run, Takeover, TakeoverReason, TakeoverState
 
 Make = Callable[..., Any]
 DOCS = Path(__file__).resolve().parents[3] / "docs/metrics.md"

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_sim.analysis.run import Takeover, TakeoverReason, TakeoverState
 from litsim_sim.analysis.takeover import handbacks, jump, ledger
-from litsim_sim.scene import Controller
+from litsim_sim.core.scene import Controller
+from litsim_sim.record.run import Takeover, TakeoverReason, TakeoverState
 
 Make = Callable[..., Any]
 HELD, HANDBACK, RELEASED = TakeoverState

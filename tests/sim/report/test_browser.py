@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.analysis.run import Run
+from litsim_sim.record.run import Run
 from litsim_sim.report import run_report
 from litsim_sim.report.forecasts import Forecasts
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
 from litsim_sim.report.experiment import write_experiment_report
 
 Write = Callable[..., Path]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from litsim_sim.analysis.run import Run
-from litsim_sim.bag import BagWriter, qos_yaml
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.run import Run
 from litsim_sim.report.forecasts import FORECASTS, POINTS_MAX, read_forecasts
 
 DEFINITION = Path(__file__).resolve().parents[3] / "src/litsim_msgs/msg/JointForecast.msg"

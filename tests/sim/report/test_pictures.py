@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from litsim_sim.analysis.run import Run
 from litsim_sim.cli.report import main
-from litsim_sim.errors import InputError
-from litsim_sim.report.modes import COLOURS, Mode
+from litsim_sim.core.colours import COLOURS, Mode
+from litsim_sim.core.errors import InputError
+from litsim_sim.record.run import Run
 from litsim_sim.report.pictures import _ffmpeg, write_film, write_png
 
 
@@ -97,7 +97,7 @@ def test_command_line_says_what_is_wrong(words: list[str], capsys: Any) -> None:
 
 def test_command_line_writes(small_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     read: Callable[[Path], Run] = lambda path: small_run  # noqa: E731
-    monkeypatch.setattr("litsim_sim.analysis.run.read_run", read)
+    monkeypatch.setattr("litsim_sim.record.run.read_run", read)
     main(["bag", "--png", str(tmp_path / "scene.png")])
     assert (tmp_path / "scene.png").is_file()
     assert "scene.png" in capsys.readouterr().out

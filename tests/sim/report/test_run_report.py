@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.analysis.run import Run
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import ControlSource, ControlTable
+from litsim_sim.record.run import Run
 from litsim_sim.report import run_report
 from litsim_sim.report.content import pack_run
 from litsim_sim.report.forecasts import Forecasts
 from litsim_sim.report.markup import asset
 from litsim_sim.report.packing import unpack
 from litsim_sim.report.run_report import render, save
-from litsim_sim.scene import ControlSource, ControlTable
 
 Make = Callable[..., Any]
 VOID = {"meta", "link", "input", "br"}

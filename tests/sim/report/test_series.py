@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_sim.analysis.run import Run
-from litsim_sim.report.modes import Mode
+from litsim_sim.core.colours import Mode
+from litsim_sim.core.scene import Controller
+from litsim_sim.record.run import Run
 from litsim_sim.report.series import TTC_MAX, counts, deviations, speeds, times_to_leader
 from litsim_sim.report.tracks import collect, ghosts_of, tracks_of
-from litsim_sim.scene import Controller
 
 Make = Callable[..., Any]
 

@@ -20,10 +20,10 @@ from rclpy.qos import (
 )
 from rclpy.signals import SignalHandlerOptions
 
-from litsim_policy.ads_check.evidence import FAILED, FINISHED, Endpoint, Heard
-from litsim_sim.ego_answer import Answer, Interface
-from litsim_sim.ego_port import STEP_NS
-from litsim_sim.ros.diagnostics import BRIDGE_NAME, PORT_NAME
+from litsim_policy.ads_check.trace import FAILED, FINISHED, Endpoint, Heard
+from litsim_sim.ego_port.answer import Answer, Interface
+from litsim_sim.ego_port.port import STEP_NS
+from litsim_sim.nodes.diagnostics import BRIDGE_NAME, PORT_NAME
 from litsim_sim.ros.ego_port import from_control, from_path, from_twist
 from litsim_sim.ros.topics import (
     AGENTS,

@@ -7,10 +7,10 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from litsim_policy.ads_check.clauses import latencies
-from litsim_policy.ads_check.evidence import Evidence
-from litsim_sim.files import replacing
-from litsim_sim.recording import STEP_S
+from litsim_policy.ads_check.requirements import latencies
+from litsim_policy.ads_check.trace import Evidence
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.io.files import replacing
 
 
 def plot_latency(seen: Evidence, path: Path) -> bool:

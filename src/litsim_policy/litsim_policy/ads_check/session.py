@@ -10,16 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from litsim_policy.ads_check.evidence import FAILED, FINISHED, Ending, Evidence
 from litsim_policy.ads_check.observer import Observer
-from litsim_sim.analysis.run import read_run
-from litsim_sim.cli.launch import EXECUTABLES, Child, Graph, GraphFailed
-from litsim_sim.ego_port import ego_state
-from litsim_sim.errors import InputError
-from litsim_sim.executables import find_executable
-from litsim_sim.run_info import RunPlan
-from litsim_sim.scenario import Scenario
-from litsim_sim.tracking import EgoState
+from litsim_policy.ads_check.trace import FAILED, FINISHED, Ending, Evidence
+from litsim_sim.core.errors import InputError
+from litsim_sim.ego_port.port import ego_state
+from litsim_sim.ego_port.tracking import EgoState
+from litsim_sim.launch.executables import node_executable
+from litsim_sim.launch.processes import Child, Graph, GraphFailed
+from litsim_sim.record.run import read_run
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import Scenario
 
 TICK_S = 0.1  # [s] between two looks at the graph
 LEASE_S = 25.0  # [s] after which DDS has noticed at the latest that a process died without a word
@@ -59,7 +59,7 @@ def observe(check: Check) -> Evidence:
         InputError: the command cannot be started, or the workspace is not complete.
     """
     plan = RunPlan(check.scenario, "external", "replay")
-    nodes = {name: find_executable(*EXECUTABLES[name]) for name in ("recorder", "bridge")}
+    nodes = {name: node_executable(name, plan.ego) for name in ("recorder", "bridge")}
     graph = Graph(check.out, check.domain_id)
     file = check.out / "scenario.yaml"
     file.write_text(check.scenario.to_yaml(), encoding="utf-8")

@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from litsim_policy.benchmark import measure, rows
-from litsim_policy.conflict_benchmark import detection_rows, measure_detection
-from litsim_sim.errors import InputError
+from litsim_policy.run.benchmark import measure, rows
+from litsim_policy.run.conflict_benchmark import detection_rows, measure_detection
+from litsim_sim.core.errors import InputError
 
 TITLES = {
     "in_process": "in process, ms/step",

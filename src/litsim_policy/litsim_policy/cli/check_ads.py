@@ -15,15 +15,15 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from litsim_policy.ads_check.clauses import Clause, Limits, Verdict, judge
 from litsim_policy.ads_check.plot import plot_latency
+from litsim_policy.ads_check.requirements import Clause, Limits, Verdict, judge
 from litsim_policy.ads_check.session import Check, observe
 from litsim_sim.cli.arguments import DefaultsFormatter, number, positive
-from litsim_sim.cli.launch import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, SIGNALS
-from litsim_sim.domain import graph_domain
-from litsim_sim.errors import InputError
-from litsim_sim.files import replacing
-from litsim_sim.scenario import Scenario
+from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError
+from litsim_sim.io.files import replacing
+from litsim_sim.launch.domain import graph_domain
+from litsim_sim.launch.processes import SIGNALS
+from litsim_sim.scenario.scenario import Scenario
 
 COLOURS = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.OPEN: "yellow"}
 PLOT_FILE = "latency.png"

@@ -13,12 +13,12 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from litsim_policy.evaluation import Job, run_batch, summarise
-from litsim_policy.runner import configured
-from litsim_sim.errors import InputError
-from litsim_sim.parameters import SET_HELP, by_stage, setting
-from litsim_sim.run_info import EGOS, POLICIES, POLICY_STAGES
-from litsim_sim.scenario import Scenario
+from litsim_policy.run.evaluation import Job, run_batch, summarise
+from litsim_policy.run.runner import configured
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import SET_HELP, by_stage, setting
+from litsim_sim.scenario.run_info import EGOS, POLICIES, POLICY_STAGES
+from litsim_sim.scenario.scenario import Scenario
 
 COLUMNS = {
     "runs": "runs",

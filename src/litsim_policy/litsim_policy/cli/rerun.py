@@ -9,12 +9,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from litsim_policy.difference import Tally
-from litsim_policy.rerun import STAGES, rerun_stage, resimulate
-from litsim_policy.rerun_record import open_record
-from litsim_sim.errors import InputError
+from litsim_policy.run.message_diff import Tally
+from litsim_policy.run.recorded_run import open_record
+from litsim_policy.run.rerun import STAGES, rerun_stage, resimulate
+from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, InputError
 
-EXIT_DIFFERENT, EXIT_INPUT = 1, 2
 SHOWN = 5  # fields that the summary of a difference names
 
 
@@ -77,7 +76,7 @@ def main(argv: list[str] | None = None) -> None:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(EXIT_INPUT)
-    sys.exit(0 if equal else EXIT_DIFFERENT)
+    sys.exit(0 if equal else EXIT_FAILED)
 
 
 if __name__ == "__main__":

@@ -8,15 +8,15 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from litsim_policy.runner import Runner, record
+from litsim_policy.run.runner import Runner, record
 from litsim_predictor.models import MODELS, default_model
 from litsim_sim.analysis.metrics import compute_metrics, write_metrics
 from litsim_sim.cli.analyze import print_metrics
-from litsim_sim.errors import InputError
-from litsim_sim.parameters import SET_HELP, by_stage, one_setting
-from litsim_sim.run_info import EGOS, POLICIES, RunPlan
-from litsim_sim.scenario import Scenario
-from litsim_sim.sumo import SumoMirror
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import SET_HELP, by_stage, one_setting
+from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.world.sumo import SumoMirror
 
 
 def parser() -> argparse.ArgumentParser:

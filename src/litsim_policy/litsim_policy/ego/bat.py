@@ -11,14 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_policy.path import ReferencePath, onto_lane, pursuit_yaw_rate
+from litsim_policy.motion.reference_path import ReferencePath, onto_lane, pursuit_yaw_rate
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.models import make_predictor
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.recording import STEP_S
-from litsim_sim.scenario import Scenario
-from litsim_sim.scene import AgentTable, EgoCommand, FloatArray
+from litsim_sim.scenario.scenario import Scenario
 
 BACK = -0.5  # cosine of the angle to the heading now from which on a step leads back: 120 degrees
 
@@ -58,7 +57,7 @@ class BatEgo:
         self._reachable: dict[frozenset[int], LaneMap] = {}
 
     def plan(self, table: AgentTable) -> EgoCommand:
-        """See :class:`litsim_policy.ego.Ego`."""
+        """See :class:`litsim_policy.ego.registry.Ego`."""
         forecast = self._predictor.forecast(table)
         row = table.row(self._scenario.ego_id)
         if row < 0 or table.step < self._scenario.history_steps:

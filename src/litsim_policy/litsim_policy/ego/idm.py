@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from litsim_policy.car_following import IdmConfig, along_path, idm_acceleration
-from litsim_policy.path import ReferencePath, lane_path, pursuit_yaw_rate
-from litsim_sim.scenario import Scenario
-from litsim_sim.scene import AgentTable, EgoCommand
+from litsim_policy.motion.car_following import IdmConfig, along_path, idm_acceleration
+from litsim_policy.motion.reference_path import ReferencePath, lane_path, pursuit_yaw_rate
+from litsim_sim.core.scene import AgentTable, EgoCommand
+from litsim_sim.scenario.scenario import Scenario
 
 CAREFUL = IdmConfig(desired_speed=10.0, headway=1.5, standstill_gap=1.0, acceleration=1.0, deceleration=3.0)
 """Parameters of nuPlan's IDM planner: slower and with more headway than dense motorway traffic, so it deviates."""
@@ -20,7 +20,7 @@ class IdmEgo:
         self._path: ReferencePath | None = None
 
     def plan(self, table: AgentTable) -> EgoCommand:
-        """See :class:`litsim_policy.ego.Ego`."""
+        """See :class:`litsim_policy.ego.registry.Ego`."""
         row = table.row(self._scenario.ego_id)
         if row < 0 or table.step < self._scenario.history_steps:
             return EgoCommand(table.step)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from litsim_sim.scene import AgentTable, EgoCommand, EgoMode
+from litsim_sim.core.scene import AgentTable, EgoCommand, EgoMode
 
 
 class LogEgo:
     """Asks the bridge to follow the log."""
 
     def plan(self, table: AgentTable) -> EgoCommand:
-        """See :class:`litsim_policy.ego.Ego`."""
+        """See :class:`litsim_policy.ego.registry.Ego`."""
         return EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG)

@@ -8,13 +8,12 @@ from typing import Any
 
 from litsim_msgs.msg import RunInfo
 
-from litsim_policy.ego import Ego
-from litsim_policy.stages import ego_stage
+from litsim_policy.ego.registry import Ego, ego_stage
 from litsim_sim.ros.messages import agents_from_message, ego_to_message
 from litsim_sim.ros.parameters import declare
-from litsim_sim.ros.stage import StageNode
+from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, EGO_CONTROL
-from litsim_sim.scenario import Scenario
+from litsim_sim.scenario.scenario import Scenario
 
 
 class EgoNode(StageNode):
@@ -37,3 +36,23 @@ class EgoNode(StageNode):
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
         return [ego_to_message(self._ego.plan(agents_from_message(inputs[AGENTS.name])), self._run_id)]
+
+
+def run_bat() -> None:
+    """Entry point of ``ros2 run litsim_policy ego_bat``."""
+    run_node(lambda: EgoNode("bat"))
+
+
+def run_idm() -> None:
+    """Entry point of ``ros2 run litsim_policy ego_idm``."""
+    run_node(lambda: EgoNode("idm"))
+
+
+def run_log() -> None:
+    """Entry point of ``ros2 run litsim_policy ego_log``."""
+    run_node(lambda: EgoNode("log"))
+
+
+def run_perturbed() -> None:
+    """Entry point of ``ros2 run litsim_policy ego_perturbed``."""
+    run_node(lambda: EgoNode("perturbed"))

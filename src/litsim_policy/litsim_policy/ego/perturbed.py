@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_policy.car_following import IdmConfig, along_path, idm_acceleration
-from litsim_policy.path import ReferencePath, lane_change_path, logged_path, pursuit_yaw_rate
-from litsim_sim.errors import InputError
-from litsim_sim.geometry import to_body
+from litsim_policy.motion.car_following import IdmConfig, along_path, idm_acceleration
+from litsim_policy.motion.reference_path import ReferencePath, lane_change_path, logged_path, pursuit_yaw_rate
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import to_body
+from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, EgoMode
 from litsim_sim.maps.lane_map import Lane
-from litsim_sim.recording import STEP_S
-from litsim_sim.scenario import Scenario
-from litsim_sim.scene import AgentTable, EgoCommand, EgoMode
+from litsim_sim.scenario.scenario import Scenario
 
 KINDS = ("brake", "lane_change", "mixed", "keep_speed")
 FOLLOWING = IdmConfig()
@@ -86,7 +85,7 @@ class PerturbedEgo:
         """What it does then."""
 
     def plan(self, table: AgentTable) -> EgoCommand:
-        """See :class:`litsim_policy.ego.Ego`."""
+        """See :class:`litsim_policy.ego.registry.Ego`."""
         row = table.row(self._scenario.ego_id)
         if row < 0 or table.step < self.first_step:
             return EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG)

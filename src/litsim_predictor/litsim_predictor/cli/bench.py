@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from litsim_predictor.benchmark import time_models
 from litsim_predictor.models import MODELS
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
 
 
 def parser() -> argparse.ArgumentParser:

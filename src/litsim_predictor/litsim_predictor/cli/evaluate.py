@@ -19,8 +19,8 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from litsim_sim.errors import InputError
-from litsim_sim.scenario import Scenario
+from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.scenario import Scenario
 
 SECONDS = ("1", "2", "3", "4", "5")
 
@@ -56,10 +56,17 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
     Raises:
         InputError: a model, file, or option cannot be used.
     """
-    from litsim_predictor.learned.conflicts import conflict_counts
-    from litsim_predictor.learned.evaluation import COMPARED, load_models, part_of, recording_tracks, score, summary
-    from litsim_predictor.learned.scenes import scene_batches
-    from litsim_predictor.learned.tracks import Tracks
+    from litsim_predictor.learned.data.scenes import scene_batches
+    from litsim_predictor.learned.data.tracks import Tracks
+    from litsim_predictor.learned.evaluation.conflicts import conflict_counts
+    from litsim_predictor.learned.evaluation.evaluation import (
+        COMPARED,
+        load_models,
+        part_of,
+        recording_tracks,
+        score,
+        summary,
+    )
 
     for name in ("stride", "batch"):
         if getattr(arguments, name) < 1:
@@ -183,7 +190,7 @@ def _write(result: dict[str, dict[str, Any]], arguments: argparse.Namespace) -> 
         if arguments.json:
             arguments.json.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         if arguments.plot:
-            from litsim_predictor.learned.evaluation_plot import draw
+            from litsim_predictor.learned.evaluation.plot import draw
 
             draw(result, arguments.plot)
     except OSError as error:

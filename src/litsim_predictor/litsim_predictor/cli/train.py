@@ -8,8 +8,8 @@ import sys
 from importlib import resources
 from pathlib import Path
 
-from litsim_sim.errors import InputError
-from litsim_sim.yaml_input import read_yaml, validate_yaml
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import read_yaml, validate_yaml
 
 DATA_HELP = "Files of recordings are looked for here, beside the configuration, and under LITSIM_DATA."
 

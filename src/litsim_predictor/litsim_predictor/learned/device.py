@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
 
 
 def check_device(name: str) -> None:

@@ -6,14 +6,14 @@ import numpy as np
 import torch
 
 from litsim_predictor.forecast import Forecast, agents_of_interest
-from litsim_predictor.learned.batch import DT, HISTORY, MANEUVERS, Prediction, numbers
-from litsim_predictor.learned.features import AgentInputs, agent_inputs, frame_headings, in_map
-from litsim_predictor.learned.model import SceneModel
-from litsim_predictor.learned.raster import MapRaster
-from litsim_predictor.learned.scenes import inputs_batch
-from litsim_predictor.learned.tracks import STRIDE
+from litsim_predictor.learned.data.batch import DT, HISTORY, MANEUVERS, Prediction, numbers
+from litsim_predictor.learned.data.features import AgentInputs, agent_inputs, frame_headings, in_map
+from litsim_predictor.learned.data.raster import MapRaster
+from litsim_predictor.learned.data.scenes import inputs_batch
+from litsim_predictor.learned.data.tracks import STRIDE
+from litsim_predictor.learned.models.model import SceneModel
+from litsim_sim.core.scene import AgentTable, FloatArray, History
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scene import AgentTable, FloatArray, History
 
 MOVED = 0.1  # [m] between two steps of the horizon: who moves less keeps the heading that he had
 

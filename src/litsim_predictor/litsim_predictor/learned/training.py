@@ -15,11 +15,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 from tqdm import tqdm
 
-from litsim_predictor.learned.batch import AT_SECONDS, MANEUVERS, SECONDS, SceneBatch
-from litsim_predictor.learned.model import negative_log_likelihood
-from litsim_predictor.learned.registry import build
-from litsim_predictor.learned.scenes import Augmentation, scene_batches, training_batches
-from litsim_predictor.learned.sources import (
+from litsim_predictor.learned.data.batch import AT_SECONDS, MANEUVERS, SECONDS, SceneBatch
+from litsim_predictor.learned.data.scenes import Augmentation, scene_batches, training_batches
+from litsim_predictor.learned.data.sources import (
     I80LaneSource,
     RecordingSource,
     Source,
@@ -29,12 +27,14 @@ from litsim_predictor.learned.sources import (
     files_of,
     load,
 )
-from litsim_predictor.learned.tracks import Tracks
-from litsim_predictor.learned.weights import Provenance, save_model
-from litsim_sim.datasets.segments import Part
-from litsim_sim.errors import InputError
-from litsim_sim.files import replacing
-from litsim_sim.scenario import packaged
+from litsim_predictor.learned.data.tracks import Tracks
+from litsim_predictor.learned.models.model import negative_log_likelihood
+from litsim_predictor.learned.models.registry import build
+from litsim_predictor.learned.models.weights import Provenance, save_model
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
+from litsim_sim.recordings.segments import Part
+from litsim_sim.scenario.scenario import packaged
 
 WINDOWS, TRACKS = "ngsim/us101_0750_frames_0126_1149.parquet", "ngsim/us101_vehicle_tracks.parquet"
 TEST_FRAMES = (316, 543)

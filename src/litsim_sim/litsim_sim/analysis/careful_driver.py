@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_sim.analysis.safety import times_to_collision
-from litsim_sim.geometry import boxes_overlap, to_body
+from litsim_sim.core.geometry import boxes_overlap, to_body
+from litsim_sim.core.scene import AgentTable
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scene import AgentTable
 
 REACTION_S = 0.75
 BRAKE_MAX = 0.774 * 9.81  # [m/s2]

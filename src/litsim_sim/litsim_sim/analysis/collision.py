@@ -9,10 +9,10 @@ from enum import StrEnum
 import numpy as np
 import shapely
 
-from litsim_sim.analysis.run import Run
-from litsim_sim.dynamics import VehicleLimits
-from litsim_sim.geometry import box_corners, overlapping_pairs, wrap_angle
-from litsim_sim.scene import AgentTable, Controller
+from litsim_sim.core.dynamics import VehicleLimits
+from litsim_sim.core.geometry import box_corners, overlapping_pairs, wrap_angle
+from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.record.run import Run
 
 STOPPED_SPEED = 0.05  # [m/s] up to which a vehicle counts as stopped (nuPlan)
 BEHIND_ANGLE = np.deg2rad(150.0)  # from the ego's heading, beyond which a track is behind it (nuPlan)

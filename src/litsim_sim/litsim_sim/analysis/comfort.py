@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.scene import AgentTable, FloatArray
+from litsim_sim.core.scene import AgentTable, FloatArray
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "longitudinal_acceleration": (-4.05, 2.40),  # [m/s2]

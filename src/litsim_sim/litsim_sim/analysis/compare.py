@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.analysis.run import read_run
-from litsim_sim.bag import find_mcap
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.record.bag import find_mcap
+from litsim_sim.record.run import read_run
 
 SAME_RELATIVE = 1e-12
 """Numbers that differ by less are called the same: sums in another order, no other behaviour."""

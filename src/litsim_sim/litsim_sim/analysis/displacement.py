@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.analysis.run import Run
-from litsim_sim.scene import AgentTable, Controller, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, Controller, FloatArray, IntArray
+from litsim_sim.record.run import Run
 
 HORIZONS_S = (5, 10, 15, 20, 25)  # of simulation, as in the LitSim paper's table I
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from litsim_sim.analysis.comfort import comfort
 from litsim_sim.analysis.lanes import lane_map_of
-from litsim_sim.analysis.run import Run
-from litsim_sim.geometry import box_corners
+from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.scene import AgentTable
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scene import AgentTable
+from litsim_sim.record.run import Run
 
 
 def ego_motion(run: Run) -> dict[str, Any]:

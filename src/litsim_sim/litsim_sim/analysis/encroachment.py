@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from litsim_sim.geometry import boxes_overlap
-from litsim_sim.recording import STEP_S
-from litsim_sim.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.geometry import boxes_overlap
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 
 PET_HORIZON_S = 5.0  # between leaving and entering; longer is no encounter
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.analysis.run import Run
-from litsim_sim.scene import ControlSource
+from litsim_sim.core.scene import ControlSource
+from litsim_sim.record.run import Run
 
 
 @dataclass(frozen=True)

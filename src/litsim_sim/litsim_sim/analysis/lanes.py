@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from litsim_sim.analysis.collision import InLane
-from litsim_sim.analysis.run import NET_FILE, Run
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import AgentTable, Controller
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scene import AgentTable, Controller
+from litsim_sim.record.run import NET_FILE, Run
 
 
 def lane_map_of(run: Run) -> LaneMap | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from litsim_sim.analysis.run import Run, StageState, TopicGaps
+from litsim_sim.record.run import Run, StageState, TopicGaps
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class Lockstep:
         missed: number of steps at which the bridge held an answer of before, by topic.
         gaps: topics with missing, duplicated or unordered steps.
         problems: everything that makes the run invalid, in words; empty for a valid one.
-        port: what became of the messages of the ego, by :data:`litsim_sim.ego_port.COUNTS`, and their `interface`;
+        port: what became of the messages of the ego, by :data:`litsim_sim.ego_port.port.COUNTS`, and their `interface`;
             empty where the ego was not driven over topics.
     """
 

@@ -20,14 +20,14 @@ from litsim_sim.analysis.lanes import in_lane_of, lane_map_of, off_road_controll
 from litsim_sim.analysis.lockstep import Lockstep, lockstep
 from litsim_sim.analysis.progress import mean_progress
 from litsim_sim.analysis.realism import realism
-from litsim_sim.analysis.run import Run
 from litsim_sim.analysis.safety import TTC_CRITICAL_S, safety_series
 from litsim_sim.analysis.tables import ledger_row
 from litsim_sim.analysis.takeover import Handback, Jump, handbacks, ledger
 from litsim_sim.analysis.timing import Timing, timing
-from litsim_sim.digest import RunDigest
-from litsim_sim.files import replacing
-from litsim_sim.scene import ARRAY_FIELDS
+from litsim_sim.core.scene import ARRAY_FIELDS
+from litsim_sim.io.files import replacing
+from litsim_sim.record.digest import RunDigest
+from litsim_sim.record.run import Run
 
 METRICS_FILE = "metrics.json"
 

@@ -18,11 +18,11 @@ from matplotlib.ticker import MaxNLocator
 
 from litsim_sim.analysis.collision import collisions
 from litsim_sim.analysis.lanes import lane_map_of
-from litsim_sim.analysis.run import Run
 from litsim_sim.analysis.takeover import LedgerEntry, ledger
-from litsim_sim.geometry import box_corners, to_body
+from litsim_sim.core.geometry import box_corners, to_body
+from litsim_sim.core.scene import AgentTable, Controller, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scene import AgentTable, Controller, FloatArray
+from litsim_sim.record.run import Run
 
 SIZE_PX, DPI = (1600, 1120), 100
 AHEAD, BEHIND = 70.0, 70.0  # [m] of road around the ego in the bird's-eye view

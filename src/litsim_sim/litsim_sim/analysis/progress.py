@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from litsim_sim.scene import AgentTable
+from litsim_sim.core.scene import AgentTable
 
 
 def travelled(tables: Sequence[AgentTable]) -> dict[int, float]:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_sim.analysis.safety import TTC_HORIZON_S, times_to_collision
-from litsim_sim.geometry import box_corners, overlapping_pairs
+from litsim_sim.core.geometry import box_corners, overlapping_pairs
+from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scene import AgentTable, FloatArray
 
 
 @dataclass(frozen=True)

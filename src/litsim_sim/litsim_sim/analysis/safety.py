@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.geometry import boxes_overlap, to_body
-from litsim_sim.scene import AgentTable, FloatArray, IntArray
+from litsim_sim.core.geometry import boxes_overlap, to_body
+from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 
 TTC_HORIZON_S = 3.0  # nuPlan
 TTC_STEP_S = 0.1

@@ -12,11 +12,11 @@ import pyarrow.parquet as pq
 
 from litsim_sim.analysis.comfort import BOUNDS, motion_values
 from litsim_sim.analysis.encroachment import times_since_others
-from litsim_sim.analysis.run import Run
 from litsim_sim.analysis.safety import following, times_to_collision
 from litsim_sim.analysis.takeover import LedgerEntry, ledger
-from litsim_sim.files import replacing
-from litsim_sim.scene import AgentTable, Controller
+from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.io.files import replacing
+from litsim_sim.record.run import Run
 
 SERIES_FILE = "series.parquet"
 TAKEOVERS_FILE = "takeovers.parquet"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.analysis.run import Run
+from litsim_sim.record.run import Run
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,12 @@ from rich.console import Console
 from rich.table import Table
 
 from litsim_sim.analysis.compare import Comparison, Row, compare, load, names_of
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import EXIT_INPUT, InputError
 
 NOTHING = "-"
 DIGITS = 5
 WIDTH = 140  # of what is not printed to a terminal
 TEXT_MAX = 17  # enough to tell digests apart; --json has everything
-EXIT_INPUT = 2
 
 
 def parser() -> argparse.ArgumentParser:

@@ -6,7 +6,7 @@ import argparse
 import sys
 
 from litsim_sim.cli.replay import split_arguments
-from litsim_sim.live_server import HOST, PORT
+from litsim_sim.nodes.live_server import HOST, PORT
 
 RATE_MAX = 100.0  # [Hz]
 PORTS = range(2**16)
@@ -30,7 +30,7 @@ def main(argv: list[str] | None = None) -> None:
     arguments = p.parse_args(words)
     if not arguments.foxglove and (arguments.port is not None or arguments.host is not None):
         p.error("--port and --host go with --foxglove")
-    from litsim_sim.live_node import live  # ROS takes a moment to load
+    from litsim_sim.nodes.live import live  # ROS takes a moment to load
 
     host, port = arguments.host or HOST, PORT if arguments.port is None else arguments.port
     live(ros, arguments.rate, (host, port) if arguments.foxglove else None)

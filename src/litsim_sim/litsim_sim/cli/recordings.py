@@ -1,11 +1,9 @@
-"""What several commands do with a recording: describe it, write it."""
+"""A recording in words, as several commands print it."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from litsim_sim.errors import InputError
-from litsim_sim.recording import STEP_S, Kind, Recording
+from litsim_sim.core.scene import STEP_S, Kind
+from litsim_sim.recordings.recording import Recording
 
 
 def describe(recording: Recording) -> str:
@@ -29,15 +27,3 @@ def describe(recording: Recording) -> str:
         "notes": ", ".join(f"{key}: {value}" for key, value in header.notes.items()),
     }
     return "\n".join(f"{name:<11}{value}" for name, value in rows.items() if value)
-
-
-def write(recording: Recording, out: Path) -> None:
-    """Write `recording` in the neutral schema.
-
-    Raises:
-        InputError: `out` cannot be written.
-    """
-    try:
-        recording.write(out)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error

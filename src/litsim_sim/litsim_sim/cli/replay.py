@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import NoReturn
 
 from litsim_sim.cli.arguments import number
-from litsim_sim.errors import InputError
-from litsim_sim.executables import find_executable
+from litsim_sim.core.errors import EXIT_INPUT, InputError
+from litsim_sim.launch.executables import find_executable
 
 STAGES = ("predictor", "conflict", "policy", "ego")
 RERUN = ("litsim_policy", "rerun")
 """Package and executable that has all stages in one process; this package is below it and imports nothing of it."""
 
 KEYS = "While it plays in a terminal: space pauses, s steps, arrows seek 1 s (paused: one step), + - rate, q quits."
-EXIT_INPUT = 2
 
 
 def parser() -> argparse.ArgumentParser:
@@ -71,7 +70,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def _play(arguments: argparse.Namespace, ros: list[str]) -> None:
-    from litsim_sim.replay_node import play  # the other ways need no graph
+    from litsim_sim.nodes.replay import play  # the other ways need no graph
 
     play(
         arguments.bag,
@@ -86,7 +85,7 @@ def _play(arguments: argparse.Namespace, ros: list[str]) -> None:
 
 
 def _repair(bag: Path, out: Path) -> None:
-    from litsim_sim.repair import repair
+    from litsim_sim.record.repair import repair
 
     done = repair(bag, out)
     print(f"{done.path}: {done.messages.total()} messages on {len(done.messages)} topics", end="")

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
 
 
 def parser() -> argparse.ArgumentParser:
@@ -53,8 +53,8 @@ def _pictures(arguments: argparse.Namespace) -> list[Path]:
     if arguments.png is None and not films:
         return []
     from litsim_sim.analysis.plots import telling_moment  # matplotlib takes half a second to load
-    from litsim_sim.analysis.run import read_run
     from litsim_sim.analysis.takeover import ledger
+    from litsim_sim.record.run import read_run
     from litsim_sim.report.pictures import write_film, write_png
 
     run = read_run(arguments.bag)

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from litsim_sim.datasets.sites import FOOT, SITES, Site
-from litsim_sim.errors import InputError
-from litsim_sim.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.recordings.ngsim.sites import FOOT, SITES, Site
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.lanelets import SPEED_LIMIT, Lanelet, write_lanelets
-from litsim_sim.scene import FloatArray
 
 SPEED_MIN = 1.0  # [m/s] smaller "limits" are defects of a map
 

@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.maps.highway import (
     I80_LANE_7_END,
     I80_LANES,
@@ -26,7 +27,6 @@ from litsim_sim.maps.highway import (
     HighwayPlan,
     Ramp,
 )
-from litsim_sim.scene import FloatArray, IntArray
 
 GRID = 5.0  # [m] spacing of the fitted line's support points
 SMOOTHNESS = 1e7  # weight of squared third differences on GRID: bends shorter than about 100 m are smoothed away

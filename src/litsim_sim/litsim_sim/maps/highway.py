@@ -13,9 +13,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.netconvert import DECIMALS, WITHOUT_INTERNAL_LANES, build_net, find_netconvert
-from litsim_sim.scene import FloatArray
 
 __all__ = ["HighwayPlan", "Ramp", "find_netconvert", "i80_plan", "plain_xml", "us101_like_plan", "write_net"]
 

@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.maps.fitting import fit_lanes, lane_widths
 from litsim_sim.maps.lanelets import Lanelet, write_lanelets
-from litsim_sim.scene import BoolArray, FloatArray, IntArray
 
 COLUMNS = ("vehicle_id", "frame", "x", "y", "lane", "intersection", "section", "direction", "movement")
 THROUGH, LEFT, RIGHT = 1, 2, 3  # values of column movement

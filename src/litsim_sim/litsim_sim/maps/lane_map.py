@@ -15,9 +15,9 @@ from xml.sax import SAXException
 import numpy as np
 import sumolib
 
-from litsim_sim.errors import InputError
-from litsim_sim.geometry import box_corners, wrap_angle
-from litsim_sim.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import box_corners, wrap_angle
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 DIRECTION_PENALTY = 4.0  # [m] times 1 - cos of the angle between a pose and a lane: opposite lanes are 8 m further
 INTERNAL_PENALTY = 1.0  # [m] by which a lane inside a junction must be nearer to win

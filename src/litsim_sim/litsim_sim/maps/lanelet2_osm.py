@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.lanelets import SPEED_LIMIT, Lanelet, write_lanelets
-from litsim_sim.scene import FloatArray
 
 TURNS = ("left", "right", "straight")
 """Values of the attribute `turn_direction`, which lanelets inside intersections have."""

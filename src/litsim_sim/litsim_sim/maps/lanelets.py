@@ -16,9 +16,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import shapely
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.netconvert import DECIMALS, build_net
-from litsim_sim.scene import FloatArray
 
 SPEED_LIMIT = 13.89  # [m/s] 50 km/h, where the map gives none
 INNER_LENGTH_MAX = 60.0  # [m] longer lanelets that split or join are ramps, not turns

@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
 
 DECIMALS = 3  # of written coordinates: millimetres
 PLAIN_OPTIONS = {".nod.xml": "--node-files", ".edg.xml": "--edge-files", ".con.xml": "--connection-files"}

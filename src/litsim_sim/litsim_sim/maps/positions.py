@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from litsim_sim.datasets import load_recording, ngsim, ngsim_format, ngsim_windows
-from litsim_sim.datasets.sites import SITES
-from litsim_sim.errors import InputError
-from litsim_sim.parquet_input import read_schema
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.parquet_input import read_schema
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.ngsim import formats as ngsim_format
+from litsim_sim.recordings.ngsim import official as ngsim
+from litsim_sim.recordings.ngsim import windows as ngsim_windows
+from litsim_sim.recordings.ngsim.sites import SITES
 
 US101_WINDOWS: dict[str, tuple[tuple[int, int], tuple[float, float]]] = {
     "frames 316-543": ((316, 543), (180.0, 415.0)),

@@ -8,15 +8,14 @@ import numpy as np
 import shapely
 
 from litsim_sim.analysis.lanes import lane_map_of
-from litsim_sim.analysis.run import Run, Takeover
+from litsim_sim.core.colours import Mode
+from litsim_sim.core.scene import FloatArray, Kind
 from litsim_sim.maps.lane_map import Lane
-from litsim_sim.recording import Kind
+from litsim_sim.record.run import Run, Takeover
 from litsim_sim.report.forecasts import Forecasts
-from litsim_sim.report.modes import Mode
 from litsim_sim.report.packing import Packer
 from litsim_sim.report.series import counts, deviations, speeds, times_to_leader
 from litsim_sim.report.tracks import Tracks, ghosts_of, tracks_of
-from litsim_sim.scene import FloatArray
 
 METRE, RADIAN, SPEED, SIGMA = 0.01, 0.002, 0.01, 0.05  # resolutions
 SIMPLIFY = 0.05  # [m] by which the outline of the road may be off

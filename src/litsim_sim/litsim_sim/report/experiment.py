@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
 from litsim_sim.report.markup import NOTHING, badge, number, page, percent
 from litsim_sim.report.run_report import REPORT_FILE, save
 

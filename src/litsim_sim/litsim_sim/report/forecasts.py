@@ -10,10 +10,10 @@ import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from litsim_sim.analysis.run import Run
-from litsim_sim.bag import BagReader
-from litsim_sim.errors import InputError
-from litsim_sim.scene import FloatArray, IntArray
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.record.bag import BagReader
+from litsim_sim.record.run import Run
 
 FORECASTS = "/litsim/forecasts"
 POINTS_MAX = 13  # of one forecast: 5 s every 0.4 s

@@ -21,14 +21,14 @@ from matplotlib.patches import Patch
 from PIL import Image
 from tqdm import tqdm
 
-from litsim_sim.analysis.run import Run
-from litsim_sim.errors import InputError
-from litsim_sim.files import replacing
-from litsim_sim.geometry import box_corners, to_body
+from litsim_sim.core.colours import COLOURS, Mode
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import box_corners, to_body
+from litsim_sim.core.scene import BoolArray, FloatArray
+from litsim_sim.io.files import replacing
+from litsim_sim.record.run import Run
 from litsim_sim.report.content import road
-from litsim_sim.report.modes import COLOURS, Mode
 from litsim_sim.report.tracks import Tracks, ghosts_of, tracks_of
-from litsim_sim.scene import BoolArray, FloatArray
 
 GROUND, ROAD, PAINT, INK = "#eceeea", "#cfd3d8", "#ffffff", "#2b3038"
 SIZE_PX, DPI = (1280, 480), 100

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.analysis.run import RUN_INFO, Run, read_run
-from litsim_sim.errors import InputError
-from litsim_sim.files import replacing
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
+from litsim_sim.io.yaml_input import load_yaml
+from litsim_sim.record.run import RUN_INFO, Run, read_run
 from litsim_sim.report.content import pack_run
 from litsim_sim.report.forecasts import read_forecasts
 from litsim_sim.report.markup import NOTHING, badge, contacts, definitions, ledger, number, page, percent, tree
-from litsim_sim.yaml_input import load_yaml
 
 REPORT_FILE = "report.html"
 SCRIPTS = ("data.js", "view.js", "charts.js", "app.js")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_sim.analysis.run import Run
 from litsim_sim.analysis.safety import following
-from litsim_sim.report.modes import Mode
+from litsim_sim.core.colours import Mode
+from litsim_sim.core.scene import Controller, FloatArray
+from litsim_sim.record.run import Run
 from litsim_sim.report.tracks import Tracks
-from litsim_sim.scene import Controller, FloatArray
 
 TTC_MAX = 12.0  # [s] above which nobody is in a hurry
 ON_LOG = 0.005  # [m]
@@ -53,5 +53,5 @@ def times_to_leader(run: Run, first: int, frames: int) -> tuple[FloatArray, Floa
 
 
 def counts(tracks: Tracks, mode: int) -> FloatArray:
-    """Number of agents in a mode of :class:`litsim_sim.report.modes.Mode`."""
+    """Number of agents in a mode of :class:`litsim_sim.core.colours.Mode`."""
     return np.asarray((tracks.mode == mode).sum(axis=0), np.float64)

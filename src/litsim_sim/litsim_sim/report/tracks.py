@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.analysis.run import Run, TakeoverState
-from litsim_sim.report.modes import Mode
-from litsim_sim.scene import AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
+from litsim_sim.core.colours import Mode
+from litsim_sim.core.scene import AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
+from litsim_sim.record.run import Run, TakeoverState
 
 MOTION = ("x", "y", "yaw", "speed", "acceleration")
 
@@ -24,7 +24,7 @@ class Tracks:
         first: step of frame 0.
         id, kind: (n,) of the agents.
         length, width: (n,) [m].
-        mode: (n, frames) :class:`litsim_sim.report.modes.Mode`.
+        mode: (n, frames) :class:`litsim_sim.core.colours.Mode`.
         x, y: (n, frames) in frame map [m].
         yaw: (n, frames) unwrapped [rad].
         speed: (n, frames) [m/s].

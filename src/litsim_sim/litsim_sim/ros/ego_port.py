@@ -1,4 +1,4 @@
-"""The ego port's subscriptions: messages of a driving system into :class:`litsim_sim.ego_port.EgoPort`."""
+"""The ego port's subscriptions: messages of a driving system into :class:`litsim_sim.ego_port.port.EgoPort`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from nav_msgs.msg import Path
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
-from litsim_sim.ego_answer import MAP_FRAME, Answer, Interface
-from litsim_sim.ego_port import EgoPort, Level, Remark
+from litsim_sim.ego_port.answer import MAP_FRAME, Answer, Interface
+from litsim_sim.ego_port.port import EgoPort, Level, Remark
+from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
 from litsim_sim.ros import messages
 from litsim_sim.ros.topics import EGO_INPUTS
-from litsim_sim.tracking import Trajectory, TwistTarget
 
 
 def subscribe(node: Node, port: EgoPort, interfaces: tuple[Interface, ...]) -> None:

@@ -14,9 +14,9 @@ from litsim_msgs.msg import JointForecast, Takeover, Takeovers
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from litsim_sim.report.modes import COLOURS, CONFLICT, Mode
+from litsim_sim.core.colours import COLOURS, CONFLICT, Mode
+from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.ros.messages import from_array, header
-from litsim_sim.scene import AgentTable, FloatArray
 
 HEIGHT = 1.6  # [m] of the boxes, whose real height no recording tells
 LABEL = 1.4  # [m] of the capitals

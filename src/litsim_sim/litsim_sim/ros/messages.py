@@ -16,8 +16,7 @@ from litsim_msgs.msg import AgentStates, Controls, EgoControl, StageStatus
 from nav_msgs.msg import Odometry, Path
 from std_msgs.msg import Header
 
-from litsim_sim.recording import STEP_S
-from litsim_sim.scene import ARRAY_FIELDS, AgentTable, ControlTable, EgoCommand, EgoMode, FloatArray
+from litsim_sim.core.scene import ARRAY_FIELDS, STEP_S, AgentTable, ControlTable, EgoCommand, EgoMode, FloatArray
 
 FRAME = "map"
 _NANOSECONDS_PER_STEP = round(STEP_S * 1e9)

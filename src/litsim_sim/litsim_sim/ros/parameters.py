@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from rclpy.node import Node
 
-from litsim_sim.parameters import Config
+from litsim_sim.core.parameters import Config
 
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 """Parameters that rclpy declares itself."""
@@ -18,7 +18,7 @@ OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 def declare(node: Node, default: Config, prefix: str = "") -> Config:
     """Declare each field of the frozen dataclass `default` as a parameter, and return what the node was given.
 
-    A :class:`litsim_sim.parameters.Read`, once the node is bound. A tuple is an array.
+    A :class:`litsim_sim.core.parameters.Read`, once the node is bound. A tuple is an array.
     """
     values: dict[str, Any] = {}
     for field in fields(default):  # type: ignore[arg-type]

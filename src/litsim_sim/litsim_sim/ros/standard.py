@@ -10,9 +10,9 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.maps.lane_map import Lane, LaneMap
 from litsim_sim.ros.messages import header
-from litsim_sim.scene import AgentTable, FloatArray
 
 _FLOATS = ("x", "y", "z", "yaw", "speed", "vx", "vy", "length", "width")
 _OBJECT = np.dtype([*((name, "<f4") for name in _FLOATS), ("id", "<u4"), ("kind", "u1"), ("padding", "V3")])

@@ -11,23 +11,14 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
-from litsim_msgs.msg import (
-    AgentStates,
-    Controls,
-    EgoControl,
-    Hello,
-    JointForecast,
-    RunInfo,
-    StageStatus,
-    Takeovers,
-)
+from litsim_msgs.msg import AgentStates, Controls, EgoControl, Hello, JointForecast, RunInfo, StageStatus, Takeovers
 from nav_msgs.msg import Odometry, Path
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from litsim_sim.ego_answer import INPUTS, Interface
+from litsim_sim.ego_port.answer import INPUTS, Interface
 
 RECORDER_WINDOW = 50
 """Steps by which the bridge may be ahead of what the recorder has confirmed."""

@@ -13,7 +13,7 @@ import importlib
 import pkgutil
 import sys
 
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -9,8 +9,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from litsim_sim.errors import InputError
-from litsim_sim.scenario import DATA_VARIABLE
+from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.scenario import DATA_VARIABLE
 
 COMPARED, COMPARED_SECONDS = 6, 140.5  # recordings, and the duration of each [s]
 LAST_SEED_OF_CALIBRATION = 1000  # compared traffic has other seeds
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("nothing to do: name a parameter file with --out, or ask for --compare")
     data = data_folder(arguments.data)
     if arguments.out is not None:
-        from litsim_sim.datasets import calibration_run
+        from litsim_sim.traffic import calibration_run
 
         began = time.perf_counter()
         print("fitting ...", file=sys.stderr)
@@ -56,10 +56,10 @@ def compare(data: Path, seed: int) -> str:
     Raises:
         InputError: data is missing.
     """
-    from litsim_sim.datasets import synthetic_compare
-    from litsim_sim.datasets.synthetic import synthesize_all
-    from litsim_sim.datasets.traffic_drivers import SUMO_DEFAULT, calibrated
-    from litsim_sim.datasets.traffic_sites import US101_LIKE
+    from litsim_sim.traffic import comparison as synthetic_compare
+    from litsim_sim.traffic.drivers import SUMO_DEFAULT, calibrated
+    from litsim_sim.traffic.sites import US101_LIKE
+    from litsim_sim.traffic.synthetic import synthesize_all
 
     real = synthetic_compare.recorded(data)
     seeds = [LAST_SEED_OF_CALIBRATION + seed + number for number in range(COMPARED)]

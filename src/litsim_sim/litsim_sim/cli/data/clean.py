@@ -7,11 +7,11 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
-from litsim_sim.cli.recordings import describe, write
-from litsim_sim.datasets import load_recording
-from litsim_sim.datasets.cleaning import CleaningConfig, CleaningReport, clean, front_centres
-from litsim_sim.errors import InputError
-from litsim_sim.recording import Recording
+from litsim_sim.cli.recordings import describe
+from litsim_sim.core.errors import InputError
+from litsim_sim.recordings.cleaning.cleaning import CleaningConfig, CleaningReport, clean, front_centres
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.recording import Recording
 
 OPTIONS = {
     "longitudinal_period_s": "oscillations along the road of this period are halved, shorter ones vanish [s]",
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> None:
     config = CleaningConfig(**given)
     recording = load_recording(arguments.source)
     cleaned, report = clean_recording(recording, config, str(arguments.source), progress=True)
-    write(cleaned, arguments.out)
+    cleaned.write(arguments.out)
     print(describe(cleaned))
     print()
     print(report.table())

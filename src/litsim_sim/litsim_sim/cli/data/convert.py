@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from litsim_sim.cli.recordings import describe, write
-from litsim_sim.datasets import load_recording
-from litsim_sim.errors import InputError
-from litsim_sim.recording import Recording
+from litsim_sim.cli.recordings import describe
+from litsim_sim.core.errors import InputError
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.recording import Recording
 
 
 def add(subparsers: Any) -> None:
@@ -43,13 +43,13 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.mapping is not None:
         if crop or arguments.raw or arguments.truncated:
             raise InputError("--mapping goes with none of --crop, --raw, --truncated")
-        from litsim_sim.datasets import generic
+        from litsim_sim.recordings import generic
 
         recording = generic.convert(arguments.source, generic.read_mapping(arguments.mapping))
-        write(recording, _file(arguments.out))
+        recording.write(_file(arguments.out))
         print(describe(recording))
     elif _is_official(arguments.source):
-        from litsim_sim.datasets import ngsim
+        from litsim_sim.recordings.ngsim import official as ngsim
 
         options = {"cleaned": not arguments.raw, "truncated": arguments.truncated, "crop": crop}
         for made in ngsim.convert(arguments.source, arguments.out, progress=True, **options):
@@ -69,7 +69,7 @@ def convert(source: Path, out: Path, crop: dict[str, list[float]]) -> Recording:
         InputError: `source` is no recording, `crop` does not fit it, or `out` cannot be written.
     """
     recording = load_recording(source, crop)
-    write(recording, _file(out))
+    recording.write(_file(out))
     return recording
 
 
@@ -80,7 +80,7 @@ def _file(out: Path) -> Path:
 
 
 def _is_official(path: Path) -> bool:
-    from litsim_sim.datasets import ngsim_format
+    from litsim_sim.recordings.ngsim import formats as ngsim_format
 
     return path.is_file() and ngsim_format.detect(path) is not None
 

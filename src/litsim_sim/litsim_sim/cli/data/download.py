@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from litsim_sim.datasets.download import DATASET, FILE, HOST
+from litsim_sim.recordings.ngsim.download import DATASET, FILE, HOST
 
 
 def add(subparsers: Any) -> None:
@@ -21,9 +21,9 @@ def run(arguments: argparse.Namespace) -> None:
     """Fetch and check.
 
     Raises:
-        InputError: as :func:`litsim_sim.datasets.download.download`.
+        InputError: as :func:`litsim_sim.recordings.ngsim.download.download`.
     """
-    from litsim_sim.datasets.download import download
+    from litsim_sim.recordings.ngsim.download import download
 
     fetched = download(arguments.out, host=arguments.host, progress=True)
     checked = "as the portal says" if fetched.expected_rows is not None else "the portal does not say how many"

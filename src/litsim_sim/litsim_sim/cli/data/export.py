@@ -21,8 +21,8 @@ def run(arguments: argparse.Namespace) -> None:
     Raises:
         InputError: there is no run, or OUT cannot be written.
     """
-    from litsim_sim.analysis.run import read_run
-    from litsim_sim.datasets.export import trajectories, write
+    from litsim_sim.analysis.trajectories import trajectories, write
+    from litsim_sim.record.run import read_run
 
     rows = trajectories(read_run(arguments.bag))
     write(rows, arguments.out)

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from litsim_sim.cli.recordings import describe
-from litsim_sim.datasets import load_recording, ngsim_format
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.ngsim import formats as ngsim_format
 
 
 def add(subparsers: Any) -> None:
@@ -25,7 +26,7 @@ def run(arguments: argparse.Namespace) -> None:
     """
     path: Path = arguments.file
     if path.is_file() and ngsim_format.detect(path) is not None:
-        from litsim_sim.datasets.ngsim_summary import summary
+        from litsim_sim.recordings.ngsim.summary import summary
 
         print(summary(path, progress=True))
     else:

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from litsim_sim.scenario import packaged, packaged_nets, packaged_scenarios
+from litsim_sim.scenario.scenario import packaged, packaged_nets, packaged_scenarios
 
 
 def add(subparsers: Any) -> None:

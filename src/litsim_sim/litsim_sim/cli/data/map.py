@@ -8,12 +8,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from litsim_sim.errors import InputError
-from litsim_sim.scenario import DATA_VARIABLE
+from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.scenario.scenario import DATA_VARIABLE
 
 US101_FILE = "ngsim/us101_0750_frames_0126_1149.parquet"
 SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
-EXIT_MISSED = 1
 
 
 PACKAGED = ("us101_like", "urban_like", "us101", "i80")
@@ -45,7 +44,7 @@ def run(arguments: argparse.Namespace) -> None:
     """
     if arguments.check is not None:
         if not check(arguments):
-            sys.exit(EXIT_MISSED)
+            sys.exit(EXIT_FAILED)
         return
     if arguments.out is None:
         raise InputError("data map: name the net to write with --out, or one to check with --check")
@@ -108,8 +107,7 @@ def build_map(which: str, out: Path, recording: Path | None) -> None:
     Raises:
         InputError: netconvert or the recording is missing, or `out` cannot be written.
     """
-    from litsim_sim.datasets import urban
-    from litsim_sim.maps import highway
+    from litsim_sim.maps import highway, urban
 
     if which == "us101_like":
         highway.write_net(highway.us101_like_plan(), out)
@@ -125,9 +123,9 @@ def check(arguments: argparse.Namespace) -> bool:
     Raises:
         InputError: a file cannot be used, or does not fit the net.
     """
-    from litsim_sim.datasets.sites import SITES as KNOWN
     from litsim_sim.maps import cad, positions
     from litsim_sim.maps.check import check_net
+    from litsim_sim.recordings.ngsim.sites import SITES as KNOWN
 
     lines = None
     if arguments.cad is not None:

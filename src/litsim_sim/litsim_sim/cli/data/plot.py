@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from litsim_sim.cli.recordings import describe
-from litsim_sim.datasets import load_recording
-from litsim_sim.errors import InputError
+from litsim_sim.core.errors import InputError
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.recording import Recording
-from litsim_sim.scenario import packaged, packaged_nets
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.recording import Recording
+from litsim_sim.scenario.scenario import packaged, packaged_nets
 
 
 def add(subparsers: Any) -> None:
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> None:
         InputError: the recording or the net cannot be used, or OUT cannot be written.
     """
     from litsim_sim.cli.data.convert import parse_crop
-    from litsim_sim.datasets.plots import draw  # matplotlib takes half a second to load
+    from litsim_sim.report.recording_plots import draw  # matplotlib takes half a second to load
 
     recording = load_recording(arguments.recording, parse_crop(arguments.crop))
     try:

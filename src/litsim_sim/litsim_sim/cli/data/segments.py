@@ -9,10 +9,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from litsim_sim.datasets import load_recording, segments
-from litsim_sim.errors import InputError
-from litsim_sim.recording import Recording
-from litsim_sim.scenario import DATA_VARIABLE, packaged_nets
+from litsim_sim.core.errors import InputError
+from litsim_sim.recordings import segments
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.recording import Recording
+from litsim_sim.scenario.scenario import DATA_VARIABLE, packaged_nets
 
 
 def add(subparsers: Any) -> None:

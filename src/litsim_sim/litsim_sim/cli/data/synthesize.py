@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from litsim_sim.cli.recordings import describe, write
-from litsim_sim.errors import InputError
-from litsim_sim.recording import Recording
+from litsim_sim.cli.recordings import describe
+from litsim_sim.core.errors import InputError
+from litsim_sim.recordings.recording import Recording
 
 NETS = ("us101_like", "urban_like")
 
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Generate and say what came out.
 
     Raises:
-        InputError: as :func:`synthesize` and :func:`synthesize_segments`, or the arguments do not fit each other.
+        InputError: the seed gives no usable traffic, `out` cannot be written, or the arguments do not fit each other.
     """
     if arguments.compare:
         from litsim_sim.cli.data.calibrate import compare, data_folder
@@ -51,9 +51,12 @@ def run(arguments: argparse.Namespace) -> None:
         print(f"simulating {arguments.seconds:g} s after a warm-up ...", file=sys.stderr)
         print(describe(synthesize(arguments.seed, arguments.seconds, arguments.out, arguments.net)))
         return
+    from litsim_sim.recordings import segments
+    from litsim_sim.traffic.segment_set import write_segment_set
+
     began = time.perf_counter()
     print(f"simulating {arguments.segments} segments ...", file=sys.stderr)
-    print(synthesize_segments(arguments.net, arguments.segments, arguments.seed, arguments.out))
+    print(segments.describe(write_segment_set(arguments.net, arguments.segments, arguments.seed, arguments.out)))
     print(f"{time.perf_counter() - began:.1f} s", file=sys.stderr)
 
 
@@ -63,29 +66,9 @@ def synthesize(seed: int, seconds: float, out: Path, net: str = NETS[0]) -> Reco
     Raises:
         InputError: the seed gives no usable traffic, or `out` cannot be written.
     """
-    from litsim_sim.datasets.synthetic import synthesize as generate
-    from litsim_sim.datasets.traffic_sites import SITES
+    from litsim_sim.traffic.sites import SITES
+    from litsim_sim.traffic.synthetic import synthesize as generate
 
     recording = generate(seed, seconds, SITES[net])
-    write(recording, out)
+    recording.write(out)
     return recording
-
-
-def synthesize_segments(net: str, count: int, seed: int, folder: Path) -> str:
-    """Write recordings, manifest and scenario files for `count` segments to `folder`; returns what they are.
-
-    Raises:
-        InputError: as :func:`synthesize`, or there is no ego for some segment.
-    """
-    from litsim_sim.datasets import segments
-    from litsim_sim.datasets.synthetic import synthesize_segments as generate
-    from litsim_sim.datasets.traffic_sites import SITES
-
-    sources = []
-    for number, recording in enumerate(generate(SITES[net], count, seed)):
-        name = f"{net}_{seed}_{number}.parquet"
-        write(recording, folder / name)
-        sources.append((name, net, None, recording))
-    manifest = segments.cut(sources, segments.Settings(seed=seed))
-    segments.write(manifest, folder)
-    return segments.describe(manifest)

@@ -1,0 +1,49 @@
+"""What an answer asks of the ego's vehicle, beside what the vehicle can do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_sim.core.scene import STEP_S, EgoCommand, FloatArray
+from litsim_sim.core.vehicle import VehicleModel
+from litsim_sim.ego_port.tracking import CRAWL, EgoState, Trajectory, TwistTarget
+
+SLACK = 1.05  # of a limit, before a demand counts as cut
+SMALL = 1e-2  # [m/s2], [rad/s] of a demand that may be anything
+
+
+def is_clipped(target: EgoCommand | TwistTarget | Trajectory, ego: EgoState, vehicle: VehicleModel) -> bool:
+    """Whether the vehicle cannot do what `target`, of finite values, asks of it.
+
+    Args:
+        target: acceleration and yaw rate; or a speed and a yaw rate to be reached within a step; or a trajectory, of
+            which the motion from pose to pose counts.
+        ego: when it came.
+        vehicle: whose limits count.
+    """
+    if isinstance(target, EgoCommand):
+        return _exceeds(target.acceleration, target.yaw_rate, ego.speed, vehicle)
+    if isinstance(target, TwistTarget):
+        acceleration = (target.speed - ego.speed) / (STEP_S + 3.0 * vehicle.reaction_s)
+        return _exceeds(acceleration, target.yaw_rate, max(ego.speed, target.speed), vehicle)
+    asked = np.stack(motion(target), axis=1).tolist()
+    return any(_exceeds(acceleration, yaw_rate, speed, vehicle) for speed, acceleration, yaw_rate in asked)
+
+
+def motion(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Speed [m/s], acceleration [m/s2] and yaw rate [rad/s] about the inner poses of a trajectory, (m - 2,) each.
+
+    Where the way between two poses is too short to have a direction, the yaw rate is 0.
+    """
+    took = np.diff(trajectory.time)
+    x, y = np.diff(trajectory.x), np.diff(trajectory.y)
+    speed, heading = np.hypot(x, y) / took, np.arctan2(y, x)
+    apart = 0.5 * (took[1:] + took[:-1])
+    turn = np.remainder(np.diff(heading) + np.pi, 2.0 * np.pi) - np.pi
+    moving = np.minimum(speed[1:], speed[:-1]) > CRAWL
+    return np.maximum(speed[1:], speed[:-1]), np.diff(speed) / apart, np.where(moving, turn / apart, 0.0)
+
+
+def _exceeds(acceleration: float, yaw_rate: float, speed: float, vehicle: VehicleModel) -> bool:
+    cut = vehicle.within(acceleration, yaw_rate, speed)
+    return any(abs(asked) > SLACK * abs(can) + SMALL for asked, can in zip((acceleration, yaw_rate), cut, strict=True))

@@ -1,0 +1,51 @@
+"""The conflict stage: agent states and forecasts in, takeovers out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from litsim_msgs.msg import RunInfo
+
+from litsim_policy.conflict.messages import takeovers_to_message
+from litsim_policy.conflict.takeover import TakeoverManager, conflict_stage
+from litsim_predictor.messages import forecast_from_message
+from litsim_sim.ros.messages import agents_from_message
+from litsim_sim.ros.parameters import declare
+from litsim_sim.ros.stage import StageNode, run_node
+from litsim_sim.ros.topics import AGENTS, FORECASTS, TAKEOVERS
+from litsim_sim.scenario.scenario import Scenario
+
+
+class ConflictNode(StageNode):
+    """Says at every step who is off its log, and why."""
+
+    stage = "conflict"
+    inputs = (AGENTS, FORECASTS)
+    outputs = (TAKEOVERS,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._make = conflict_stage(partial(declare, self))
+        self._run_id = ""
+        self._manager: TakeoverManager
+
+    def configure(self, info: RunInfo, scenario: Scenario) -> None:
+        """See :meth:`StageNode.configure`."""
+        self._manager, self._run_id = self._make(scenario), info.run_id
+
+    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
+        """See :meth:`StageNode.answer`."""
+        table = agents_from_message(inputs[AGENTS.name])
+        forecast = forecast_from_message(inputs[FORECASTS.name])
+        return [takeovers_to_message(self._manager.update(table, forecast), self._run_id)]
+
+
+def main() -> None:
+    """Entry point of ``ros2 run litsim_policy conflict``."""
+    run_node(ConflictNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The policy stage: how agents that are off their log drive."""

@@ -1,0 +1,39 @@
+"""What policy C commands: longitudinal and lateral acceleration and yaw rate, and how a vehicle executes the three."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_sim.core.scene import FloatArray
+
+ACTIONS = ("longitudinal acceleration", "lateral acceleration", "yaw rate")
+LOW = np.array([-6.0, -4.0, -0.5])  # [m/s2], [m/s2], [rad/s] that action -1 stands for
+HIGH = np.array([3.0, 4.0, 0.5])  # the same for action 1
+LATERAL_SPREAD = 1.0  # [m/s2] disagreement of the two lateral actions that weighs as much as ...
+YAW_RATE_SPREAD = 0.1  # [rad/s] ... this
+
+
+def physical(action: FloatArray) -> FloatArray:
+    """Actions (..., 3) in [-1, 1] as [m/s2], [m/s2], [rad/s]; linear on either side of zero, which is nothing."""
+    return np.where(action < 0.0, -action * LOW, action * HIGH)
+
+
+def normalised(command: FloatArray) -> FloatArray:
+    """The inverse of :func:`physical`, cut to [-1, 1]."""
+    return np.clip(np.where(command < 0.0, -command / LOW, command / HIGH), -1.0, 1.0)
+
+
+def executed_yaw_rate(command: FloatArray, speed: FloatArray) -> FloatArray:
+    """Yaw rate (m,) [rad/s] of a vehicle that is given commands (m, 3) at speeds (m,) [m/s].
+
+    A vehicle that does not slip has a lateral acceleration of its speed times its yaw rate, so the two lateral actions
+    say the same thing twice. What is executed is nearest to both (weighted least squares): at low speed the yaw rate
+    counts, at high speed the lateral acceleration.
+    """
+    by_rate, by_lateral = 1.0 / YAW_RATE_SPREAD**2, speed / LATERAL_SPREAD**2
+    return (by_rate * command[:, 2] + by_lateral * command[:, 1]) / (by_rate + by_lateral * speed)
+
+
+def consistent(acceleration: FloatArray, yaw_rate: FloatArray, speed: FloatArray) -> FloatArray:
+    """Commands (m, 3) of vehicles that move with `acceleration` [m/s2] and `yaw_rate` [rad/s], without slip."""
+    return np.column_stack([acceleration, speed * yaw_rate, yaw_rate])

@@ -1,0 +1,50 @@
+"""The policy stage: agent states and takeovers in, controls out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from litsim_msgs.msg import RunInfo
+
+from litsim_policy.conflict.messages import takeovers_from_message
+from litsim_policy.driving.registry import Policy, policy_stage
+from litsim_sim.ros.messages import agents_from_message, controls_to_message
+from litsim_sim.ros.parameters import declare
+from litsim_sim.ros.stage import StageNode, run_node
+from litsim_sim.ros.topics import AGENTS, CONTROLS, TAKEOVERS
+from litsim_sim.scenario.scenario import Scenario
+
+
+class PolicyNode(StageNode):
+    """Drives the agents that are taken over."""
+
+    stage = "policy"
+    inputs = (AGENTS, TAKEOVERS)
+    outputs = (CONTROLS,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._make = policy_stage(partial(declare, self))
+        self._run_id = ""
+        self._policy: Policy
+
+    def configure(self, info: RunInfo, scenario: Scenario) -> None:
+        """See :meth:`StageNode.configure`."""
+        self._policy, self._run_id = self._make(info.policy, scenario), info.run_id
+
+    def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
+        """See :meth:`StageNode.answer`."""
+        table = agents_from_message(inputs[AGENTS.name])
+        controls = self._policy.act(table, takeovers_from_message(inputs[TAKEOVERS.name]))
+        return [controls_to_message(controls, self._run_id)]
+
+
+def main() -> None:
+    """Entry point of ``ros2 run litsim_policy policy``."""
+    run_node(PolicyNode)
+
+
+if __name__ == "__main__":
+    main()

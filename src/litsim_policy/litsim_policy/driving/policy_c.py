@@ -1,0 +1,178 @@
+"""Policy C: a network says how the agents that are held drive, a safety layer what of it is done.
+
+The network is a small MLP, so the weights are read from a safetensors file and applied with numpy: the policy node
+needs no torch. :mod:`litsim_policy.learning.network` is the same network as torch trains it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Literal, cast
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+
+from litsim_policy.conflict.takeover import State, TakeoverTable
+from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
+from litsim_policy.driving.observation import Errand, ObservationConfig, Observer
+from litsim_policy.driving.safety import SafetyConfig, SafetyLayer
+from litsim_policy.driving.yield_policy import YieldPolicy
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scenario.scenario import Scenario
+
+HIDDEN = 128
+LAYERS = ("hidden0", "hidden1", "mean")
+FORMAT = "litsim policy C, 1"
+
+
+@dataclass(frozen=True)
+class PolicyNetwork:
+    """The mean action as a function of the observation: two hidden layers, tanh throughout.
+
+    Attributes:
+        weights: (inputs, outputs) of each layer.
+        biases: (outputs,) of each layer.
+        observation: what the network was trained to see.
+    """
+
+    weights: tuple[FloatArray, ...]
+    biases: tuple[FloatArray, ...]
+    observation: ObservationConfig
+
+    @classmethod
+    def load(cls, path: Path) -> PolicyNetwork:
+        """Read what :func:`litsim_policy.learning.network.save` has written.
+
+        Raises:
+            InputError: the file is missing, damaged, or holds another network than this version drives with.
+        """
+        if not path.is_file():
+            raise InputError(f"{path}: no such weights of policy C")
+        try:
+            with safe_open(str(path), framework="numpy") as file:
+                metadata = dict(file.metadata() or {})
+                tensors = {name: file.get_tensor(name).astype(np.float64) for name in file.keys()}  # noqa: SIM118
+        except (SafetensorError, OSError, ValueError, TypeError) as error:
+            raise InputError(f"{path}: not a readable safetensors file: {error}") from error
+        if metadata.get("format") != FORMAT:
+            raise InputError(f"{path}: metadata format is {metadata.get('format')!r}, expected {FORMAT!r}")
+        observation = _observation(metadata, path)
+        sizes = (observation.size, HIDDEN, HIDDEN, len(ACTIONS))
+        expected: dict[str, tuple[int, ...]] = {
+            f"{layer}.weight": (sizes[i + 1], sizes[i]) for i, layer in enumerate(LAYERS)
+        }
+        expected |= {f"{layer}.bias": (sizes[i + 1],) for i, layer in enumerate(LAYERS)}
+        found = {name: tensor.shape for name, tensor in tensors.items()}
+        for name, shape in expected.items():
+            if found.get(name) != shape:
+                raise InputError(f"{path}: tensor {name} has shape {found.get(name, 'none')}, expected {shape}")
+            if not np.isfinite(tensors[name]).all():
+                raise InputError(f"{path}: tensor {name} holds non-finite numbers, expected finite ones")
+        weights = tuple(np.ascontiguousarray(tensors[f"{layer}.weight"].T) for layer in LAYERS)
+        return cls(weights, tuple(tensors[f"{layer}.bias"] for layer in LAYERS), observation)
+
+    def mean(self, observation: FloatArray) -> FloatArray:
+        """Mean actions (m, 3) in [-1, 1] for observations (m, size)."""
+        values = observation
+        for weight, bias in zip(self.weights, self.biases, strict=True):
+            # one row at a time: the blocking of a matrix product must not let agents change each other's last bits
+            values = np.tanh(np.array([row @ weight for row in values]).reshape(-1, weight.shape[1]) + bias)
+        return values
+
+
+def shipped_weights() -> Path:
+    """The weights that come with this package."""
+    return Path(str(resources.files("litsim_policy").joinpath("weights/policy_c.safetensors")))
+
+
+@dataclass(frozen=True)
+class PolicyCConfig:
+    """Parameters of :class:`PolicyC`.
+
+    Attributes:
+        weights: file of the network, as ``litsim_policy train`` writes it; empty for the one that comes with LitSim.
+        safety: limits and guards.
+    """
+
+    weights: str = ""
+    safety: SafetyConfig = SafetyConfig()
+
+    def network(self) -> PolicyNetwork:
+        """The network that `weights` says.
+
+        Raises:
+            InputError: it cannot be used.
+        """
+        return PolicyNetwork.load(Path(self.weights) if self.weights else shipped_weights())
+
+
+class Driver:
+    """The network and the layer, without anything of a run."""
+
+    def __init__(self, lane_map: LaneMap, network: PolicyNetwork, safety: SafetyConfig | None = None) -> None:
+        self.observer = Observer(lane_map, network.observation)
+        self.safety = SafetyLayer(lane_map, safety)
+        self._network = network
+
+    def drive(self, table: AgentTable, errands: list[Errand]) -> ControlTable:
+        """Controls of the agents with `errands`, whose ids ascend."""
+        if not errands:
+            return ControlTable.empty(table.step)
+        return command(table, errands, self._network.mean(self.observer.observe(table, errands)), self.safety)
+
+
+def command(table: AgentTable, errands: list[Errand], action: FloatArray, safety: SafetyLayer) -> ControlTable:
+    """Controls of agents from actions (m, 3) in [-1, 1]: what training and driving have in common."""
+    ids = np.array([errand.agent for errand in errands], np.int64)
+    speed = table.speed[table.rows(ids)]
+    wanted = physical(action)
+    safe = safety.apply(table, errands, wanted[:, 0], executed_yaw_rate(wanted, speed))
+    source = np.where(safe.guarded, ControlSource.GUARDED, ControlSource.POLICY).astype(np.uint8)
+    return ControlTable(table.step, ids, safe.acceleration, speed * safe.yaw_rate, safe.yaw_rate, source)
+
+
+class PolicyC:
+    """The policy called `litsim`: the network drives whoever is held, `handback` whoever goes back to the log."""
+
+    def __init__(
+        self, scenario: Scenario, network: PolicyNetwork, handback: YieldPolicy, safety: SafetyConfig | None = None
+    ) -> None:
+        self.driver = Driver(scenario.lane_map, network, safety)
+        self._handback = handback
+
+    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
+        """Controls of every agent that is held or handed back."""
+        held = [t for t in takeovers.takeovers if t.state == State.HELD]
+        others = tuple(t for t in takeovers.takeovers if t.state != State.HELD)
+        driven = self.driver.drive(table, [Errand.of(t) for t in held])
+        returning = self._handback.act(table, TakeoverTable(takeovers.step, others))
+        return merged(driven, returning)
+
+
+def merged(first: ControlTable, second: ControlTable) -> ControlTable:
+    """Controls of both, ids ascending; no agent is in both."""
+    order = np.argsort(np.concatenate([first.id, second.id]), kind="stable")
+
+    def both(field: str) -> np.ndarray:
+        return np.asarray(np.concatenate([getattr(first, field), getattr(second, field)])[order])
+
+    fields = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source")
+    return ControlTable(first.step, **{field: both(field) for field in fields})
+
+
+def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
+    """The observation that a file's metadata names."""
+    arrange, slots, sight = (metadata.get(f"observation.{field}", "") for field in ("arrange", "slots", "sight"))
+    try:
+        if arrange in ("sector", "distance"):
+            return ObservationConfig(cast(Literal["sector", "distance"], arrange), int(slots), float(sight))
+    except ValueError:
+        pass
+    raise InputError(
+        f"{path}: metadata observation is {arrange!r}, {slots!r}, {sight!r}, expected sector or distance, a number of "
+        f"slots and a sight in metres"
+    )

@@ -1,0 +1,49 @@
+"""Policies by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from litsim_policy.conflict.takeover import TakeoverTable
+from litsim_policy.driving.handback import HandbackConfig
+from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
+from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import Read
+from litsim_sim.core.scene import AgentTable, ControlTable
+from litsim_sim.scenario.scenario import Scenario
+
+
+class Policy(Protocol):
+    """Called once a step, in order."""
+
+    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
+        """Controls of the agents that are off their log."""
+
+
+def make_policy(
+    name: str,
+    scenario: Scenario,
+    config: YieldConfig | None = None,
+    handback: HandbackConfig | None = None,
+    policy_c: PolicyCConfig | None = None,
+) -> Policy:
+    """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules.
+
+    Raises:
+        InputError: there is none of that name, or its weights cannot be used.
+    """
+    if name not in ("litsim", "yield"):
+        raise InputError(f"policy: {name!r} is unknown, expected litsim or yield")
+    rules = YieldPolicy(scenario, config or YieldConfig(), handback or HandbackConfig())
+    if name == "yield":
+        return rules
+    policy_c = policy_c or PolicyCConfig()
+    return PolicyC(scenario, policy_c.network(), rules, policy_c.safety)
+
+
+def policy_stage(read: Read) -> Callable[[str, Scenario], Policy]:
+    """Read the parameters of the policy stage; what is returned builds the policy of a name once the run is known."""
+    rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
+    return lambda name, scenario: make_policy(name, scenario, rules, handback, policy_c)

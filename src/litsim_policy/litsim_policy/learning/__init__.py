@@ -1,0 +1,1 @@
+"""Training of policy C: environment, reward, critic, PPO."""

@@ -1,0 +1,108 @@
+"""The critic: tells what human drivers did from what the policy does, and so rewards the policy for doing the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from litsim_policy.driving.action import ACTIONS
+from litsim_policy.learning.network import multilayer
+
+
+@dataclass(frozen=True)
+class CriticConfig:
+    """How the critic learns.
+
+    Attributes:
+        learning_rate: of Adam.
+        gradient_penalty: weight; pulls the norm of the gradient between expert and policy to 1 (Gulrajani 2017).
+        updates: steps of the optimiser per iteration.
+        batch: pairs of each side in a step.
+        noise: standard deviation added to all inputs: recorded accelerations jitter, and a critic that may look for
+            that learns nothing else.
+        reward_limit: the reward is cut to +- this.
+    """
+
+    learning_rate: float = 3e-4
+    gradient_penalty: float = 2.0
+    updates: int = 20
+    batch: int = 256
+    noise: float = 0.1
+    reward_limit: float = 3.0
+
+
+class Critic(nn.Module):
+    """A logit for observation and executed action: positive where it takes the driver for human."""
+
+    def __init__(self, observations: int) -> None:
+        super().__init__()
+        self.body = multilayer(observations + len(ACTIONS), 1)
+
+    def forward(self, pairs: Tensor) -> Tensor:
+        """Logits (m,) of observations and actions side by side (m, observations + 3)."""
+        logits: Tensor = self.body(pairs)[:, 0]
+        return logits
+
+    def reward(self, pairs: Tensor, limit: float) -> Tensor:
+        """(m,) log D - log(1 - D), which is the logit itself, cut to +-`limit`.
+
+        It has both signs: a reward that is always positive pays for staying in control, one that is always negative
+        for ending the episode, whatever the driving is like (Kostrikov 2019).
+        """
+        with torch.no_grad():
+            return torch.clamp(self(pairs), -limit, limit)
+
+
+@dataclass(frozen=True)
+class CriticStep:
+    """What an update found.
+
+    Attributes:
+        loss: mean over the updates, penalty included.
+        accuracy: share of both sides that was told right.
+    """
+
+    loss: float
+    accuracy: float
+
+
+def update_critic(
+    critic: Critic,
+    optimiser: torch.optim.Optimizer,
+    expert: Tensor,
+    policy: Tensor,
+    config: CriticConfig,
+    generator: torch.Generator,
+) -> CriticStep:
+    """Some steps of logistic regression with gradient penalty on expert and policy pairs (m, observations + 3)."""
+    entropy = nn.functional.binary_cross_entropy_with_logits
+    losses, right = 0.0, 0.0
+    for _ in range(config.updates):
+        real, made = (
+            _jittered(side[torch.randint(len(side), (config.batch,), generator=generator)], config.noise, generator)
+            for side in (expert, policy)
+        )
+        real_logits, made_logits = critic(real), critic(made)
+        loss = entropy(real_logits, torch.ones_like(real_logits)) + entropy(made_logits, torch.zeros_like(made_logits))
+        loss = loss + config.gradient_penalty * gradient_penalty(critic, real, made, generator)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses += float(loss.detach())
+        right += 0.5 * float((real_logits > 0).float().mean() + (made_logits <= 0).float().mean())
+    return CriticStep(losses / config.updates, right / config.updates)
+
+
+def gradient_penalty(critic: Critic, real: Tensor, made: Tensor, generator: torch.Generator) -> Tensor:
+    """Mean squared distance from 1 of the critic's gradient norm at random points between the two sides."""
+    share = torch.rand((len(real), 1), generator=generator)
+    between = (share * real + (1.0 - share) * made).detach().requires_grad_()
+    (slope,) = torch.autograd.grad(critic(between).sum(), between, create_graph=True)
+    penalty: Tensor = ((slope.norm(dim=1) - 1.0) ** 2).mean()
+    return penalty
+
+
+def _jittered(pairs: Tensor, noise: float, generator: torch.Generator) -> Tensor:
+    return pairs + noise * torch.randn(pairs.shape, generator=generator)

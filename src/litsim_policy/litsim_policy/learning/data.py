@@ -1,0 +1,133 @@
+"""What policy C is trained and validated on: generated segments, and real windows that nothing is reported on."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.segments import Manifest
+from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario
+
+REPORTED = (316, 543)
+"""Frames of us101_0750 that results are reported on; nothing may be learned from them."""
+
+REAL_FILE = "ngsim/us101_0750_frames_0126_1149.parquet"
+REAL_HISTORY_S = 1.1  # [s]: the windows are short; it is what the predictors need
+REAL_STAYS = 30  # steps after the history for which an ego has to be there
+
+
+class Generated(BaseModel):
+    """Traffic from `data synthesize`.
+
+    Attributes:
+        net: packaged net.
+        segments: of 28 s; the manifest's split says which train and which validate.
+        seed: not that of scenario demo, nor of segments that results are reported on.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    net: str
+    segments: int = Field(gt=0)
+    seed: int = Field(ge=0)
+
+
+class RealWindow(BaseModel):
+    """A window of US-101 with all its vehicles.
+
+    Attributes:
+        frames: first and last.
+        local_y_m: stretch of road [m].
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    frames: tuple[int, int]
+    local_y_m: tuple[float, float]
+
+    @model_validator(mode="after")
+    def _is_not_reported(self) -> RealWindow:
+        if self.frames[0] <= REPORTED[1] and self.frames[1] >= REPORTED[0]:
+            raise ValueError(f"frames {self.frames} overlap {REPORTED}, which results are reported on")
+        return self
+
+
+class DataConfig(BaseModel):
+    """Where scenarios come from.
+
+    Attributes:
+        generated, real: see there.
+        real_weight: times that each real window counts when an episode draws its scenario: they are few.
+        scenarios: names or files of further ones.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    generated: tuple[Generated, ...] = ()
+    real: tuple[RealWindow, ...] = ()
+    real_weight: int = Field(1, gt=0)
+    scenarios: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """Scenarios to train and to validate on; none is in both."""
+
+    train: tuple[Scenario, ...]
+    validation: tuple[Scenario, ...]
+
+
+def prepare(config: DataConfig, folder: Path) -> TrainingData:
+    """Make or find the scenarios; what is made goes to `folder`, and is not made again.
+
+    Raises:
+        InputError: nothing to train or to validate on, or some recording cannot be used.
+    """
+    train: list[Scenario] = []
+    validation: list[Scenario] = []
+    for generated in config.generated:
+        where = folder / f"{generated.net}_{generated.seed}_{generated.segments}"
+        if not (where / "manifest.yaml").is_file():
+            from litsim_sim.traffic.segment_set import write_segment_set  # libsumo takes a moment to load
+
+            write_segment_set(generated.net, generated.segments, generated.seed, where)
+        for segment in Manifest.read(where / "manifest.yaml").segments:
+            (train if segment.part == "train" else validation).append(Scenario.load(where / f"{segment.name}.yaml"))
+    train += [_real(window, folder) for window in config.real] * config.real_weight
+    train += [Scenario.load(name) for name in config.scenarios]
+    if not train:
+        raise InputError("data: nothing to train on: expected generated, real or scenarios")
+    return TrainingData(tuple(train), tuple(validation or train))
+
+
+def _real(window: RealWindow, folder: Path) -> Scenario:
+    """A scenario on a real window; its egos are all vehicles that stay long enough."""
+    name = f"us101_{window.frames[0]}_{window.frames[1]}"
+    crop = {"frame": [float(frame) for frame in window.frames], "local_y_m": list(window.local_y_m)}
+    file = {
+        "name": name,
+        "recording": f"${{LITSIM_DATA}}/{REAL_FILE}",
+        "crop": crop,
+        "net": "us101",
+        "history_s": REAL_HISTORY_S,
+    }
+    data = os.environ.get(DATA_VARIABLE, "")
+    if not data:
+        raise InputError(f"data: field real: needs {REAL_FILE} in a folder that {DATA_VARIABLE} names; or leave it out")
+    recording = load_recording(Path(data) / REAL_FILE, crop)
+    table = recording.table
+    frames = table.groupby("vehicle_id")["frame"].agg(["min", "max"])
+    needed = int(table["frame"].min()) + round(REAL_HISTORY_S * 10) + REAL_STAYS
+    egos = frames[(frames["min"] == table["frame"].min()) & (frames["max"] >= needed)].index.tolist()
+    if not egos:
+        raise InputError(f"data: field real: no vehicle of frames {window.frames} stays for {REAL_STAYS} steps")
+    path = folder / f"{name}.yaml"
+    folder.mkdir(parents=True, exist_ok=True)
+    path.write_text(yaml.safe_dump(file | {"ego": egos[0], "egos": egos}, sort_keys=False))
+    return Scenario.load(path)

@@ -1,0 +1,276 @@
+"""The environment in which policy C is trained: the loop of the graph in this process, closed around deviating egos.
+
+Gymnasium's interface, for several agents at once that share one policy: an observation and an action have a row for
+each of `slots`, and ``info["agents"]`` says whose row it is. Dynamics, detection, life cycle of takeovers and features
+are those that the graph runs.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from litsim_policy.conflict.detection import ConflictConfig
+from litsim_policy.conflict.takeover import State, TakeoverConfig, TakeoverManager, TakeoverTable
+from litsim_policy.driving.action import consistent, normalised
+from litsim_policy.driving.observation import LIMIT, Errand, ObservationConfig, Observer, window
+from litsim_policy.driving.policy_c import command, merged
+from litsim_policy.driving.registry import make_policy
+from litsim_policy.driving.safety import LIMITS_ONLY, SafetyConfig, SafetyLayer
+from litsim_policy.ego.perturbed import PerturbedConfig
+from litsim_policy.ego.registry import Ego, make_ego
+from litsim_policy.learning.reward import Penalties, PenaltyConfig, penalties
+from litsim_policy.motion.car_following import IdmConfig
+from litsim_policy.motion.reference_path import ReferencePath, logged_path
+from litsim_predictor.models import make_predictor
+from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.world.world import World
+
+Array = np.ndarray
+NOBODY = -1
+
+
+@dataclass(frozen=True)
+class EnvironmentConfig:
+    """An episode.
+
+    Attributes:
+        steps_max: simulated steps of 0.1 s after the history; the paper has 300.
+        slots: agents under the policy at a time; further ones yield by rule.
+        drafted: agents near the ego that are put under the policy at the start, conflict or not.
+        draft_radius: [m] around the ego within which they are drawn.
+        draft_steps: for how long at most.
+        model: predictor.
+    """
+
+    steps_max: int = 300
+    slots: int = 10
+    drafted: int = 5
+    draft_radius: float = 50.0
+    draft_steps: int = 100
+    model: str = "kinematic"
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a step did to the agents that were driven; arrays (m, ...), in the order of the slots.
+
+    Attributes:
+        agents: ids.
+        following: (m, size) observations after the step; of an agent that has left the road, the last one.
+        executed: (m, 3) what the vehicle did, as actions in [-1, 1].
+        penalty: (m,) weighted, at most 0.
+        terms: what it is made of.
+        terminated: (m,) in collision or off the road.
+        driven_on: (m,) whether the agent is in a slot of the next step.
+    """
+
+    agents: IntArray
+    following: FloatArray
+    executed: FloatArray
+    penalty: FloatArray
+    terms: Penalties
+    terminated: BoolArray
+    driven_on: BoolArray
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all arrays are equal."""
+        if not isinstance(other, Outcome):
+            return NotImplemented
+        mine, theirs = (list(vars(o).values()) + list(vars(o.terms).values()) for o in (self, other))
+        return all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True) if not isinstance(a, Penalties))
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+class PolicyEnvironment(gymnasium.Env[Array, Array]):
+    """Episodes on `scenarios`, with an ego, its deviation and drafted agents drawn by the seed.
+
+    An episode is terminated when a driven agent collides or leaves the road, and truncated when its time is up. Steps
+    at which nobody is driven pass by themselves.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 - as the base class has it
+
+    def __init__(
+        self,
+        scenarios: Sequence[Scenario],
+        config: EnvironmentConfig | None = None,
+        observation: ObservationConfig | None = None,
+        penalty: PenaltyConfig | None = None,
+        safety: SafetyConfig = LIMITS_ONLY,
+    ) -> None:
+        self.config = config or EnvironmentConfig()
+        self._scenarios = list(scenarios)
+        self._observation = observation or ObservationConfig()
+        self._penalty = penalty or PenaltyConfig()
+        self._safety_config = safety
+        slots, size = self.config.slots, self._observation.size
+        self.observation_space = gymnasium.spaces.Box(-LIMIT, LIMIT, (slots, size), np.float64)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (slots, 3), np.float64)
+        self.scenario: Scenario
+        self.world: World
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """A new episode, up to the first step at which somebody is driven; `options` are not used."""
+        super().reset(seed=seed, options=options)
+        random = self.np_random
+        self.scenario = _with_ego(self._scenarios[int(random.integers(len(self._scenarios)))], random)
+        self.world = World(self.scenario)
+        self.safety = SafetyLayer(self.scenario.lane_map, self._safety_config)
+        self._guards = SafetyLayer(self.scenario.lane_map)  # they only tell
+        self._observer = Observer(self.scenario.lane_map, self._observation)
+        self._ego = drawn_ego(self.scenario, random)
+        self._predictor = make_predictor(self.config.model, self.scenario)
+        self._manager = TakeoverManager(self.scenario, ConflictConfig(), TakeoverConfig())
+        self._rule = make_policy("yield", self.scenario)
+        self._end = min(self.scenario.total_steps, self.scenario.history_steps + self.config.steps_max)
+        self._drafted: dict[int, tuple[Errand, ReferencePath]] = {}
+        self._see(self.world.reset())
+        while self._table.step < self.scenario.history_steps:
+            self._advance(ControlTable.empty(self._table.step))
+        self._draft(random)
+        self._choose()
+        self._pass_by()
+        self._seen = self._observer.observe(self._table, self._errands)
+        return self._observations(), self._info()
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Drive the agents in the slots by `action` (slots, 3) in [-1, 1].
+
+        Returns:
+            observation (slots, size), mean penalty of the driven agents, terminated, truncated, and info: `agents`
+            (slots,), -1 where a slot is empty, and `outcome`.
+        """
+        before, errands = self._table, self._errands
+        driven = np.array([errand.agent for errand in errands], np.int64)
+        wanted = np.asarray(action, np.float64)[: len(errands)]
+        guarded = command(before, errands, wanted, self._guards).source == ControlSource.GUARDED
+        controls = command(before, errands, wanted, self.safety)
+        self._advance(merged(controls, self._others_controls()))
+        self._choose()
+        outcome = self._outcome(before, driven, errands, guarded)
+        terminated = bool(outcome.terminated.any())
+        if not self._errands and not terminated:
+            self._pass_by()
+            self._seen = self._observer.observe(self._table, self._errands)
+        reward = float(outcome.penalty.mean()) if len(driven) else 0.0
+        truncated = not terminated and self._table.step >= self._end
+        return self._observations(), reward, terminated, truncated, self._info() | {"outcome": outcome}
+
+    def _see(self, table: AgentTable) -> None:
+        """Take in a new step: forecast, takeovers."""
+        self._table = table
+        self._takeovers = self._manager.update(table, self._predictor.forecast(table))
+        self._errands: list[Errand] = []
+
+    def _advance(self, controls: ControlTable) -> None:
+        self._see(self.world.step(controls, self._ego.plan(self._table)))
+
+    def _choose(self) -> None:
+        """Who is in the slots now: who is held, and who is drafted; ids ascend."""
+        table = self._table
+        if table.step >= self.scenario.history_steps + self.config.draft_steps:
+            self._drafted = {}
+        errands = {t.agent: Errand.of(t) for t in self._takeovers.takeovers if t.state == State.HELD}
+        for agent, (errand, path) in self._drafted.items():
+            row = table.row(agent)
+            if row >= 0:
+                part = window(path, float(table.x[row]), float(table.y[row]))
+                held = errands.get(agent, errand)
+                errands[agent] = Errand(agent, part, errand.goal, errand.due_step, held.opponent)
+        self._errands = [errands[agent] for agent in sorted(errands)][: self.config.slots]
+
+    def _pass_by(self) -> None:
+        """Steps at which nobody is driven."""
+        while not self._errands and self._table.step < self._end:
+            self._advance(self._others_controls())
+            self._choose()
+
+    def _others_controls(self) -> ControlTable:
+        """Of the agents that are off their log and in no slot."""
+        driven = {errand.agent for errand in self._errands}
+        others = tuple(t for t in self._takeovers.takeovers if t.agent not in driven)
+        return self._rule.act(self._table, TakeoverTable(self._table.step, others))
+
+    def _draft(self, random: np.random.Generator) -> None:
+        """Draw agents near the ego that are there for another second at least."""
+        table, log, step = self._table, self.scenario.log, self._table.step
+        ego = table.row(self.scenario.ego_id)
+        rows = np.searchsorted(log.ids, table.id)
+        near = np.hypot(table.x - table.x[ego], table.y - table.y[ego]) <= self.config.draft_radius
+        near &= (log.last_step[rows] > step + 10) & (table.id != self.scenario.ego_id)
+        chosen = random.permutation(table.id[near])[: self.config.drafted]
+        for agent in sorted(chosen.tolist()):
+            path, row = logged_path(log, self.scenario.lane_map, agent), log.row(agent)
+            due = min(step + 50, int(log.last_step[row]))
+            goal = np.array([log.x[row, due], log.y[row, due]])
+            self._drafted[agent] = (Errand(agent, path, goal, due), path)
+
+    def _outcome(self, before: AgentTable, driven: IntArray, errands: list[Errand], guarded: BoolArray) -> Outcome:
+        """What the step from `before` to now did to the agents that were `driven`, some by commands to be `guarded`."""
+        after = self._table
+        rows = after.rows(driven)
+        here = rows >= 0
+        now = {errand.agent: errand for errand in self._errands}
+        left = [e for e, is_here in zip(errands, here.tolist(), strict=True) if is_here and e.agent not in now]
+        seen = self._observer.observe(after, [*self._errands, *left])
+        following = self._seen
+        at = {errand.agent: k for k, errand in enumerate([*self._errands, *left])}
+        following[here] = seen[[at[agent] for agent in driven[here].tolist()]]
+        self._seen = seen[: len(self._errands)]
+        executed = np.zeros((len(driven), 3))
+        speed = 0.5 * (after.speed[rows] + before.speed[before.rows(driven)])
+        moved = normalised(consistent(after.acceleration[rows], after.yaw_rate[rows], speed))
+        executed[here] = moved[here]
+        terms = penalties(before, after, driven[here], self.scenario.lane_map, guarded[here])
+        penalty, terminated = np.zeros(len(driven)), np.zeros(len(driven), np.bool_)
+        penalty[here], terminated[here] = terms.total(self._penalty), terms.collision | terms.off_road
+        driven_on = here & np.isin(driven, list(now)) & (after.step < self._end) & ~terminated.any()
+        return Outcome(driven, following, executed, penalty, terms, terminated, driven_on)
+
+    def _observations(self) -> Array:
+        """(slots, size) of who is in the slots now."""
+        observation = np.zeros(self.observation_space.shape or ())
+        observation[: len(self._errands)] = self._seen
+        return observation
+
+    def _info(self) -> dict[str, Any]:
+        agents = np.full(self.config.slots, NOBODY, np.int64)
+        agents[: len(self._errands)] = [errand.agent for errand in self._errands]
+        return {"agents": agents, "step": self._table.step, "scenario": self.scenario.name}
+
+
+def drawn_ego(scenario: Scenario, random: np.random.Generator) -> Ego:
+    """An ego that deviates from its log: by IDM with other parameters than its own driver's, or perturbed."""
+    if random.random() < 0.5:
+        row = scenario.log.row(scenario.ego_id)
+        speed = float(scenario.log.speed[row][scenario.log.valid[row]].mean())
+        idm = IdmConfig(
+            desired_speed=max(3.0, speed * float(random.uniform(0.6, 1.3))),
+            headway=float(random.uniform(0.6, 1.8)),
+            standstill_gap=float(random.uniform(1.0, 3.0)),
+            acceleration=float(random.uniform(0.8, 2.0)),
+        )
+        return make_ego("idm", scenario, idm)
+    perturbed = PerturbedConfig(
+        time=(0.0, 8.0),
+        deceleration=float(random.uniform(1.5, 6.0)),
+        duration=float(random.uniform(0.5, 4.0)),
+        lane_change_time=float(random.uniform(2.0, 5.0)),
+    )
+    return make_ego("perturbed", scenario, perturbed=perturbed)
+
+
+def _with_ego(scenario: Scenario, random: np.random.Generator) -> Scenario:
+    """The same scenario around one of its egos, with another seed; recording, log and lane map are shared."""
+    other = copy.copy(scenario)
+    drawn = {"ego": int(random.choice(scenario.egos)), "seed": int(random.integers(2**31))}
+    other.file = scenario.file.model_copy(update=drawn)
+    return other

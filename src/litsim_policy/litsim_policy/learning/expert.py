@@ -1,0 +1,150 @@
+"""What human drivers did: observations and actions of recorded vehicles that interact, for warm start and critic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from litsim_policy.driving.action import consistent, normalised
+from litsim_policy.driving.observation import Errand, ObservationConfig, Observer, window
+from litsim_policy.motion.reference_path import logged_path, pursuit_yaw_rate
+from litsim_sim.core.geometry import to_body
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class ExpertConfig:
+    """Which pairs are taken.
+
+    Attributes:
+        every: steps between the pairs of a vehicle.
+        ahead, beside: [m] within which another vehicle makes it an interaction: ahead, in any direction.
+        speed_min: [m/s]; who stands shows nothing of steering.
+        smooth: steps over which motion is averaged: recorded accelerations jitter from frame to frame.
+        goal_steps: lowest and highest number of steps to the place that is taken for the goal.
+        goal_jitter: [s] standard deviation of the time by which the goal is said to be due; without it the goal would
+            tell the speed that was driven.
+        offset, turn: [m], [rad] standard deviations by which vehicles are displaced for pairs that show how to come
+            back to the path; only the warm start learns from those.
+    """
+
+    every: int = 5
+    ahead: float = 50.0
+    beside: float = 12.0
+    speed_min: float = 0.5
+    smooth: int = 3
+    goal_steps: tuple[int, int] = (5, 50)
+    goal_jitter: float = 1.0
+    offset: float = 0.4
+    turn: float = 0.03
+
+
+@dataclass(frozen=True)
+class ExpertPairs:
+    """n pairs.
+
+    Attributes:
+        observation: (n, size).
+        action: (n, 3) in [-1, 1].
+        displaced: (n, size) observations of the same moments with the vehicle displaced.
+        correction: (n, 3) actions that lead from there back to the path.
+    """
+
+    observation: FloatArray
+    action: FloatArray
+    displaced: FloatArray
+    correction: FloatArray
+
+
+def expert_pairs(
+    scenarios: Sequence[Scenario], observation: ObservationConfig, config: ExpertConfig, random: np.random.Generator
+) -> ExpertPairs:
+    """Pairs of all vehicles of `scenarios`, the egos included: nobody deviates in a recording.
+
+    Actions are inverse dynamics: what the bicycle would have been told to move as recorded over the next steps.
+    """
+    found = [_of_scenario(scenario, observation, config, random) for scenario in scenarios]
+    joined = [np.concatenate([getattr(f, name) for f in found]) for name in vars(found[0])]
+    return ExpertPairs(*joined)
+
+
+def _of_scenario(
+    scenario: Scenario, observation: ObservationConfig, config: ExpertConfig, random: np.random.Generator
+) -> ExpertPairs:
+    log, observer = scenario.log, Observer(scenario.lane_map, observation)
+    paths = {}
+    seen, done, moved, back = [], [], [], []
+    for step in range(0, log.steps - config.goal_steps[0], config.every):
+        table = log.table(step)
+        rows = np.searchsorted(log.ids, table.id)
+        stays = log.last_step[rows] - step >= max(config.goal_steps[0], config.smooth)
+        chosen = np.flatnonzero(stays & _interacts(table, config))
+        if not len(chosen):
+            continue
+        errands = []
+        for row in chosen.tolist():
+            agent = int(table.id[row])
+            if agent not in paths:
+                paths[agent] = logged_path(log, scenario.lane_map, agent)
+            path = window(paths[agent], float(table.x[row]), float(table.y[row]))
+            at = int(random.integers(config.goal_steps[0], config.goal_steps[1] + 1))
+            due = min(step + at, int(log.last_step[rows[row]]))
+            goal = np.array([log.x[rows[row], due], log.y[rows[row], due]])
+            late = round(float(random.normal(0.0, config.goal_jitter)) / STEP_S)
+            errands.append(Errand(agent, path, goal, due + late, _opponent(table, row)))
+        acceleration, yaw_rate = _inverse_dynamics(log, rows[chosen], step, config.smooth)
+        speed = table.speed[chosen]
+        seen.append(observer.observe(table, errands))
+        done.append(normalised(consistent(acceleration, yaw_rate, speed)))
+        pushed, steering = _displaced(table, chosen, errands, config, random)
+        moved.append(np.concatenate([observer.observe(t, [e]) for t, e in zip(pushed, errands, strict=True)]))
+        back.append(normalised(consistent(acceleration, steering, speed)))
+    size = observation.size
+    if not seen:
+        return ExpertPairs(np.empty((0, size)), np.empty((0, 3)), np.empty((0, size)), np.empty((0, 3)))
+    return ExpertPairs(*(np.concatenate(parts) for parts in (seen, done, moved, back)))
+
+
+def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
+    """(n,) who moves and has somebody ahead or beside."""
+    dx, dy = table.x[None] - table.x[:, None], table.y[None] - table.y[:, None]
+    ahead, left = to_body(dx, dy, table.yaw[:, None])
+    leads = (ahead > 0) & (ahead < config.ahead) & (np.abs(left) < 0.5 * (table.width[None] + table.width[:, None]))
+    beside = (np.hypot(dx, dy) < config.beside) & ~np.eye(len(table), dtype=np.bool_)
+    return np.asarray((leads | beside).any(axis=1) & (table.speed >= config.speed_min))
+
+
+def _opponent(table: AgentTable, row: int) -> int:
+    """Whoever is nearest."""
+    distance = np.hypot(table.x - table.x[row], table.y - table.y[row])
+    distance[row] = np.inf
+    return int(table.id[np.argmin(distance)])
+
+
+def _inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tuple[FloatArray, FloatArray]:
+    """Acceleration [m/s2] and yaw rate [rad/s] (m,) that lead from `step` to where the log is `smooth` steps later."""
+    span = smooth * STEP_S
+    turn = log.yaw[rows, step + smooth] - log.yaw[rows, step]
+    turn = np.arctan2(np.sin(turn), np.cos(turn))
+    return (log.speed[rows, step + smooth] - log.speed[rows, step]) / span, turn / span
+
+
+def _displaced(
+    table: AgentTable, chosen: np.ndarray, errands: list[Errand], config: ExpertConfig, random: np.random.Generator
+) -> tuple[list[AgentTable], FloatArray]:
+    """Tables with one vehicle displaced each, and the yaw rates (m,) of a pursuit of its path from there [rad/s]."""
+    tables, steering = [], []
+    for row, errand in zip(chosen.tolist(), errands, strict=True):
+        offset, turn = random.normal(0.0, config.offset), random.normal(0.0, config.turn)
+        x, y, yaw = table.x.copy(), table.y.copy(), table.yaw.copy()
+        x[row] -= offset * np.sin(yaw[row])
+        y[row] += offset * np.cos(yaw[row])
+        yaw[row] += turn
+        tables.append(replace(table, x=x, y=y, yaw=yaw))
+        pose = (float(x[row]), float(y[row]), float(yaw[row]))
+        steering.append(pursuit_yaw_rate(errand.path, *pose, float(table.speed[row])))
+    return tables, np.array(steering)

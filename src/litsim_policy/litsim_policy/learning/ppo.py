@@ -1,0 +1,221 @@
+"""Proximal policy optimisation (Schulman 2017) with generalised advantages, on the tracks of many agents."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from litsim_policy.learning.network import GaussianPolicy
+from litsim_sim.core.scene import BoolArray, FloatArray
+
+
+@dataclass(frozen=True)
+class PpoConfig:
+    """The update; the paper gives learning rate 0.03 and batch 32.
+
+    Attributes:
+        learning_rate: of Adam.
+        batch: transitions in a step of the optimiser.
+        epochs: passes over the transitions of an iteration.
+        clip: of the probability ratio.
+        discount: per step of 0.1 s.
+        smoothing: lambda of the advantages.
+        value_weight, entropy_weight: in the loss.
+        gradient_limit: norm to which gradients are cut.
+        divergence_limit: mean Kullback-Leibler divergence from the policy that drove at which the passes end.
+        imitation_weight: of the squared error against drivers' actions, in units of their spread: keeps the policy near
+            what drivers do while it learns to avoid collisions (BC with RL, as Lu 2023 found needed for both).
+        value_first: iterations in which only the value learns; advantages by a value that knows nothing are noise.
+    """
+
+    learning_rate: float = 3e-4
+    batch: int = 256
+    epochs: int = 4
+    clip: float = 0.2
+    discount: float = 0.98
+    smoothing: float = 0.95
+    value_weight: float = 0.5
+    entropy_weight: float = 0.001
+    gradient_limit: float = 0.5
+    divergence_limit: float = 0.01
+    imitation_weight: float = 0.3
+    value_first: int = 3
+
+
+@dataclass(frozen=True)
+class Track:
+    """What one agent went through while it was under the policy; T steps.
+
+    Attributes:
+        observation: (T + 1, size), the last one after the last step.
+        raw: (T, 3) actions before tanh.
+        log_probability: (T,) of them.
+        executed: (T, 3) what the vehicle did, as actions in [-1, 1].
+        penalty: (T,) of the augmented reward, at most 0.
+        terminated: whether it ended in a collision or off the road; otherwise the agent went on in other hands, or the
+            time was up.
+    """
+
+    observation: FloatArray
+    raw: FloatArray
+    log_probability: FloatArray
+    executed: FloatArray
+    penalty: FloatArray
+    terminated: bool
+
+    def __len__(self) -> int:
+        return len(self.raw)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Transitions of an iteration; tensors (m, ...)."""
+
+    observation: Tensor
+    raw: Tensor
+    log_probability: Tensor
+    advantage: Tensor
+    target: Tensor
+
+
+@dataclass(frozen=True)
+class Demonstrations:
+    """What drivers did; the policy's mean is kept near it.
+
+    Attributes:
+        observation: (n, size).
+        action: (n, 3) in [-1, 1].
+    """
+
+    observation: Tensor
+    action: Tensor
+
+    def error(self, policy: GaussianPolicy, chosen: Tensor) -> Tensor:
+        """Mean squared error on the pairs `chosen` (m,), each action in units of its spread; a scalar."""
+        scale = self.action.std(dim=0) + 1e-3
+        said = torch.tanh(policy(self.observation[chosen]))
+        return nn.functional.mse_loss(said / scale, self.action[chosen] / scale)
+
+
+@dataclass(frozen=True)
+class PpoStep:
+    """Means over an update."""
+
+    policy_loss: float
+    value_loss: float
+    divergence: float
+    clipped: float
+
+
+def advantages(
+    reward: FloatArray, value: FloatArray, config: PpoConfig, *, terminated: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Generalised advantages (T,) and value targets (T,) of one track.
+
+    Args:
+        reward: (T,).
+        value: (T + 1,) of the observations.
+        config: discount and smoothing.
+        terminated: nothing comes after the last step; otherwise its successor's value does (time limits, hand-back).
+    """
+    following = value[1:].copy()
+    if terminated:
+        following[-1] = 0.0
+    surprise = reward + config.discount * following - value[:-1]
+    found = np.zeros(len(reward))
+    carried = 0.0
+    for t in range(len(reward) - 1, -1, -1):
+        carried = surprise[t] + config.discount * config.smoothing * carried
+        found[t] = carried
+    return found, found + value[:-1]
+
+
+def make_batch(tracks: list[Track], rewards: list[FloatArray], value: nn.Module, config: PpoConfig) -> Batch:
+    """Transitions of all tracks with their advantages, brought to mean 0 and standard deviation 1."""
+    found = []
+    with torch.no_grad():
+        for track, reward in zip(tracks, rewards, strict=True):
+            values = value(tensor(track.observation))[:, 0].double().numpy()
+            found.append(advantages(reward, values, config, terminated=track.terminated))
+    advantage = np.concatenate([a for a, _ in found])
+    advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+    return Batch(
+        tensor(np.concatenate([track.observation[:-1] for track in tracks])),
+        tensor(np.concatenate([track.raw for track in tracks])),
+        tensor(np.concatenate([track.log_probability for track in tracks])),
+        tensor(advantage),
+        tensor(np.concatenate([target for _, target in found])),
+    )
+
+
+def update_policy(
+    policy: GaussianPolicy,
+    value: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    batch: Batch,
+    config: PpoConfig,
+    generator: torch.Generator,
+    demonstrations: Demonstrations | None = None,
+    *,
+    value_only: bool = False,
+) -> PpoStep:
+    """Passes over `batch` in random order; whole minibatches, the rest of a pass is left out.
+
+    Args:
+        policy, value: to update.
+        optimiser: of the parameters of both.
+        batch: what the policy drove.
+        config: of the update.
+        generator: of the order.
+        demonstrations: what the policy is kept near.
+        value_only: leave the policy as it is.
+    """
+    parameters = [*policy.parameters(), *value.parameters()]
+    size = min(config.batch, len(batch.raw))
+    seen = []
+    for _ in range(config.epochs):
+        order = torch.randperm(len(batch.raw), generator=generator)
+        divergences = []
+        for chosen in order[: len(order) // size * size].split(size):
+            log_ratio = policy.log_probability(batch.observation[chosen], batch.raw[chosen])
+            log_ratio = log_ratio - batch.log_probability[chosen]
+            ratio = torch.exp(log_ratio)
+            advantage = batch.advantage[chosen]
+            kept = torch.clamp(ratio, 1.0 - config.clip, 1.0 + config.clip)
+            policy_loss = -torch.minimum(ratio * advantage, kept * advantage).mean()
+            value_loss = ((value(batch.observation[chosen])[:, 0] - batch.target[chosen]) ** 2).mean()
+            loss = config.value_weight * value_loss
+            if not value_only:
+                loss = loss + policy_loss - config.entropy_weight * policy.entropy()
+            if demonstrations is not None and not value_only:
+                shown = torch.randint(len(demonstrations.action), (config.batch,), generator=generator)
+                loss = loss + config.imitation_weight * demonstrations.error(policy, shown)
+            optimiser.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(parameters, config.gradient_limit)
+            optimiser.step()
+            with torch.no_grad():
+                divergence = float((ratio - 1.0 - log_ratio).mean())
+                clipped = float((torch.abs(ratio - 1.0) > config.clip).float().mean())
+            divergences.append(divergence)
+            seen.append((float(policy_loss.detach()), float(value_loss.detach()), divergence, clipped))
+        if np.mean(divergences) > config.divergence_limit:
+            break
+    return PpoStep(*np.mean(seen, axis=0).tolist())
+
+
+def executed_pairs(tracks: list[Track]) -> Tensor:
+    """Observations and executed actions side by side (m, size + 3), as the critic sees them.
+
+    Steps on which an agent touched another or left the road are among them; the state after the last step is in none.
+    """
+    rows = [np.concatenate([track.observation[:-1], track.executed], axis=1) for track in tracks]
+    return tensor(np.concatenate(rows))
+
+
+def tensor(values: np.ndarray | BoolArray) -> Tensor:
+    """float32, as the networks compute."""
+    return torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32)

@@ -1,0 +1,147 @@
+"""Reference paths: polylines in frame map that a vehicle follows, and where things are along them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from litsim_policy.motion import bezier
+from litsim_sim.core.scene import FloatArray
+from litsim_sim.maps.lane_map import Lane, LaneMap
+from litsim_sim.scenario.log import Log
+
+SPACING = 1.0  # [m] between points; recorded positions jitter at shorter distances
+LANE_LENGTH = 2000.0  # [m] of lane that a path along it covers: more than any run drives
+CHANGE_MIN = 10.0  # [m] that a change of lane takes at least, also for a vehicle that stands
+BEYOND = 300.0  # [m] by which a logged path goes on along its lane, for vehicles whose log ends
+
+
+@dataclass(frozen=True)
+class ReferencePath:
+    """A polyline with its arc length.
+
+    Attributes:
+        points: (m, 2) in frame map [m], m >= 2, no two neighbours equal.
+        s: (m,) arc length from the first point [m].
+    """
+
+    points: FloatArray
+    s: FloatArray
+
+    @classmethod
+    def through(cls, points: FloatArray) -> ReferencePath:
+        """Path through `points` (m, 2); points closer than half the spacing to their predecessor are dropped."""
+        kept = [points[0]]
+        for point in points[1:]:
+            if np.hypot(*(point - kept[-1])) >= 0.5 * SPACING:
+                kept.append(point)
+        if len(kept) < 2:
+            raise ValueError("a path needs two points that differ")
+        return cls.of(np.array(kept))
+
+    @classmethod
+    def of(cls, points: FloatArray) -> ReferencePath:
+        """Path through `points` (m, 2) as they are; no two neighbours may be equal."""
+        return cls(points, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]))
+
+    def project(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Arc length s (n,) and offset d (n,), positive to the left, of the nearest point of the path [m].
+
+        The first and last segments are prolonged, so points before or beyond the path have s < 0 or s > length.
+        """
+        start, length, unit = self._segments
+        dx, dy = x[:, None] - start[:, 0], y[:, None] - start[:, 1]
+        t = dx * unit[:, 0] + dy * unit[:, 1]
+        low, high = np.zeros(len(length)), length.copy()
+        low[0], high[-1] = -np.inf, np.inf
+        t = np.clip(t, low, high)
+        off_x, off_y = dx - t * unit[:, 0], dy - t * unit[:, 1]
+        best = np.argmin(off_x**2 + off_y**2, axis=1)
+        rows = np.arange(len(x))
+        left = unit[best, 0] * dy[rows, best] - unit[best, 1] * dx[rows, best]
+        return self.s[best] + t[rows, best], left
+
+    def point(self, s: float) -> FloatArray:
+        """(2,) point at arc length `s`, ends prolonged."""
+        if s <= 0.0:
+            return self.points[0] + s * self._segments[2][0]
+        if s >= self.s[-1]:
+            return self.points[-1] + (s - self.s[-1]) * self._segments[2][-1]
+        return np.array([np.interp(s, self.s, self.points[:, 0]), np.interp(s, self.s, self.points[:, 1])])
+
+    def heading(self, s: FloatArray) -> FloatArray:
+        """(n,) direction of the path at arc lengths `s` (n,) [rad]."""
+        at = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        unit = self._segments[2][at]
+        return np.arctan2(unit[:, 1], unit[:, 0])
+
+    def followed_by(self, other: ReferencePath) -> ReferencePath:
+        """This path, and from its end on `other`, onto which it leads."""
+        s, _ = other.project(self.points[-1:, 0], self.points[-1:, 1])
+        return ReferencePath.of(np.concatenate([self.points, other.points[other.s > s[0] + 0.5 * SPACING]]))
+
+    @cached_property
+    def _segments(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Start (m - 1, 2), length (m - 1,) and direction (m - 1, 2) of the segments."""
+        length = np.diff(self.s)
+        return self.points[:-1], length, np.diff(self.points, axis=0) / length[:, None]
+
+
+def logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
+    """Where `agent` went in the recording, and then on along its last lane."""
+    row = int(np.searchsorted(log.ids, agent))
+    valid = log.valid[row]
+    points = np.column_stack([log.x[row][valid], log.y[row][valid]])
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    marks = np.arange(0.0, travelled[-1], SPACING)
+    steps = np.interp(marks, travelled, np.arange(len(points)))
+    smooth = np.column_stack([np.interp(steps, np.arange(len(points)), points[:, i]) for i in (0, 1)])
+    beyond = onto_lane(lane_map, points[-1], float(log.yaw[row][valid][-1]))
+    return ReferencePath.through(np.concatenate([smooth, points[-1:], beyond]))
+
+
+def onto_lane(lane_map: LaneMap, end: FloatArray, yaw: float) -> FloatArray:
+    """How a path that ends at `end` (2,) with heading `yaw` goes on: points (m, 2) that lead onto the centre line."""
+    at = lane_map.nearest(end[:1], end[1:], np.array([yaw]))
+    beyond = lane_map.path_from(int(at.lane[0]), float(at.s[0]) + 3.0 * SPACING, BEYOND)
+    return _shifted(beyond, float(at.d[0]))
+
+
+def lane_path(lane_map: LaneMap, x: float, y: float, yaw: float, length: float = LANE_LENGTH) -> ReferencePath:
+    """The centre line of the lane at a pose, from there on."""
+    at = lane_map.nearest(np.array([x]), np.array([y]), np.array([yaw]))
+    return ReferencePath.through(lane_map.path_from(int(at.lane[0]), float(at.s[0]), length))
+
+
+def lane_change_path(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -> ReferencePath:
+    """From `pose` (3,) onto the centre line of `lane`, beside it, within `reach` [m], and on along that lane."""
+    beside, _ = ReferencePath.of(lane.centerline).project(pose[:1], pose[1:2])
+    far = max(reach, CHANGE_MIN)
+    guide = ReferencePath.through(lane_map.path_from(lane_map.row(lane.id), float(beside[0]), far + LANE_LENGTH))
+    end = np.array([*guide.point(far), guide.heading(np.array([far]))[0]])
+    curve = bezier.points(bezier.between(pose, end), SPACING)
+    return ReferencePath.through(np.concatenate([curve, guide.points[guide.s > far + 0.5 * SPACING]]))
+
+
+def _shifted(points: FloatArray, left: float) -> FloatArray:
+    """A polyline moved to the left, the shift fading out in proportion to the arc length: points lie unevenly."""
+    travelled = ReferencePath.of(points).s
+    direction = np.gradient(points, axis=0)
+    direction /= np.hypot(direction[:, 0], direction[:, 1])[:, None]
+    normal = np.column_stack([-direction[:, 1], direction[:, 0]])
+    return points + (left * (1.0 - travelled / travelled[-1]))[:, None] * normal
+
+
+def pursuit_reach(speed: float) -> float:
+    """Distance [m] to the point that is pursued at `speed` [m/s]: a second ahead, but at least 4 m."""
+    return max(4.0, speed)
+
+
+def pursuit_yaw_rate(path: ReferencePath, x: float, y: float, yaw: float, speed: float) -> float:
+    """Yaw rate [rad/s] of a pure pursuit of `path` (Coulter 1992) from a pose, at `speed` [m/s]."""
+    s, _ = path.project(np.array([x]), np.array([y]))
+    target = path.point(float(s[0]) + pursuit_reach(speed))
+    bearing = np.arctan2(target[1] - y, target[0] - x) - yaw
+    return float(2.0 * speed * np.sin(bearing) / np.hypot(target[0] - x, target[1] - y))

@@ -1,0 +1,140 @@
+"""The way of an agent that is taken over to its goal: a graph search on the lanes, then Bezier curves along them."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from functools import cached_property
+from itertools import groupby, pairwise
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from litsim_policy.motion import bezier
+from litsim_policy.motion.reference_path import SPACING, ReferencePath
+from litsim_sim.core.dynamics import VehicleLimits
+from litsim_sim.core.scene import FloatArray
+from litsim_sim.maps.lane_map import LaneMap
+
+CHANGE_COST = 20.0  # [m] of way that a change of lane is worth
+CHANGE_LENGTH = 60.0  # [m] of road that a change of lane takes at most
+KNOT_SPACING = 15.0  # [m] between poses on a centre line that the curves pass through
+KNOT_MIN = 6.0  # [m] a curve shorter than this may have to bend too much
+DETOUR = 2.0  # times the straight distance that a way may be long, beyond CHANGE_LENGTH
+MERGE_TIME = 2.0  # [s] within which the agent is to be on the centre line
+MERGE_SHARES = (1.0, 0.5, 1.5, 2.5, 4.0)  # of that, tried in this order
+
+
+class PathSource(IntEnum):
+    """How a reference path came about, numbered as in ``litsim_msgs/Takeover``."""
+
+    ROUTE = 0
+    LOGGED = 1
+
+
+class Router:
+    """Finds ways on a lane map.
+
+    The graph's nodes are lanes. A lane leads to its successors, lanes inside junctions included, as the net's
+    connections say, at the cost of its length; and to its neighbours in the same edge, at CHANGE_COST.
+    """
+
+    def __init__(self, lane_map: LaneMap, limits: VehicleLimits | None = None) -> None:
+        self._lanes = lane_map
+        self._curvature_max = (limits or VehicleLimits()).curvature_max
+
+    def lanes_between(self, start: int, goal: int) -> list[int] | None:
+        """Positions in `LaneMap.lanes` of the lanes of the shortest way, both ends included; None where there is none.
+
+        Args:
+            start, goal: positions of the first and the last lane.
+        """
+        if start == goal:
+            return [start]
+        cost, before = dijkstra(self._graph, indices=start, return_predecessors=True)
+        if not np.isfinite(cost[goal]):
+            return None
+        way = [goal]
+        while way[-1] != start:
+            way.append(int(before[way[-1]]))
+        return way[::-1]
+
+    def path(self, pose: FloatArray, speed: float, goal: FloatArray) -> ReferencePath | None:
+        """Path from `pose` to `goal`, both (3,) x, y [m], yaw [rad] in frame map; None where none can be driven.
+
+        It starts at the pose and tangent to it, ends at the goal's position and tangent to the lane there, turns no
+        tighter than the vehicle limits allow, and stays on the road if it starts there. In between it follows the
+        centre lines of the lanes of :meth:`lanes_between`, which it reaches within about MERGE_TIME.
+
+        Args:
+            pose: of the agent now.
+            speed: of the agent [m/s], which decides how soon it is to be on the centre line.
+            goal: of the agent when it reaches the goal; only its lane is looked up by the yaw.
+        """
+        ends = np.stack([pose, goal])
+        at = self._lanes.nearest(ends[:, 0], ends[:, 1], ends[:, 2])
+        way = self.lanes_between(int(at.lane[0]), int(at.lane[1]))
+        if way is None or (len(way) == 1 and at.s[1] <= at.s[0]):
+            return None
+        knots = self._knots(way, float(at.s[0]), float(at.s[1]))
+        last = np.array([goal[0], goal[1], at.heading[1]])
+        straight = float(np.hypot(*(goal[:2] - pose[:2])))
+        if straight < SPACING or _length(knots) > DETOUR * straight + CHANGE_LENGTH:
+            return None
+        on_road = bool(self._lanes.inside_road(pose[:1], pose[1:2])[0])
+        for share in MERGE_SHARES:
+            poses = _thinned(pose, knots, last, merge=max(KNOT_MIN, share * max(KNOT_MIN, MERGE_TIME * speed)))
+            curves = [bezier.between(a, b) for a, b in pairwise(poses)]
+            if max(bezier.curvature_max(curve) for curve in curves) > self._curvature_max:
+                continue
+            parts = [bezier.points(curve, SPACING) for curve in curves]
+            found = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+            if not on_road or self._lanes.inside_road(found[:, 0], found[:, 1]).all():
+                return ReferencePath.of(found)
+        return None
+
+    def _knots(self, way: list[int], s_start: float, s_goal: float) -> FloatArray:
+        """Poses (k, 3) on the centre lines of `way` between the start and the goal, both excluded."""
+        lanes, knots = self._lanes.lanes, []
+        groups = [list(group) for _, group in groupby(way, key=lambda row: lanes[row].edge_id)]
+        for number, group in enumerate(groups):
+            begin = s_start if number == 0 else 0.0
+            end = s_goal if number == len(groups) - 1 else lanes[group[-1]].length
+            if len(group) > 1:
+                begin = min(begin + CHANGE_LENGTH, end)
+            count = max(1, int(np.ceil((end - begin) / KNOT_SPACING)))
+            s = np.linspace(begin, end, count + 1)[1 if number == 0 and len(group) == 1 else 0 :]
+            knots.append(np.stack(self._lanes.pose_at(group[-1], s), axis=-1))
+        return np.concatenate(knots)
+
+    @cached_property
+    def _graph(self) -> csr_array:
+        lanes = self._lanes.lanes
+        links = [
+            (row, self._lanes.row(name), lane.length) for row, lane in enumerate(lanes) for name in lane.successors
+        ]
+        links += [
+            (row, self._lanes.row(name), CHANGE_COST)
+            for row, lane in enumerate(lanes)
+            for name in (lane.left, lane.right)
+            if name is not None
+        ]
+        if not links:
+            return csr_array((len(lanes), len(lanes)))
+        begin, end, cost = (np.array(column) for column in zip(*links, strict=True))
+        return csr_array((np.maximum(cost, 1e-3), (begin, end)), shape=(len(lanes), len(lanes)))
+
+
+def _thinned(start: FloatArray, knots: FloatArray, last: FloatArray, merge: float) -> FloatArray:
+    """`start`, the knots that are farther than `merge` [m] from it and not too close to each other, and `last`."""
+    kept = [start]
+    for knot in knots:
+        ahead = (knot[:2] - start[:2]) @ np.array([np.cos(start[2]), np.sin(start[2])])
+        free = np.hypot(*(knot[:2] - kept[-1][:2])) >= KNOT_MIN and np.hypot(*(last[:2] - knot[:2])) >= KNOT_MIN
+        if free and (len(kept) > 1 or np.hypot(*(knot[:2] - start[:2])) >= merge) and (len(kept) > 1 or ahead > 0):
+            kept.append(knot)
+    return np.array([*kept, last])
+
+
+def _length(knots: FloatArray) -> float:
+    return float(np.hypot(*np.diff(knots[:, :2], axis=0).T).sum()) if len(knots) > 1 else 0.0

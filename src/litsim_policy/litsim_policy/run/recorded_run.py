@@ -1,0 +1,152 @@
+"""A recorded run as it is needed to run it, or a stage of it, again: messages, scenario, parameters."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from litsim_msgs.msg import StageStatus
+from rclpy.serialization import deserialize_message
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import Given
+from litsim_sim.io.yaml_input import parse_yaml
+from litsim_sim.record.bag import BagReader
+from litsim_sim.record.run import NET_FILE, RECORDING_FILE, SCENARIO_FILE
+from litsim_sim.ros.definitions import type_hash, type_name
+from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_APPLIED, EGO_CONTROL, FORECASTS, RUN_INFO, STATUS, TAKEOVERS
+from litsim_sim.scenario.run_info import versions
+from litsim_sim.scenario.scenario import Scenario, ScenarioFile
+
+ATTACHED = {"recording": RECORDING_FILE, "net": NET_FILE}
+"""Field of the scenario, and the attachment that takes its place."""
+
+PER_STEP = (AGENTS, FORECASTS, TAKEOVERS, CONTROLS, EGO_CONTROL)
+
+
+@dataclass(frozen=True)
+class Record:
+    """A recorded run that can be run again.
+
+    Attributes:
+        path: of the MCAP file.
+        info: the recorded ``RunInfo``.
+        scenario: rebuilt from the attachments.
+        messages: by topic and step; of a step that comes twice, the first.
+        parameters: of each stage that has told them, flat, by name.
+        notes: what keeps a re-run from coming out equal, or may.
+    """
+
+    path: Path
+    info: Any
+    scenario: Scenario
+    messages: dict[str, dict[int, Any]]
+    parameters: dict[str, dict[str, Any]]
+    notes: list[str] = field(default_factory=list)
+
+    def read(self, stage: str) -> Given:
+        """What the stage has told of its parameters."""
+        return Given(stage, self.parameters.get(stage, {}))
+
+
+@contextmanager
+def open_record(bag: Path) -> Iterator[Record]:
+    """Read a bag; its scenario lies in a temporary folder meanwhile.
+
+    Raises:
+        InputError: not a bag, no LitSim run, no attachments to build the scenario from, or messages of another version.
+    """
+    reader = BagReader(bag)
+    found = _decoded(reader)
+    info = found[RUN_INFO.name].get(0)
+    if info is None:
+        raise InputError(f"{reader.path}: no LitSim run: no message on {RUN_INFO.name}")
+    with tempfile.TemporaryDirectory(prefix="litsim-rerun-") as folder:
+        record = Record(
+            reader.path,
+            info,
+            _scenario(reader, Path(folder)),
+            found,
+            _parameters(info, found[STATUS.name]),
+        )
+        _note(record, reader)
+        yield record
+
+
+def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
+    """Messages by topic and step; run information as step 0, stage states numbered as they come."""
+    wanted = {topic.name: topic for topic in (RUN_INFO, STATUS, *PER_STEP, EGO_APPLIED)}
+    for name, topic in wanted.items():
+        here, there = type_hash(type_name(topic.type)), reader.topics[name].type_hash if name in reader.topics else ""
+        if here and there and here != there:
+            raise InputError(f"{reader.path}: {name} was recorded with another version of {type_name(topic.type)}")
+    found: dict[str, dict[int, Any]] = {name: {} for name in wanted}
+    for message in reader.messages(wanted):
+        decoded, kept = deserialize_message(message.data, wanted[message.topic].type), found[message.topic]
+        info = found[RUN_INFO.name].get(0)
+        if message.topic in (RUN_INFO.name, STATUS.name):
+            kept.setdefault(0 if message.topic == RUN_INFO.name else len(kept), decoded)
+        elif info is None or decoded.run_id == info.run_id:
+            kept.setdefault(decoded.step, decoded)
+    if applied := found.pop(EGO_APPLIED.name):  # of an external ego counts what the bridge made of its answers
+        found[EGO_CONTROL.name] = applied
+    return found
+
+
+def _scenario(reader: BagReader, folder: Path) -> Scenario:
+    """The scenario with recording and net from the bag; the recording is cropped already."""
+    lacking = [name for name in (SCENARIO_FILE, *ATTACHED.values()) if name not in reader.attachments]
+    if lacking:
+        raise InputError(f"{reader.path}: cannot be run again without attachment {', '.join(lacking)}")
+    for name in ATTACHED.values():
+        (folder / name).write_bytes(reader.attachments[name])
+    where = f"{reader.path}: attachment {SCENARIO_FILE}"
+    values = parse_yaml(reader.attachments[SCENARIO_FILE], where, ScenarioFile)
+    values |= {name: str(folder / file) for name, file in ATTACHED.items()} | {"crop": None}
+    return Scenario.from_yaml(yaml.safe_dump(values), where)
+
+
+def _parameters(info: Any, statuses: dict[int, Any]) -> dict[str, dict[str, Any]]:
+    """What the stages have told of their parameters: in the run's configuration, or when they were ready."""
+    told = {name: _flat(values) for name, values in _mapping(info.configuration).items() if isinstance(values, dict)}
+    for status in statuses.values():
+        if status.state == StageStatus.READY and (values := _mapping(status.text)):
+            inner = values.get(status.stage)
+            told[status.stage] = _flat(inner if isinstance(inner, dict) else values)
+    return told
+
+
+def _mapping(text: str) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return {}
+    return values if isinstance(values, dict) else {}
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return found
+
+
+def _note(record: Record, reader: BagReader) -> None:
+    if not reader.complete:
+        record.notes.append(f"the recording is not complete ({reader.problem}): as far as it goes")
+    if record.scenario.total_steps != record.info.total_steps:
+        record.notes.append(f"{record.info.total_steps} steps were run, {record.scenario.total_steps} are attached")
+    then, now = _mapping(record.info.versions).get("commit"), versions()["commit"]
+    if then != now:
+        record.notes.append(f"recorded with commit {then}, this is {now}")
+    agents = record.messages[AGENTS.name]
+    if (last := max(agents, default=-1)) < record.info.total_steps:
+        record.notes.append(f"the record ends at step {last} of {record.info.total_steps}")
+    missed = [step for step in agents if step not in record.messages[EGO_CONTROL.name]]
+    if missed:
+        record.notes.append(f"{len(missed)} steps lack the ego's answer, the first is {min(missed)}")

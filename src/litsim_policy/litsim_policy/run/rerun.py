@@ -1,0 +1,197 @@
+"""Stages and whole runs once more, from nothing but a record: do they come out as they did?
+
+Messages are decoded and converted as the nodes do it, and answers are turned into messages again, so that a comparison
+sees what subscribers would have seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from litsim_policy.conflict.messages import takeovers_from_message, takeovers_to_message
+from litsim_policy.conflict.takeover import conflict_stage
+from litsim_policy.driving.registry import policy_stage
+from litsim_policy.ego.registry import ego_stage
+from litsim_policy.run.message_diff import Tally
+from litsim_policy.run.recorded_run import Record
+from litsim_policy.run.runner import Runner
+from litsim_predictor.messages import forecast_from_message, forecast_to_message
+from litsim_predictor.models import predictor_stage
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import AgentTable, EgoCommand
+from litsim_sim.record.digest import RunDigest
+from litsim_sim.ros.messages import (
+    agents_from_message,
+    agents_to_message,
+    controls_from_message,
+    controls_to_message,
+    ego_from_message,
+    ego_to_message,
+)
+from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_CONTROL, FORECASTS, TAKEOVERS, Topic
+from litsim_sim.scenario.run_info import RunPlan
+
+EXTERNAL = "external"
+
+
+def rerun_stage(record: Record, name: str) -> Tally:
+    """Feed a stage its recorded inputs, step by step, and compare its answers with the recorded ones.
+
+    Raises:
+        InputError: there is no stage `name`, it took no part in the run, or it fails.
+    """
+    if name not in STAGES:
+        raise InputError(f"there is no stage {name!r}, expected one of {', '.join(STAGES)}")
+    stage, info = STAGES[name], record.info
+    answers = record.messages[stage.output.name]
+    if not answers:
+        raise InputError(f"{record.path}: stage {name} has left no answers (ego {info.ego}, policy {info.policy})")
+    if name == "ego" and info.ego == EXTERNAL:
+        raise InputError(f"{record.path}: the ego is external: its stage is not here to be run again")
+    if name not in record.parameters:
+        record.notes.append(f"the record does not tell the parameters of {name}: taking the defaults")
+    core, tally = stage.make(record), Tally()
+    inputs = [record.messages[topic.name] for topic in stage.inputs]
+    for step in sorted(set.intersection(*(set(messages) for messages in inputs))):
+        try:
+            answer = core(*(messages[step] for messages in inputs))
+        except Exception as error:
+            raise InputError(f"stage {name} fails at step {step}: {type(error).__name__}: {error}") from error
+        if step in answers:
+            tally.add(stage.output.name, step, answers[step], answer)
+    if tally.compared < len(answers):
+        record.notes.append(f"{len(answers) - tally.compared} answers lack their inputs in the record")
+    return tally
+
+
+@dataclass
+class Resimulated:
+    """A run and its record side by side.
+
+    Attributes:
+        tally: of agents, takeovers, controls and ego commands, step by step.
+        steps: number of steps that both hold.
+        recorded, computed: digests over those.
+    """
+
+    tally: Tally
+    steps: int
+    recorded: str
+    computed: str
+
+
+def resimulate(record: Record) -> Resimulated:
+    """Run everything again in this process, as far as the record goes; an external ego answers as recorded.
+
+    Raises:
+        InputError: the record cannot be run again.
+    """
+    info, messages, tally = record.info, record.messages, Tally()
+    if info.ego == EXTERNAL:
+        record.notes.append("the ego is external: it answers as recorded")
+    run_id, ego_id = info.run_id, info.ego_id
+    compared = [messages[topic.name] for topic in (AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL)]
+    last = min((max(found) for found in compared if found), default=-1)  # what is cut short may end amid a step
+    digests = RunDigest(), RunDigest()
+    steps = 0
+    for now in _again(record).rounds():
+        step = now.table.step
+        if step > last:
+            break
+        steps += 1
+        answers = {
+            AGENTS.name: agents_to_message(now.table, run_id, info.total_steps, ego_id),
+            TAKEOVERS.name: None if now.takeovers is None else takeovers_to_message(now.takeovers, run_id),
+            CONTROLS.name: None if now.controls is None else controls_to_message(now.controls, run_id),
+            EGO_CONTROL.name: ego_to_message(now.ego, run_id),
+        }
+        for topic, answer in answers.items():
+            if answer is not None and step in messages[topic]:
+                tally.add(topic, step, messages[topic][step], answer)
+        digests[1].update(now.table, now.controls, now.ego)
+        _digest(digests[0], messages, step)
+    return Resimulated(tally, steps, digests[0].hexdigest(), digests[1].hexdigest())
+
+
+def _again(record: Record) -> Runner:
+    """The runner with the stages as they were configured."""
+    info = record.info
+    external = info.ego == EXTERNAL
+    silent = [name for name in STAGES if name in info.stages and name not in record.parameters]
+    if silent:
+        record.notes.append(f"the record does not tell the parameters of {', '.join(silent)}: taking defaults")
+    ego = _RecordedEgo(record.messages[EGO_CONTROL.name]) if external else None
+    parameters = {name: values for name, values in record.parameters.items() if name in STAGES}
+    return Runner(RunPlan(record.scenario, info.ego, info.policy), parameters=parameters, ego=ego)
+
+
+class _RecordedEgo:
+    """An ego that answers as recorded; where it has not, as before."""
+
+    def __init__(self, commands: dict[int, Any]) -> None:
+        self._commands, self._last = commands, EgoCommand(0)
+
+    def plan(self, table: AgentTable) -> EgoCommand:
+        """See :class:`litsim_policy.ego.registry.Ego`."""
+        if table.step in self._commands:
+            self._last = ego_from_message(self._commands[table.step])
+        return replace(self._last, step=table.step)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage as its node shows it.
+
+    Attributes:
+        inputs, output: topics.
+        make: its core for a record, from input messages to the answer.
+    """
+
+    inputs: tuple[Topic, ...]
+    output: Topic
+    make: Callable[[Record], Callable[..., Any]]
+
+
+def _predictor_stage(record: Record) -> Callable[..., Any]:
+    core = predictor_stage(record.read("predictor"))(record.scenario)
+    return lambda agents: forecast_to_message(core.forecast(agents_from_message(agents)), record.info.run_id)
+
+
+def _conflict_stage(record: Record) -> Callable[..., Any]:
+    core = conflict_stage(record.read("conflict"))(record.scenario)
+    return lambda agents, forecast: takeovers_to_message(
+        core.update(agents_from_message(agents), forecast_from_message(forecast)), record.info.run_id
+    )
+
+
+def _policy_stage(record: Record) -> Callable[..., Any]:
+    core = policy_stage(record.read("policy"))(record.info.policy, record.scenario)
+    return lambda agents, takeovers: controls_to_message(
+        core.act(agents_from_message(agents), takeovers_from_message(takeovers)), record.info.run_id
+    )
+
+
+def _ego_stage(record: Record) -> Callable[..., Any]:
+    core = ego_stage(record.info.ego, record.read("ego"))(record.scenario)
+    return lambda agents: ego_to_message(core.plan(agents_from_message(agents)), record.info.run_id)
+
+
+STAGES = {
+    "predictor": Stage((AGENTS,), FORECASTS, _predictor_stage),
+    "conflict": Stage((AGENTS, FORECASTS), TAKEOVERS, _conflict_stage),
+    "policy": Stage((AGENTS, TAKEOVERS), CONTROLS, _policy_stage),
+    "ego": Stage((AGENTS,), EGO_CONTROL, _ego_stage),
+}
+
+
+def _digest(digest: RunDigest, messages: dict[str, dict[int, Any]], step: int) -> None:
+    """Take in a step as it is recorded."""
+    agents, controls, ego = (messages[topic.name].get(step) for topic in (AGENTS, CONTROLS, EGO_CONTROL))
+    if agents is not None:
+        digest.update(
+            agents_from_message(agents),
+            None if controls is None else controls_from_message(controls),
+            None if ego is None else ego_from_message(ego),
+        )

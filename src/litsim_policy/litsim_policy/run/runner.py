@@ -1,0 +1,161 @@
+"""The in-process shell: the cores of the graph composed without ROS, bit-identical to the graph."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from litsim_policy.conflict.takeover import Takeover, TakeoverTable, conflict_stage
+from litsim_policy.driving.registry import policy_stage
+from litsim_policy.ego.registry import Ego, ego_stage
+from litsim_predictor.models import predictor_stage
+from litsim_sim.core.parameters import Given, Parameters
+from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
+from litsim_sim.record.run import Detection, RunInfo, StageState, Status, TakeoverReason, TakeoverState
+from litsim_sim.record.run import Run as RecordedRun
+from litsim_sim.record.run import Takeover as RecordedTakeover
+from litsim_sim.scenario.run_info import POLICY_STAGES, RunPlan
+from litsim_sim.world.world import Mirror, World, WorldConfig
+
+STAGES = (*POLICY_STAGES, "ego")
+"""Stages that have a core here."""
+
+
+@dataclass(frozen=True)
+class Round:
+    """One step and the answers to it.
+
+    Attributes:
+        takeovers, controls: None where the policy is replay.
+        stage_s: wall time of each stage [s].
+    """
+
+    table: AgentTable
+    takeovers: TakeoverTable | None
+    controls: ControlTable | None
+    ego: EgoCommand
+    stage_s: dict[str, float]
+
+
+def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str, Callable[..., Any]]:
+    """Return what builds the stages of runs with this ego, or one from elsewhere, and this policy, by stage.
+
+    Raises:
+        InputError: a parameter is unknown to its stage, or does not fit; or there is no such ego.
+    """
+    given = {stage: Given(stage, values) for stage, values in parameters.items()}
+    read = {stage: given.setdefault(stage, Given(stage, {})) for stage in STAGES}
+    stages: dict[str, Callable[..., Any]] = {} if ego is None else {"ego": ego_stage(ego, read["ego"])}
+    if policy != "replay":
+        stages |= {"predictor": predictor_stage(read["predictor"]), "conflict": conflict_stage(read["conflict"])}
+        stages["policy"] = policy_stage(read["policy"])
+    for each in given.values():
+        each.check()
+    return stages
+
+
+class Runner:
+    """Runs a plan in this process; with a mirror (libsumo: one per process) or without.
+
+    `parameters` are those of the stages' nodes; `ego` drives in place of the one that the plan names.
+
+    Raises:
+        InputError: a parameter is unknown to its stage or does not fit, or a stage cannot be built.
+    """
+
+    def __init__(
+        self,
+        plan: RunPlan,
+        mirror: Mirror | None = None,
+        parameters: Parameters | None = None,
+        ego: Ego | None = None,
+    ) -> None:
+        scenario = plan.scenario
+        self.plan = plan
+        self._reacts = plan.policy != "replay"
+        stages = configured(None if ego else plan.ego, plan.policy, parameters or {})
+        self.world = World(scenario, WorldConfig(guard_entries=self._reacts), mirror)
+        self._ego = ego or stages["ego"](scenario)
+        if self._reacts:
+            self._predictor, self._manager = stages["predictor"](scenario), stages["conflict"](scenario)
+            self._policy = stages["policy"](plan.policy, scenario)
+
+    def rounds(self) -> Iterator[Round]:
+        """Every step of the run with its answers, in order."""
+        begin = time.perf_counter()
+        table = self.world.reset()
+        try:
+            for step in range(self.plan.scenario.total_steps + 1):
+                marks = {"bridge": time.perf_counter() - begin}
+                takeovers, controls = None, None
+                if self._reacts:
+                    begin = time.perf_counter()
+                    forecast = self._predictor.forecast(table)
+                    marks["predictor"] = time.perf_counter() - begin
+                    begin = time.perf_counter()
+                    takeovers = self._manager.update(table, forecast)
+                    marks["conflict"] = time.perf_counter() - begin
+                    begin = time.perf_counter()
+                    controls = self._policy.act(table, takeovers)
+                    marks["policy"] = time.perf_counter() - begin
+                begin = time.perf_counter()
+                ego = self._ego.plan(table)
+                marks["ego"] = time.perf_counter() - begin
+                yield Round(table, takeovers, controls, ego, marks)
+                begin = time.perf_counter()
+                if step < self.plan.scenario.total_steps:
+                    table = self.world.step(controls or ControlTable.empty(step), ego)
+        finally:
+            self.world.close()
+
+
+def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> RecordedRun:
+    """Run to the end and return what a recording of the same run would be read as.
+
+    Args:
+        runner: fresh.
+        progress: called after every step.
+    """
+    plan, scenario = runner.plan, runner.plan.scenario
+    begin = time.perf_counter()
+    rounds = []
+    for now in runner.rounds():
+        rounds.append(now)
+        progress()
+    wall = time.perf_counter() - begin
+    info = RunInfo(**plan.facts(), mode="in-process", topics=(), configuration="", versions="")
+    finished = Status(scenario.total_steps, "bridge", StageState.FINISHED, wall, yaml.safe_dump(runner.world.summary()))
+    return RecordedRun(
+        path=Path(plan.run_id),
+        info=info,
+        tables=[r.table for r in rounds],
+        log=[scenario.log.table(r.table.step) for r in rounds],
+        controls={r.table.step: r.controls for r in rounds if r.controls is not None},
+        ego_commands={r.table.step: r.ego for r in rounds},
+        takeovers={
+            r.table.step: [_recorded(t) for t in r.takeovers.takeovers] for r in rounds if r.takeovers is not None
+        },
+        detections={
+            r.table.step: Detection(r.takeovers.iterations, r.takeovers.converged)
+            for r in rounds
+            if r.takeovers is not None
+        },
+        timing={
+            stage: {r.table.step: r.stage_s[stage] for r in rounds} for stage in (rounds[0].stage_s if rounds else ())
+        },
+        statuses=[finished],
+        scenario_yaml=info.scenario_yaml,
+        net_xml=scenario.net_path.read_bytes(),
+    )
+
+
+def _recorded(takeover: Takeover) -> RecordedTakeover:
+    values = {f.name: getattr(takeover, f.name) for f in fields(RecordedTakeover)}
+    poses = {name: tuple(float(v) for v in values[name]) for name in ("conflict_pose", "goal_pose")}
+    numbered = {"state": TakeoverState(takeover.state), "reason": TakeoverReason(takeover.reason)}
+    return RecordedTakeover(**(values | poses | numbered))

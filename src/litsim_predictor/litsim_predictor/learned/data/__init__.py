@@ -1,0 +1,1 @@
+"""From recordings to batches: tracks, scenes, features, rasters."""

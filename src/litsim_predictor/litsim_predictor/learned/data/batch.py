@@ -1,0 +1,111 @@
+"""What every learned predictor reads and answers: batches of whole scenes, padded to the same number of agents.
+
+Each agent has a frame of its own: origin at its box centre now, x along the lane it drives on (along its own heading
+where it is on none), y to the left, metres. Histories and futures are given in it, so that a model never sees where on
+the earth a scene is; `position` and `heading` say how the agents' frames lie to each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from litsim_sim.core.scene import FloatArray
+
+DT = 0.2
+"""[s] between steps of history and future: NGSIM's 10 Hz subsampled to 5 Hz, as is usual in prediction."""
+HISTORY = 16
+"""Steps of history, the present included: 3 s."""
+HORIZON = 25
+"""Steps of the future: 5 s."""
+SECONDS = tuple(range(1, round(HORIZON * DT) + 1))
+"""Horizons that measures are told for [s]."""
+AT_SECONDS = slice(round(1.0 / DT) - 1, None, round(1.0 / DT))
+"""The steps of the future at :data:`SECONDS`."""
+HISTORY_CHANNELS = 4
+"""x [m], y [m], yaw relative to the agent frame [rad], speed [m/s]."""
+STATE_CHANNELS = 4
+"""length [m], width [m], speed [m/s], yaw relative to the agent frame [rad]."""
+LATERAL = ("keep", "left", "right")
+LONGITUDINAL = ("keep", "accelerate", "brake")
+MANEUVERS = tuple(f"{lateral}/{longitudinal}" for lateral in LATERAL for longitudinal in LONGITUDINAL)
+"""Manoeuvre m is LATERAL[m // 3] with LONGITUDINAL[m % 3]."""
+
+LATERAL_SHIFT = 1.5  # [m] in 5 s, in the agent frame, from which on a manoeuvre is called left or right
+BRAKE_RATIO, ACCELERATE_RATIO = 0.8, 1.25  # mean speed of the 5 s to the speed now (0.8: conv-social-pooling)
+SPEED_FLOOR = 1.0  # [m/s] by which standing vehicles count as moving, for these ratios
+
+
+@dataclass(frozen=True)
+class SceneBatch:
+    """B scenes of at most N agents.
+
+    Attributes:
+        position: (B, N, 2) box centres in the axes of frame map, relative to a point of the scene [m].
+        heading: (B, N) of the agent frames in frame map [rad].
+        history: (B, N, HISTORY, HISTORY_CHANNELS) oldest first, the present last; zeros where not observed.
+        observed: (B, N, HISTORY) bool; the present is observed for every agent.
+        state: (B, N, STATE_CHANNELS).
+        raster: (B, N, C, H, W) uint8 map around each agent in its frame; see :mod:`.raster`.
+        agent: (B, N) bool, False for padding.
+        future: (B, N, HORIZON, 2) box centres in the agent frame [m]; zeros where unknown.
+        future_known: (B, N, HORIZON) bool.
+        maneuver: (B, N) int64, true manoeuvre as a position in :data:`MANEUVERS`, -1 where the future is not complete.
+        target: (B, N) bool, the agents that losses and scores are about.
+    """
+
+    position: Tensor
+    heading: Tensor
+    history: Tensor
+    observed: Tensor
+    state: Tensor
+    raster: Tensor
+    agent: Tensor
+    future: Tensor
+    future_known: Tensor
+    maneuver: Tensor
+    target: Tensor
+
+    def to(self, device: torch.device | str) -> SceneBatch:
+        """The same batch on `device`."""
+        return replace(self, **{f.name: getattr(self, f.name).to(device, non_blocking=True) for f in fields(self)})
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Manoeuvre-conditioned Gaussians of every agent, in the agent frames.
+
+    Attributes:
+        maneuver: (B, N, K) logits.
+        mean: (B, N, M, HORIZON, 2) [m]; M is K, or 1 where one manoeuvre was asked for.
+        scale: (B, N, M, HORIZON, 2) standard deviations along x and y [m].
+        correlation: (B, N, M, HORIZON).
+    """
+
+    maneuver: Tensor
+    mean: Tensor
+    scale: Tensor
+    correlation: Tensor
+
+
+def numbers(values: Tensor) -> FloatArray:
+    """`values` as an array of numpy, wherever they are."""
+    return values.detach().cpu().numpy().astype(np.float64)
+
+
+def maneuvers_of(future: Tensor, future_known: Tensor, speed: Tensor) -> Tensor:
+    """True manoeuvres (...,), -1 where the future is not complete.
+
+    Args:
+        future: (..., HORIZON, 2) in the agent frame [m].
+        future_known: (..., HORIZON) bool.
+        speed: (...,) now [m/s].
+    """
+    shift = future[..., -1, 1]
+    lateral = (shift > LATERAL_SHIFT).long() + 2 * (shift < -LATERAL_SHIFT).long()
+    ratio = (future[..., -1, :].norm(dim=-1) / (HORIZON * DT) + SPEED_FLOOR) / (speed + SPEED_FLOOR)
+    longitudinal = (ratio > ACCELERATE_RATIO).long() + 2 * (ratio < BRAKE_RATIO).long()
+    return torch.where(future_known.all(dim=-1), len(LONGITUDINAL) * lateral + longitudinal, -1)

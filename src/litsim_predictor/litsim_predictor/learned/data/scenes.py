@@ -1,0 +1,232 @@
+"""Batches of scenes cut out of tracks, as they are or varied for training."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from litsim_predictor.learned.data.batch import HISTORY, HORIZON, SceneBatch, maneuvers_of
+from litsim_predictor.learned.data.features import AgentInputs, agent_inputs
+from litsim_predictor.learned.data.raster import CHANNELS, COLUMNS, ROWS, MapRaster
+from litsim_predictor.learned.data.tracks import Tracks
+from litsim_sim.core.geometry import to_body
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+
+NO_MAP = MapRaster(None)
+SINE_CHANNEL = 3
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """How scenes are varied in training; probabilities, and standard deviations of noise on what is observed.
+
+    Attributes:
+        mirror: left becomes right.
+        occlude: of an agent, that its history is cut to a random number of steps, one at least.
+        no_map: of a scene, that the map is not known.
+        crop: of a scene, that only agents within a random distance of one of them are seen, as in a region of interest.
+        crop_m: least and greatest such distance [m].
+        position_m, yaw_rad, speed_mps: noise.
+    """
+
+    mirror: float = 0.5
+    occlude: float = 0.3
+    no_map: float = 0.1
+    crop: float = 0.5
+    crop_m: tuple[float, float] = (20.0, 80.0)
+    position_m: float = 0.03
+    yaw_rad: float = 0.005
+    speed_mps: float = 0.1
+
+
+@dataclass(frozen=True)
+class _Scene:
+    inputs: AgentInputs
+    future: FloatArray
+    future_known: BoolArray
+    target: BoolArray
+
+
+def scene_batches(
+    sources: Sequence[Tracks], agents_per_batch: int = 512, stride: int = 2, *, complete: bool = True
+) -> Iterator[SceneBatch]:
+    """Scenes of `sources` in order of time, unvaried.
+
+    Args:
+        sources: what to cut scenes from.
+        agents_per_batch: agents in a batch, about; a batch holds one scene at least.
+        stride: frames between scenes.
+        complete: targets have 3 s of history and 5 s of future without a hole, as the published protocol asks; else
+            one frame and one step suffice.
+    """
+    for tracks in sources:
+        moments = [(tracks, int(frame)) for frame in tracks.frames[::stride]]
+        yield from _batches(moments, agents_per_batch, complete=complete)
+
+
+def training_batches(
+    sources: Sequence[tuple[Tracks, float]],
+    agents_per_batch: int,
+    stride: int,
+    augmentation: Augmentation,
+    random: np.random.Generator,
+) -> Iterator[SceneBatch]:
+    """Scenes of one epoch, shuffled and varied.
+
+    Args:
+        sources: with the share of its moments that an epoch takes of each; above 1, moments are taken several times.
+        agents_per_batch: agents in a batch, about.
+        stride: frames between the scenes of a source; each epoch starts at another one.
+        augmentation: how scenes are varied.
+        random: decides everything.
+    """
+    moments = []
+    for tracks, share in sources:
+        frames = tracks.frames[int(random.integers(stride)) :: stride]
+        times = np.floor(share + random.random(len(frames))).astype(np.int64)
+        moments += [(tracks, int(frame)) for frame in np.repeat(frames, times)]
+    # Scenes of like size share a batch, so that little is padded; batches then come in any order.
+    sizes = np.array([len(tracks.rows_at(frame)) for tracks, frame in moments])
+    order = np.argsort(sizes + random.uniform(0.0, 4.0, len(sizes)), kind="stable")
+    batches = list(_grouped([moments[k] for k in order], sizes[order], agents_per_batch))
+    for k in random.permutation(len(batches)):
+        scenes = [_varied(tracks, frame, augmentation, random) for tracks, frame in batches[k]]
+        scenes = [scene for scene in scenes if scene.target.any()]
+        if scenes:
+            yield _stack(scenes)
+
+
+def _batches(moments: list[tuple[Tracks, int]], agents: int, *, complete: bool) -> Iterator[SceneBatch]:
+    scenes: list[_Scene] = []
+    for tracks, frame in moments:
+        scene = _scene(tracks, tracks.rows_at(frame))
+        if complete:
+            scene = replace(
+                scene, target=scene.target & scene.inputs.observed.all(axis=1) & scene.future_known.all(axis=1)
+            )
+        if not scene.target.any():
+            continue
+        scenes.append(scene)
+        if sum(len(scene.target) for scene in scenes) >= agents:
+            yield _stack(scenes)
+            scenes = []
+    if scenes:
+        yield _stack(scenes)
+
+
+def _grouped(moments: list[tuple[Tracks, int]], sizes: IntArray, agents: int) -> Iterator[list[tuple[Tracks, int]]]:
+    group: list[tuple[Tracks, int]] = []
+    for moment, size in zip(moments, sizes, strict=True):
+        if group and (len(group) + 1) * size > agents:
+            yield group
+            group = []
+        group.append(moment)
+    if group:
+        yield group
+
+
+def _scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -> _Scene:
+    """The scene of the vehicles of `rows`, all of one frame."""
+    past, observed = tracks.history(rows)
+    later, known = tracks.future(rows)
+    inputs = agent_inputs(
+        tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], raster or tracks.raster
+    )
+    x, y, heading = inputs.frame.T[..., None]
+    future = np.stack(to_body(tracks.motion[later, 0] - x, tracks.motion[later, 1] - y, heading), axis=-1)
+    return _Scene(
+        inputs=inputs,
+        future=np.where(known[..., None], future, 0.0),
+        future_known=known,
+        target=tracks.target[rows] & known.any(axis=1),
+    )
+
+
+def _varied(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.random.Generator) -> _Scene:
+    rows = tracks.rows_at(frame)
+    if random.random() < augmentation.crop:
+        centre = tracks.motion[random.choice(rows), :2]
+        distance = np.hypot(*(tracks.motion[rows, :2] - centre).T)
+        rows = rows[distance <= random.uniform(*augmentation.crop_m)]
+    scene = _scene(tracks, rows, NO_MAP if random.random() < augmentation.no_map else None)
+    inputs, n = scene.inputs, len(rows)
+    first = np.where(random.random(n) < augmentation.occlude, random.integers(0, HISTORY, n), 0)
+    observed = inputs.observed & (np.arange(HISTORY) >= first[:, None])
+    deviation = np.array(
+        [augmentation.position_m, augmentation.position_m, augmentation.yaw_rad, augmentation.speed_mps]
+    )
+    history = inputs.history + (deviation * random.standard_normal(inputs.history.shape)).astype(np.float32)
+    history[:, -1, :2] = 0.0  # the frame is where the agent is seen
+    history = np.where(observed[..., None], history, np.float32(0.0))
+    state = inputs.state.copy()
+    state[:, 2], state[:, 3] = np.maximum(history[:, -1, 3], 0.0), history[:, -1, 2]
+    history[:, -1, 3] = state[:, 2]
+    scene = replace(scene, inputs=replace(inputs, history=history, observed=observed, state=state))
+    return _mirrored(scene) if random.random() < augmentation.mirror else scene
+
+
+def _mirrored(scene: _Scene) -> _Scene:
+    """The scene with left and right exchanged."""
+    inputs = scene.inputs
+    raster = inputs.raster[..., ::-1].copy()
+    # The sine changes its sign about 128; the lowest byte is never drawn.
+    raster[:, SINE_CHANNEL] = np.uint8(0) - raster[:, SINE_CHANNEL]
+    mirrored = AgentInputs(
+        frame=inputs.frame * [1.0, -1.0, -1.0],
+        history=inputs.history * np.array([1.0, -1.0, -1.0, 1.0], np.float32),
+        observed=inputs.observed,
+        state=inputs.state * np.array([1.0, 1.0, 1.0, -1.0], np.float32),
+        raster=raster,
+    )
+    return replace(scene, inputs=mirrored, future=scene.future * [1.0, -1.0])
+
+
+def _stack(scenes: Sequence[_Scene]) -> SceneBatch:
+    batch = inputs_batch([scene.inputs for scene in scenes])
+    future = np.zeros((*batch.agent.shape, HORIZON, 2), np.float32)
+    known = np.zeros((*batch.agent.shape, HORIZON), np.bool_)
+    target = np.zeros(tuple(batch.agent.shape), np.bool_)
+    for k, scene in enumerate(scenes):
+        n = len(scene.target)
+        future[k, :n], known[k, :n], target[k, :n] = scene.future, scene.future_known, scene.target
+    truth = torch.from_numpy(future)
+    return replace(
+        batch,
+        future=truth,
+        future_known=torch.from_numpy(known),
+        maneuver=maneuvers_of(truth, torch.from_numpy(known), batch.state[..., 2]),
+        target=torch.from_numpy(target),
+    )
+
+
+def inputs_batch(scenes: Sequence[AgentInputs]) -> SceneBatch:
+    """Scenes as a batch whose future is not known, as when driving."""
+    size = len(scenes), max(len(scene.state) for scene in scenes)
+    history = np.zeros((*size, *scenes[0].history.shape[1:]), np.float32)
+    observed = np.zeros((*size, HISTORY), np.bool_)
+    state = np.zeros((*size, scenes[0].state.shape[1]), np.float32)
+    raster = np.zeros((*size, CHANNELS, ROWS, COLUMNS), np.uint8)
+    frame = np.zeros((*size, 3), np.float64)
+    agent = np.zeros(size, np.bool_)
+    for k, scene in enumerate(scenes):
+        n = len(scene.state)
+        history[k, :n], observed[k, :n], state[k, :n] = scene.history, scene.observed, scene.state
+        raster[k, :n], agent[k, :n], frame[k, :n] = scene.raster, True, scene.frame
+        # Differences are what counts; those of single precision are good near the origin only.
+        frame[k, :n, :2] -= scene.frame[:1, :2]
+    return SceneBatch(
+        position=torch.from_numpy(frame[..., :2].astype(np.float32)),
+        heading=torch.from_numpy(frame[..., 2].astype(np.float32)),
+        history=torch.from_numpy(history),
+        observed=torch.from_numpy(observed),
+        state=torch.from_numpy(state),
+        raster=torch.from_numpy(raster),
+        agent=torch.from_numpy(agent),
+        future=torch.zeros(*size, HORIZON, 2),
+        future_known=torch.zeros(*size, HORIZON, dtype=torch.bool),
+        maneuver=torch.full(size, -1),
+        target=torch.zeros(size, dtype=torch.bool),
+    )

@@ -1,0 +1,289 @@
+"""Where training and tests get their traffic: recordings in the neutral schema, and the development data as published.
+
+Each reader gives :class:`Tracks` by part. The rows of one part are never seen in another, neither as what is to be
+predicted nor as traffic around it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field
+
+from litsim_predictor.learned.data.tracks import Tracks, parts_of
+from litsim_predictor.learned.data.us101_road import Us101Road
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.io.parquet_input import read_table
+from litsim_sim.recordings.ngsim import windows as ngsim_windows
+from litsim_sim.recordings.recording import Recording
+from litsim_sim.recordings.segments import PARTS, Part
+from litsim_sim.scenario.scenario import packaged, packaged_nets
+
+LEADER_SIZE = (4.7, 1.9)  # [m] of a vehicle of which only the headway to it is known
+"""Length and width; the median of the US-101 windows."""
+LEADER_JUMP = 1.0  # [m] in one frame beyond its speed: another leader
+RATE_FRAMES = 5  # frames to each side over which rates of change are taken
+DRIFT_SPEED = 2.0  # [m/s] below, headings are nearly the road's
+HEADWAY_MOST = 100.0  # [m]
+SAME_VEHICLE = 1.0  # [m] between front centres in one frame: the same vehicle in two files
+SAME_LEADER = 2.4  # [m] a leader this near to a vehicle with a full track is that vehicle
+LEADER_IDS = 10_000_000  # ids of leaders begin here
+PERIOD_IDS, PERIOD_FRAMES = 100_000, 100_000  # by which ids and frames of the periods of a site are told apart
+
+
+class _Source(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    share: Annotated[float, Field(gt=0)] = 1.0
+
+
+class RecordingSource(_Source):
+    """Recordings in the neutral schema, split 70/10/20 by vehicle id each, or given to one part as they are."""
+
+    kind: Literal["recording"]
+    files: tuple[str, ...]
+    part: Part | None = None
+
+
+class Us101WindowSource(_Source):
+    """The windows of the US-101 development file: `test_frames` (first, last) for tests, later ones for training."""
+
+    kind: Literal["us101_windows"]
+    file: str
+    test_frames: tuple[int, int]
+
+
+class Us101TrackSource(_Source):
+    """Single US-101 vehicles and the leaders that their headways tell of, without the vehicles of the test windows."""
+
+    kind: Literal["us101_tracks"]
+    file: str
+    windows: str
+    test_frames: tuple[int, int]
+
+
+class I80LaneSource(_Source):
+    """All I-80 vehicles of a lane, by their positions along it."""
+
+    kind: Literal["i80_lanes"]
+    file: str
+
+
+class UrbanSource(_Source):
+    """Windows of signalised streets in their own metres; scenarios whose name begins as `test` does are for tests."""
+
+    kind: Literal["urban_windows"]
+    files: tuple[str, ...]
+    test: tuple[str, ...]
+
+
+Source = Annotated[
+    RecordingSource | Us101WindowSource | Us101TrackSource | I80LaneSource | UrbanSource, Field(discriminator="kind")
+]
+
+
+def load(source: Source, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
+    """The tracks of a source by part; `locate` finds files by the names they have in configurations.
+
+    Raises:
+        InputError: a file is missing or is not what its kind says.
+    """
+    readers: dict[str, Callable[[Any, Callable[[str], Path]], dict[Part, list[Tracks]]]] = {
+        "recording": _recordings,
+        "us101_windows": _us101_windows,
+        "us101_tracks": _us101_tracks,
+        "i80_lanes": _i80_lanes,
+        "urban_windows": _urban_windows,
+    }
+    return readers[source.kind](source, locate)
+
+
+def files_of(source: Source) -> tuple[str, ...]:
+    """The files that a source reads, as its configuration names them."""
+    if isinstance(source, RecordingSource | UrbanSource):
+        return source.files
+    return (source.file, source.windows) if isinstance(source, Us101TrackSource) else (source.file,)
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def net_path(name: str) -> Path:
+    """The packaged net called `name`, with or without its ending; else the file of that name."""
+    plain = name.removesuffix(".net.xml")
+    return packaged(f"nets/{plain}.net.xml") if plain in packaged_nets() else Path(name)
+
+
+def split(tracks: Tracks) -> dict[Part, list[Tracks]]:
+    """Tracks by part, 70/10/20 by vehicle id."""
+    part = parts_of(tracks.vehicle)
+    return {name: [tracks.take(part == k)] for k, name in enumerate(PARTS) if (part == k).any()}
+
+
+def _recordings(source: RecordingSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
+    parts: dict[Part, list[Tracks]] = {}
+    for file in source.files:
+        recording = Recording.read(locate(file))
+        net = recording.header.net
+        tracks = Tracks.from_table(recording.header.name, recording.table, net_path(net) if net else None)
+        for name, pieces in (split(tracks) if source.part is None else {source.part: [tracks]}).items():
+            parts.setdefault(name, []).extend(pieces)
+    return parts
+
+
+def _us101_windows(source: Us101WindowSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
+    table = ngsim_windows.read_table(locate(source.file))
+    tracks = Tracks.from_table("us101_windows", table, net_path("us101"))
+    first, last = source.test_frames
+    test = (tracks.frame >= first) & (tracks.frame <= last)
+    other = ~np.isin(tracks.vehicle, np.unique(tracks.vehicle[test]))
+    return {"train": [tracks.take(other)], "test": [tracks.take(test)]}
+
+
+def _us101_tracks(source: Us101TrackSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
+    columns = ("period", "vehicle_id", "frame", "local_x_m", "local_y_m", "speed_mps", "space_headway_m")
+    path = locate(source.windows)
+    windows = read_table(path, ngsim_windows.COLUMNS)
+    road = Us101Road.fit(windows, str(path))
+    table = read_table(locate(source.file), columns)
+    table = table[table["local_y_m"] <= road.end].sort_values(["period", "vehicle_id", "frame"])
+    table = table[_apart_from(table, ngsim_windows.neutral_table(windows, str(path)), source.test_frames, road)]
+    table = table.astype({"vehicle_id": np.int64, "frame": np.int64, "period": np.int64})
+    table["vehicle_id"] += PERIOD_IDS * table["period"]
+    table["frame"] += PERIOD_FRAMES * table["period"]
+    # Few vehicles have full tracks here, and tests are on the windows: what would be for tests is for training too.
+    val = parts_of(table["vehicle_id"].to_numpy(np.int64)) == PARTS.index("val")
+    return {"train": [_with_leaders(table[~val], road)], "val": [_with_leaders(table[val], road)]}
+
+
+def _apart_from(table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, int], road: Us101Road) -> BoolArray:
+    """(R,) rows of single vehicles that are in no test window, by their id and by where they were.
+
+    Rows of the time of the test windows are left out, too: the leaders that they tell of may be test vehicles.
+    """
+    window = windows[windows["frame"].between(*frames)]
+    front_x = window["x"] + 0.5 * window["length"] * np.cos(window["yaw"])
+    front_y = window["y"] + 0.5 * window["length"] * np.sin(window["yaw"])
+    x, y, _ = road.pose(table["local_y_m"].to_numpy(np.float64), table["local_x_m"].to_numpy(np.float64))
+    here = pd.DataFrame({"vehicle": table["vehicle_id"], "frame": table["frame"], "x": x, "y": y})
+    here = here[(table["period"] == 0) & table["frame"].between(*frames)]
+    met = here.merge(pd.DataFrame({"frame": window["frame"], "front_x": front_x, "front_y": front_y}), on="frame")
+    met = met[np.hypot(met["x"] - met["front_x"], met["y"] - met["front_y"]) < SAME_VEHICLE]
+    seen = set(window["vehicle_id"]) | set(met["vehicle"])
+    tested = (table["period"] == 0) & (table["vehicle_id"].isin(seen) | table["frame"].between(*frames))
+    return np.asarray(~tested, np.bool_)
+
+
+def _with_leaders(table: pd.DataFrame, road: Us101Road) -> Tracks:
+    """Vehicles with full tracks, to be learned, and the leaders that their space headways tell of, to be seen."""
+    runs = _Runs(table["vehicle_id"].to_numpy(np.int64), table["frame"].to_numpy(np.int64))
+    along, across = table["local_y_m"].to_numpy(np.float64), table["local_x_m"].to_numpy(np.float64)
+    # NGSIM's road coordinates are longer than the road; its speeds are by them.
+    speed = table["speed_mps"].to_numpy(np.float64) * road.scale(along)
+    # To the right is positive in NGSIM's local_x; a standing vehicle has no direction of motion.
+    drift = np.arctan2(-runs.rate(across), np.maximum(runs.rate(along), DRIFT_SPEED))
+    vehicles = _neutral(runs.vehicle, runs.frame, road.pose(along, across), drift, speed)
+
+    headway = table["space_headway_m"].to_numpy(np.float64)
+    front = np.minimum(along + headway, road.end)
+    seen = (headway > LEADER_SIZE[0]) & (headway < HEADWAY_MOST) & (front < road.end)
+    moved = np.abs(np.diff(front, prepend=0.0) - speed * STEP_S)
+    lead = _Runs(runs.vehicle[seen], runs.frame[seen], moved[seen] > LEADER_JUMP)
+    place = road.pose(front[seen], across[seen])
+    leaders = _neutral(
+        LEADER_IDS + lead.number,
+        lead.frame,
+        place,
+        0.0,
+        np.clip(lead.rate(front[seen]) * road.scale(front[seen]), 0.0, 40.0),
+    )
+    both = leaders.reset_index().merge(vehicles[["frame", "x", "y"]], on="frame", suffixes=("", "_other"))
+    near = np.hypot(both["x"] - both["x_other"], both["y"] - both["y_other"]) < SAME_LEADER
+    twice = leaders.index.isin(both["index"].to_numpy()[np.asarray(near)])
+    scene = pd.DataFrame(pd.concat([vehicles, leaders[~twice]], ignore_index=True))
+    target = scene["vehicle_id"].to_numpy() < LEADER_IDS
+    return Tracks.from_table("us101_tracks", scene, net_path("us101"), target)
+
+
+class _Runs:
+    """Rows of vehicles without a hole, in the order of vehicle and frame.
+
+    Args:
+        vehicle, frame: (R,).
+        cut: (R,) where a run begins for another reason.
+    """
+
+    def __init__(self, vehicle: IntArray, frame: IntArray, cut: BoolArray | None = None) -> None:
+        first = (np.diff(vehicle, prepend=-1) != 0) | (np.diff(frame, prepend=-1) != 1)
+        first |= False if cut is None else cut
+        self.vehicle, self.frame = vehicle, frame
+        self.number: IntArray = np.cumsum(first) - 1
+        begin = np.flatnonzero(first)
+        end = np.append(begin[1:], len(vehicle)) - 1
+        rows = np.arange(len(vehicle))
+        self._before = np.maximum(rows - RATE_FRAMES, begin[self.number])
+        self._after = np.minimum(rows + RATE_FRAMES, end[self.number])
+
+    def rate(self, values: FloatArray) -> FloatArray:
+        """(R,) rate of change of `values` over a second about each row [1/s]; zero in runs of one row."""
+        span = (self._after - self._before) * STEP_S
+        change = values[self._after] - values[self._before]
+        return np.divide(change, span, out=np.zeros(len(values)), where=span > 0.0)
+
+
+def _neutral(
+    vehicle: IntArray,
+    frame: IntArray,
+    front: tuple[FloatArray, FloatArray, FloatArray],
+    drift: FloatArray | float,
+    speed: FloatArray,
+) -> pd.DataFrame:
+    """Neutral columns of vehicles of usual size from their front centres, with headings `drift` off the road's."""
+    x, y, yaw = front[0], front[1], front[2] + drift
+    half = 0.5 * LEADER_SIZE[0]
+    columns = {"vehicle_id": vehicle, "frame": frame, "x": x - half * np.cos(yaw), "y": y - half * np.sin(yaw)}
+    return pd.DataFrame(columns | {"yaw": yaw, "speed": speed, "length": LEADER_SIZE[0], "width": LEADER_SIZE[1]})
+
+
+def _i80_lanes(source: I80LaneSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
+    table = read_table(locate(source.file), ("period", "lane", "vehicle_id", "frame", "local_y_m", "speed_mps"))
+    parts: dict[Part, list[Tracks]] = {"train": [], "val": []}
+    for (period, lane), rows in table.groupby(["period", "lane"]):
+        straight = pd.DataFrame(
+            {
+                "vehicle_id": rows["vehicle_id"],
+                "frame": rows["frame"],
+                "x": rows["local_y_m"] - 0.5 * LEADER_SIZE[0],
+                "y": 0.0,
+                "yaw": 0.0,
+                "speed": rows["speed_mps"],
+                "length": LEADER_SIZE[0],
+                "width": LEADER_SIZE[1],
+            }
+        ).drop_duplicates(["vehicle_id", "frame"])
+        tracks = Tracks.from_table(f"i80_{period}_lane{lane}", straight, None)
+        val = parts_of(tracks.vehicle) == PARTS.index("val")
+        parts["train"].append(tracks.take(~val))
+        parts["val"].append(tracks.take(val))
+    return parts
+
+
+def _urban_windows(source: UrbanSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
+    columns = ("scenario", "vehicle_id", "frame", "x_m", "y_m", "heading_rad", "speed_mps", "length_m", "width_m")
+    parts: dict[Part, list[Tracks]] = {"train": [], "test": []}
+    for file in source.files:
+        table = read_table(locate(file), columns)
+        table = table.rename(columns=lambda name: {"heading_rad": "yaw"}.get(name, name.rsplit("_m", 1)[0]))
+        test = table["scenario"].str.startswith(source.test)
+        # Windows overlap in time: a vehicle of a test window may be in others, too.
+        train = ~test & ~table["vehicle_id"].isin(table["vehicle_id"][test].unique())
+        for name, mine in (("train", train), ("test", test)):
+            for scenario, rows in table[mine].groupby("scenario"):
+                parts[name].append(Tracks.from_table(str(scenario), rows, None))  # type: ignore[index]
+    return parts

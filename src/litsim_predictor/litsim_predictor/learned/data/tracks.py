@@ -1,0 +1,134 @@
+"""Observed traffic laid out for cutting scenes: rows of vehicles by frame, with the frames and maps models ask for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from litsim_predictor.learned.data.batch import DT, HISTORY, HORIZON
+from litsim_predictor.learned.data.features import frame_headings
+from litsim_predictor.learned.data.raster import MapRaster, raster_of_net
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+
+STRIDE = round(DT / STEP_S)
+"""Frames of a recording between two steps of a model."""
+
+SHARES = (0.7, 0.1)  # of the vehicle ids for training and validation; the rest is for tests (conv-social-pooling)
+ROUNDING = 1e-6  # 0.7 + 0.1 is a little less than 0.8
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Vehicles of one source, sorted by vehicle and frame; tracks may have holes.
+
+    Attributes:
+        name: of the source.
+        vehicle, frame: (R,).
+        motion: (R, 4) box centre x, y [m], yaw [rad], speed [m/s].
+        size: (R, 2) length, width [m].
+        heading: (R,) of the agent frames [rad].
+        target: (R,) bool, whether losses and scores may be about the row's vehicle; the others are seen, not learned.
+        raster: the map.
+    """
+
+    name: str
+    vehicle: IntArray
+    frame: IntArray
+    motion: FloatArray
+    size: FloatArray
+    heading: FloatArray
+    target: BoolArray
+    raster: MapRaster
+
+    @classmethod
+    def from_table(cls, name: str, table: pd.DataFrame, net: Path | None, target: BoolArray | None = None) -> Tracks:
+        """Tracks of a `table` with columns vehicle_id, frame, x, y, yaw, speed, length, width (neutral schema).
+
+        Raises:
+            InputError: `net` is no readable net.
+        """
+        lane_map, raster = (None, MapRaster(None)) if net is None else raster_of_net(net)
+        order = np.lexsort([table["frame"], table["vehicle_id"]])
+        rows = table.iloc[order]
+        motion = rows[["x", "y", "yaw", "speed"]].to_numpy(np.float64)
+        return cls(
+            name=name,
+            vehicle=rows["vehicle_id"].to_numpy(np.int64),
+            frame=rows["frame"].to_numpy(np.int64),
+            motion=motion,
+            size=rows[["length", "width"]].to_numpy(np.float64),
+            heading=frame_headings(lane_map, motion[:, 0], motion[:, 1], motion[:, 2]),
+            target=np.ones(len(rows), np.bool_) if target is None else target[order],
+            raster=raster,
+        )
+
+    def __len__(self) -> int:
+        return len(self.vehicle)
+
+    def take(self, keep: BoolArray) -> Tracks:
+        """The rows of a mask (R,)."""
+        return Tracks(
+            self.name,
+            self.vehicle[keep],
+            self.frame[keep],
+            self.motion[keep],
+            self.size[keep],
+            self.heading[keep],
+            self.target[keep],
+            self.raster,
+        )
+
+    @cached_property
+    def frames(self) -> IntArray:
+        """Frames with any vehicle, ascending."""
+        return np.unique(self.frame)
+
+    @cached_property
+    def _by_frame(self) -> tuple[IntArray, IntArray]:
+        order = np.argsort(self.frame, kind="stable")
+        return order, np.append(np.searchsorted(self.frame[order], self.frames), len(order))
+
+    def rows_at(self, frame: int) -> IntArray:
+        """Rows of the vehicles of a frame, by ascending id."""
+        order, first = self._by_frame
+        at = int(np.searchsorted(self.frames, frame))
+        if at == len(self.frames) or self.frames[at] != frame:
+            return np.empty(0, np.int64)
+        return order[first[at] : first[at + 1]]
+
+    def window(self, rows: IntArray, steps: IntArray) -> tuple[IntArray, BoolArray]:
+        """Rows of the same vehicles `steps` frames later: (n, m), and whether they are there (n, m)."""
+        key = self._key(self.vehicle[rows][:, None], self.frame[rows][:, None] + steps)
+        at = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
+        return at, self._keys[at] == key
+
+    def history(self, rows: IntArray) -> tuple[IntArray, BoolArray]:
+        """See :meth:`window`, for the steps of a model's history; (n, HISTORY)."""
+        return self.window(rows, STRIDE * np.arange(1 - HISTORY, 1))
+
+    def future(self, rows: IntArray) -> tuple[IntArray, BoolArray]:
+        """See :meth:`window`, for the steps of a model's horizon; (n, HORIZON)."""
+        return self.window(rows, STRIDE * np.arange(1, HORIZON + 1))
+
+    @cached_property
+    def _keys(self) -> IntArray:
+        return self._key(self.vehicle, self.frame)
+
+    def _key(self, vehicle: IntArray, frame: IntArray) -> IntArray:
+        low, span = int(self.frame.min()) - STRIDE * HISTORY, int(np.ptp(self.frame)) + STRIDE * (HISTORY + HORIZON) + 1
+        return vehicle * span + (frame - low)
+
+
+def parts_of(vehicle: IntArray) -> IntArray:
+    """Part (R,) of each row, as a position in :data:`litsim_sim.recordings.segments.PARTS`: 70/10/20 by vehicle id.
+
+    Ids of a recording ascend with time, so the parts follow each other and hardly meet (as in conv-social-pooling).
+    """
+    ids = np.unique(vehicle)
+    counts = np.floor(np.cumsum(SHARES) * len(ids) + ROUNDING).astype(np.int64)
+    borders = ids[np.minimum(counts, len(ids) - 1)]
+    return np.searchsorted(borders, vehicle, side="right")

@@ -1,0 +1,287 @@
+"""Whether forecasts announce the conflicts of an ego that leaves its log.
+
+The conflict logic of the paper overlaps the ego's forecast with the logged background. Here an ego really deviates, on
+its logged path: it brakes, or keeps its speed. At each step, every other agent near it either does or does not lie in
+the way of its forecast within 1 to 5 s, and in the way of what it does then. Both are judged by oriented boxes, against
+the same logged boxes at the same instants; a pair counts until it first meets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+import torch
+
+from litsim_predictor.learned.data.batch import AT_SECONDS, HORIZON, SECONDS, numbers
+from litsim_predictor.learned.data.features import AgentInputs, agent_inputs, in_map
+from litsim_predictor.learned.data.scenes import inputs_batch
+from litsim_predictor.learned.data.tracks import STRIDE, Tracks
+from litsim_predictor.learned.evaluation.boxes import path_headings
+from litsim_predictor.learned.models.model import SceneModel
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import boxes_overlap
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.scenario import Scenario
+
+DriveKind = Literal["keeps_speed", "brakes"]
+DRIVE_KINDS: tuple[DriveKind, ...] = get_args(DriveKind)
+
+DECELERATION = 2.0  # [m/s2]
+BRAKING_S = 2.5
+BRAKES = 2  # drives of each ego that brake, each at a time of its own; in one more it keeps its speed
+SCENES_PER_BATCH = 64
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What an ego does that is off its log from some step on; arrays (steps,) from step 0, frame map.
+
+    Attributes:
+        ego: id.
+        kind: "keeps_speed" or "brakes".
+        x, y: box centre [m].
+        yaw: [rad].
+        speed: [m/s].
+    """
+
+    ego: int
+    kind: DriveKind
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    speed: FloatArray
+
+
+@dataclass(frozen=True)
+class ConflictCounts:
+    """Pairs of a step and an agent, (5,) by horizon of 1 to 5 s.
+
+    Attributes:
+        hit: conflict predicted and real.
+        false: predicted only.
+        missed: real only.
+        pairs: looked at.
+    """
+
+    hit: IntArray
+    false: IntArray
+    missed: IntArray
+    pairs: IntArray
+
+    @classmethod
+    def none(cls) -> ConflictCounts:
+        """Nothing counted."""
+        return cls(*(np.zeros(len(SECONDS), np.int64) for _ in range(4)))
+
+    def plus(self, predicted: BoolArray, real: BoolArray, known: BoolArray) -> ConflictCounts:
+        """With pairs (n, 5) added: by horizon, whether a conflict is predicted, is real, and is looked at."""
+        return ConflictCounts(
+            self.hit + (predicted & real & known).sum(axis=0),
+            self.false + (predicted & ~real & known).sum(axis=0),
+            self.missed + (~predicted & real & known).sum(axis=0),
+            self.pairs + known.sum(axis=0),
+        )
+
+    def __add__(self, other: ConflictCounts) -> ConflictCounts:
+        return ConflictCounts(
+            self.hit + other.hit, self.false + other.false, self.missed + other.missed, self.pairs + other.pairs
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """By horizon: precision and recall, None where nothing was predicted or real, and the counts."""
+        return {
+            str(second): {
+                "precision": _share(self.hit[k], self.hit[k] + self.false[k]),
+                "recall": _share(self.hit[k], self.hit[k] + self.missed[k]),
+                "predicted": int(self.hit[k] + self.false[k]),
+                "real": int(self.hit[k] + self.missed[k]),
+                "pairs": int(self.pairs[k]),
+            }
+            for k, second in enumerate(SECONDS)
+        }
+
+
+def conflict_counts(
+    models: Mapping[str, SceneModel], scenario: Scenario, egos: Sequence[int], seed: int, done: Callable[[], object]
+) -> dict[str, dict[DriveKind, ConflictCounts]]:
+    """Count the conflicts that `models` predict, and those that are real, when `egos` of `scenario` deviate.
+
+    Args:
+        models: by name, all on one device.
+        scenario: its history, ROI, log and net are used.
+        egos: each makes 1 + :data:`BRAKES` drives.
+        seed: of the times at which they brake.
+        done: called after each ego.
+
+    Returns:
+        counts by model and kind of drive.
+    """
+    counts = {name: {kind: ConflictCounts.none() for kind in DRIVE_KINDS} for name in models}
+    for ego in egos:
+        for drive in drives(scenario, ego, np.random.default_rng([seed, ego])):
+            for scenes in _batches(_scenes(scenario, drive)):
+                for name, model in models.items():
+                    for scene, path in zip(scenes, _ego_paths(model, scenes), strict=True):
+                        of_kind = counts[name][drive.kind]
+                        counts[name][drive.kind] = of_kind.plus(*scene.judge(path))
+        done()
+    return counts
+
+
+def drives(scenario: Scenario, ego: int, rng: np.random.Generator) -> list[Drive]:
+    """The drives of `ego`: keeps its speed from the end of the history on; brakes at times drawn by `rng`.
+
+    Each ends with the ego's log, or where its logged path ends.
+
+    Raises:
+        InputError: the scenario has no such vehicle.
+    """
+    log, start = scenario.log, scenario.history_steps
+    row = log.row(ego)
+    if row < 0:
+        raise InputError(f"{scenario.name}: no vehicle {ego}")
+    last = int(log.last_step[row])
+    latest = max(last - round((BRAKING_S + SECONDS[0]) / STEP_S), start)
+    brakes = np.sort(rng.integers(start, latest + 1, BRAKES))
+    keeps = np.zeros(last)
+    plans: list[tuple[DriveKind, int, FloatArray]] = [("keeps_speed", start, keeps)]
+    for brake in brakes:
+        acceleration = keeps.copy()
+        acceleration[brake : brake + round(BRAKING_S / STEP_S)] = -DECELERATION
+        plans.append(("brakes", int(brake), acceleration))
+    return [along_path(log, row, kind, begin, acceleration) for kind, begin, acceleration in plans]
+
+
+def along_path(log: Log, row: int, kind: DriveKind, start: int, acceleration: FloatArray) -> Drive:
+    """The agent of `row` on its logged path, by its log up to step `start`, then with `acceleration` (steps,) [m/s2].
+
+    The agent is there at step 0. It does not reverse. The drive ends with the log, or where the path ends.
+    """
+    last = int(log.last_step[row])
+    x, y, yaw = (values[row, : last + 1] for values in (log.x, log.y, np.unwrap(log.yaw)))
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    gone, speed = way.copy(), log.speed[row, : last + 1].copy()
+    for step in range(start, last):
+        speed[step + 1] = max(speed[step] + acceleration[step] * STEP_S, 0.0)
+        gone[step + 1] = gone[step] + 0.5 * (speed[step] + speed[step + 1]) * STEP_S
+    inside = gone <= way[-1] + 1e-9
+    count = len(gone) if inside.all() else int(np.argmin(inside))
+    gone = gone[:count]
+    advances = np.append(np.diff(way) > 0.0, [True])  # where it stood, the path has one point: the last
+    way = way[advances]
+    pose = [np.interp(gone, way, values[advances]) for values in (x, y, yaw)]
+    return Drive(int(log.ids[row]), kind, pose[0], pose[1], pose[2], speed[:count])
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """A step of a drive, and what the ego's forecast is judged against: m other agents at the instants to come.
+
+    Attributes:
+        inputs: of the agents within the ROI, the ego in row `ego`.
+        size: of the ego.
+        box: (m, HORIZON, 3) x, y, yaw of the others.
+        there: (m, HORIZON) whether they are there.
+        sizes: (m, 2).
+        path: (HORIZON, 3) x, y, yaw of the ego; its last pose where its drive has ended.
+        horizons: (5,) through which the drive goes on.
+    """
+
+    inputs: AgentInputs
+    ego: int
+    size: FloatArray
+    box: FloatArray
+    there: BoolArray
+    sizes: FloatArray
+    path: FloatArray
+    horizons: BoolArray
+
+    def judge(self, path: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+        """(m, 5) of the forecast `path` (HORIZON, 3): predicted, real and known conflicts."""
+        predicted, real = self._within(path), self._within(self.path)
+        return predicted, real, np.broadcast_to(self.horizons, predicted.shape)
+
+    def _within(self, path: FloatArray) -> BoolArray:
+        """(m, 5) whether boxes along `path` overlap the others' within 1 to 5 s."""
+        dx, dy = self.box[..., 0] - path[:, 0], self.box[..., 1] - path[:, 1]
+        sizes = self.sizes[:, 0, None], self.sizes[:, 1, None]
+        hit = boxes_overlap(dx, dy, path[:, 2], self.box[..., 2], (self.size[0], self.size[1]), sizes) & self.there
+        return np.logical_or.accumulate(hit, axis=1)[:, AT_SECONDS]
+
+
+def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
+    """The steps of `drive` from the end of the history on, at the models' rate, while 1 s of it is left."""
+    log, tracks = scenario.log, _tracks(scenario, drive)
+    row, steps = log.row(drive.ego), len(drive.x)
+    size = np.array([log.length[row], log.width[row]])
+    others = np.flatnonzero(log.ids != drive.ego)
+    met = np.zeros(len(others), np.bool_)
+    for step in range(0, steps - round(SECONDS[0] / STEP_S), STRIDE):
+        valid = log.valid[others, step]
+        dx, dy = log.x[others, step] - drive.x[step], log.y[others, step] - drive.y[step]
+        yaws = np.full(len(others), drive.yaw[step]), log.yaw[others, step]
+        met |= valid & boxes_overlap(dx, dy, *yaws, (size[0], size[1]), (log.length[others], log.width[others]))
+        if step < scenario.history_steps:
+            continue
+        later = step + STRIDE * np.arange(1, HORIZON + 1)
+        own = np.minimum(later, steps - 1)
+        at = np.minimum(later, log.steps - 1)
+        near = others[valid & ~met & (np.hypot(dx, dy) <= scenario.roi_m)]
+        rows = tracks.rows_at(scenario.start_frame + step)
+        rows = rows[np.hypot(*(tracks.motion[rows, :2] - (drive.x[step], drive.y[step])).T) <= scenario.roi_m]
+        past, observed = tracks.history(rows)
+        grid = np.ix_(near, at)
+        yield _Scene(
+            inputs=agent_inputs(tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], tracks.raster),
+            ego=int(np.flatnonzero(tracks.vehicle[rows] == drive.ego)[0]),
+            size=size,
+            box=np.stack([log.x[grid], log.y[grid], log.yaw[grid]], axis=-1),
+            there=log.valid[grid] & (later < log.steps),
+            sizes=np.stack([log.length[near], log.width[near]], axis=-1),
+            path=np.stack([drive.x[own], drive.y[own], drive.yaw[own]], axis=-1),
+            horizons=np.array([step + round(second / STEP_S) < steps for second in SECONDS]),
+        )
+
+
+def _tracks(scenario: Scenario, drive: Drive) -> Tracks:
+    """The recording with the ego's rows replaced by its drive."""
+    table = scenario.recording.table
+    step = table["frame"].to_numpy() - scenario.start_frame
+    ego = table["vehicle_id"].to_numpy() == drive.ego
+    table = table[~ego | (step < len(drive.x))].copy()
+    ego = table["vehicle_id"].to_numpy() == drive.ego
+    at = table.loc[ego, "frame"].to_numpy() - scenario.start_frame
+    for column in ("x", "y", "yaw", "speed"):
+        table.loc[ego, column] = getattr(drive, column)[at]
+    return Tracks.from_table(scenario.name, table, scenario.net_path)
+
+
+def _batches(scenes: Iterator[_Scene]) -> Iterator[list[_Scene]]:
+    batch: list[_Scene] = []
+    for scene in scenes:
+        batch.append(scene)
+        if len(batch) == SCENES_PER_BATCH:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+def _ego_paths(model: SceneModel, scenes: Sequence[_Scene]) -> FloatArray:
+    """(len(scenes), HORIZON, 3) x, y, yaw of the egos as `model` forecasts them most probably, frame map."""
+    device = next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
+    with torch.inference_mode():
+        mean = model(inputs_batch([scene.inputs for scene in scenes]).to(device), decode="best").mean
+    path = numbers(mean[range(len(scenes)), [scene.ego for scene in scenes], 0])
+    frame = np.array([scene.inputs.frame[scene.ego] for scene in scenes])
+    yaw = np.array([scene.inputs.state[scene.ego, 3] for scene in scenes], np.float64)
+    headings = frame[:, 2:] + path_headings(path, yaw)
+    return np.concatenate([in_map(path, frame), headings[..., None]], axis=-1)
+
+
+def _share(part: int, whole: int) -> float | None:
+    return float(part / whole) if whole else None

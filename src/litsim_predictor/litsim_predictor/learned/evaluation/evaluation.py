@@ -1,0 +1,140 @@
+"""Predictors measured side by side on the same scenes: models by name, traffic by file, one table."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+
+from litsim_predictor.learned import SHIPPED
+from litsim_predictor.learned.data.batch import DT, HISTORY, HORIZON, SceneBatch
+from litsim_predictor.learned.data.sources import net_path, split
+from litsim_predictor.learned.data.tracks import STRIDE, Tracks
+from litsim_predictor.learned.device import check_device
+from litsim_predictor.learned.evaluation.conflicts import ConflictCounts, DriveKind
+from litsim_predictor.learned.evaluation.scores import ScoreBoard, Scores, by_second
+from litsim_predictor.learned.models.baselines import ConstantTurnRate, ConstantVelocity
+from litsim_predictor.learned.models.model import SceneModel
+from litsim_predictor.learned.models.weights import load_model
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.recordings.recording import Recording
+from litsim_sim.recordings.segments import Part
+
+REFERENCE = "constant_velocity"
+"""The model that every evaluation includes, for ratios to it."""
+KINEMATIC: dict[str, type[SceneModel]] = {REFERENCE: ConstantVelocity, "kinematic": ConstantTurnRate}
+COMPARED = (*KINEMATIC, *SHIPPED)
+"""The models that an evaluation compares unless told otherwise."""
+NEEDED_FRAMES = STRIDE * (HISTORY - 1 + HORIZON) + 1
+
+_log = logging.getLogger(__name__)
+
+
+def load_models(names: Sequence[str], device: str) -> dict[str, SceneModel]:
+    """Models by name or file, the reference first, ready to predict on `device`.
+
+    Raises:
+        InputError: there is none of that name, or no such device.
+    """
+    check_device(device)
+    ordered = dict.fromkeys([REFERENCE, *names])
+    for name in ordered:
+        if name not in COMPARED and not Path(name).is_file():
+            known = ", ".join(COMPARED)
+            raise InputError(f"--models {name}: no such model, expected one of {known}, or a file of weights")
+    models = {name: KINEMATIC[name]() if name in KINEMATIC else load_model(name)[0] for name in ordered}
+    return {name: model.to(device).eval() for name, model in models.items()}
+
+
+def recording_tracks(path: Path, net: str | None) -> Tracks:
+    """The vehicles of a recording in the neutral schema on the net that it or `net` names.
+
+    A net that the recording names and that is not to be found is reported and done without: the map is empty.
+
+    Raises:
+        InputError: the file or `net` cannot be used, or the recording is too short.
+    """
+    recording = Recording.read(path)
+    span = int(np.ptp(recording.table["frame"])) + 1
+    if span < NEEDED_FRAMES:
+        raise InputError(
+            f"{path}: the recording is too short: {span} frames, expected at least {NEEDED_FRAMES} "
+            f"({DT * (HISTORY - 1):g} s of history, the present, {DT * HORIZON:g} s of future at {1 / STEP_S:g} Hz)"
+        )
+    named = net_path(net or recording.header.net) if net or recording.header.net else None
+    if named is not None and not net and not named.is_file():
+        beside = path.parent / named.name
+        if not beside.is_file():
+            _log.warning("%s: net %s is neither packaged nor beside it: forecasting without a map", path, named.name)
+        named = beside if beside.is_file() else None
+    return Tracks.from_table(path.stem, recording.table, named)
+
+
+def part_of(sources: Iterable[Tracks], part: Part | Literal["all"]) -> list[Tracks]:
+    """The vehicles of `part` of each of `sources`, split 70/10/20 by vehicle id; the others are not seen either.
+
+    Raises:
+        InputError: there are none.
+    """
+    sources = list(sources)
+    chosen = sources if part == "all" else [tracks for source in sources for tracks in split(source).get(part, [])]
+    if not chosen:
+        raise InputError(f"--split {part}: no vehicle is in that part, expected recordings with 10 vehicles or more")
+    return chosen
+
+
+def score(
+    models: Mapping[str, SceneModel],
+    batches: Iterable[SceneBatch],
+    seed: int,
+    device: str = "cpu",
+    done: Callable[[int], object] = lambda _: None,
+) -> dict[str, Scores]:
+    """Measures of `models` on the same `batches`; see :mod:`.scores`.
+
+    Args:
+        models: by name, on `device`.
+        batches: of scenes.
+        seed: of the joint ADE's samples, the same for every model.
+        device: of torch.
+        done: called with the number of scenes of each batch.
+
+    Raises:
+        InputError: a forecast is not finite, or there is nothing to score.
+    """
+    boards = {name: ScoreBoard(seed) for name in models}
+    with torch.inference_mode():
+        for cpu_batch in batches:
+            batch = cpu_batch.to(device)
+            for name, model in models.items():
+                try:
+                    boards[name].add(batch, model(batch, decode="all"))
+                except InputError as error:
+                    raise InputError(f"model {name}: {error}") from error
+            done(len(batch.agent))
+    return {name: board.scores() for name, board in boards.items()}
+
+
+def summary(
+    scores: Mapping[str, Scores], conflicts: Mapping[str, Mapping[DriveKind, ConflictCounts]]
+) -> dict[str, dict[str, Any]]:
+    """By model: the scores, their ratio to :data:`REFERENCE`, and the conflicts where counted."""
+    result = {}
+    for name, of_model in scores.items():
+        reference = scores[REFERENCE].rmse
+        ratio = np.divide(of_model.rmse, reference, out=np.full(len(reference), np.nan), where=reference > 0.0)
+        result[name] = of_model.to_json()
+        ratios = by_second(ratio)
+        result[name]["ratio_to_constant_velocity"] = {
+            second: value if np.isfinite(value) else None for second, value in ratios.items()
+        }
+        if name in conflicts:
+            by_drive = conflicts[name]
+            result[name]["conflicts"] = sum(by_drive.values(), ConflictCounts.none()).to_json()
+            result[name]["conflicts_by_drive"] = {kind: counts.to_json() for kind, counts in by_drive.items()}
+    return result

@@ -1,0 +1,326 @@
+"""BAT, the behaviour-aware predictor of Liao et al. (AAAI 2024), written anew from its description.
+
+Every agent of a scene is a target once. What it has to do with whom is seen in polar coordinates about its last
+position; how everybody behaves, from centralities in the graph of who is near whom. Means are Cartesian, in the agent
+frames. Where the paper leaves a choice, or ours is another:
+
+- an angle enters as its sine and cosine: a target's own past lies at an angle of pi, where a number would jump;
+- the graph is one of the whole scene, so that centralities are computed once a scene and not once a target;
+- the decoder says how the velocity differs from constant velocity, so that forecasts begin where the agent is;
+- neighbours are handled as a list of pairs, and not as a grid that is mostly empty; see :func:`neighbours`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from litsim_predictor.learned.data.batch import (
+    DT,
+    HORIZON,
+    LATERAL,
+    LONGITUDINAL,
+    MANEUVERS,
+    STATE_CHANNELS,
+    Prediction,
+    SceneBatch,
+)
+from litsim_predictor.learned.models.centrality import CENTRALITIES, centralities, mean_rates, proximity_graph
+from litsim_predictor.learned.models.model import (
+    GAUSSIAN_CHANNELS,
+    Decode,
+    SceneModel,
+    constant_velocity,
+    decoded_maneuvers,
+    gaussian,
+    maneuver_logits,
+    maneuver_parts,
+    offsets,
+    rotate,
+)
+
+GRID_ROWS, GRID_COLUMNS = 13, 3
+CELL_LENGTH, CELL_WIDTH = 4.57, 3.66  # [m]: 15 feet, as is usual on NGSIM, and a lane
+POLAR_CHANNELS = 5  # r, cos phi, sin phi, radial velocity, observed
+LENGTH_UNIT, SPEED_UNIT = 10.0, 10.0  # [m], [m/s] that the networks count in
+AT_ORIGIN = 1e-3  # [m] within which a position has no angle
+APPROACH_S = 3.0  # [s] over which neighbours are expected to keep their velocity, when they are ranked
+
+
+@dataclass(frozen=True)
+class Motions:
+    """Agents in one list, T in all, over the history; in the axes of frame map.
+
+    Attributes:
+        position: (T, 2) now [m].
+        heading: (T,) of the agent frames [rad].
+        path: (T, HISTORY, 2) positions [m].
+        velocity: (T, HISTORY, 2) [m/s].
+        observed: (T, HISTORY) bool.
+    """
+
+    position: Tensor
+    heading: Tensor
+    path: Tensor
+    velocity: Tensor
+    observed: Tensor
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Pairs of a target and one of its neighbours, P in all.
+
+    Attributes:
+        target, other: (P,) places in the list of agents.
+        cell: (P,) of the target's grid that the neighbour is in, row by row.
+        rank: (P,) among the target's neighbours, 0 for the most important.
+    """
+
+    target: Tensor
+    other: Tensor
+    cell: Tensor
+    rank: Tensor
+
+
+class Bat(SceneModel):
+    """About 0.3 million parameters; see the module.
+
+    Args:
+        radius: [m] within which agents are joined in the graph.
+        embedding: width of embeddings and of the codes of agents.
+        motion_units: of the LSTMs that read motions.
+        behaviour_units: of the LSTMs that read centralities.
+        decoder_units: of the LSTM that writes forecasts.
+        heads: of the attention; `embedding` is a multiple of it.
+    """
+
+    def __init__(
+        self,
+        *,
+        radius: float = 10.0,
+        embedding: int = 32,
+        motion_units: int = 64,
+        behaviour_units: int = 8,
+        decoder_units: int = 128,
+        heads: int = 4,
+    ) -> None:
+        super().__init__()
+        self.behaviour = BehaviourEncoder(radius, embedding, behaviour_units)
+        behaviour = self.behaviour.size
+        self.target = MotionEncoder(embedding, motion_units, behaviour + STATE_CHANNELS)
+        self.other = MotionEncoder(embedding, motion_units, behaviour)
+        self.interaction = InteractionEncoder(embedding, heads)
+        encoding = embedding + self.interaction.size
+        self.lateral = nn.Linear(encoding, len(LATERAL))
+        self.longitudinal = nn.Linear(encoding, len(LONGITUDINAL))
+        self.decoder = ManeuverDecoder(encoding, decoder_units)
+
+    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
+        """See :meth:`SceneModel.forward`."""
+        scene, row = batch.agent.nonzero(as_tuple=True)
+        motions, state = motions_of(batch, scene, row), batch.state[scene, row]
+        behaviour = self.behaviour(batch)[scene, row]
+        everybody = torch.arange(len(scene), device=scene.device)
+        target = self.target(polar(motions, everybody, everybody), torch.cat([behaviour, state / SPEED_UNIT], dim=-1))
+        pairs = neighbours(batch)
+        other = self.other(polar(motions, pairs.target, pairs.other), behaviour[pairs.other])
+        encoding = torch.cat([target, self.interaction(target, other, motions, pairs)], dim=-1)
+
+        joint = maneuver_logits(self.lateral(encoding), self.longitudinal(encoding))
+        shape = batch.agent.shape
+        logits = joint.new_zeros(*shape, len(MANEUVERS)).index_put((scene, row), joint)
+        raw = self.decoder(encoding, decoded_maneuvers(logits, decode)[scene, row])  # (T, M, HORIZON, 5)
+        everywhere = raw.new_zeros(*shape, *raw.shape[1:]).index_put((scene, row), raw)
+        ahead = constant_velocity(batch)[:, :, None] + DT * everywhere[..., :2].cumsum(dim=-2)
+        scale, correlation = gaussian(everywhere[..., 2:])
+        return Prediction(logits, torch.where(batch.agent[..., None, None, None], ahead, 0.0), scale, correlation)
+
+
+class BehaviourEncoder(nn.Module):
+    """How each agent behaves: its centralities over the history, and how fast they change on average up to there."""
+
+    def __init__(self, radius: float, embedding: int, units: int) -> None:
+        super().__init__()
+        self.radius = radius
+        self.series = nn.ModuleList(SeriesEncoder(len(CENTRALITIES), embedding, units) for _ in range(2))
+        self.size = 2 * units
+
+    def forward(self, batch: SceneBatch) -> Tensor:
+        """(B, N, size)."""
+        path = rotate(batch.history[..., :2], batch.heading[..., None]) + batch.position[..., None, :]
+        observed = batch.observed & batch.agent[..., None]
+        length = proximity_graph(path.transpose(1, 2), observed.transpose(1, 2), self.radius)
+        series = centralities(length).transpose(1, 2) * observed[..., None]  # (B, N, HISTORY, 6)
+        both = (series, mean_rates(series, observed, DT))
+        found = [encoder(each.flatten(0, 1)) for encoder, each in zip(self.series, both, strict=True)]
+        return torch.cat(found, dim=-1).unflatten(0, batch.agent.shape)
+
+
+class SeriesEncoder(nn.Module):
+    """A linear layer, an LSTM and a linear layer over series (S, HISTORY, channels)."""
+
+    def __init__(self, channels: int, embedding: int, units: int) -> None:
+        super().__init__()
+        self.embed = nn.Linear(channels, embedding)
+        self.lstm = nn.LSTM(embedding, units, batch_first=True)
+        self.code = nn.Linear(units, units)
+
+    def forward(self, series: Tensor) -> Tensor:
+        """(S, units)."""
+        code: Tensor = self.code(last_state(self.lstm, nn.functional.elu(self.embed(series))))
+        return code
+
+
+class MotionEncoder(nn.Module):
+    """An agent's motion as a target sees it, and what else is known of the agent."""
+
+    def __init__(self, embedding: int, units: int, known: int) -> None:
+        super().__init__()
+        self.embed = nn.Linear(POLAR_CHANNELS, embedding)
+        self.lstm = nn.LSTM(embedding, units, batch_first=True)
+        self.code = nn.Linear(units + known, embedding)
+
+    def forward(self, motion: Tensor, known: Tensor) -> Tensor:
+        """(S, embedding) of motions (S, HISTORY, POLAR_CHANNELS)."""
+        state = last_state(self.lstm, nn.functional.elu(self.embed(motion)))
+        return nn.functional.elu(self.code(torch.cat([state, known], dim=-1)))
+
+
+class InteractionEncoder(nn.Module):
+    """What the neighbours mean to their target: the largest of what each contributes, beside attention over cells."""
+
+    def __init__(self, embedding: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.cell = nn.Embedding(GRID_ROWS * GRID_COLUMNS, embedding)
+        self.contribution = nn.Sequential(nn.Linear(embedding + 4, 128), nn.ReLU(), nn.Linear(128, 256), nn.ReLU())
+        self.query = nn.Linear(embedding, embedding)
+        self.key_value = nn.Linear(embedding, 2 * embedding)
+        self.size = embedding + 256
+
+    def forward(self, target: Tensor, other: Tensor, motions: Motions, pairs: Neighbours) -> Tensor:
+        """(T, size) from the codes of T targets and of P neighbours; zeros for a target without neighbours."""
+        other = other + rank_encoding(pairs.rank, other.shape[-1])
+        now = polar(motions, pairs.target, pairs.other)[:, -1, :4]
+        contribution = self.contribution(torch.cat([other, now], dim=-1))  # not negative
+        pooled = contribution.new_zeros(len(target), contribution.shape[-1])
+        pooled = pooled.scatter_reduce(0, pairs.target[:, None].expand_as(contribution), contribution, "amax")
+        return torch.cat([self._attend(target, other + self.cell(pairs.cell), pairs.target), pooled], dim=-1)
+
+    def _attend(self, target: Tensor, other: Tensor, of: Tensor) -> Tensor:
+        """(T, embedding) attention of each target over its neighbours (P, embedding), which are those `of` it."""
+        query = self.query(target).unflatten(-1, (self.heads, -1))
+        key, value = self.key_value(other).unflatten(-1, (2, self.heads, -1)).unbind(dim=1)
+        score = (query[of] * key).sum(dim=-1) / math.sqrt(key.shape[-1])  # (P, heads)
+        highest = score.new_full((len(target), self.heads), -torch.inf)
+        highest = highest.scatter_reduce(0, of[:, None].expand_as(score), score.detach(), "amax")
+        share = (score - highest[of]).exp()
+        total = share.new_zeros(len(target), self.heads).index_add(0, of, share)
+        share = share / total[of]
+        return value.new_zeros(len(target), *value.shape[1:]).index_add(0, of, share[..., None] * value).flatten(1)
+
+
+class ManeuverDecoder(nn.Module):
+    """An LSTM that reads the encoding and the manoeuvre at every step.
+
+    Both are the same at every step, so what they add to the gates is computed once.
+    """
+
+    def __init__(self, encoding: int, units: int) -> None:
+        super().__init__()
+        self.encoding = nn.Linear(encoding, 4 * units)
+        self.maneuver = nn.Linear(len(LATERAL) + len(LONGITUDINAL), 4 * units, bias=False)
+        self.recurrent = nn.Linear(units, 4 * units, bias=False)
+        self.gaussian = nn.Linear(units, GAUSSIAN_CHANNELS)
+
+    def forward(self, encoding: Tensor, maneuver: Tensor) -> Tensor:
+        """(T, M, HORIZON, GAUSSIAN_CHANNELS) of manoeuvres (T, M) int64; means are velocities [m/s], scales are raw."""
+        given = self.encoding(encoding)[:, None] + self.maneuver(maneuver_parts(maneuver).to(encoding.dtype))
+        hidden = cell = given.new_zeros(*maneuver.shape, self.recurrent.in_features)
+        steps = []
+        for _ in range(HORIZON):
+            gates = given + self.recurrent(hidden)
+            let_in, keep, let_out = gates[..., : 3 * hidden.shape[-1]].sigmoid().chunk(3, dim=-1)
+            cell = keep * cell + let_in * gates[..., 3 * hidden.shape[-1] :].tanh()
+            hidden = let_out * cell.tanh()
+            steps.append(hidden)
+        raw: Tensor = self.gaussian(torch.stack(steps, dim=-2))
+        return raw
+
+
+def motions_of(batch: SceneBatch, scene: Tensor, row: Tensor) -> Motions:
+    """The agents at `row` (T,) of the scenes `scene` (T,)."""
+    history, position, heading = batch.history[scene, row], batch.position[scene, row], batch.heading[scene, row]
+    direction = torch.stack([history[..., 2].cos(), history[..., 2].sin()], dim=-1)
+    return Motions(
+        position=position,
+        heading=heading,
+        path=rotate(history[..., :2], heading[:, None]) + position[:, None],
+        velocity=rotate(history[..., 3, None] * direction, heading[:, None]),
+        observed=batch.observed[scene, row],
+    )
+
+
+def polar(motions: Motions, target: Tensor, other: Tensor) -> Tensor:
+    """(P, HISTORY, POLAR_CHANNELS) motions of `other` about the last positions of `target`, both (P,) places.
+
+    r and phi are in the target's frame, phi as cosine and sine. The radial velocity is positive where r grows; at
+    the origin itself it is that of one who arrives there. Lengths and speeds are in :data:`LENGTH_UNIT` and
+    :data:`SPEED_UNIT`; all channels are zero where `other` was not observed.
+    """
+    turn = -motions.heading[target][:, None]
+    offset = rotate(motions.path[other] - motions.position[target][:, None], turn)
+    velocity = rotate(motions.velocity[other], turn)
+    r = offset.norm(dim=-1)
+    away = r > AT_ORIGIN
+    unit = torch.where(away[..., None], offset / r.clamp_min(AT_ORIGIN)[..., None], 0.0)
+    radial = torch.where(away, (unit * velocity).sum(dim=-1), -velocity.norm(dim=-1))
+    observed = motions.observed[other]
+    channels = [r / LENGTH_UNIT, unit[..., 0], unit[..., 1], radial / SPEED_UNIT, torch.ones_like(r)]
+    return torch.stack(channels, dim=-1) * observed[..., None]
+
+
+def neighbours(batch: SceneBatch) -> Neighbours:
+    """Agents in the target's grid of :data:`GRID_ROWS` by :data:`GRID_COLUMNS` cells, which is centred on its frame.
+
+    A neighbour is the more important, the less the mean of its distance now and at the closest approach within
+    :data:`APPROACH_S`, both at the velocities of now.
+    """
+    speed, yaw = batch.state[..., 2], batch.heading + batch.state[..., 3]
+    velocity = speed[..., None] * torch.stack([yaw.cos(), yaw.sin()], dim=-1)
+    offset = offsets(batch)
+    approach = velocity[:, None] - velocity[:, :, None]
+    squared = (approach**2).sum(dim=-1)
+    when = (-(offset * approach).sum(dim=-1) / squared.clamp_min(1e-6)).clamp(0.0, APPROACH_S)
+    key = offset.norm(dim=-1) + (offset + when[..., None] * approach).norm(dim=-1)
+
+    local = rotate(offset, -batch.heading[..., None])
+    row = torch.floor(local[..., 0] / CELL_LENGTH + 0.5 * GRID_ROWS).long()
+    column = torch.floor(local[..., 1] / CELL_WIDTH + 0.5 * GRID_COLUMNS).long()
+    inside = (row >= 0) & (row < GRID_ROWS) & (column >= 0) & (column < GRID_COLUMNS)
+    itself = torch.eye(offset.shape[1], dtype=torch.bool, device=offset.device)
+    pair = inside & batch.agent[:, :, None] & batch.agent[:, None, :] & ~itself
+    rank = key.masked_fill(~pair, torch.inf).argsort(dim=-1).argsort(dim=-1)
+
+    place = (batch.agent.flatten().cumsum(dim=0) - 1).view_as(batch.agent)
+    scene, target, other = pair.nonzero(as_tuple=True)
+    cell = (row * GRID_COLUMNS + column)[pair]
+    return Neighbours(place[scene, target], place[scene, other], cell, rank[pair])
+
+
+def rank_encoding(rank: Tensor, size: int) -> Tensor:
+    """(P, size) sines and cosines of the ranks (P,), as positions are encoded in a transformer."""
+    frequency = torch.exp(torch.arange(0, size, 2, device=rank.device) * (-math.log(10_000.0) / size))
+    angle = rank[:, None] * frequency
+    return torch.stack([angle.sin(), angle.cos()], dim=-1).flatten(1)
+
+
+def last_state(lstm: nn.LSTM, series: Tensor) -> Tensor:
+    """(S, units) hidden state after series (S, steps, channels); S may be zero."""
+    if not len(series):
+        return series.new_zeros(0, lstm.hidden_size)
+    state: Tensor = lstm(series)[1][0][-1]
+    return state

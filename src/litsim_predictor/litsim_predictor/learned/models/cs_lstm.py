@@ -1,0 +1,91 @@
+"""A predictor of the size and kind of CS-LSTM, as a measure of the pipeline.
+
+After Deo & Trivedi, "Convolutional Social Pooling for Vehicle Trajectory Prediction", 2018: an LSTM over each history,
+the encodings of the neighbours laid on a 13 x 3 grid around the target (15 feet a cell) and convolved, and an LSTM
+decoder conditioned on the manoeuvre. It sees no map.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from litsim_predictor.learned.data.batch import HORIZON, LATERAL, LONGITUDINAL, Prediction, SceneBatch
+from litsim_predictor.learned.models.model import (
+    GAUSSIAN_CHANNELS,
+    Decode,
+    SceneModel,
+    decoded_maneuvers,
+    gaussian,
+    maneuver_logits,
+    maneuver_parts,
+    offsets,
+    rotate,
+)
+
+LENGTH = 20.0  # [m] by which positions are scaled
+GRID = (13, 3)
+CELL_AHEAD, CELL_LEFT = 4.572, 3.66  # [m] 15 feet, and a lane
+
+
+class CsLstm(SceneModel):
+    """See the module.
+
+    Args:
+        encoder, decoder: sizes of the LSTMs.
+        embedding: of positions, and of the target's own dynamics.
+        convolution, second: channels of the social pooling.
+    """
+
+    def __init__(
+        self, *, encoder: int = 64, decoder: int = 128, embedding: int = 32, convolution: int = 64, second: int = 16
+    ) -> None:
+        super().__init__()
+        self.embed = nn.Sequential(nn.Linear(3, embedding), nn.LeakyReLU(0.1))
+        self.encoder = nn.LSTM(embedding, encoder, batch_first=True)
+        self.dynamics = nn.Sequential(nn.Linear(encoder, embedding), nn.LeakyReLU(0.1))
+        self.social = nn.Sequential(
+            nn.Conv2d(encoder, convolution, 3),
+            nn.LeakyReLU(0.1),
+            nn.Conv2d(convolution, second, (3, 1)),
+            nn.LeakyReLU(0.1),
+            nn.MaxPool2d((2, 1), padding=(1, 0)),
+            nn.Flatten(),
+        )
+        width = embedding + 5 * second
+        self.lateral, self.longitudinal = nn.Linear(width, len(LATERAL)), nn.Linear(width, len(LONGITUDINAL))
+        self.decoder = nn.LSTM(width + len(LATERAL) + len(LONGITUDINAL), decoder, batch_first=True)
+        self.out = nn.Linear(decoder, GAUSSIAN_CHANNELS)
+
+    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
+        """See :meth:`SceneModel.forward`."""
+        b, n = batch.agent.shape
+        there = batch.agent
+        steps = torch.cat([batch.history[..., :2] / LENGTH, batch.observed[..., None].to(batch.history.dtype)], dim=-1)
+        _, (hidden, _) = self.encoder(self.embed(steps[there]))
+        encoding = hidden[0].new_zeros(b, n, hidden.shape[-1])
+        encoding[there] = hidden[0]
+        context = torch.cat([self.dynamics(encoding), self.social(social_grid(batch, encoding)).view(b, n, -1)], dim=-1)
+        logits = maneuver_logits(self.lateral(context), self.longitudinal(context))
+        maneuver = decoded_maneuvers(logits, decode)
+        modes = maneuver.shape[-1]
+        wanted = maneuver_parts(maneuver).to(context.dtype)
+        read = torch.cat([context[:, :, None].expand(-1, -1, modes, -1), wanted], dim=-1).flatten(0, 2)
+        raw = self.out(self.decoder(read[:, None].expand(-1, HORIZON, -1))[0]).unflatten(0, (b, n, modes))
+        scale, correlation = gaussian(raw[..., 2:])
+        return Prediction(logits, LENGTH * raw[..., :2], scale, correlation)
+
+
+def social_grid(batch: SceneBatch, encoding: Tensor) -> Tensor:
+    """(B * N, width, 13, 3) encodings of the agents in the cells around each agent; of two in a cell, their sum."""
+    ahead, left = rotate(offsets(batch), -batch.heading[..., None]).unbind(dim=-1)
+    row = torch.round(ahead / CELL_AHEAD).long() + GRID[0] // 2
+    column = torch.round(left / CELL_LEFT).long() + GRID[1] // 2
+    other = ~torch.eye(batch.agent.shape[1], dtype=torch.bool, device=batch.agent.device)
+    inside = (row >= 0) & (row < GRID[0]) & (column >= 0) & (column < GRID[1]) & other & batch.agent[:, None]
+    scene, target, neighbour = torch.nonzero(inside, as_tuple=True)
+    cell = row[inside] * GRID[1] + column[inside]
+    b, n, width = encoding.shape
+    grid = encoding.new_zeros(b * n * GRID[0] * GRID[1], width)
+    grid.index_add_(0, (scene * n + target) * (GRID[0] * GRID[1]) + cell, encoding[scene, neighbour])
+    return grid.view(b * n, *GRID, width).permute(0, 3, 1, 2)

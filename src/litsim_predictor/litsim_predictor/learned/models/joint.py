@@ -1,0 +1,309 @@
+"""The joint predictor of the LitSim paper (section III-A), and what of it we changed.
+
+Map raster through a small CNN, history through a bidirectional GRU, current states through an MLP with eight-head
+attention between the agents (the paper's dynamic encoder), latent manoeuvres learned from history and interaction, and
+a decoder conditioned on them that answers Gaussians: all agents of a scene in one pass.
+
+Two things are chosen by configuration, because the paper's choice measures worse: how agents attend to each other
+(`relative`) and how futures are decoded (`decoder`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, cast
+
+import torch
+from torch import Tensor, nn
+
+from litsim_predictor.learned.data.batch import (
+    HISTORY_CHANNELS,
+    HORIZON,
+    MANEUVERS,
+    STATE_CHANNELS,
+    Prediction,
+    SceneBatch,
+)
+from litsim_predictor.learned.data.raster import CHANNELS, COLUMNS, ROWS
+from litsim_predictor.learned.models.model import (
+    GAUSSIAN_CHANNELS,
+    Decode,
+    SceneModel,
+    constant_velocity,
+    decoded_maneuvers,
+    future_times,
+    gaussian,
+    offsets,
+    rotate,
+)
+
+LENGTH = 20.0  # [m] by which positions are scaled
+LANE = 4.0  # [m] by which lateral distances are scaled
+SPEED = 15.0  # [m/s] by which speeds are scaled
+RELATION_CHANNELS = 8
+
+
+class MapEncoder(nn.Module):
+    """Two 3 x 3 convolutions, max-pooling, another 3 x 3 convolution, and an MLP (paper, section IV-A)."""
+
+    def __init__(self, channels: int, width: int) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Conv2d(CHANNELS, channels, 3, stride=2, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(channels, channels, 3, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2),
+            nn.Conv2d(channels, channels, 3, padding=1),
+            nn.ReLU(),
+            nn.Flatten(),
+            nn.Linear(channels * (ROWS // 4) * (COLUMNS // 4), width),
+            nn.ReLU(),
+        )
+
+    def forward(self, raster: Tensor) -> Tensor:
+        """(n, width) of (n, CHANNELS, ROWS, COLUMNS) uint8."""
+        return self.layers(raster.float() / 127.5 - 1.0)
+
+
+class HistoryEncoder(nn.Module):
+    """A bidirectional GRU over the observed steps, whose last states are taken together."""
+
+    def __init__(self, width: int, channels: int) -> None:
+        super().__init__()
+        self.channels = channels
+        self.embed = nn.Sequential(nn.Linear(channels + 1, width // 2), nn.ReLU())
+        self.gru = nn.GRU(width // 2, width // 2, batch_first=True, bidirectional=True)
+
+    def forward(self, history: Tensor, observed: Tensor) -> Tensor:
+        """(n, width) of (n, HISTORY, HISTORY_CHANNELS) and (n, HISTORY)."""
+        scaled = history[..., : self.channels] / history.new_tensor([LENGTH, LENGTH, 1.0, SPEED])[: self.channels]
+        _, last = self.gru(self.embed(torch.cat([scaled, observed[..., None].to(scaled.dtype)], dim=-1)))
+        return last.transpose(0, 1).flatten(1)
+
+
+class RelativeAttention(nn.Module):
+    """Attention to the nearest agents, whose keys and values also know how these lie and move relative to one.
+
+    Every agent attends to itself, too, so that one alone has something to attend to.
+    """
+
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.query, self.key_value = nn.Linear(width, width), nn.Linear(width, 2 * width)
+        self.relation = nn.Sequential(nn.Linear(RELATION_CHANNELS, 64), nn.ReLU(), nn.Linear(64, 2 * width))
+        self.out = nn.Linear(width, width)
+        self.norm = nn.LayerNorm(width)
+
+    def forward(self, agents: Tensor, near: Neighbours) -> Tensor:
+        """(B, N, width) of (B, N, width)."""
+        b, n, width = agents.shape
+        query = self.query(agents).view(b, n, 1, self.heads, -1)
+        key_value = near.gather(self.key_value(agents)) + self.relation(near.relation)
+        key, value = (part.view(b, n, -1, self.heads, width // self.heads) for part in key_value.chunk(2, dim=-1))
+        logits = (query * key).sum(dim=-1) * (width / self.heads) ** -0.5
+        weights = logits.masked_fill(~near.seen[..., None], float("-inf")).softmax(dim=2)
+        return cast(Tensor, self.norm(agents + self.out((weights[..., None] * value).sum(dim=2).flatten(2))))
+
+
+class SceneAttention(nn.Module):
+    """The paper's dynamic encoder: attention over current states in the frame of the scene."""
+
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.embed = nn.Sequential(nn.Linear(STATE_CHANNELS + 4, width), nn.ReLU())
+        self.attention = nn.MultiheadAttention(width, heads, batch_first=True)
+
+    def forward(self, batch: SceneBatch) -> Tensor:
+        """(B, N, width)."""
+        there = batch.agent[..., None].to(batch.position.dtype)
+        middle = (batch.position * there).sum(dim=1, keepdim=True) / there.sum(dim=1, keepdim=True)
+        yaw = batch.heading + batch.state[..., 3]
+        place = torch.cat([(batch.position - middle) / LENGTH, torch.stack([yaw.cos(), yaw.sin()], dim=-1)], dim=-1)
+        states = self.embed(torch.cat([scaled_state(batch.state), place], dim=-1))
+        return self.attention(states, states, states, key_padding_mask=~batch.agent, need_weights=False)[0]
+
+
+class DirectDecoder(nn.Module):
+    """All steps at once, as what is to be added to constant velocity."""
+
+    def __init__(self, width: int, hidden: int) -> None:
+        super().__init__()
+        self.maneuver = nn.Embedding(len(MANEUVERS), width)
+        self.layers = nn.Sequential(
+            nn.Linear(width, hidden),
+            nn.ReLU(),
+            nn.Linear(hidden, hidden),
+            nn.ReLU(),
+            nn.Linear(hidden, HORIZON * GAUSSIAN_CHANNELS),
+        )
+
+    def forward(self, context: Tensor, maneuver: Tensor, base: Tensor, truth: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Means (n, HORIZON, 2) and raw scales (n, HORIZON, 3); `truth` is not used."""
+        del truth
+        raw = self.layers(context + self.maneuver(maneuver)).view(-1, HORIZON, GAUSSIAN_CHANNELS)
+        return base + future_times(raw)[:, None] * raw[..., :2], raw[..., 2:]
+
+
+class RecurrentDecoder(nn.Module):
+    """A bidirectional GRU over the steps of the future, which reads the position before each step.
+
+    Training may force the true positions. Driving has none, and a bidirectional network cannot be unrolled step by
+    step: the positions read are first those of constant velocity, then those that the first pass answered. Because
+    backward in time the true positions give the answer away, forcing has to fade while training goes on.
+    """
+
+    def __init__(self, width: int, hidden: int) -> None:
+        super().__init__()
+        self.maneuver = nn.Embedding(len(MANEUVERS), width)
+        self.context = nn.Linear(width, hidden)
+        self.gru = nn.GRU(2 + hidden, hidden // 2, batch_first=True, bidirectional=True)
+        self.out = nn.Linear(hidden, GAUSSIAN_CHANNELS)
+
+    def forward(self, context: Tensor, maneuver: Tensor, base: Tensor, truth: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Means (n, HORIZON, 2) and raw scales (n, HORIZON, 3); `truth` (n, HORIZON, 2) is forced where given."""
+        context = self.context(context + self.maneuver(maneuver)).relu()
+        if truth is not None:
+            return self._read(context, truth, base)
+        first, _ = self._read(context, base, base)
+        return self._read(context, first, base)
+
+    def _read(self, context: Tensor, positions: Tensor, base: Tensor) -> tuple[Tensor, Tensor]:
+        before = torch.cat([torch.zeros_like(positions[:, :1]), positions[:, :-1]], dim=1)
+        steps = context[:, None].expand(-1, HORIZON, -1)
+        raw = self.out(self.gru(torch.cat([(before - base) / LENGTH, steps], dim=-1))[0])
+        return base + LENGTH * raw[..., :2], raw[..., 2:]
+
+
+class JointPredictor(SceneModel):
+    """See the module.
+
+    Args:
+        map_width, map_channels: of the map encoder.
+        history_width: of the history encoder, both directions together.
+        history_channels: 2 for coordinates alone (paper), 4 with yaw and speed.
+        state_width: of the current states.
+        heads: of the attention.
+        relative: attention over relations between agents, `layers` times; else the paper's over states of the scene.
+        layers: of relative attention.
+        neighbours: nearest agents that relative attention attends to, so that its cost grows with the agents only.
+        reach: [m] within which these must be.
+        decoder: "direct" or "recurrent".
+        hidden: of the decoder.
+        dropout: on what the decoder reads.
+    """
+
+    def __init__(
+        self,
+        *,
+        map_width: int = 64,
+        map_channels: int = 16,
+        history_width: int = 64,
+        history_channels: int = HISTORY_CHANNELS,
+        state_width: int = 32,
+        heads: int = 8,
+        relative: bool = True,
+        layers: int = 2,
+        neighbours: int = 12,
+        reach: float = 80.0,
+        decoder: Literal["direct", "recurrent"] = "direct",
+        hidden: int = 128,
+        dropout: float = 0.1,
+    ) -> None:
+        super().__init__()
+        self.map = MapEncoder(map_channels, map_width)
+        self.history = HistoryEncoder(history_width, history_channels)
+        self.scene = None if relative else SceneAttention(state_width, heads)
+        if self.scene is None:
+            self.state = nn.Sequential(nn.Linear(STATE_CHANNELS, state_width), nn.ReLU())
+        width = map_width + history_width + state_width
+        self.relative = nn.ModuleList([RelativeAttention(width, heads) for _ in range(layers if relative else 0)])
+        self.neighbours, self.reach = neighbours, reach
+        self.dropout = nn.Dropout(dropout)
+        self.maneuver = nn.Sequential(nn.Linear(width, hidden), nn.ReLU(), nn.Linear(hidden, len(MANEUVERS)))
+        self.decoder = (DirectDecoder if decoder == "direct" else RecurrentDecoder)(width, hidden)
+
+    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
+        """See :meth:`SceneModel.forward`."""
+        b, n = batch.agent.shape
+        there = batch.agent
+        maps, histories = self.map(batch.raster[there]), self.history(batch.history[there], batch.observed[there])
+        states = self.state(scaled_state(batch.state[there])) if self.scene is None else self.scene(batch)[there]
+        agents = maps.new_zeros(b, n, maps.shape[1] + histories.shape[1] + states.shape[1])
+        agents[there] = torch.cat([maps, histories, states], dim=-1)
+        if len(self.relative):
+            near = Neighbours.of(batch, self.neighbours, self.reach)
+            for layer in self.relative:
+                agents = layer(agents, near)
+        logits = self.maneuver(agents)
+        return self._decode(batch, self.dropout(agents), logits, decode)
+
+    def _decode(self, batch: SceneBatch, agents: Tensor, logits: Tensor, decode: Decode) -> Prediction:
+        maneuver = decoded_maneuvers(logits, decode)
+        shape = (*maneuver.shape, HORIZON)
+
+        def for_each_maneuver(values: Tensor) -> Tensor:
+            """(B * N * M, ...) of (B, N, ...)."""
+            return values.flatten(0, 1).repeat_interleave(maneuver.shape[-1], dim=0)
+
+        base = constant_velocity(batch)
+        truth = None
+        if self.training and float(torch.rand(())) < self.forcing:
+            truth = for_each_maneuver(torch.where(batch.future_known[..., None], batch.future, base))
+        mean, raw = self.decoder(for_each_maneuver(agents), maneuver.flatten(), for_each_maneuver(base), truth)
+        scale, correlation = gaussian(raw)
+        return Prediction(logits, mean.view(*shape, 2), scale.view(*shape, 2), correlation.view(*shape))
+
+
+def scaled_state(state: Tensor) -> Tensor:
+    """States (..., STATE_CHANNELS) about as large as 1."""
+    return state / state.new_tensor([LENGTH, LENGTH, SPEED, 1.0])
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """The K agents nearest to each agent, itself first.
+
+    Attributes:
+        index: (B, N, K) int64.
+        seen: (B, N, K) bool; padding sees itself, so that its attention is a number.
+        relation: (B, N, K, RELATION_CHANNELS) how each lies and moves as seen by the agent.
+    """
+
+    index: Tensor
+    seen: Tensor
+    relation: Tensor
+
+    @classmethod
+    def of(cls, batch: SceneBatch, count: int, reach: float) -> Neighbours:
+        """At most `count` others within `reach` metres."""
+        b, n = batch.agent.shape
+        apart = offsets(batch)
+        distance = torch.hypot(apart[..., 0], apart[..., 1]).masked_fill(~batch.agent[:, None], float("inf"))
+        itself = torch.eye(n, dtype=torch.bool, device=distance.device)
+        distance, index = distance.masked_fill(itself, -1.0).topk(min(count + 1, n), dim=-1, largest=False)
+        scene = torch.arange(b, device=index.device)[:, None, None]
+        agent = torch.arange(n, device=index.device)[:, None]
+        ahead, left = rotate(apart[scene, agent, index], -batch.heading[..., None]).unbind(dim=-1)
+        turn = batch.heading[scene, index] - batch.heading[..., None]
+        speed = batch.state[..., 2]
+        other = speed[scene, index]
+        relation = torch.stack(
+            [
+                ahead / LENGTH,
+                left / LANE,
+                1.0 / (1.0 + ahead.abs() / 5.0),
+                turn.cos(),
+                turn.sin(),
+                (other - speed[..., None]) / (0.25 * SPEED),
+                other / SPEED,
+                (left.abs() < 0.5 * LANE).to(ahead.dtype) * ahead.sign(),
+            ],
+            dim=-1,
+        )
+        return cls(index, distance < reach, relation)
+
+    def gather(self, values: Tensor) -> Tensor:
+        """(B, N, K, C) of values (B, N, C)."""
+        return values[torch.arange(len(values), device=values.device)[:, None, None], self.index]

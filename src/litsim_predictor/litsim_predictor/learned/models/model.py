@@ -1,0 +1,106 @@
+"""What every learned predictor is: a torch module from scenes to manoeuvre-conditioned Gaussians."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from litsim_predictor.learned.data.batch import DT, HORIZON, LATERAL, LONGITUDINAL, Prediction, SceneBatch
+
+Decode = Literal["all", "best"] | Tensor
+"""What to decode; see :meth:`SceneModel.forward`."""
+GAUSSIAN_CHANNELS = 5  # mean x and y, two scales, correlation
+SCALE_FLOOR = 0.02  # [m] least standard deviation: below what the recordings measure
+CORRELATION_LIMIT = 0.95
+
+
+class SceneModel(nn.Module):
+    """Base of all learned predictors.
+
+    A subclass is built from its configuration alone, and answers for padding and for agents seen in a single frame
+    with finite numbers. Answers do not depend on the order of agents nor on padding.
+
+    Attributes:
+        forcing: share of the batches of training in which a decoder that reads positions is given the true ones.
+    """
+
+    forcing = 0.0
+
+    @abstractmethod
+    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
+        """Predict every agent of `batch`, in one pass.
+
+        Args:
+            batch: scenes; nothing of its future is read, except by teacher forcing while `self.training`.
+            decode: "all" for one trajectory for each manoeuvre (M = K), "best" for that of the most probable one
+                (M = 1), or manoeuvres (B, N) int64, such as the true ones in training (M = 1; -1 stands for best).
+        """
+
+
+def decoded_maneuvers(logits: Tensor, decode: Decode) -> Tensor:
+    """(B, N, M) int64 the manoeuvres to decode, of logits (B, N, K); see :meth:`SceneModel.forward`."""
+    if isinstance(decode, str) and decode == "all":
+        return torch.arange(logits.shape[-1], device=logits.device).expand_as(logits)
+    best = logits.argmax(dim=-1)
+    return (best if isinstance(decode, str) else torch.where(decode >= 0, decode, best))[..., None]
+
+
+def maneuver_logits(lateral: Tensor, longitudinal: Tensor) -> Tensor:
+    """(..., K) logits of manoeuvres whose two parts are independent, from theirs: (..., 3) each."""
+    return (lateral.log_softmax(-1)[..., :, None] + longitudinal.log_softmax(-1)[..., None, :]).flatten(-2)
+
+
+def maneuver_parts(maneuver: Tensor) -> Tensor:
+    """(..., 6) int64: the lateral part of manoeuvres (...) one-hot, then the longitudinal one."""
+    lateral = nn.functional.one_hot(maneuver // len(LONGITUDINAL), len(LATERAL))
+    return torch.cat([lateral, nn.functional.one_hot(maneuver % len(LONGITUDINAL), len(LONGITUDINAL))], dim=-1)
+
+
+def rotate(vector: Tensor, angle: Tensor) -> Tensor:
+    """Vectors (..., 2) turned by angles (...) [rad]."""
+    cos, sin = angle.cos(), angle.sin()
+    x, y = vector[..., 0], vector[..., 1]
+    return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=-1)
+
+
+def offsets(batch: SceneBatch) -> Tensor:
+    """(B, N, N, 2) from each agent (first N) to every agent (second N), in the axes of frame map [m].
+
+    Turned by ``-batch.heading[..., None]``, they are ahead of the first and to its left.
+    """
+    return batch.position[:, None] - batch.position[:, :, None]
+
+
+def future_times(like: Tensor) -> Tensor:
+    """(HORIZON,) the steps of the future [s], on the device and of the type of `like`."""
+    return DT * torch.arange(1, HORIZON + 1, device=like.device, dtype=like.dtype)
+
+
+def constant_velocity(batch: SceneBatch) -> Tensor:
+    """(B, N, HORIZON, 2) positions at constant speed along the heading, in the agent frame [m]."""
+    speed, yaw = batch.state[..., 2], batch.state[..., 3]
+    direction = torch.stack([yaw.cos(), yaw.sin()], dim=-1)
+    return speed[..., None, None] * future_times(speed)[:, None] * direction[..., None, :]
+
+
+def gaussian(raw: Tensor) -> tuple[Tensor, Tensor]:
+    """Standard deviations (..., 2) [m] and correlation (...,) from three unbounded channels (..., 3)."""
+    scale = nn.functional.softplus(raw[..., :2]) + SCALE_FLOOR
+    return scale, CORRELATION_LIMIT * torch.tanh(raw[..., 2])
+
+
+def mahalanobis_squared(prediction: Prediction, future: Tensor) -> Tensor:
+    """(B, N, M, HORIZON) of true positions `future` (B, N, HORIZON, 2) from the means of the Gaussians."""
+    z = (future[:, :, None] - prediction.mean) / prediction.scale
+    rho = prediction.correlation
+    return (z[..., 0] ** 2 + z[..., 1] ** 2 - 2.0 * rho * z[..., 0] * z[..., 1]) / (1.0 - rho**2)
+
+
+def negative_log_likelihood(prediction: Prediction, future: Tensor) -> Tensor:
+    """(B, N, M, HORIZON) of true positions `future` (B, N, HORIZON, 2) under the Gaussians [nats, density in 1/m2]."""
+    area = prediction.scale.log().sum(dim=-1) + 0.5 * (1.0 - prediction.correlation**2).log()
+    return 0.5 * mahalanobis_squared(prediction, future) + area + math.log(2.0 * math.pi)

@@ -1,0 +1,74 @@
+"""Trajectories of a run as a plain table, for tools that know nothing of bags."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from litsim_sim.analysis.lanes import lane_map_of
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import Controller
+from litsim_sim.record.run import Run, start_frame
+from litsim_sim.recordings.recording import COLUMNS
+
+EXTRA = ("step", "yaw_rate", "controller")
+
+
+def trajectories(run: Run) -> pd.DataFrame:
+    """One row per agent and step, sorted so: the columns of the neutral schema and EXTRA.
+
+    `frame` is the recording's, `lane` that of the net in the bag, counted from the left of its edge (-1: inside a
+    junction, or no net), `controller` who moved the agent: log, policy, ego or baseline.
+
+    Raises:
+        InputError: the net or the scenario in the bag cannot be read.
+    """
+    start = start_frame(run.scenario_yaml, run.path) if run.scenario_yaml else 0
+    rows = pd.concat(
+        [
+            pd.DataFrame(
+                {
+                    "vehicle_id": table.id,
+                    "step": table.step,
+                    **{name: getattr(table, name) for name in COLUMNS if hasattr(table, name)},
+                    "yaw_rate": table.yaw_rate,
+                    "controller": [Controller(code).name.lower() for code in table.controller],
+                }
+            )
+            for table in run.tables
+        ],
+        ignore_index=True,
+    )
+    rows = rows.assign(frame=rows["step"] + start, lane=_lanes(run, rows))
+    return rows[[*COLUMNS, *EXTRA]].astype(COLUMNS)
+
+
+def _lanes(run: Run, rows: pd.DataFrame) -> np.ndarray:
+    lane_map = lane_map_of(run)
+    if lane_map is None or rows.empty:
+        return np.full(len(rows), -1)
+    at = lane_map.nearest(*(rows[name].to_numpy() for name in ("x", "y", "yaw")))
+    lanes_of = Counter(lane.edge_id for lane in lane_map.lanes)
+    from_left = [-1 if lane.is_internal else lanes_of[lane.edge_id] - lane.index for lane in lane_map.lanes]
+    return np.array(from_left)[at.lane]
+
+
+def write(rows: pd.DataFrame, out: Path) -> None:
+    """Write as CSV or Parquet, by the ending of `out`.
+
+    Raises:
+        InputError: `out` has another ending, or cannot be written.
+    """
+    if out.suffix not in (".csv", ".parquet"):
+        raise InputError(f"{out}: expected a name that ends with .csv or .parquet")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if out.suffix == ".csv":
+            rows.to_csv(out, index=False)
+        else:
+            rows.to_parquet(out, index=False, compression="zstd")
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,1 @@
+"""What every stage speaks of: tables of agents, boxes, vehicle dynamics, steps, parameters, errors."""

@@ -1,0 +1,29 @@
+"""What moves an agent, and the colours by which pictures, the report and live views tell it apart."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Mode(IntEnum):
+    """What moves an agent; the first four as in :class:`litsim_sim.core.scene.Controller`."""
+
+    LOG = 0
+    POLICY = 1
+    EGO = 2
+    BASELINE = 3
+    HANDBACK = 4
+    ABSENT = 5
+
+
+COLOURS = {  # as in the LitSim paper, and in assets/report.css
+    Mode.EGO: ("#d62728", "ego"),
+    Mode.POLICY: ("#2ca02c", "taken over"),
+    Mode.HANDBACK: ("#86dcb5", "handing back"),
+    Mode.LOG: ("#f2c230", "log"),
+    Mode.BASELINE: ("#4878b0", "baseline"),
+}
+"""Colour and name of each mode."""
+
+CONFLICT = "#b3127b"
+"""Colour of predicted overlaps."""

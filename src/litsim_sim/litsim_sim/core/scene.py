@@ -1,0 +1,209 @@
+"""One step of the world as arrays: the state that flows through every stage."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+ByteArray = npt.NDArray[np.uint8]
+BoolArray = npt.NDArray[np.bool_]
+
+
+STEP_S = 0.1  # [s] of one step: LitSim runs at NGSIM's 10 Hz
+RATE_HZ = 10.0
+
+
+class Kind(IntEnum):
+    """Vehicle class, numbered as in ``litsim_msgs/AgentStates``."""
+
+    CAR = 0
+    TRUCK = 1
+    MOTORCYCLE = 2
+    UNKNOWN = 255
+
+
+class Controller(IntEnum):
+    """Who moves an agent, numbered as in ``litsim_msgs/AgentStates``."""
+
+    LOG = 0
+    POLICY = 1
+    EGO = 2
+    BASELINE = 3
+
+
+@dataclass(frozen=True)
+class AgentTable:
+    """All agents at one step; every array has shape (n,) and `id` ascends.
+
+    Attributes:
+        step: integer step of 0.1 s since the start of the scenario.
+        id: ids of the recording.
+        kind: :class:`litsim_sim.core.scene.Kind`.
+        controller: :class:`Controller`.
+        x, y: box centre in frame map [m].
+        yaw: heading, counter-clockwise from +x [rad].
+        speed: along the heading [m/s].
+        acceleration: along the heading [m/s2].
+        yaw_rate: [rad/s].
+        length, width: of the box [m].
+    """
+
+    step: int
+    id: IntArray
+    kind: ByteArray
+    controller: ByteArray
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+    yaw_rate: FloatArray
+    length: FloatArray
+    width: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def row(self, agent: int) -> int:
+        """Row of `agent`, or -1 where it is not on the road."""
+        at = int(np.searchsorted(self.id, agent))
+        return at if at < len(self.id) and self.id[at] == agent else -1
+
+    def rows(self, agents: IntArray) -> IntArray:
+        """Row of each of `agents` (m,), -1 where absent."""
+        if not len(self.id):
+            return np.full(len(agents), -1, np.int64)
+        at = np.minimum(np.searchsorted(self.id, agents), len(self.id) - 1)
+        return np.where(self.id[at] == agents, at, -1)
+
+    def take(self, rows: IntArray | BoolArray) -> AgentTable:
+        """The agents of `rows` (ascending positions, or a mask)."""
+        return AgentTable(self.step, *(getattr(self, f)[rows] for f in ARRAY_FIELDS))
+
+    @property
+    def off_log(self) -> BoolArray:
+        """(n,) agents whose motion is not the recorded one, the ego included."""
+        return self.controller != Controller.LOG
+
+    @classmethod
+    def empty(cls, step: int) -> AgentTable:
+        """A road without agents."""
+        return cls(step, *(np.empty(0, DTYPES[f]) for f in ARRAY_FIELDS))
+
+
+ARRAY_FIELDS: tuple[str, ...] = tuple(f.name for f in fields(AgentTable) if f.name != "step")
+DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | {
+    "id": np.int64,
+    "kind": np.uint8,
+    "controller": np.uint8,
+}
+
+
+class History:
+    """The last `length` steps, oldest first; a stage fills it from the agent states alone."""
+
+    def __init__(self, length: int) -> None:
+        self._tables: deque[AgentTable] = deque(maxlen=length)
+
+    def push(self, table: AgentTable) -> None:
+        """Append a step; a step that does not follow the last one starts the history afresh."""
+        if self._tables and table.step != self._tables[-1].step + 1:
+            self._tables.clear()
+        self._tables.append(table)
+
+    def __len__(self) -> int:
+        return len(self._tables)
+
+    def __iter__(self) -> Iterator[AgentTable]:
+        return iter(self._tables)
+
+    def series(self, field: str, agents: IntArray) -> tuple[FloatArray, BoolArray]:
+        """Values of `field` for `agents` (m,) over the history.
+
+        Returns:
+            values (m, h) with zeros where an agent was absent, and the mask (m, h) of where it was present;
+            h is the number of steps held, the newest last.
+        """
+        values, valid = self.window((field,), agents, len(self._tables))
+        return values[..., 0], valid
+
+    def window(
+        self, fields: Sequence[str], agents: IntArray, length: int, stride: int = 1
+    ) -> tuple[FloatArray, BoolArray]:
+        """Values of several `fields` for `agents` (m,) at `length` steps, `stride` apart, up to the newest.
+
+        Returns:
+            values (m, length, len(fields)) with zeros where an agent was absent or the history does not reach, and the
+            mask (m, length) of where it was present; the newest step is the last.
+        """
+        values = np.zeros((len(agents), length, len(fields)))
+        valid = np.zeros((len(agents), length), np.bool_)
+        newest_first = list(self._tables)[::-stride][:length]
+        for back, table in enumerate(newest_first):
+            rows = table.rows(agents)
+            present = rows >= 0
+            column = length - 1 - back
+            values[present, column] = np.stack([getattr(table, name)[rows[present]] for name in fields], axis=-1)
+            valid[:, column] = present
+        return values, valid
+
+
+@dataclass(frozen=True)
+class ControlTable:
+    """What the policy answers to one step; agents that are not listed follow their log. Arrays (m,), ids ascend.
+
+    Attributes:
+        step: the step that is answered.
+        id: agents.
+        acceleration: along the heading [m/s2].
+        lateral_acceleration: to the left [m/s2].
+        yaw_rate: [rad/s].
+        source: :class:`ControlSource`.
+    """
+
+    step: int
+    id: IntArray
+    acceleration: FloatArray
+    lateral_acceleration: FloatArray
+    yaw_rate: FloatArray
+    source: ByteArray
+
+    @classmethod
+    def empty(cls, step: int) -> ControlTable:
+        """Everybody follows the log."""
+        none = np.empty(0)
+        return cls(step, np.empty(0, np.int64), none, none, none, np.empty(0, np.uint8))
+
+
+class ControlSource(IntEnum):
+    """Numbered as in ``litsim_msgs/Controls``."""
+
+    POLICY = 1
+    HANDBACK = 2
+    BASELINE = 3
+    GUARDED = 4
+    LATE = 5
+
+
+class EgoMode(IntEnum):
+    """Numbered as in ``litsim_msgs/EgoControl``."""
+
+    CONTROL = 0
+    FOLLOW_LOG = 1
+
+
+@dataclass(frozen=True)
+class EgoCommand:
+    """What the ego answers to one step: acceleration [m/s2] and yaw rate [rad/s], or to follow its log."""
+
+    step: int
+    acceleration: float = 0.0
+    yaw_rate: float = 0.0
+    mode: EgoMode = EgoMode.CONTROL

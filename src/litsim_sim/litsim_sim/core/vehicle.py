@@ -1,0 +1,118 @@
+"""The ego's vehicle: what it can do, and how its actuators follow a command."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, fields
+from math import exp, inf, isfinite
+
+import numpy as np
+
+from litsim_sim.core.dynamics import VehicleLimits
+from litsim_sim.core.scene import STEP_S
+
+DELAY_TOLERANCE = 1e-6  # of a step
+
+
+@dataclass(frozen=True)
+class VehicleModel(VehicleLimits):
+    """A kinematic bicycle behind actuators; the defaults are the vehicle of every controlled agent, without actuators.
+
+    A command passes a dead time, a first-order lag and a bound on jerk, then the limits. Everything is deterministic.
+
+    Attributes:
+        jerk_max: bound on the change of the acceleration [m/s3]; infinite for none.
+        delay_s: dead time of acceleration and yaw rate [s], whole steps of 0.1 s.
+        lag_s: time constant of their first-order lag [s].
+    """
+
+    jerk_max: float = inf
+    delay_s: float = 0.0
+    lag_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no vehicle.
+
+        Raises:
+            ValueError: a value is out of range; the text begins with its name.
+        """
+        for each in fields(self):
+            value = getattr(self, each.name)
+            may_be_zero = each.name in ("delay_s", "lag_s", "rear_axle")
+            if not (value > 0.0 or (may_be_zero and value == 0.0)) or not (isfinite(value) or each.name == "jerk_max"):
+                raise ValueError(f"{each.name} is {value:g}, expected {'0 or more' if may_be_zero else 'more than 0'}")
+        if self.rear_axle > 0.5:
+            raise ValueError(f"rear_axle is {self.rear_axle:g}, expected a share of the length, 0 to 0.5")
+        if abs(self.delay_s / STEP_S - self.delay_steps) > DELAY_TOLERANCE:
+            raise ValueError(f"delay_s is {self.delay_s:g}, expected a multiple of {STEP_S:g} s")
+
+    @classmethod
+    def of(cls, values: dict[str, float]) -> VehicleModel:
+        """The default vehicle but for `values`, by the names of the fields.
+
+        Raises:
+            ValueError: a name is unknown, or a value is out of range.
+        """
+        if unknown := sorted(values.keys() - set(VEHICLE_FIELDS)):
+            raise ValueError(f"{', '.join(unknown)} is unknown, expected some of {', '.join(VEHICLE_FIELDS)}")
+        return cls(**values)
+
+    @property
+    def delay_steps(self) -> int:
+        """Dead time in steps."""
+        return round(self.delay_s / STEP_S)
+
+    @property
+    def reaction_s(self) -> float:
+        """Dead time and lag together [s]: about what a controller has to look ahead."""
+        return self.delay_s + self.lag_s
+
+    def within(self, acceleration: float, yaw_rate: float, speed: float) -> tuple[float, float]:
+        """An acceleration [m/s2] and a yaw rate [rad/s] cut to the limits at `speed` [m/s]."""
+        turn = min(speed * self.curvature_max, self.lateral_acceleration_max / max(speed, 1e-3))
+        cut = min(max(acceleration, -self.deceleration_max), self.acceleration_max)
+        return cut, min(max(yaw_rate, -turn), turn)
+
+
+VEHICLE_FIELDS: tuple[str, ...] = tuple(each.name for each in fields(VehicleModel))
+
+
+class Actuators:
+    """What lies between the ego's command and its motion; commands pass unchanged where the model has no actuators."""
+
+    def __init__(self, model: VehicleModel) -> None:
+        self._model = model
+        self._ideal = model.delay_steps == 0 and model.lag_s == 0.0 and model.jerk_max == inf
+        self._gain = 1.0 - exp(-STEP_S / model.lag_s) if model.lag_s > 0.0 else 1.0
+        self._queue: deque[tuple[float, float]] = deque()
+        self._now: tuple[float, float] | None = None
+
+    def reset(self) -> None:
+        """Forget; the vehicle is not driven."""
+        self._queue.clear()
+        self._now = None
+
+    def apply(
+        self, acceleration: float, yaw_rate: float, moving: tuple[float, float], speed: float
+    ) -> tuple[float, float]:
+        """One step of 0.1 s.
+
+        Args:
+            acceleration, yaw_rate: commanded [m/s2], [rad/s].
+            moving: acceleration and yaw rate of the vehicle now, which the actuators begin with.
+            speed: now [m/s].
+
+        Returns:
+            what takes effect in this step, before the limits of :func:`litsim_sim.core.dynamics.bicycle_step`.
+        """
+        if self._ideal:
+            return acceleration, yaw_rate
+        if self._now is None:
+            self._now = self._model.within(*moving, speed)
+            self._queue.extend([self._now] * self._model.delay_steps)
+        self._queue.append(self._model.within(acceleration, yaw_rate, speed))
+        wanted = self._queue.popleft()
+        change = [self._gain * (to - at) for to, at in zip(wanted, self._now, strict=True)]
+        most = self._model.jerk_max * STEP_S
+        self._now = (self._now[0] + float(np.clip(change[0], -most, most)), self._now[1] + change[1])
+        return self._now

@@ -1,0 +1,88 @@
+"""One answer of a driving system on the ego port, whatever its type, and what is wrong with it in itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import chain
+from math import isfinite
+
+import numpy as np
+
+from litsim_sim.core.scene import EgoCommand
+from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
+
+MAP_FRAME = "map"
+BODY_FRAMES = ("", "ego", "base_link")
+
+
+class Interface(StrEnum):
+    """What a driving system answers with."""
+
+    CONTROL = "control"
+    TWIST = "twist"
+    TRAJECTORY = "trajectory"
+
+
+INPUTS: dict[Interface, str] = {each: f"/litsim/ego/{each}" for each in Interface}
+"""Topic of each interface."""
+
+AUTO = "auto"
+INTERFACES = (AUTO, *Interface)
+"""What may be chosen beforehand; `auto` is that of the first message."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One message of a driving system.
+
+    Attributes:
+        interface: its kind.
+        target: what it asks for; None where the message makes no sense, and `fault` says why.
+        stamp_ns: of its header; answers to that step, unless `step` says to which.
+        step: that it answers, where the type says.
+        run_id: that it belongs to, where the type says.
+        frame: of its header, and those of its poses where they differ from it.
+        fault: what was found wrong at its conversion.
+    """
+
+    interface: Interface
+    target: EgoCommand | TwistTarget | Trajectory | None
+    stamp_ns: int = 0
+    step: int | None = None
+    run_id: str | None = None
+    frame: str = MAP_FRAME
+    fault: str = ""
+
+
+def problem(answer: Answer) -> str:
+    """In words, what keeps an answer from being used whatever the ego does; empty for nothing."""
+    return next(chain(_problems(answer), ("",)))
+
+
+def _problems(answer: Answer) -> Iterator[str]:
+    target = answer.target
+    if answer.fault or target is None:
+        yield answer.fault or "it is empty"
+    elif isinstance(target, EgoCommand):
+        yield from _not_finite(acceleration=target.acceleration, yaw_rate=target.yaw_rate)
+    elif isinstance(target, TwistTarget):
+        if answer.frame not in BODY_FRAMES:
+            yield f"frame_id is {answer.frame!r}, expected that of the ego's body, ego or base_link"
+        yield from _not_finite(**{"twist.linear.x": target.speed, "twist.angular.z": target.yaw_rate})
+    else:
+        if answer.frame != MAP_FRAME:
+            yield f"frame_id is {answer.frame!r}, expected {MAP_FRAME!r}"
+        for row in np.flatnonzero(~(np.isfinite(target.x) & np.isfinite(target.y)))[:1]:
+            yield f"pose {row} is not finite: {target.x[row]}, {target.y[row]}"
+        for row in np.flatnonzero(np.diff(target.time) <= 0.0)[:1]:
+            times = f"{target.time[row]:g} and {target.time[row + 1]:g} s"
+            yield f"stamps of poses {row} and {row + 1} are {times}, expected ascending ones"
+
+
+def _not_finite(**values: float) -> Iterator[str]:
+    """Names those of `values` that are not finite."""
+    for name, value in values.items():
+        if not isfinite(value):
+            yield f"{name} is {value}, expected a finite value"

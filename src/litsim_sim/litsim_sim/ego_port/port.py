@@ -1,0 +1,203 @@
+"""The ego port, without ROS: which answers of a driving system count, and what becomes of them.
+
+The bridge opens a step, offers every message that arrives, and takes one command. What is wrong is counted and said;
+what follows from it, the run ending or the last good answer counting on, is decided in one place.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand
+from litsim_sim.core.vehicle import VehicleModel
+from litsim_sim.ego_port.answer import AUTO, INPUTS, Answer, Interface, problem
+from litsim_sim.ego_port.tracking import EgoState, Reference, Trajectory, TwistTarget, follow_twist
+
+STEP_NS = round(STEP_S * 1e9)
+STAMP_TOLERANCE_NS = 1_000_000  # by which a stamp may miss its step, rounding of floating-point seconds
+COUNTS = ("answered", "late", "stale", "future", "surplus", "invalid", "refused")
+SAY_AGAIN = 10  # steps for which the same thing is not said again
+
+
+class Level(IntEnum):
+    """Numbered as in ``diagnostic_msgs/DiagnosticStatus``."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Something to be said on ``/diagnostics``, about a step."""
+
+    step: int
+    level: Level
+    text: str
+
+
+class AnswerInvalid(Exception):
+    """The answer to a step cannot be used, and the run is to end over it."""
+
+
+class EgoPort:
+    """Takes the answers of whatever drives the ego, one for every step.
+
+    The first message decides which interface is in use, if none was chosen. An answer to the current step counts once.
+    One to an earlier step is stale; where it is the newest so far, it is what is held from then on. Of any other step
+    it is a future one, and dropped.
+
+    Attributes:
+        interface: in use; None as long as nothing has come.
+        counts: messages by what became of them, under the names of :data:`COUNTS`: `answered`; `late`, of a step
+            before, and held from then on; `stale`, of a step before or another run; `future`, of a step to come;
+            `surplus`, another to the same step; `invalid`; `refused`, of another interface.
+        remarks: to be said; whoever says them clears the list.
+    """
+
+    def __init__(
+        self, run_id: str, vehicle: VehicleModel, interface: str = AUTO, *, stop_on_invalid: bool = True
+    ) -> None:
+        self.interface = None if interface == AUTO else Interface(interface)
+        self.counts: Counter[str] = Counter()
+        self.remarks: list[Remark] = []
+        self._run_id = run_id
+        self._vehicle = vehicle
+        self._stop_on_invalid = stop_on_invalid
+        self._step = -1
+        self._asked = 0  # times for the current step
+        self._offered = 0  # answers to it
+        self._ego: EgoState | None = None
+        self._driven = False
+        self._answered = -1  # newest step that was answered, for better or worse
+        self._invalid = ""  # what is wrong with the answer to the current step
+        self._held: EgoCommand | TwistTarget | Reference | None = None
+        self._said: dict[str, int] = {}
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Where an answer may come."""
+        return tuple(INPUTS.values()) if self.interface is None else (INPUTS[self.interface],)
+
+    @property
+    def missing(self) -> bool:
+        """Whether the current step still wants its answer."""
+        return self._answered < self._step
+
+    def open(self, step: int, ego: EgoState | None, *, driven: bool) -> None:
+        """Wait for the answer to `step`.
+
+        Args:
+            step: current step.
+            ego: its state; None where it is not on the road.
+            driven: whether the answer counts: neither before the history is over, nor once the ego has left.
+        """
+        self._step, self._ego, self._driven = step, ego, driven and ego is not None
+        self._asked, self._offered, self._invalid = 0, 0, ""
+
+    def ask(self) -> None:
+        """The current step is published, maybe again: one answer more to it is no surplus."""
+        self._asked += 1
+
+    def offer(self, answer: Answer) -> None:
+        """Take a message."""
+        if self._step < 0:
+            return
+        if self.interface is None:
+            self.interface = answer.interface
+            self._say("interface", Level.OK, f"the ego is driven over {INPUTS[answer.interface]}")
+        if answer.interface != self.interface:
+            self._count("refused", Level.ERROR, f"{INPUTS[answer.interface]}: ignored, {self.topics[0]} is in use")
+            return
+        step = self._step_of(answer)
+        if step is None or (step < self._step and step <= self._answered):
+            self._count("stale", Level.WARN, f"{self.topics[0]}: {self._came(answer)} is stale")
+        elif step > self._step:
+            self._count("future", Level.WARN, f"{self.topics[0]}: {self._came(answer)} is of the future")
+        elif step == self._answered:
+            if self._offered < self._asked:
+                self._offered += 1
+            else:
+                self._count("surplus", Level.WARN, f"{self.topics[0]}: more answers to step {step} than asked for")
+        else:
+            self._accept(step, answer)
+
+    def take(self) -> EgoCommand:
+        """The command for the current step; where its answer is missing, that of the newest there is.
+
+        Raises:
+            AnswerInvalid: the answer cannot be used, and the run is to end over it.
+        """
+        if self._invalid and self._stop_on_invalid:
+            raise AnswerInvalid(f"the answer to step {self._step} on {self.topics[0]} cannot be used: {self._invalid}")
+        held = self._held
+        if isinstance(held, EgoCommand):
+            return replace(held, step=self._step)
+        if held is None or self._ego is None or not self._driven:
+            return EgoCommand(self._step)
+        if isinstance(held, Reference):
+            return EgoCommand(self._step, *held.command(self._ego, self._vehicle))
+        return EgoCommand(self._step, *follow_twist(held, self._ego, self._vehicle))
+
+    def _accept(self, step: int, answer: Answer) -> None:
+        """The first answer to a step, the current or a missed one."""
+        self._answered = step
+        if step < self._step:
+            self._count(
+                "late", Level.WARN, f"{self.topics[0]}: {self._came(answer)} is late by {self._step - step} steps"
+            )
+        else:
+            self._offered += 1
+        wrong, target = problem(answer), answer.target
+        reference = None
+        if not wrong and isinstance(target, Trajectory) and self._driven and self._ego is not None:
+            reference = Reference(target, self._ego)
+            wrong = reference.problem(self._ego, self._vehicle)
+        if wrong:
+            self.counts["invalid"] += 1
+            self._say("", Level.ERROR, f"{self.topics[0]}: {self._came(answer)} cannot be used: {wrong}")
+            self._invalid = wrong if step == self._step else self._invalid
+            return
+        self.counts["answered"] += 1
+        self._held = reference if isinstance(target, Trajectory) else target
+
+    def _step_of(self, answer: Answer) -> int | None:
+        """The step that is answered; None for none of this run, or one between two steps of the past."""
+        if answer.run_id is not None and answer.run_id != self._run_id:
+            return None
+        if answer.step is not None:
+            return answer.step
+        step = round(answer.stamp_ns / STEP_NS)
+        if abs(answer.stamp_ns - step * STEP_NS) <= STAMP_TOLERANCE_NS:
+            return step
+        return None if answer.stamp_ns < self._step * STEP_NS else self._step + 1
+
+    def _came(self, answer: Answer) -> str:
+        """A message in words."""
+        if answer.run_id is not None and answer.run_id != self._run_id:
+            return f"an answer to run {answer.run_id!r}, at step {self._step},"
+        if answer.step is not None:
+            return f"the answer to step {answer.step}, at step {self._step},"
+        return f"the message stamped {answer.stamp_ns * 1e-9:.2f} s, at {self._step * STEP_S:.1f} s,"
+
+    def _count(self, kind: str, level: Level, text: str) -> None:
+        self.counts[kind] += 1
+        self._say(kind, level, f"{text} ({self.counts[kind]} so far)")
+
+    def _say(self, kind: str, level: Level, text: str) -> None:
+        """Note a remark; of a kind that has a name only now and then."""
+        last = self._said.get(kind)
+        if not kind or last is None or self._step >= last + SAY_AGAIN:
+            self._said[kind] = self._step
+            self.remarks.append(Remark(self._step, level, text))
+
+
+def ego_state(table: AgentTable, ego_id: int) -> EgoState | None:
+    """State of the ego; None where it is not on the road."""
+    row = table.row(ego_id)
+    if row < 0:
+        return None
+    values = (float(getattr(table, name)[row]) for name in ("x", "y", "yaw", "speed", "length"))
+    return EgoState(table.step * STEP_S, *values)

@@ -1,0 +1,146 @@
+"""From what a driving system wants to acceleration and yaw rate: target speeds, and trajectories to be tracked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_sim.core.geometry import to_body, wrap_angle
+from litsim_sim.core.scene import STEP_S, FloatArray
+from litsim_sim.core.vehicle import VehicleModel
+
+BANDWIDTH = 2.0  # [rad/s] of the error dynamics of a vehicle without actuators
+SLOW = 2.0  # [m/s] below which steering towards the path does not become stronger
+CRAWL = 0.3  # [m/s] below which the direction of motion says nothing
+PREVIEW = 0.25  # [s] half the window over which speed and heading of a trajectory are differentiated
+STOP = 2.0  # [m/s2] of braking once a trajectory is over
+OFFSET_MAX = 2.0  # [m] between the ego and a new trajectory
+HASTE = 2.0  # [m/s] by which a trajectory may be faster than the vehicle
+ROUNDING = 0.1  # [m] of slack on top
+
+
+@dataclass(frozen=True)
+class EgoState:
+    """The ego at a step: box centre [m], heading [rad], speed [m/s], in frame map; `length` [m] of its box."""
+
+    time: float
+    x: float
+    y: float
+    yaw: float
+    speed: float
+    length: float
+
+
+@dataclass(frozen=True)
+class TwistTarget:
+    """Speed [m/s] and yaw rate [rad/s] that the ego is to have."""
+
+    speed: float
+    yaw_rate: float
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Where the ego's box centre is to be: simulation time [s], strictly ascending, and x, y in frame map [m]; (m,)."""
+
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+
+
+def follow_twist(target: TwistTarget, ego: EgoState, vehicle: VehicleModel) -> tuple[float, float]:
+    """Acceleration and yaw rate: the target is reached in one step, slower behind actuators, within the limits."""
+    acceleration = (max(target.speed, 0.0) - ego.speed) / (STEP_S + 3.0 * vehicle.reaction_s)
+    return vehicle.within(acceleration, target.yaw_rate, ego.speed + 0.5 * STEP_S * acceleration)
+
+
+class Reference:
+    """A trajectory as a motion over time, and the law by which the ego tracks it.
+
+    Speed and heading are those of the way between the poses, at the middle of each interval, and linear in time
+    between; the ego's own are the first where the trajectory begins now. Poses are linear in time.
+    """
+
+    def __init__(self, trajectory: Trajectory, ego: EgoState) -> None:
+        time, x, y = trajectory.time, trajectory.x, trajectory.y
+        if not len(time) or time[0] > ego.time + 0.5 * STEP_S:
+            time, x, y = np.append(ego.time, time), np.append(ego.x, x), np.append(ego.y, y)
+        self._time, self._x, self._y = time, x, y
+        steps = np.diff(time), np.diff(x), np.diff(y)
+        middle = time[:-1] + 0.5 * steps[0]
+        speed = np.hypot(steps[1], steps[2]) / steps[0]
+        moving = speed > CRAWL
+        heading, at = np.arctan2(steps[2], steps[1])[moving], middle[moving]
+        if not len(at) or ego.time < at[0]:
+            heading, at = np.append(ego.yaw, heading), np.append(ego.time, at)
+        if not len(middle) or ego.time < middle[0]:
+            speed, middle = np.append(ego.speed, speed), np.append(ego.time, middle)
+        self._speed, self._middle = speed, middle
+        self._heading, self._heading_time = np.unwrap(heading), at
+
+    def problem(self, ego: EgoState, vehicle: VehicleModel) -> str:
+        """In words, why no vehicle like this can be where the trajectory says; empty where it can."""
+        if self._time[-1] <= ego.time:  # also where it holds none: then the ego's pose stands alone
+            return f"its last pose is for {self._time[-1]:.1f} s, expected one after {ego.time:.1f} s"
+        away = float(np.hypot(*self._offset(ego.time, ego)))
+        if away > OFFSET_MAX:
+            return f"it is {away:.1f} m away from the ego, expected at most {OFFSET_MAX:g} m"
+        took, went = np.diff(self._time), np.hypot(np.diff(self._x), np.diff(self._y))
+        fastest = np.maximum(ego.speed, vehicle.speed_max)
+        ahead = np.maximum(self._time[1:] - ego.time, 0.0)
+        reached = np.minimum(ego.speed + vehicle.acceleration_max * ahead, fastest)
+        allowed = (reached + HASTE) * took + ROUNDING
+        jumps = np.flatnonzero((went > allowed) & (self._time[1:] > ego.time))
+        if not len(jumps):
+            return ""
+        i = int(jumps[0])
+        return (
+            f"it jumps by {went[i]:.1f} m within {took[i]:.2g} s up to {self._time[i + 1]:.1f} s, expected at most "
+            f"{allowed[i]:.1f} m"
+        )
+
+    def command(self, ego: EgoState, vehicle: VehicleModel) -> tuple[float, float]:
+        """Acceleration [m/s2] and yaw rate [rad/s] by which the ego tracks the trajectory, within its limits.
+
+        Feed-forward of the trajectory's own, read ahead by what the actuators take, and feedback of the errors along
+        and across its heading, as in Kanayama et al., "A stable tracking control method for an autonomous mobile
+        robot" (ICRA 1990), critically damped in time at every speed. Once the trajectory is over, the ego brakes on
+        the last arc.
+        """
+        now, over = ego.time, ego.time >= self._time[-1]
+        ahead = now + vehicle.reaction_s + 0.5 * STEP_S
+        rate = self._slope(self._heading_time, self._heading, ahead)
+        speed = self._at(self._middle, self._speed, now)
+        curvature = rate / max(self._at(self._middle, self._speed, ahead), SLOW)
+        if over:
+            return vehicle.within(-STOP, ego.speed * curvature, ego.speed)
+        bandwidth = BANDWIDTH / (1.0 + 2.0 * BANDWIDTH * vehicle.reaction_s)
+        # The centre of a box is ahead of its rear axle, so in a bend it does not move along the heading.
+        slip = float(np.arcsin(np.clip(vehicle.rear_axle * ego.length * curvature, -0.9, 0.9)))
+        heading = self._at(self._heading_time, self._heading, now) - slip
+        e_heading = float(wrap_angle(np.asarray(heading - ego.yaw)))
+        dx, dy = self._offset(now, ego)
+        e_along, e_across = (float(e) for e in to_body(np.asarray(dx), np.asarray(dy), np.asarray(heading)))
+        acceleration = (
+            self._slope(self._middle, self._speed, ahead)
+            + 2.0 * bandwidth * (speed - ego.speed)
+            + bandwidth**2 * e_along
+        )
+        yaw_rate = rate + bandwidth**2 * e_across / max(ego.speed, SLOW) + 2.0 * bandwidth * float(np.sin(e_heading))
+        return vehicle.within(acceleration, yaw_rate, ego.speed + 0.5 * STEP_S * max(acceleration, 0.0))
+
+    def _offset(self, time: float, ego: EgoState) -> tuple[float, float]:
+        """From the ego to the trajectory at `time` [m], in frame map."""
+        return self._at(self._time, self._x, time) - ego.x, self._at(self._time, self._y, time) - ego.y
+
+    def _at(self, times: FloatArray, values: FloatArray, time: float) -> float:
+        return float(np.interp(time, times, values))
+
+    def _slope(self, times: FloatArray, values: FloatArray, time: float) -> float:
+        """Derivative about `time`, over a window that ends where the trajectory does."""
+        low, high = np.clip([time - PREVIEW, time + PREVIEW], times[0], times[-1])
+        if high - low < 0.5 * STEP_S:  # beyond the ends: the last there is
+            low, high = (times[0], times[0] + PREVIEW) if time < times[0] else (times[-1] - PREVIEW, times[-1])
+        change = np.interp(high, times, values) - np.interp(low, times, values)
+        return float(change / (high - low))

@@ -1,0 +1,112 @@
+"""YAML that people write, read into pydantic models: what is wrong is said by line and field."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from litsim_sim.core.errors import InputError
+
+SHOWN = 5  # problems that one message lists
+FOUND_MAX = 60  # characters of a wrong value that a message repeats
+MISNAMED = ("missing", "extra_forbidden")  # pydantic's types of problems with names, not values
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def read_yaml(path: Path, model: type[_Model]) -> _Model:
+    """The file at `path`, UTF-8, as a `model`.
+
+    Raises:
+        InputError: it cannot be read, is no YAML, holds no fields, or some do not fit.
+    """
+    text = read_text(path)
+    return validate_yaml(parse_yaml(text, str(path), model), model, str(path), text)
+
+
+def read_text(path: Path) -> str:
+    """The text of a file in UTF-8.
+
+    Raises:
+        InputError: it cannot be read, or is no such text.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: cannot be read as UTF-8 text: {error}") from error
+
+
+def load_yaml(text: str | bytes, where: str) -> Any:
+    """What a YAML text says, whatever it is; `where` names the text in errors.
+
+    Raises:
+        InputError: it is no YAML.
+    """
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise InputError(f"{where}: malformed YAML: {' '.join(str(error).split())}") from error
+
+
+def parse_yaml(text: str | bytes, where: str, model: type[BaseModel]) -> dict[str, Any]:
+    """The fields of a YAML text, not yet checked; `where` names the text in errors, `model` what was expected.
+
+    Raises:
+        InputError: it is no YAML, or something else than fields and values.
+    """
+    values = load_yaml(text, where)
+    if not isinstance(values, dict):
+        some = ", ".join(list(model.model_fields)[:4])
+        raise InputError(f"{where}: expected fields such as {some}, found {values!r:.{FOUND_MAX}}")
+    return values
+
+
+def validate_yaml(values: dict[str, Any], model: type[_Model], where: str, text: str | bytes) -> _Model:
+    """`values`, read from `text` and perhaps changed since, as a `model`; `where` names the text in errors.
+
+    Raises:
+        InputError: some fields do not fit: they are named, with their lines in `text`.
+    """
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        problems = error.errors()
+        said = "; ".join(_said(problems[:SHOWN], text))
+        more = f"; and {len(problems) - SHOWN} more" if len(problems) > SHOWN else ""
+        misnamed = any(problem["type"] in MISNAMED and len(problem["loc"]) == 1 for problem in problems)
+        known = f"; known fields: {', '.join(model.model_fields)}" if misnamed else ""
+        raise InputError(f"{where}: {said}{more}{known}") from error
+
+
+def _said(problems: list[ErrorDetails], text: str | bytes) -> Iterator[str]:
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    for problem in problems:
+        line = _line(root, problem["loc"])
+        at = f"line {line}, " if line else ""
+        field = f"field {'.'.join(map(str, problem['loc']))}" if problem["loc"] else "the fields together"
+        plain = isinstance(problem["input"], str | int | float | None)
+        found = f", found {problem['input']!r:.{FOUND_MAX}}" if plain and problem["type"] not in MISNAMED else ""
+        yield f"{at}{field}: {problem['msg']}{found}"
+
+
+def _line(node: yaml.Node | None, place: tuple[int | str, ...]) -> int | None:
+    """Line, from 1, of the innermost part of `place` that the text has; None where it has not even the first."""
+    line = None
+    for part in place:
+        if isinstance(node, yaml.MappingNode):
+            inner = {str(key.value): (key, value) for key, value in node.value}.get(str(part))
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+            inner = (node.value[part], node.value[part])
+        else:
+            inner = None
+        if inner is None:
+            break
+        line, node = inner[0].start_mark.line + 1, inner[1]
+    return line

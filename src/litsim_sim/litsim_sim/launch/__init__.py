@@ -1,0 +1,1 @@
+"""Processes of a graph: the executables, and the DDS domain that they share."""

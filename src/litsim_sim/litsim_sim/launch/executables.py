@@ -1,0 +1,38 @@
+"""Where the executables of the workspace are: the files that ``ros2 run PACKAGE EXECUTABLE`` starts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+from litsim_sim.core.errors import InputError
+
+EXECUTABLES = {
+    "recorder": ("litsim_sim", "recorder"),
+    "predictor": ("litsim_predictor", "predictor"),
+    "conflict": ("litsim_policy", "conflict"),
+    "policy": ("litsim_policy", "policy"),
+    "bridge": ("litsim_sim", "bridge"),
+}
+"""Package and executable of every node but the ego."""
+
+
+def find_executable(package: str, executable: str) -> Path:
+    """The file of `executable` of `package`, whichever way the packages depend on each other.
+
+    Raises:
+        InputError: the package is not built, not sourced, or has no such executable.
+    """
+    try:
+        path = Path(get_package_prefix(package)) / "lib" / package / executable
+    except PackageNotFoundError as error:
+        raise InputError(f"package {package} is not built or not sourced: {error}") from error
+    if not path.is_file():
+        raise InputError(f"{path}: no such executable; build the workspace (make build)")
+    return path
+
+
+def node_executable(node: str, ego: str) -> Path:
+    """The file of a node of the graph by the name of its stage; that of the stage `ego` depends on who drives it."""
+    return find_executable(*(("litsim_policy", f"ego_{ego}") if node == "ego" else EXECUTABLES[node]))

@@ -1,0 +1,93 @@
+"""What the bridge publishes of a run: its description, the scene of every step, the ego's route and the lanes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import yaml
+from litsim_msgs.msg import RunInfo
+from nav_msgs.msg import Path
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+
+from litsim_sim.core.scene import AgentTable
+from litsim_sim.ros import messages, standard
+from litsim_sim.ros.topics import (
+    AGENTS,
+    CLOCK,
+    CONTROLS,
+    EGO_APPLIED,
+    EGO_CONTROL,
+    EGO_ROUTE,
+    EGO_STATE,
+    FORECASTS,
+    LANES,
+    OBJECTS,
+    RUN_INFO,
+    TAKEOVERS,
+    Topic,
+)
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, versions
+from litsim_sim.scenario.scenario import Scenario
+
+ROUTE_LENGTH = 1000.0  # [m] of the route that the ego is given
+
+
+class Broadcast:
+    """Publishes a run as it goes; the state of a step as often as it is asked for."""
+
+    def __init__(self, node: Node, plan: RunPlan) -> None:
+        self._plan = plan
+        self._publishers = {
+            t: node.create_publisher(t.type, t.name, t.qos)
+            for t in (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES)
+        }
+        self._scene: list[tuple[Topic, Any]] = []
+
+    def begin(self, info: RunInfo) -> None:
+        """What holds for the whole run."""
+        self._publishers[RUN_INFO].publish(info)
+        self._publishers[EGO_ROUTE].publish(route(self._plan.scenario))
+        self._publishers[LANES].publish(standard.lanes(self._plan.scenario.lane_map))
+
+    def show(self, table: AgentTable) -> None:
+        """A step."""
+        plan, ego_id = self._plan, self._plan.scenario.ego_id
+        self._scene = [
+            (CLOCK, Clock(clock=messages.stamp(table.step))),
+            (AGENTS, messages.agents_to_message(table, plan.run_id, plan.scenario.total_steps, ego_id)),
+            (EGO_STATE, messages.ego_odometry(table, ego_id)),
+            (OBJECTS, standard.objects(table, ego_id)),
+        ]
+        self.repeat()
+
+    def repeat(self) -> None:
+        """The step that was shown last."""
+        for topic, message in self._scene:
+            self._publishers[topic].publish(message)
+
+
+def route(scenario: Scenario) -> Path:
+    """The centre line of the lane that the ego begins on."""
+    table = scenario.log.table(0)
+    row = np.array([table.row(scenario.ego_id)])
+    at = scenario.lane_map.nearest(table.x[row], table.y[row], table.yaw[row])
+    return messages.route_path(scenario.lane_map.path_from(int(at.lane[0]), float(at.s[0]), ROUTE_LENGTH), 0)
+
+
+def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]]) -> RunInfo:
+    """A run and who takes part; `configuration` are the parameters of stages, by stage and name."""
+    per_step = (
+        (CLOCK, AGENTS, EGO_STATE)
+        + (() if plan.policy == "replay" else (FORECASTS, TAKEOVERS, CONTROLS))
+        + ((EGO_APPLIED,) if plan.ego == EXTERNAL else (EGO_CONTROL,))
+    )
+    return RunInfo(
+        **plan.facts(),
+        header=messages.header(0),
+        mode=mode,
+        topics=[topic.name for topic in per_step],
+        configuration=yaml.safe_dump(configuration),
+        versions=yaml.safe_dump(versions()),
+    )

@@ -1,0 +1,158 @@
+"""The live view: markers of the newest step for RViz and Foxglove, and optionally a WebSocket server.
+
+The server passes on the topics of a bag beside the markers, so that one layout serves both.
+
+It is no stage: nobody waits for it, its subscriptions acknowledge nothing, it draws at a rate of its own what somebody
+looks at, and it leaves the processor to the others.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+
+from litsim_sim.nodes.live_server import LiveServer
+from litsim_sim.record.bag import BagTopic
+from litsim_sim.ros import messages
+from litsim_sim.ros.definitions import definition, type_name
+from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
+from litsim_sim.ros.stage import check_parameters, process, serve
+from litsim_sim.ros.topics import (
+    AGENTS,
+    CLOCK,
+    FORECASTS,
+    FOREIGN,
+    MARKERS,
+    MARKERS_AGENTS,
+    MARKERS_CONFLICTS,
+    MARKERS_FORECASTS,
+    RECORDED_TOPICS,
+    TAKEOVERS,
+    Topic,
+)
+
+NAME = "live"
+DEPTH = 10  # messages of a topic that wait; the oldest go first
+NICENESS = 10  # where processors are scarce, the loop comes first
+DRAWN = (AGENTS, FORECASTS, TAKEOVERS)
+
+
+class LiveNode(Node):
+    """Draws the newest messages when asked to; passes on to `server`, if there is one, what comes."""
+
+    def __init__(self, server: LiveServer | None = None) -> None:
+        super().__init__(NAME)
+        check_parameters(self)
+        self._server = server
+        self._agents, self._forecasts, self._conflicts = AgentLayer(), ForecastLayer(), ConflictLayer()
+        self._newest: dict[Topic, bytes] = {}
+        self._fresh = False
+        self._audience = dict.fromkeys(MARKERS, 0)
+        self._time_ns = 0
+        self._outlets = {topic: self.create_publisher(topic.type, topic.name, topic.qos) for topic in MARKERS}
+        for topic in dict.fromkeys(DRAWN if server is None else (*DRAWN, *RECORDED_TOPICS)):
+            self.create_subscription(topic.type, topic.name, self._receiver(topic), _unacknowledged(topic), raw=True)
+
+    def draw(self) -> None:
+        """Publish the markers of the newest step, if there is one since the last call or somebody has begun to look."""
+        if self._server is not None:
+            self._server.welcome()
+        audience = {topic: self._count(topic) for topic in MARKERS}
+        more = any(audience[topic] > self._audience[topic] for topic in MARKERS)
+        self._audience = audience
+        if AGENTS not in self._newest or not any(audience.values()) or not (self._fresh or more):
+            return
+        self._fresh = False
+        agents = deserialize_message(self._newest[AGENTS], AGENTS.type)
+        table, takeovers = messages.agents_from_message(agents), self._of_run(TAKEOVERS, agents.run_id)
+        if audience[MARKERS_AGENTS]:
+            self._publish(MARKERS_AGENTS, table.step, self._agents.draw(table, handing_back(takeovers)))
+        if audience[MARKERS_FORECASTS]:
+            self._publish(MARKERS_FORECASTS, table.step, self._forecasts.draw(self._of_run(FORECASTS, agents.run_id)))
+        if audience[MARKERS_CONFLICTS]:
+            self._publish(MARKERS_CONFLICTS, table.step, self._conflicts.draw(takeovers, table))
+
+    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
+        drawn = topic in DRAWN
+        ours = topic not in FOREIGN and (topic == CLOCK or "header" in topic.type.get_fields_and_field_types())
+
+        def receive(data: bytes) -> None:
+            if drawn:
+                self._newest[topic] = data
+                self._fresh = True
+            if self._server is not None:
+                stamp_ns = _stamp_ns(data) if ours else self._time_ns
+                if topic == CLOCK:
+                    self._time_ns = stamp_ns
+                    self._server.time(stamp_ns)
+                self._server.send(topic.name, data, stamp_ns)
+
+        return receive
+
+    def _of_run(self, topic: Topic, run_id: str) -> Any:
+        """The newest message of `topic`, or an empty one where that is of another run or has not come."""
+        if topic in self._newest:
+            message = deserialize_message(self._newest[topic], topic.type)
+            if message.run_id == run_id:
+                return message
+        return topic.type()
+
+    def _count(self, topic: Topic) -> int:
+        """How many look at markers."""
+        return int(self._outlets[topic].get_subscription_count()) + (
+            0 if self._server is None else self._server.wants(topic.name)
+        )
+
+    def _publish(self, topic: Topic, step: int, markers: Any) -> None:
+        data = serialize_message(markers)
+        self._outlets[topic].publish(data)
+        if self._server is not None:
+            self._server.send(topic.name, data, messages.nanoseconds(step))
+
+
+def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int] | None) -> None:
+    """Draw `rate` times a second until Ctrl-C; serve Foxglove at a host and port, if given."""
+    sys.argv[1:] = ros_arguments  # where the frame of a node's process looks for them
+    with process(interrupted=0):
+        os.nice(NICENESS)
+        server = LiveServer(map(_described, (*RECORDED_TOPICS, *MARKERS)), *server_at) if server_at else None
+        node = LiveNode(server)
+        if server is not None:
+            node.get_logger().info(f"Foxglove: open a connection to {server.url}")
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        due = 0.0
+        try:
+            while True:
+                serve(executor, max(0.0, due - time.monotonic()))
+                if time.monotonic() >= due:
+                    node.draw()
+                    due = time.monotonic() + 1.0 / rate
+        finally:
+            if server is not None:
+                server.close()
+
+
+def _unacknowledged(topic: Topic) -> QoSProfile:
+    """QoS that keeps the newest and costs a publisher nothing; latched topics are taken as they are offered."""
+    return topic.qos if topic.latched else QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def _described(topic: Topic) -> BagTopic:
+    name = type_name(topic.type)
+    return BagTopic(topic.name, name, definition(name))
+
+
+def _stamp_ns(data: bytes) -> int:
+    """Of a serialised message that begins with a header, or as Clock with its stamp [ns]."""
+    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+    return int(seconds) * 10**9 + int(nanoseconds)

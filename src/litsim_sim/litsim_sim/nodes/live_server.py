@@ -1,0 +1,103 @@
+"""A WebSocket server that Foxglove connects to: serialised ROS messages as they are, with their definitions. No ROS."""
+
+from __future__ import annotations
+
+import errno
+import importlib
+from collections.abc import Iterable
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.record.bag import BagTopic
+
+HOST, PORT = "127.0.0.1", 8765
+BACKLOG = 256  # messages that a client which is too slow may lag behind, before it misses the oldest
+
+
+class LiveServer:
+    """Serves topics to any number of clients; none of them can make :meth:`send` wait.
+
+    A client that subscribes gets the last message of the topic, however long ago that came.
+    """
+
+    def __init__(self, topics: Iterable[BagTopic], host: str = HOST, port: int = PORT) -> None:
+        """Listen on `host`:`port`; port 0 is a free one.
+
+        Raises:
+            InputError: foxglove-sdk is not installed, or the address cannot be had.
+        """
+        try:
+            foxglove = importlib.import_module("foxglove")
+            websocket = importlib.import_module("foxglove.websocket")
+        except ImportError as error:
+            raise InputError("--foxglove needs foxglove-sdk: pip install foxglove-sdk") from error
+        self._host = host
+        self._subscribed: SimpleQueue[str] = SimpleQueue()
+        self._last: dict[str, tuple[bytes, int]] = {}
+        self._context = context = foxglove.Context()  # of its own; once it is let go, its channels close
+        self._channels = {
+            topic.name: foxglove.Channel(
+                topic.name,
+                schema=foxglove.Schema(name=topic.type_name, encoding="ros2msg", data=topic.definition.encode()),
+                message_encoding="cdr",
+                context=context,
+            )
+            for topic in topics
+        }
+        try:
+            self._server = foxglove.start_server(
+                name="litsim",
+                host=host,
+                port=port,
+                capabilities=[websocket.Capability.Time],
+                server_listener=_listener(websocket, self._subscribed),
+                supported_encodings=["cdr"],
+                message_backlog_size=BACKLOG,
+                context=context,
+            )
+        except (RuntimeError, OSError, ValueError) as error:
+            taken = f"; give another --port ({errno.errorcode[errno.EADDRINUSE]})" if "in use" in str(error) else ""
+            raise InputError(f"--foxglove: cannot listen on {host}:{port}: {error}{taken}") from error
+
+    @property
+    def url(self) -> str:
+        """What a client connects to."""
+        return f"ws://{self._host}:{self._server.port}"
+
+    def wants(self, topic: str) -> bool:
+        """Whether a client has subscribed to `topic`."""
+        return bool(self._channels[topic].has_sinks())
+
+    def send(self, topic: str, cdr: bytes, time_ns: int) -> None:
+        """A serialised message at a simulation time [ns]."""
+        self._last[topic] = (cdr, time_ns)
+        self._channels[topic].log(cdr, log_time=time_ns)
+
+    def time(self, time_ns: int) -> None:
+        """The simulation time [ns]."""
+        self._server.broadcast_time(time_ns)
+
+    def welcome(self) -> None:
+        """Send those who have subscribed since the last call what came before."""
+        names = set()
+        try:
+            while True:
+                names.add(self._subscribed.get_nowait())
+        except Empty:
+            pass
+        for name in sorted(names & self._last.keys()):
+            cdr, time_ns = self._last[name]
+            self._channels[name].log(cdr, log_time=time_ns)
+
+    def close(self) -> None:
+        """Let the clients go."""
+        self._server.stop()
+
+
+def _listener(websocket: Any, subscribed: SimpleQueue[str]) -> Any:
+    class Listener(websocket.ServerListener):
+        def on_subscribe(self, client: Any, channel: Any) -> None:  # noqa: ARG002 - as the SDK has it; in its thread
+            subscribed.put(channel.topic)
+
+    return Listener()

@@ -1,0 +1,1 @@
+"""What a run leaves: the bag, read back as arrays, repaired, played again; its digest."""

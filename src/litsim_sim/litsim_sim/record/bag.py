@@ -1,0 +1,395 @@
+"""MCAP files as rosbag2 writes them: raw CDR in, raw CDR out, without ROS.
+
+The writer takes serialised messages and definitions as text: it serves the recorder node, tests and converters alike.
+Nothing in a file depends on the wall clock: the same calls give the same bytes. A killed writer loses at most the chunk
+it was filling, and a chunk holds at most one second of simulation.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import yaml
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader
+from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.summary import Summary
+from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
+from zstandard import ZstdError
+
+from litsim_sim.core.errors import InputError
+
+METADATA_FILE = "metadata.yaml"
+METADATA_VERSION = 9  # of rosbag2's metadata.yaml since Jazzy
+RUN_RECORD = "litsim"  # name of the metadata record with what the caller has to say of the run
+ROSBAG2_RECORD = "rosbag2"
+CHUNK_BYTES = 256 * 1024  # before compression
+CHUNK_SPAN_NS = 1_000_000_000  # of simulation time that a chunk may hold
+RECORD_BYTES = 31  # of an MCAP message record around its data
+DERIVED_FILES = ("metrics.json", "series.parquet", "takeovers.parquet", "overview.png", "report.html")
+"""What is computed from a bag and is out of date once the bag is overwritten."""
+
+
+def qos_yaml(
+    depth: int, reliability: str = "reliable", durability: str = "volatile", history: str = "keep_last"
+) -> str:
+    """One offered QoS profile as the YAML list that rosbag2 stores, without deadline, lifespan or lease."""
+    infinite = {"sec": 9223372036, "nsec": 854775807}
+    profile: dict[str, Any] = {
+        "history": history,
+        "depth": depth,
+        "reliability": reliability,
+        "durability": durability,
+        "deadline": dict(infinite),
+        "lifespan": dict(infinite),
+        "liveliness": "automatic",
+        "liveliness_lease_duration": dict(infinite),
+        "avoid_ros_namespace_conventions": False,
+    }
+    return yaml.safe_dump([profile], sort_keys=False)
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """A topic of a bag.
+
+    Attributes:
+        name: topic.
+        type_name: `package/msg/Type`.
+        definition: message definitions, concatenated as `ros2msg` asks.
+        qos_yaml: YAML list of the offered QoS profiles.
+        type_hash: `RIHS01_...`, or empty.
+    """
+
+    name: str
+    type_name: str
+    definition: str
+    qos_yaml: str = "[]"
+    type_hash: str = ""
+
+
+@dataclass(frozen=True)
+class BagMessage:
+    """One message: serialised, at its log time (simulation time) [ns]."""
+
+    topic: str
+    log_time_ns: int
+    data: bytes
+
+
+class BagWriter:
+    """Writes `folder/NAME_0.mcap` and, on :meth:`close`, `folder/metadata.yaml`.
+
+    Use it as a context manager, or call :meth:`close`; after an exception the file is left as a killed writer would
+    leave it. Every method raises InputError where the disk is full or the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        metadata: dict[str, str],
+        *,
+        overwrite: bool = False,
+        ros_distro: str = "jazzy",
+    ) -> None:
+        """Create the file and write `metadata` as its first record.
+
+        Args:
+            folder: of the bag; created where missing.
+            name: stem of the MCAP file.
+            metadata: of the run (git hash, seeds, versions): a metadata record, and `custom_data` of `metadata.yaml`.
+            overwrite: replace a bag that is in `folder` already, and what was computed from it.
+            ros_distro: written to `metadata.yaml`.
+
+        Raises:
+            InputError: `folder` holds a bag already, is no folder, or cannot be written.
+        """
+        self.path = folder / f"{name}_0.mcap"
+        self._custom = dict(metadata)
+        self._distro = ros_distro
+        self._topics: dict[str, BagTopic] = {}
+        self._counts: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._chunk_bytes = 0
+        self._chunk_start_ns = 0
+        self._stream: BinaryIO | None = None
+        with self._writing():
+            _make_room(folder, overwrite)
+            self._stream = self.path.open("xb")
+            # Chunks are finished here, not by the library: it would do so only after a message that is too much.
+            self._writer = Writer(self._stream, chunk_size=2**62, compression=CompressionType.ZSTD)
+            self._writer.start(profile="ros2", library=f"litsim {LIBRARY_IDENTIFIER}")
+            self._writer.add_metadata(ROSBAG2_RECORD, {"ROS_DISTRO": ros_distro})
+            if self._custom:
+                self._writer.add_metadata(RUN_RECORD, self._custom)
+            self._stream.flush()
+
+    def add_topic(self, topic: str, type_name: str, definition: str, qos_yaml: str, type_hash: str) -> None:
+        """Announce a topic before its first message; arguments as in :class:`BagTopic`."""
+        if topic in self._topics:
+            raise ValueError(f"topic {topic} was added already")
+        if not qos_yaml.lstrip().startswith(("-", "[")):
+            raise ValueError(f"topic {topic}: QoS must be a YAML list of profiles, got {qos_yaml!r}")
+        with self._writing():
+            if type_name not in self._schemas:
+                self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", definition.encode())
+            metadata = {"offered_qos_profiles": qos_yaml, "topic_type_hash": type_hash}
+            schema = self._schemas[type_name]
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, metadata)
+        self._topics[topic] = BagTopic(topic, type_name, definition, qos_yaml, type_hash)
+        self._counts[topic] = 0
+
+    def write(self, topic: str, cdr: bytes, log_time_ns: int) -> None:
+        """Append a serialised message (with its encapsulation header) at simulation time `log_time_ns`."""
+        size = RECORD_BYTES + len(cdr)
+        late = log_time_ns - self._chunk_start_ns >= CHUNK_SPAN_NS
+        if self._chunk_bytes and (late or self._chunk_bytes + size > CHUNK_BYTES):
+            self.sync()
+        if not self._chunk_bytes:
+            self._chunk_start_ns = log_time_ns
+        self._chunk_bytes += size
+        with self._writing():
+            self._writer.add_message(self._channels[topic], log_time_ns, cdr, log_time_ns, self._counts[topic])
+        self._counts[topic] += 1
+        self._first_ns = log_time_ns if self._first_ns is None else min(self._first_ns, log_time_ns)
+        self._last_ns = max(self._last_ns, log_time_ns)
+
+    def sync(self) -> None:
+        """Finish the open chunk and hand it to the operating system.
+
+        Happens by itself after 256 KiB or a second of simulation. Calls driven by the wall clock move the borders of
+        chunks, and with them the bytes of the file.
+        """
+        with self._writing():
+            self._writer.flush()
+        self._chunk_bytes = 0
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Add a file to the bag."""
+        with self._writing():
+            self._writer.add_attachment(0, 0, name, media_type, data)
+            self._flush()
+
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Add a metadata record, to say at the end what was not known at the start."""
+        with self._writing():
+            self._writer.add_metadata(name, values)
+            self._flush()
+
+    def close(self) -> None:
+        """Finish the MCAP file and write `metadata.yaml`. A second call does nothing."""
+        if self._stream is None:
+            return
+        information = self._information()
+        with self._writing():
+            self.sync()
+            self._writer.add_metadata(ROSBAG2_RECORD, {"serialized_metadata": _dump(information)})
+            self._writer.finish()
+            self._stream.close()
+            self._stream = None
+            (self.path.parent / METADATA_FILE).write_text(_dump({"rosbag2_bagfile_information": information}))
+
+    def abort(self) -> None:
+        """Let go of the file as it is, as a kill would."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            with suppress(OSError):
+                stream.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abort()
+
+    def _flush(self) -> None:
+        if self._stream is None:
+            raise ValueError(f"{self.path}: the bag is closed")
+        self._stream.flush()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Turn what the operating system refuses into an error that names the file."""
+        try:
+            yield
+        except OSError as error:
+            self.abort()
+            raise InputError(f"{self.path}: cannot write the recording: {error.strerror or error}") from error
+
+    def _information(self) -> dict[str, Any]:
+        """rosbag2's BagMetadata, in the order and types of its YAML version 9."""
+        start = self._first_ns or 0
+        span: dict[str, Any] = {
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "duration": {"nanoseconds": max(0, self._last_ns - start)},
+            "message_count": sum(self._counts.values()),
+        }
+        topics = [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": yaml.safe_load(topic.qos_yaml),
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": self._counts[topic.name],
+            }
+            for topic in self._topics.values()
+        ]
+        return {
+            "version": METADATA_VERSION,
+            "storage_identifier": "mcap",
+            "duration": dict(span["duration"]),
+            "starting_time": dict(span["starting_time"]),
+            "message_count": span["message_count"],
+            "topics_with_message_count": topics,
+            "compression_format": "",  # of whole files or messages; chunks are the storage's own business
+            "compression_mode": "",
+            "relative_file_paths": [self.path.name],
+            "files": [{"path": self.path.name, **span}],
+            "custom_data": self._custom or None,
+            "ros_distro": self._distro,
+        }
+
+
+def _dump(tree: dict[str, Any]) -> str:
+    return yaml.safe_dump(tree, sort_keys=False, default_flow_style=False, allow_unicode=True, width=2**16)
+
+
+def _make_room(folder: Path, overwrite: bool) -> None:
+    """Create `folder`, or see that it holds no bag."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: exists and is not a folder; give another --out")
+    folder.mkdir(parents=True, exist_ok=True)
+    there = [*sorted(folder.glob("*.mcap")), *(p for p in [folder / METADATA_FILE] if p.exists())]
+    if there and not overwrite:
+        raise InputError(f"{folder}: holds a bag already ({there[0].name}); give another folder")
+    for path in [*there, *(folder / name for name in DERIVED_FILES)]:
+        path.unlink(missing_ok=True)
+
+
+class BagReader:
+    """Reads a bag, whole or cut short.
+
+    Attributes:
+        path: of the MCAP file.
+        topics: by name.
+        attachments: contents by name.
+        metadata: of the run, as given to the writer, later records on top.
+        complete: whether the writer was closed. Where it was not, everything up to the last whole chunk is read.
+        problem: what is wrong with an incomplete file, or empty.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open the folder of a bag, or its MCAP file.
+
+        Raises:
+            InputError: no such file, several MCAP files in the folder, or not an MCAP file.
+        """
+        self.path = find_mcap(path)
+        self.topics: dict[str, BagTopic] = {}
+        self.attachments: dict[str, bytes] = {}
+        self.metadata: dict[str, str] = {}
+        self.problem = ""
+        self._channels: dict[int, str] = {}
+        self._schemas: dict[int, Schema] = {}
+        summary = self._summary()
+        self.complete = summary is not None
+        if summary is not None:
+            self._schemas.update(summary.schemas)
+            for channel in summary.channels.values():
+                self._note(channel)
+        else:
+            for record in self._records():
+                self._note(record)
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
+        """Messages in the order of the file, of `topics` or of all."""
+        for record in self._records():
+            if isinstance(record, Message):
+                topic = self._channels[record.channel_id]
+                if topics is None or topic in topics:
+                    yield BagMessage(topic, record.log_time, record.data)
+
+    def _summary(self) -> Summary | None:
+        """The summary of a whole file, its attachments and metadata read on the way; None of one that is cut short."""
+        try:
+            with self.path.open("rb") as stream:
+                if not stream.read(8).startswith(b"\x89MCAP"):
+                    raise InputError(f"{self.path}: not an MCAP file")
+                stream.seek(0)
+                reader = SeekingReader(stream)
+                with suppress(*_DAMAGE, OSError):  # OSError: the footer would begin before the file
+                    summary = reader.get_summary()
+                    for record in (*reader.iter_attachments(), *reader.iter_metadata()):
+                        self._note(record)
+                    return summary
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+        return None
+
+    def _note(self, record: McapRecord) -> None:
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel) and record.id not in self._channels:
+            schema = self._schemas[record.schema_id]
+            self._channels[record.id] = record.topic
+            qos, type_hash = (record.metadata.get(k, "") for k in ("offered_qos_profiles", "topic_type_hash"))
+            self.topics[record.topic] = BagTopic(record.topic, schema.name, schema.data.decode(), qos, type_hash)
+        elif isinstance(record, Attachment):
+            self.attachments[record.name] = record.data
+        elif isinstance(record, Metadata) and record.name != ROSBAG2_RECORD:
+            self.metadata.update(record.metadata)
+
+    def _records(self) -> Iterator[McapRecord]:
+        """Every record in file order, chunks opened, up to the end or the first damage."""
+        with self.path.open("rb") as stream:
+            records = StreamReader(stream, emit_chunks=True, record_size_limit=self.path.stat().st_size).records
+            while True:
+                try:
+                    record = next(records)
+                    inside = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+                except StopIteration:
+                    return
+                except _DAMAGE as error:
+                    self.complete = False
+                    self.problem = f"cut short or damaged at byte {stream.tell()} ({type(error).__name__})"
+                    return
+                yield from inside
+                if isinstance(record, Footer):
+                    return
+
+
+_DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, IndexError, KeyError)
+"""What the library raises on bytes that are missing or wrong."""
+
+
+def find_mcap(path: Path) -> Path:
+    """The MCAP file of a bag given as its folder or as the file itself.
+
+    Raises:
+        InputError: there is none, or more than one.
+    """
+    if path.is_file():
+        return path
+    if not path.exists():
+        raise InputError(f"{path}: no such bag")
+    found = sorted(path.glob("*.mcap"))
+    if len(found) != 1:
+        raise InputError(f"{path}: expected one MCAP file in the folder, found {len(found)}")
+    return found[0]

@@ -1,0 +1,57 @@
+"""One hash over everything that a run decided: equal for equal runs, whatever the machine took to compute them."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+
+import numpy as np
+import numpy.typing as npt
+
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ControlTable, EgoCommand
+
+VERSION = b"litsim-digest-1\n"
+CONTROL_FIELDS: dict[str, str] = {
+    "id": "<i8",
+    "acceleration": "<f8",
+    "lateral_acceleration": "<f8",
+    "yaw_rate": "<f8",
+    "source": "|u1",
+}
+
+
+class RunDigest:
+    """SHA-256 over agent states, controls and ego commands, fed step by step in ascending order.
+
+    The bytes, all little-endian and without padding, are those of :data:`VERSION`, then for every step:
+
+    - `A`, step uint32, n uint32, then the arrays of :data:`litsim_sim.core.scene.ARRAY_FIELDS` in turn: id int64;
+      kind and controller uint8; x, y, yaw, speed, acceleration, yaw_rate, length, width float64;
+    - `C`, step uint32, m uint32, then id int64, acceleration, lateral_acceleration, yaw_rate float64, source uint8;
+      where the run has no policy (`None`), nothing;
+    - `E`, step uint32, mode uint8, acceleration float64, yaw_rate float64; where there is no answer, nothing.
+
+    Floats count by their bits: -0.0 and 0.0 differ.
+    """
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256(VERSION)
+
+    def update(self, table: AgentTable, controls: ControlTable | None, ego: EgoCommand | None) -> None:
+        """Take in one step and the answers to it."""
+        self._hash.update(struct.pack("<cII", b"A", table.step, len(table)))
+        for field in ARRAY_FIELDS:
+            self._array(getattr(table, field), np.dtype(DTYPES[field]).newbyteorder("<"))
+        if controls is not None:
+            self._hash.update(struct.pack("<cII", b"C", controls.step, len(controls.id)))
+            for field, dtype in CONTROL_FIELDS.items():
+                self._array(getattr(controls, field), np.dtype(dtype))
+        if ego is not None:
+            self._hash.update(struct.pack("<cIBdd", b"E", ego.step, int(ego.mode), ego.acceleration, ego.yaw_rate))
+
+    def hexdigest(self) -> str:
+        """64 hexadecimal digits over the steps so far."""
+        return self._hash.hexdigest()
+
+    def _array(self, values: npt.NDArray[np.generic], dtype: np.dtype[np.generic]) -> None:
+        self._hash.update(values.astype(dtype, copy=False).tobytes())

@@ -1,0 +1,244 @@
+"""Playing a bag: which messages are due when, whatever rate, pause, steps and seeks are asked for. Without ROS.
+
+Two clocks meet here. Simulation time is that of the bag, in nanoseconds; wall time is what the caller passes in as
+`now`, in seconds of a clock that only goes forward.
+"""
+
+from __future__ import annotations
+
+import struct
+from bisect import bisect_left, bisect_right
+from collections.abc import Collection, Iterable, Sequence
+from math import inf, isfinite
+from typing import Any
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import load_yaml
+from litsim_sim.record.bag import BagMessage, BagReader, BagTopic, qos_yaml
+
+CLOCK = BagTopic("/clock", "rosgraph_msgs/msg/Clock", "", qos_yaml(10))
+SECOND_NS = 1_000_000_000
+RATE_MIN, RATE_MAX = 0.01, 100.0
+FRAME_NS = 100_000_000  # for which the last step of a loop stands, where a bag holds no other to go by
+_OLD_NAMES: dict[str, dict[Any, str]] = {
+    "durability": {1: "transient_local", 2: "volatile"},
+    "reliability": {1: "reliable", 2: "best_effort"},
+}
+
+
+class Player:
+    """Says at any moment which messages are to be published.
+
+    Messages of one log time belong to one step of the simulation; single steps and seeks never cut it in two. None is
+    left out: what was due while nobody asked is due at the next question. After a seek, latched topics first repeat
+    what a subscriber of that moment would know.
+
+    Attributes:
+        rate: simulated seconds per second.
+        paused: whether time stands still.
+        loop: whether it begins anew after the end.
+    """
+
+    def __init__(
+        self,
+        messages: Iterable[BagMessage],
+        latched: Collection[str] = (),
+        *,
+        rate: float = 1.0,
+        start_s: float = 0.0,
+        loop: bool = False,
+        paused: bool = False,
+    ) -> None:
+        """Play `messages`, from `start_s` seconds after the first of them on.
+
+        Raises:
+            InputError: there are no messages, `rate` is no usable rate, or `start_s` lies outside of the bag.
+        """
+        self._messages = sorted(messages, key=lambda message: message.log_time_ns)  # stable: else the order of the file
+        if not self._messages:
+            raise InputError("nothing to play: the bag holds no messages on the topics asked for")
+        self._times = [message.log_time_ns for message in self._messages]
+        self._steps = sorted(set(self._times))
+        self._latched = {
+            topic: [i for i, message in enumerate(self._messages) if message.topic == topic] for topic in latched
+        }
+        if not 0.0 <= start_s <= self.duration_s:
+            raise InputError(f"start is {start_s:g} s, expected 0 to {self.duration_s:g} s")
+        self.rate = checked_rate(rate)
+        self.loop = loop
+        self.paused = paused
+        self._next = 0  # index of the message that comes next
+        self._sent: dict[str, int] = {}  # index of what each latched topic published last
+        self._extra: list[BagMessage] = []  # due whatever the time
+        self._at = float(self._times[0])  # simulation time at `_since` [ns]
+        self._since: float | None = None  # wall time at which it was so; None while time stands still
+        if start_s > 0.0:
+            self._go(self._times[0] + start_s * SECOND_NS)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last message [s]."""
+        return (self._times[-1] - self._times[0]) / SECOND_NS
+
+    @property
+    def finished(self) -> bool:
+        """Whether everything has been played; never while paused or in a loop."""
+        return not (self.paused or self.loop or self._extra) and self._next == len(self._messages)
+
+    def position_s(self, now: float) -> float:
+        """Simulation time since the first message [s]."""
+        return (min(self._position(now), self._times[-1]) - self._times[0]) / SECOND_NS
+
+    def take(self, now: float) -> list[BagMessage]:
+        """Messages that are due and have not been taken yet, in order."""
+        due, self._extra = self._extra, []
+        if self.paused:
+            return due
+        if self._since is None:
+            self._since = now
+        position = self._position(now)
+        due += self._emit(bisect_right(self._times, position))
+        if self.loop and position >= self._end:
+            self._at, self._since, self._next = float(self._times[0]), now, 0
+        return due
+
+    def wait_s(self, now: float) -> float:
+        """Wall time until the next message is due [s]; infinite while paused."""
+        if self._extra:
+            return 0.0
+        if self.paused:
+            return inf
+        due = self._times[self._next] if self._next < len(self._times) else self._end if self.loop else -inf
+        return max(0.0, (due - self._position(now)) / SECOND_NS / self.rate)
+
+    def pause(self, paused: bool, now: float) -> None:
+        """Let time stand still, or go on."""
+        self._anchor(now)
+        self.paused = paused
+        self._since = None if paused else now
+
+    def step(self, now: float) -> None:
+        """Pause, and let the messages of the next step be due."""
+        self.pause(paused=True, now=now)
+        if self._next == len(self._messages) and self.loop:
+            self._next = 0
+        self._show_next()
+
+    def step_back(self, now: float) -> None:
+        """Pause, and show the step before the one shown last."""
+        self.pause(paused=True, now=now)
+        shown = self._times[max(0, self._next - 1)]
+        self._go(self._steps[max(0, bisect_left(self._steps, shown) - 1)])
+
+    def seek(self, position_s: float, now: float) -> None:
+        """Go on from `position_s` after the first message [s], or from the nearest there is; while paused, show it."""
+        self._anchor(now)
+        self._go(self._times[0] + min(max(position_s, 0.0), self.duration_s) * SECOND_NS)
+
+    def set_rate(self, rate: float, now: float) -> None:
+        """Play at `rate` from now on.
+
+        Raises:
+            InputError: it is no usable rate.
+        """
+        checked = checked_rate(rate)
+        self._anchor(now)
+        self.rate = checked
+
+    @property
+    def _end(self) -> float:
+        """When a loop begins anew: its last step stands as long as the one before."""
+        return self._times[-1] + (self._steps[-1] - self._steps[-2] if len(self._steps) > 1 else FRAME_NS)
+
+    def _position(self, now: float) -> float:
+        passed = 0.0 if self._since is None else now - self._since
+        return self._at + passed * self.rate * SECOND_NS
+
+    def _anchor(self, now: float) -> None:
+        self._at = min(self._position(now), self._end)
+        if self._since is not None:
+            self._since = now
+
+    def _go(self, time_ns: float) -> None:
+        self._at, self._next = float(time_ns), bisect_left(self._times, time_ns)
+        for topic, indices in self._latched.items():
+            known = bisect_left(indices, self._next) - 1
+            if known >= 0 and self._sent.get(topic) != indices[known]:
+                self._extra.append(self._messages[indices[known]])
+                self._sent[topic] = indices[known]
+        if self.paused:
+            self._show_next()
+
+    def _show_next(self) -> None:
+        if self._next < len(self._times):
+            self._at = float(self._times[self._next])
+            self._extra += self._emit(bisect_right(self._times, self._at))
+
+    def _emit(self, end: int) -> list[BagMessage]:
+        """The messages before index `end` that have not come yet."""
+        first, self._next = self._next, max(self._next, end)
+        for topic, indices in self._latched.items():
+            known = bisect_left(indices, self._next) - 1
+            if known >= 0 and indices[known] >= first:
+                self._sent[topic] = indices[known]
+        return self._messages[first : self._next]
+
+
+def checked_rate(rate: float) -> float:
+    """`rate` if it is one that can be played at.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not (isfinite(rate) and RATE_MIN <= rate <= RATE_MAX):
+        raise InputError(f"rate is {rate:g}, expected {RATE_MIN:g} to {RATE_MAX:g}")
+    return rate
+
+
+def selected(reader: BagReader, names: Sequence[str] = ()) -> list[BagTopic]:
+    """Topics of the bag called `names`, or all; the clock is always among them, from the bag or made.
+
+    Raises:
+        InputError: the bag holds no topic of a name.
+    """
+    unknown = sorted(set(names) - reader.topics.keys())
+    if unknown:
+        raise InputError(
+            f"{reader.path}: no topic {', '.join(unknown)}; the bag holds {', '.join(sorted(reader.topics))}"
+        )
+    found = [topic for name, topic in reader.topics.items() if not names or name in names or name == CLOCK.name]
+    return found if CLOCK.name in reader.topics else [CLOCK, *found]
+
+
+def messages_of(reader: BagReader, topics: Sequence[BagTopic]) -> list[BagMessage]:
+    """The messages of `topics`; where the bag has no clock, one for every log time ahead of its messages."""
+    wanted = {topic.name for topic in topics}
+    found = list(reader.messages(wanted))
+    if CLOCK.name in reader.topics or CLOCK.name not in wanted:
+        return found
+    return [clock(time_ns) for time_ns in sorted({m.log_time_ns for m in found})] + found
+
+
+def clock(time_ns: int) -> BagMessage:
+    """A serialised ``rosgraph_msgs/Clock``."""
+    return BagMessage(CLOCK.name, time_ns, struct.pack("<4BiI", 0, 1, 0, 0, *divmod(time_ns, SECOND_NS)))
+
+
+def offered_qos(topic: BagTopic) -> dict[str, Any]:
+    """The QoS profile that a topic was recorded with, policies by name; empty where the bag says nothing.
+
+    Raises:
+        InputError: what it says is no YAML list of profiles.
+    """
+    where = f"topic {topic.name}: offered_qos_profiles"
+    profiles = load_yaml(topic.qos_yaml or "[]", where)
+    if not isinstance(profiles, list) or not all(isinstance(each, dict) for each in profiles):
+        raise InputError(f"{where}: expected a YAML list of profiles, found {profiles!r:.60}")
+    profile = profiles[0] if profiles else {}
+    # Bags older than Jazzy number the policies.
+    return {name: _OLD_NAMES[name].get(v, v) if name in _OLD_NAMES else v for name, v in profile.items()}
+
+
+def is_latched(topic: BagTopic) -> bool:
+    """Whether late subscribers get the last message."""
+    return bool(offered_qos(topic).get("durability") == "transient_local")

@@ -1,0 +1,140 @@
+"""Making a whole bag of one that was cut short: everything that can be read, and in words what cannot."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from zstandard import ZstdError
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.record.bag import ROSBAG2_RECORD, BagReader, BagTopic, BagWriter, find_mcap
+from litsim_sim.record.player import offered_qos
+from litsim_sim.record.run import read_run
+
+NO_QOS = "[]"  # profiles of a topic of which nothing is known
+REPAIR_RECORD = "repair"  # name of the metadata record that says what was lost
+_DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, IndexError, KeyError)
+_SECOND_NS = 1e9
+
+
+@dataclass
+class Repaired:
+    """What a repair has found.
+
+    Attributes:
+        path: the new MCAP file.
+        messages: number kept, by topic.
+        attachments: names of those kept.
+        lost: one sentence for each loss; empty where the file was whole.
+    """
+
+    path: Path
+    messages: Counter[str] = field(default_factory=Counter)
+    attachments: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
+
+
+def repair(bag: Path, out: Path) -> Repaired:
+    """Write everything that can be read of `bag` as a complete bag to the folder `out`.
+
+    Chunks that are damaged are left out, and what follows them is kept.
+
+    Raises:
+        InputError: `bag` is not an MCAP file or holds no message, or `out` holds a bag or cannot be written.
+    """
+    source = find_mcap(bag)
+    BagReader(source)  # refuses what is no bag
+    lost: list[str] = []
+    records = list(_records(source, lost))
+    if not any(isinstance(record, Message) for record in records):
+        raise InputError(f"{source}: holds no message that can be read: there is nothing to make a bag of")
+    name = out.resolve().name
+    with BagWriter(out, name, {}) as writer:
+        done = Repaired(writer.path, lost=lost)
+        _copy(records, writer, done)
+        writer.sync()
+        lost += _steps_lost(writer.path)
+        if lost:
+            writer.add_metadata(REPAIR_RECORD, {"repaired_from": source.name, "lost": "; ".join(lost)})
+    return done
+
+
+def _copy(records: list[McapRecord], writer: BagWriter, done: Repaired) -> None:
+    schemas = {record.id: record for record in records if isinstance(record, Schema)}
+    topics: dict[int, str] = {}
+    for record in records:
+        if isinstance(record, Channel) and record.id not in topics:
+            schema = schemas[record.schema_id]
+            qos = record.metadata.get("offered_qos_profiles") or NO_QOS
+            try:
+                offered_qos(BagTopic(record.topic, schema.name, "", qos))
+            except InputError as error:
+                done.lost.append(str(error))
+                qos = NO_QOS
+            type_hash = record.metadata.get("topic_type_hash", "")
+            writer.add_topic(record.topic, schema.name, schema.data.decode(), qos, type_hash)
+            topics[record.id] = record.topic
+        elif isinstance(record, Message):
+            writer.write(topics[record.channel_id], record.data, record.log_time)
+            done.messages[topics[record.channel_id]] += 1
+        elif isinstance(record, Attachment):
+            writer.attach(record.name, record.media_type, record.data)
+            done.attachments.append(record.name)
+        elif isinstance(record, Metadata) and record.name != ROSBAG2_RECORD:
+            writer.add_metadata(record.name, record.metadata)
+
+
+def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
+    """Every record up to where the file breaks off, chunks opened; what cannot be read is noted in `lost`."""
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        records = StreamReader(stream, emit_chunks=True, record_size_limit=size).records
+        whole = 0  # bytes up to the end of the last record that was read
+        while True:
+            try:
+                record = next(records)
+            except (StopIteration, *_DAMAGE):
+                rest = f": its last {size - whole} bytes hold no whole record" if size > whole else ""
+                lost.append(f"what was not written yet: the file breaks off{rest}")
+                return
+            whole = stream.tell()
+            if isinstance(record, Chunk):
+                yield from _opened(record, lost)
+            elif isinstance(record, DataEnd | Footer):  # beyond is only what was known before
+                if isinstance(record, Footer) or _ends_whole(path):
+                    return
+            else:
+                yield record
+
+
+def _opened(chunk: Chunk, lost: list[str]) -> list[McapRecord]:
+    try:
+        return list(breakup_chunk(chunk, validate_crc=True))
+    except _DAMAGE:
+        first, last = chunk.message_start_time / _SECOND_NS, chunk.message_end_time / _SECOND_NS
+        lost.append(f"a damaged chunk with the messages of {first:.1f} to {last:.1f} s")
+        return []
+
+
+def _ends_whole(path: Path) -> bool:
+    return BagReader(path).complete
+
+
+def _steps_lost(path: Path) -> list[str]:
+    """Steps that a LitSim run announced and that are not there; nothing of other bags."""
+    try:
+        run = read_run(path)
+    except InputError:
+        return []
+    expected, found = run.info.total_steps, {table.step for table in run.tables}
+    missing = [step for step in range(expected + 1) if step not in found]
+    if not missing:
+        return []
+    return [f"{len(missing)} of {expected + 1} steps are missing, from step {missing[0]} on (the last is {max(found)})"]

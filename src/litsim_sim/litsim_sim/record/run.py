@@ -1,0 +1,391 @@
+"""A recorded run as arrays: decoded from its MCAP alone, by the definitions that the file itself holds."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import MISSING, dataclass, field, fields
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ControlTable, EgoCommand, EgoMode, FloatArray
+from litsim_sim.io.yaml_input import load_yaml
+from litsim_sim.record.bag import BagReader, BagTopic
+from litsim_sim.record.digest import CONTROL_FIELDS
+from litsim_sim.recordings.recording import HEADER_KEY, Recording, RecordingHeader
+from litsim_sim.scenario.log import Log
+
+RUN_INFO = "/litsim/run_info"
+AGENTS = "/litsim/agents"
+TAKEOVERS = "/litsim/takeovers"
+CONTROLS = "/litsim/controls"
+EGO_CONTROL = "/litsim/ego/control"
+EGO_APPLIED = "/litsim/ego/applied"
+STATUS = "/litsim/status"
+TIMING = "/litsim/timing"
+DECODED = (RUN_INFO, AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
+"""Topics whose messages are decoded; of all others only the log times are used."""
+
+RECORDING_FILE = "recording.parquet"
+SCENARIO_FILE = "scenario.yaml"
+NET_FILE = "net.xml"
+START_FIELD = "start_frame"  # of the scenario: frame of the recording at step 0
+BRIDGE = "bridge"
+
+
+class StageState(IntEnum):
+    """Numbered as in ``litsim_msgs/StageStatus``."""
+
+    READY = 0
+    RUNNING = 1
+    FINISHED = 2
+    FAILED = 3
+
+
+class TakeoverState(IntEnum):
+    """Numbered as in ``litsim_msgs/Takeover``."""
+
+    HELD = 0
+    HANDBACK = 1
+    RELEASED = 2
+
+
+class TakeoverReason(IntEnum):
+    """Numbered as in ``litsim_msgs/Takeover``."""
+
+    CONFLICT = 0
+    BLOCKED_ENTRY = 1
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """What was run; fields as in ``litsim_msgs/RunInfo``. Steps are numbered 0 .. `total_steps`, inclusive."""
+
+    run_id: str
+    scenario: str
+    scenario_yaml: str
+    ego: str
+    policy: str
+    ego_id: int
+    seed: int
+    total_steps: int
+    history_steps: int
+    dt: float
+    mode: str
+    stages: tuple[str, ...]
+    topics: tuple[str, ...]
+    configuration: str
+    versions: str
+
+
+@dataclass(frozen=True)
+class Takeover:
+    """Why one agent is off its log at one step; fields and units as in ``litsim_msgs/Takeover``.
+
+    Poses are (x [m], y [m], yaw [rad]) in frame map; `reference_path` is (m, 2) in frame map [m]. Fields with a default
+    are missing in older records.
+    """
+
+    agent: int
+    opponent: int
+    state: TakeoverState
+    reason: TakeoverReason
+    detected_step: int
+    time_to_conflict: float
+    overlap_probability: float
+    conflict_pose: tuple[float, float, float]
+    goal_pose: tuple[float, float, float]
+    reference_path: FloatArray
+    log_collision_predicted: bool
+    residual_position: float
+    residual_speed: float
+    path_source: int = 0
+    time_shift: float = 0.0
+
+
+@dataclass(frozen=True)
+class Detection:
+    """How conflict detection came to an end at one step: rounds until nothing new was found, or the bound on them."""
+
+    iterations: int
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a stage said of itself; `compute_time` in seconds of wall time."""
+
+    step: int
+    stage: str
+    state: StageState
+    compute_time: float
+    text: str
+
+
+@dataclass(frozen=True)
+class TopicGaps:
+    """Steps of a topic that should hold exactly one message each, in ascending order."""
+
+    missing: tuple[int, ...] = ()
+    duplicated: tuple[int, ...] = ()
+    unordered: tuple[int, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.missing or self.duplicated or self.unordered)
+
+    @classmethod
+    def find(cls, steps: Iterable[int], last: int) -> TopicGaps:
+        """Gaps of the steps of a topic's messages, in file order, against 0 .. `last`."""
+        seen = list(steps)
+        count = Counter(seen)
+        highest = np.maximum.accumulate(np.array(seen, np.int64)) if seen else np.empty(0, np.int64)
+        return cls(
+            missing=tuple(k for k in range(last + 1) if k not in count),
+            duplicated=tuple(sorted(k for k, n in count.items() if n > 1)),
+            unordered=tuple(sorted({k for k, high in zip(seen, highest.tolist(), strict=True) if k < high})),
+        )
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything that analysis needs of a run.
+
+    Attributes:
+        path: MCAP file.
+        info: what was run.
+        tables: agents of every recorded step, steps ascending.
+        log: logged agents of the same steps; empty where the bag holds no recording.
+        controls: answer of the policy by step; empty where the log alone moves the background.
+        ego_commands: command of the ego by step: its answer; what the bridge made of it where the ego is external.
+        takeovers: who was off the log, by step.
+        detections: how conflict detection ended, by step.
+        timing: compute time [s] by stage and step.
+        statuses: in order of arrival.
+        scenario_yaml: the resolved scenario.
+        net_xml: the SUMO net, or empty.
+        gaps: by topic that must hold one message for every step; a topic without gaps has an empty entry.
+        complete: whether the recorder closed the file.
+        problem: what is wrong with an incomplete file, or empty.
+        metadata: of the bag.
+    """
+
+    path: Path
+    info: RunInfo
+    tables: list[AgentTable]
+    log: list[AgentTable] = field(default_factory=list)
+    controls: dict[int, ControlTable] = field(default_factory=dict)
+    ego_commands: dict[int, EgoCommand] = field(default_factory=dict)
+    takeovers: dict[int, list[Takeover]] = field(default_factory=dict)
+    detections: dict[int, Detection] = field(default_factory=dict)
+    timing: dict[str, dict[int, float]] = field(default_factory=dict)
+    statuses: list[Status] = field(default_factory=list)
+    scenario_yaml: str = ""
+    net_xml: bytes = b""
+    gaps: dict[str, TopicGaps] = field(default_factory=dict)
+    complete: bool = True
+    problem: str = ""
+    metadata: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def simulated(self) -> list[AgentTable]:
+        """Tables of the steps after the history: those that the run decided."""
+        return [table for table in self.tables if table.step > self.info.history_steps]
+
+    @property
+    def simulated_log(self) -> list[AgentTable]:
+        """Logged agents of the steps of :attr:`simulated`."""
+        return [table for table in self.log if table.step > self.info.history_steps]
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What the bridge said at the end of the run, beside its wall time in `wall_s`; empty if it said nothing."""
+        for status in reversed(self.statuses):
+            if status.stage == BRIDGE and status.state == StageState.FINISHED:
+                said = load_yaml(status.text, f"{self.path}: topic {STATUS}, what the bridge said at the end")
+                return (said if isinstance(said, dict) else {}) | {"wall_s": status.compute_time}
+        return {}
+
+
+def read_run(path: Path) -> Run:
+    """Read a run from the folder of its bag or from the MCAP file; one that is cut short is read as far as it goes.
+
+    Raises:
+        InputError: no such file, not an MCAP file, or it does not hold a LitSim run.
+    """
+    reader = BagReader(path)
+    decode = _Decoder(reader.topics)
+    content = _Content()
+    for message in reader.messages():
+        try:
+            if message.topic in DECODED:
+                content.take(message.topic, decode(message.topic, message.data))
+            else:
+                content.note(message.topic, message.log_time_ns)
+        except (SerdeError, AttributeError, KeyError, TypeError, ValueError) as error:
+            kind = reader.topics[message.topic].type_name
+            raise InputError(
+                f"{reader.path}: topic {message.topic} at {message.log_time_ns * 1e-9:.1f} s: cannot be read as the "
+                f"{kind} of this version: {error}"
+            ) from error
+    info = content.info
+    if info is None or not content.tables:
+        because = f" ({reader.problem})" if reader.problem else ""
+        raise InputError(f"{reader.path}: no LitSim run: no message on {AGENTS if info else RUN_INFO}{because}")
+    scenario_yaml = _scenario_yaml(reader) or info.scenario_yaml
+    steps = sorted(content.tables)
+    return Run(
+        path=reader.path,
+        info=info,
+        tables=[content.tables[step] for step in steps],
+        log=_log(reader, scenario_yaml, steps),
+        controls=content.controls,
+        ego_commands=content.ego,
+        takeovers=content.takeovers,
+        detections=content.detections,
+        timing=content.timing,
+        statuses=content.statuses,
+        scenario_yaml=scenario_yaml,
+        net_xml=reader.attachments.get(NET_FILE, b""),
+        gaps={topic: TopicGaps.find(content.steps(topic), info.total_steps) for topic in info.topics},
+        complete=reader.complete,
+        problem=reader.problem,
+        metadata=reader.metadata,
+    )
+
+
+class _Content:
+    """Collects the messages of one run; of a step that comes twice, the first counts."""
+
+    def __init__(self) -> None:
+        self.info: RunInfo | None = None
+        self.tables: dict[int, AgentTable] = {}
+        self.controls: dict[int, ControlTable] = {}
+        self.ego: dict[int, EgoCommand] = {}
+        self.takeovers: dict[int, list[Takeover]] = {}
+        self.detections: dict[int, Detection] = {}
+        self.timing: dict[str, dict[int, float]] = {}
+        self.statuses: list[Status] = []
+        self._steps: dict[str, list[int]] = {}
+        self._times: dict[str, list[int]] = {}
+
+    def note(self, topic: str, log_time_ns: int) -> None:
+        """A message that is not decoded."""
+        self._times.setdefault(topic, []).append(log_time_ns)
+
+    def steps(self, topic: str) -> list[int]:
+        """Steps of a topic's messages, in the order of the file."""
+        step_ns = self.info.dt * 1e9 if self.info else 1.0
+        return self._steps.get(topic, []) + [round(t / step_ns) for t in self._times.get(topic, [])]
+
+    def take(self, topic: str, message: Any) -> None:
+        """A decoded message; those of another run are dropped."""
+        if topic == RUN_INFO:
+            self.info = self.info or _copy(RunInfo, message)
+            return
+        if self.info is not None and message.run_id != self.info.run_id:
+            return
+        step = int(message.step)
+        self._steps.setdefault(topic, []).append(step)
+        if topic == AGENTS:
+            columns = [np.asarray(getattr(message, name), DTYPES[name]) for name in ARRAY_FIELDS]
+            self.tables.setdefault(step, AgentTable(step, *columns))
+        elif topic == CONTROLS:
+            columns = [np.asarray(getattr(message, name), dtype) for name, dtype in CONTROL_FIELDS.items()]
+            self.controls.setdefault(step, ControlTable(step, *columns))
+        elif topic == (EGO_APPLIED if self.info is not None and EGO_APPLIED in self.info.topics else EGO_CONTROL):
+            command = EgoCommand(step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
+            self.ego.setdefault(step, command)
+        elif topic == TAKEOVERS:
+            self.takeovers.setdefault(step, [_takeover(each) for each in message.takeovers])
+            self.detections.setdefault(step, Detection(int(message.iterations), bool(message.converged)))
+        elif topic == TIMING:
+            self.timing.setdefault(message.stage, {}).setdefault(step, message.compute_time)
+        elif topic == STATUS:
+            self.statuses.append(_copy(Status, message, state=StageState(message.state)))
+
+
+class _Decoder:
+    """Decodes CDR by the definitions in the bag; rosbags' type system compiles one decoder a topic."""
+
+    def __init__(self, topics: dict[str, BagTopic]) -> None:
+        self._topics = topics
+        self._stores: dict[str, Typestore] = {}
+
+    def __call__(self, topic: str, data: bytes) -> Any:
+        described = self._topics[topic]
+        if topic not in self._stores:
+            self._stores[topic] = get_typestore(Stores.EMPTY)
+            self._stores[topic].register(get_types_from_msg(described.definition, described.type_name))
+        return self._stores[topic].deserialize_cdr(data, described.type_name)
+
+
+_T = TypeVar("_T")
+
+
+def _copy(kind: type[_T], message: Any, **ready: Any) -> _T:
+    """A dataclass from the fields of a message that have its names; those in `ready` are given."""
+    wanted = [each for each in fields(cast("Any", kind)) if each.name not in ready]
+    names = [each.name for each in wanted if each.default is MISSING or hasattr(message, each.name)]
+    values = {name: getattr(message, name) for name in names}
+    return kind(**ready, **{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
+
+
+def _takeover(message: Any) -> Takeover:
+    conflict, goal = message.conflict_pose, message.goal_pose
+    return _copy(
+        Takeover,
+        message,
+        state=TakeoverState(message.state),
+        reason=TakeoverReason(message.reason),
+        conflict_pose=(conflict.x, conflict.y, conflict.theta),
+        goal_pose=(goal.x, goal.y, goal.theta),
+        reference_path=np.asarray(message.reference_path, np.float64).reshape(-1, 2),
+    )
+
+
+def _log(reader: BagReader, scenario_yaml: str, steps: list[int]) -> list[AgentTable]:
+    """Logged agents of `steps` from the attached recording; empty where there is none."""
+    data = reader.attachments.get(RECORDING_FILE)
+    if data is None:
+        return []
+    where = f"{reader.path}: attachment {RECORDING_FILE}"
+    try:
+        arrow = pq.read_table(pa.BufferReader(data))
+        header = RecordingHeader(**json.loads((arrow.schema.metadata or {})[HEADER_KEY]))
+    except (pa.ArrowException, OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(f"{where}: not a readable recording: {error}") from error
+    recording = Recording.from_table(header, arrow.to_pandas(), where)
+    log = Log.from_recording(recording, start_frame(scenario_yaml, reader.path), steps[-1] + 1)
+    return [log.table(step) for step in steps]
+
+
+def _scenario_yaml(reader: BagReader) -> str:
+    """The attached scenario; empty where there is none."""
+    try:
+        return reader.attachments.get(SCENARIO_FILE, b"").decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{reader.path}: attachment {SCENARIO_FILE}: no UTF-8 text: {error}") from error
+
+
+def start_frame(scenario_yaml: str, bag: Path) -> int:
+    """Frame of the recording at step 0, by the text of the scenario in `bag`.
+
+    Raises:
+        InputError: the text is no YAML, or does not say.
+    """
+    where = f"{bag}: scenario of the run"
+    scenario = load_yaml(scenario_yaml, where)
+    start = scenario.get(START_FIELD) if isinstance(scenario, dict) else None
+    if not isinstance(start, int):
+        raise InputError(f"{where}: no whole number in field {START_FIELD!r}")
+    return start

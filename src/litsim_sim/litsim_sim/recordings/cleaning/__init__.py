@@ -1,0 +1,1 @@
+"""Noisy tracks made plausible: positions, speeds, accelerations and headings that agree."""

@@ -1,0 +1,60 @@
+"""Reading recordings of any known format, recognised by content."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.parquet_input import read_schema, read_table
+from litsim_sim.recordings.cropping import Crop, cropped
+from litsim_sim.recordings.ngsim import windows as ngsim_windows
+from litsim_sim.recordings.recording import COLUMNS, HEADER_KEY, Recording
+
+__all__ = ["Crop", "load_recording"]
+
+
+def load_recording(path: Path, crop: Crop | None = None) -> Recording:
+    """Read a recording, whatever its format.
+
+    Args:
+        path: neutral-schema Parquet, the US-101 windows Parquet, or an official NGSIM file of one site and period.
+        crop: by column OF THE FILE, the [low, high] to keep, both inclusive; of official files by the names and in the
+            units of :func:`litsim_sim.recordings.ngsim.official.read`.
+
+    Raises:
+        InputError: the file is missing or of no known format, `crop` names an unknown column, is malformed or keeps
+            nothing, or the content fails a check of :meth:`Recording.from_table`.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such recording")
+    if path.suffix != ".parquet" and not _is_parquet(path):
+        from litsim_sim.recordings.ngsim import formats as ngsim_format
+        from litsim_sim.recordings.ngsim import official as ngsim  # loads scipy, which ready recordings do not need
+
+        if ngsim_format.detect(path) is not None:
+            return ngsim.load(path, crop)
+        raise InputError(
+            f"{path}: format not recognised: neither Parquet nor an official NGSIM file (text of 18 or 24 columns, or "
+            f"CSV with its header); other tables need a mapping: data convert --mapping"
+        )
+    schema = read_schema(path)
+    columns = list(schema.names)
+    if ngsim_windows.is_windows(columns):
+        return ngsim_windows.convert(cropped(read_table(path), crop, str(path)), str(path))
+    if HEADER_KEY in (schema.metadata or {}):
+        recording = Recording.read(path)
+        if not crop:
+            return recording
+        return Recording.from_table(recording.header, cropped(recording.table, crop, str(path)), str(path))
+    raise InputError(
+        f"{path}: format not recognised: columns are {columns}; expected {list(COLUMNS)} with a LitSim header, or the "
+        f"US-101 windows file (columns {list(ngsim_windows.MARKERS)} among others)"
+    )
+
+
+def _is_parquet(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(4) == b"PAR1"
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -1,0 +1,1 @@
+"""NGSIM: its official files, read in blocks, mended and converted."""

@@ -1,0 +1,136 @@
+"""Which recording of NGSIM a row belongs to: its site, and the period by the clock that it was taken by.
+
+Every period was recorded for itself: frames are counted anew and ids are given anew, so the same Vehicle_ID in two
+periods is two vehicles. Periods overlap in time (US-101's second begins before the last vehicle of the first has left),
+so gaps in time do not tell them apart; the time of frame 0 does, which is the same for all rows of a period. Where one
+clock runs through several periods, a minute without vehicles separates them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import IntArray
+from litsim_sim.recordings.ngsim.sites import SITES, Site
+from litsim_sim.recordings.ngsim.tracks import origins_of
+
+CLOCK_SLACK_MS = 30_000  # clocks that differ by less are one
+CLOCKS_MAX = 64  # NGSIM has ten or so; more mean that frames and times do not belong together
+MINUTE_MS = 60_000
+
+
+@dataclass
+class Clock:
+    """Rows of one site that were taken by one clock.
+
+    Attributes:
+        site: name of it.
+        origin_ms: time of frame 0.
+        rows: how many there are.
+        minutes: those in which there are rows, counted since 1970, ascending.
+    """
+
+    site: str
+    origin_ms: int
+    rows: int = 0
+    minutes: list[int] = field(default_factory=list)
+
+    @property
+    def key(self) -> str:
+        """A name that no other clock has."""
+        return f"{self.site}_{self.origin_ms}"
+
+
+@dataclass(frozen=True)
+class Period:
+    """One recording: what a clock has seen without a break.
+
+    Attributes:
+        name: such as us101_0750.
+        clock: index of it.
+        minutes: first and last one, counted since 1970.
+    """
+
+    name: str
+    site: Site
+    clock: int
+    minutes: tuple[int, int]
+
+    def holds(self, time_ms: IntArray) -> np.ndarray:
+        """Which times of its clock (n,) belong to it."""
+        minute = time_ms // MINUTE_MS
+        return (minute >= self.minutes[0]) & (minute <= self.minutes[1])
+
+
+class Clocks:
+    """The clocks that a file's rows were taken by, in the order of their appearance."""
+
+    def __init__(self, clocks: list[Clock] | None = None) -> None:
+        """Those that are known already."""
+        self.clocks = clocks or []
+
+    @classmethod
+    def from_json(cls, values: list[dict[str, Any]]) -> Clocks:
+        """As :meth:`to_json` gives them."""
+        return cls([Clock(**value) for value in values])
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """As plain values."""
+        return [asdict(clock) for clock in self.clocks]
+
+    def assign(self, columns: dict[str, np.ndarray], where: str) -> IntArray:
+        """Index (n,) of the clock of every row; new clocks are added.
+
+        Args:
+            columns: site, time_ms, frame and line of the rows, as :class:`litsim_sim.recordings.ngsim.blocks.Block`.
+            where: the file, for errors.
+
+        Raises:
+            InputError: there are more clocks than NGSIM can have.
+        """
+        names = list(SITES)
+        time_ms, index = columns["time_ms"], np.empty(len(columns["time_ms"]), np.int64)
+        origins = origins_of(time_ms, columns["frame"])
+        for site in np.unique(columns["site"]):
+            rows = np.flatnonzero(columns["site"] == site)
+            found, back = np.unique(origins[rows], return_inverse=True)
+            codes = np.array([self._find(names[site], int(origin)) for origin in found], np.int64)
+            index[rows] = codes[back]
+        if len(self.clocks) > CLOCKS_MAX:
+            at = int(np.argmax(index >= CLOCKS_MAX))
+            raise InputError(
+                f"{where}: line {columns['line'][at]}: Frame_ID {columns['frame'][at]} at Global_Time {time_ms[at]}: "
+                f"frames and times do not run together at 10 Hz; {len(self.clocks)} different times of frame 0"
+            )
+        for code in np.unique(index):
+            clock, mine = self.clocks[code], time_ms[index == code]
+            clock.rows += len(mine)
+            clock.minutes = sorted({*clock.minutes, *np.unique(mine // MINUTE_MS).tolist()})
+        return index
+
+    def _find(self, site: str, origin_ms: int) -> int:
+        for code, clock in enumerate(self.clocks):
+            if clock.site == site and abs(clock.origin_ms - origin_ms) <= CLOCK_SLACK_MS:
+                return code
+        self.clocks.append(Clock(site, origin_ms))
+        return len(self.clocks) - 1
+
+    def periods(self) -> list[Period]:
+        """The recordings, sorted by site and time, each with a name of its own."""
+        stretches = []
+        for code, clock in enumerate(self.clocks):
+            minutes = np.array(clock.minutes)
+            pieces = np.split(minutes, np.flatnonzero(np.diff(minutes) > 2) + 1)
+            stretches += [(clock.site, int(piece[0]), int(piece[-1]), code) for piece in pieces]
+        order = list(SITES)
+        found: list[Period] = []
+        for name, first, last, code in sorted(stretches, key=lambda s: (order.index(s[0]), s[1], s[3])):
+            site = SITES[name]
+            title = f"{name}_{site.period(first * MINUTE_MS)}"
+            same = sum(period.name == title or period.name.startswith(f"{title}_") for period in found)
+            found.append(Period(f"{title}_{same + 1}" if same else title, site, code, (first, last)))
+        return found

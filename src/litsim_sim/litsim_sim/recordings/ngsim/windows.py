@@ -1,0 +1,138 @@
+"""Reader of the US-101 windows file of the development data (NGSIM tracks put back on their own clock and road).
+
+Its positions are NGSIM's: metres of State Plane California V at the front centre of a vehicle. The map frame here is a
+rigid transform of those, so distances are true; it is laid such that x is about `local_y_m` (along the road) and y
+about minus `local_x_m` (x grows downstream, y to the left). `local_y_m` itself runs 1.1 % longer than the global
+metres and is used for cropping only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import FloatArray, Kind
+from litsim_sim.io import parquet_input
+from litsim_sim.recordings.recording import Recording, RecordingHeader
+
+COLUMNS = (
+    "vehicle_id",
+    "frame",
+    "t_ms",
+    "local_x_m",
+    "local_y_m",
+    "global_x_m",
+    "global_y_m",
+    "heading_rad",
+    "speed_mps",
+    "accel_mps2",
+    "length_m",
+    "width_m",
+    "lane_est",
+    "src",
+    "scenario",
+)
+UNUSED = ("t_ms", "scenario")
+MARKERS = ("global_x_m", "local_y_m", "lane_est", "src")
+"""Columns by which the format is recognised."""
+
+# Least-squares rigid fit of (local_y, -local_x) to the global positions of frames 316-543, local_y 180-415 m. Fixed,
+# because nets/us101.net.xml lies in this frame.
+MAP_FROM_GLOBAL_YAW = 0.718612  # [rad]
+GLOBAL_ANCHOR = (1966511.071, 570797.706)  # [m] State Plane California V
+MAP_ANCHOR = (297.468, -9.641)  # [m] the same point in frame map
+
+# Vehicle classes are not in the file. NGSIM's motorcycles are mostly shorter and its trucks longer than these.
+MOTORCYCLE_BELOW = 3.2  # [m] and
+MOTORCYCLE_NARROWER = 1.4  # [m]: short cars are wider
+TRUCK_ABOVE = 7.5  # [m]
+WINDOW_SOURCES = 2  # src 0 and 1 are the windows with all vehicles; others are single vehicles without heading
+
+
+def is_windows(columns: Sequence[str]) -> bool:
+    """Whether a table with these columns is of this format."""
+    return set(MARKERS) <= set(columns)
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """All windows of the file at `path`, in the columns of the neutral schema; tracks may have holes between windows.
+
+    Raises:
+        InputError: the file is missing or not of this format.
+    """
+    return neutral_table(parquet_input.read_table(path), str(path))
+
+
+def convert(table: pd.DataFrame, where: str) -> Recording:
+    """A (cropped) windows table as a recording; `where` names it in errors.
+
+    Raises:
+        InputError: as :func:`neutral_table`, or :meth:`Recording.from_table` refuses the content.
+    """
+    neutral = neutral_table(table, where)
+    frames = neutral.groupby("vehicle_id")["frame"].agg(["min", "max", "nunique"])
+    if (frames["max"] - frames["min"] >= frames["nunique"]).any():
+        raise InputError(
+            f"{where}: vehicles are missing between the windows of this file: crop it to one, such as frame 316 to 543 "
+            f"and local_y_m 180 to 415"
+        )
+    header = RecordingHeader(
+        name="us101_0750",
+        source="NGSIM US-101 southbound, 2005-06-15, 07:50-08:05 (US DOT / FHWA, doi 10.21949/1504477), windows",
+        licence="CC BY-SA",
+        net="us101.net.xml",
+        notes={"frames": [int(neutral["frame"].min()), int(neutral["frame"].max())]},
+    )
+    return Recording.from_table(header, neutral, where)
+
+
+def neutral_table(table: pd.DataFrame, where: str) -> pd.DataFrame:
+    """A windows table in the columns of the neutral schema; tracks may have holes between the windows.
+
+    Raises:
+        InputError: a column is missing or unknown, or no row is of a window.
+    """
+    missing = [name for name in COLUMNS if name not in table.columns and name not in UNUSED]
+    unknown = [name for name in table.columns if name not in COLUMNS]
+    if missing or unknown:
+        raise InputError(f"{where}: unknown columns {unknown}, missing columns {missing}; expected {list(COLUMNS)}")
+    table = table[table["src"] < WINDOW_SOURCES]
+    if table.empty:
+        raise InputError(f"{where}: no rows of the windows (src below {WINDOW_SOURCES}) are left to read")
+    values = {name: table[name].to_numpy(np.float64) for name in COLUMNS if name not in UNUSED}
+    yaw = wrap_angle(values["heading_rad"] + MAP_FROM_GLOBAL_YAW)
+    front_x, front_y = map_from_global(values["global_x_m"], values["global_y_m"])
+    length, width = values["length_m"], values["width_m"]
+    return pd.DataFrame(
+        {
+            "vehicle_id": table["vehicle_id"].to_numpy(),
+            "frame": table["frame"].to_numpy(),
+            "x": front_x - 0.5 * length * np.cos(yaw),
+            "y": front_y - 0.5 * length * np.sin(yaw),
+            "yaw": yaw,
+            "speed": values["speed_mps"],
+            "acceleration": values["accel_mps2"],
+            "length": length,
+            "width": width,
+            "kind": kind_of(length, width),
+            "lane": table["lane_est"].to_numpy(),
+        }
+    )
+
+
+def map_from_global(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """State Plane metres (n,) to frame map (n,)."""
+    cos, sin = np.cos(MAP_FROM_GLOBAL_YAW), np.sin(MAP_FROM_GLOBAL_YAW)
+    dx, dy = x - GLOBAL_ANCHOR[0], y - GLOBAL_ANCHOR[1]
+    return MAP_ANCHOR[0] + cos * dx - sin * dy, MAP_ANCHOR[1] + sin * dx + cos * dy
+
+
+def kind_of(length: FloatArray, width: FloatArray) -> FloatArray:
+    """Vehicle class (n,) by size: the file has none."""
+    motorcycle = (length < MOTORCYCLE_BELOW) & (width < MOTORCYCLE_NARROWER)
+    return np.select([motorcycle, length > TRUCK_ABOVE], [Kind.MOTORCYCLE, Kind.TRUCK], Kind.CAR)

@@ -1,0 +1,173 @@
+"""Recordings: observed traffic in one neutral Parquet schema.
+
+A recording is a table with one row per vehicle and frame in frame ``map`` (metres of the SUMO net, x right, y up,
+yaw counter-clockwise from +x in radians), poses being box CENTRES, plus a JSON header in the Parquet metadata.
+Converters from published formats: :mod:`litsim_sim.recordings.load`.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import RATE_HZ
+from litsim_sim.io.files import replacing
+from litsim_sim.io.parquet_input import read_arrow
+
+HEADER_KEY = b"litsim"
+
+COLUMNS: dict[str, str] = {
+    "vehicle_id": "int64",
+    "frame": "int64",
+    "x": "float64",
+    "y": "float64",
+    "yaw": "float64",
+    "speed": "float64",
+    "acceleration": "float64",
+    "length": "float64",
+    "width": "float64",
+    "kind": "uint8",
+    "lane": "int16",
+}
+"""Columns of the neutral schema and their types. `lane` counts from the left edge, 1 first; -1 is unknown."""
+
+BOUNDS: dict[str, tuple[float, float]] = {
+    "speed": (0.0, 90.0),
+    "acceleration": (-60.0, 60.0),
+    "length": (0.5, 40.0),
+    "width": (0.3, 5.0),
+    "yaw": (-10.0, 10.0),
+    "kind": (0, 255),
+    "lane": (-1, 1000),
+}
+"""Values outside are a wrong unit (feet, km/h, degrees) rather than traffic, or do not fit the column's type."""
+
+
+@dataclass(frozen=True)
+class RecordingHeader:
+    """Where a recording comes from.
+
+    Attributes:
+        name: short name of the recording.
+        source: data set, site and period, as a person would cite it.
+        licence: licence of the data.
+        rate_hz: frames per second; always 10.
+        net: file name of the SUMO net that the recording lies on, or empty.
+        notes: anything else worth keeping (processing parameters, seeds).
+    """
+
+    name: str
+    source: str = ""
+    licence: str = ""
+    rate_hz: float = RATE_HZ
+    net: str = ""
+    notes: dict[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A header and a table in the neutral schema, sorted by frame and vehicle."""
+
+    header: RecordingHeader
+    table: pd.DataFrame
+
+    @classmethod
+    def from_table(cls, header: RecordingHeader, table: pd.DataFrame, where: str) -> Recording:
+        """Check `table` and put it into the neutral schema; `where` names it in errors.
+
+        Raises:
+            InputError: unknown or missing columns, non-finite or implausible values, duplicated rows, holes in a
+                track, or a rate other than 10 Hz.
+        """
+        if header.rate_hz != RATE_HZ:
+            raise InputError(f"{where}: header field rate_hz is {header.rate_hz}, expected {RATE_HZ}")
+        unknown = [c for c in table.columns if c not in COLUMNS]
+        missing = [c for c in COLUMNS if c not in table.columns]
+        if unknown or missing:
+            raise InputError(
+                f"{where}: unknown columns {unknown}, missing columns {missing}; expected exactly {list(COLUMNS)}"
+            )
+        if table.empty:
+            raise InputError(f"{where}: the recording holds no rows")
+        table = table[list(COLUMNS)]
+        for name, dtype in COLUMNS.items():
+            values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+            bad = ~np.isfinite(values)
+            expected = "a finite number"
+            if not dtype.startswith("float"):  # a cast would silently cut fractions off
+                bad |= values != np.floor(values)
+                expected = "a whole number"
+            if name in BOUNDS:
+                low, high = BOUNDS[name]
+                bad |= (values < low) | (values > high)
+                expected += f" in [{low}, {high}]"
+            if bad.any():
+                at = int(np.argmax(bad))
+                vehicle, frame, value = (table[column].iloc[at] for column in ("vehicle_id", "frame", name))
+                raise InputError(
+                    f"{where}: row {at} (vehicle_id {vehicle}, frame {frame}): column {name} is {value}, "
+                    f"expected {expected}; {int(bad.sum())} such rows"
+                )
+        table = table.astype(COLUMNS).sort_values(["frame", "vehicle_id"], ignore_index=True)
+        _check_tracks(table, where)
+        return cls(header, table)
+
+    @classmethod
+    def read(cls, path: Path) -> Recording:
+        """Read a neutral-schema Parquet file.
+
+        Raises:
+            InputError: as :meth:`from_table`, or the file is missing, no Parquet, or has no LitSim header.
+        """
+        arrow = read_arrow(path)
+        raw = (arrow.schema.metadata or {}).get(HEADER_KEY)
+        if raw is None:
+            raise InputError(
+                f"{path}: no {HEADER_KEY.decode()!r} header in the Parquet metadata: not a LitSim recording"
+            )
+        known = {f.name for f in fields(RecordingHeader)}
+        try:
+            values = json.loads(raw)
+            header = RecordingHeader(**{k: v for k, v in values.items() if k in known})
+        except (ValueError, TypeError, AttributeError) as error:
+            raise InputError(f"{path}: malformed header in the Parquet metadata: {error}") from error
+        return cls.from_table(header, arrow.to_pandas(), str(path))
+
+    def write(self, path: Path) -> None:
+        """Write as Parquet, header in the metadata.
+
+        Raises:
+            InputError: `path` cannot be written.
+        """
+        with replacing(path) as new:
+            new.write_bytes(self.to_parquet())
+
+    def to_parquet(self) -> bytes:
+        """The recording as a Parquet file (zstd), header in the metadata; equal recordings give equal bytes."""
+        arrow = pa.Table.from_pandas(self.table, preserve_index=False)
+        metadata = {HEADER_KEY: json.dumps(asdict(self.header), sort_keys=True).encode()}
+        sink = pa.BufferOutputStream()
+        pq.write_table(arrow.replace_schema_metadata(metadata), sink, compression="zstd")
+        return bytes(sink.getvalue().to_pybytes())
+
+
+def _check_tracks(table: pd.DataFrame, where: str) -> None:
+    """Refuse duplicated rows and tracks with missing frames."""
+    by_vehicle = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    vehicle, frame = by_vehicle["vehicle_id"].to_numpy(), by_vehicle["frame"].to_numpy()
+    same = vehicle[1:] == vehicle[:-1]
+    step = frame[1:] - frame[:-1]
+    for bad, what in ((same & (step == 0), "is duplicated"), (same & (step > 1), "is followed by a hole")):
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise InputError(
+                f"{where}: vehicle_id {vehicle[at]}: frame {frame[at]} {what} (next row: frame {frame[at + 1]}); "
+                f"expected one row per frame from the first to the last; {int(bad.sum())} such places"
+            )

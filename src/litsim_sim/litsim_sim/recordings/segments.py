@@ -1,0 +1,313 @@
+"""Segments: pieces of recordings to simulate, with an ego each, and the split of recordings into train, val and test.
+
+A manifest names every segment and how it came about; the same recordings, seed and numbers give the same manifest. For
+simulation a recording is cut by time: no segment crosses from one part into another. For prediction its vehicles are
+divided by id, as the conv-social-pooling protocol does (reference, section 2).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal, cast
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S, FloatArray, Kind
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.recording import Recording
+
+Part = Literal["train", "val", "test"]
+PARTS: tuple[Part, ...] = ("train", "val", "test")
+EGO_KINDS = (Kind.CAR, Kind.TRUCK, Kind.UNKNOWN)
+
+
+class Settings(BaseModel):
+    """How segments are cut.
+
+    Attributes:
+        seed: of the choice of egos.
+        history_s: recorded past before the ego is free [s].
+        simulation_s: simulated time after that [s].
+        stride_s: from the start of a segment to the next [s]; below history_s + simulation_s they overlap.
+        ego_min_s: an ego is there for the history and at least so long after it [s].
+        ego_moves_m: and travels at least so far [m]: one that stands in a queue all the time tests nothing.
+        split: shares of train, val and test.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    history_s: Annotated[float, Field(gt=0)] = 3.0
+    simulation_s: Annotated[float, Field(gt=0)] = 25.0
+    stride_s: Annotated[float, Field(gt=0)] = 28.1
+    ego_min_s: Annotated[float, Field(gt=0)] = 10.0
+    ego_moves_m: Annotated[float, Field(ge=0)] = 20.0
+    split: tuple[float, float, float] = (0.7, 0.1, 0.2)
+
+    @property
+    def steps(self) -> int:
+        """Of a whole segment: it has one frame more."""
+        return self.history_steps + round(self.simulation_s / STEP_S)
+
+    @property
+    def history_steps(self) -> int:
+        """Of the recorded past."""
+        return round(self.history_s / STEP_S)
+
+    @property
+    def needed_steps(self) -> int:
+        """Through which an ego must be there."""
+        return self.history_steps + round(self.ego_min_s / STEP_S)
+
+
+class Source(BaseModel):
+    """A recording in a manifest.
+
+    Attributes:
+        file: relative to the manifest's folder where it lies below or beside it; may begin with ``$LITSIM_DATA``.
+        crop: by column of the file, the [low, high] that was kept.
+        digest: :func:`content_digest`.
+        net: packaged net, or a file relative to the manifest's folder.
+        frames: first and last.
+        vehicles: last id of train and of val, by ascending ids; the ids above are test.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    file: str
+    crop: dict[str, list[float]] | None = None
+    digest: str
+    net: str
+    frames: tuple[int, int]
+    vehicles: tuple[int, int]
+
+
+class Segment(BaseModel):
+    """A piece of a recording.
+
+    Attributes:
+        name: unique in the manifest; of the scenario file as well.
+        recording: number in the manifest's `recordings`.
+        part: of the split by time.
+        frames: first and last.
+        shortened: whether the recording, or its part, ends before the time is up.
+        ego: vehicle that the system under test drives.
+        egos: all vehicles that could be, the ego first.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str
+    recording: int
+    part: Part
+    frames: tuple[int, int]
+    shortened: bool
+    ego: int
+    egos: list[int]
+
+
+class Manifest(BaseModel):
+    """Everything about a set of segments."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    litsim_segments: Literal[1] = 1
+    settings: Settings
+    recordings: list[Source]
+    segments: list[Segment]
+    without_ego: int = 0
+
+    def to_yaml(self) -> str:
+        """As a file."""
+        return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=120)
+
+    @classmethod
+    def read(cls, path: Path) -> Manifest:
+        """Read a manifest.
+
+        Raises:
+            InputError: the file is missing or no manifest.
+        """
+        return read_yaml(path, cls)
+
+
+def cut(
+    recordings: Sequence[tuple[str, str, dict[str, list[float]] | None, Recording]], settings: Settings
+) -> Manifest:
+    """Cut recordings into segments.
+
+    Args:
+        recordings: of each the file name and net for the manifest, the crop, and the content.
+        settings: how.
+
+    Raises:
+        InputError: there is nothing to cut, or the shares of the split are no shares.
+    """
+    if min(settings.split) < 0 or abs(sum(settings.split) - 1.0) > 1e-6:
+        raise InputError(f"the split is {settings.split}, expected three shares that add up to 1")
+    sources: list[Source] = []
+    segments: list[Segment] = []
+    without_ego = 0
+    for number, (file, net, crop, recording) in enumerate(recordings):
+        rng = np.random.default_rng([settings.seed, number])
+        table = recording.table
+        first, last = int(table["frame"].min()), int(table["frame"].max())
+        ids = np.unique(table["vehicle_id"].to_numpy())
+        until = [int(ids[max(round(share * len(ids)), 1) - 1]) for share in np.cumsum(settings.split)[:2]]
+        digest, vehicles = content_digest(recording), (until[0], until[1])
+        sources.append(Source(file=file, crop=crop, digest=digest, net=net, frames=(first, last), vehicles=vehicles))
+        tracks = _Tracks(recording)
+        for part, start, end in _windows(first, last, settings):
+            egos = tracks.egos(start, end, settings)
+            if not len(egos):
+                without_ego += 1
+                continue
+            ego = int(rng.choice(egos))
+            stem = Path(file).name.split(".")[0]
+            count = sum(segment.recording == number and segment.part == part for segment in segments)
+            segments.append(
+                Segment(
+                    name=f"{stem}_{part}_{count:02d}",
+                    recording=number,
+                    part=part,
+                    frames=(start, end),
+                    shortened=end - start < settings.steps,
+                    ego=ego,
+                    egos=[ego, *(int(other) for other in egos if other != ego)],
+                )
+            )
+    names = [segment.name for segment in segments]
+    if not segments:
+        raise InputError(
+            f"no segment found: expected recordings with {settings.needed_steps * STEP_S:g} s or more in some part of "
+            f"the split {settings.split}, and a vehicle that is there so long and travels {settings.ego_moves_m:g} m; "
+            f"{without_ego} pieces had no such vehicle"
+        )
+    if len(set(names)) < len(names):
+        raise InputError("two recordings have the same file name, which would give segments the same name: rename one")
+    return Manifest(settings=settings, recordings=sources, segments=segments, without_ego=without_ego)
+
+
+def reproduce(manifest: Manifest, folder: Path) -> Manifest:
+    """Cut again what `manifest`, which lies in `folder`, says.
+
+    Raises:
+        InputError: a recording is missing or is not the one that the manifest was made of.
+    """
+    sources = []
+    for source in manifest.recordings:
+        path = folder / os.path.expandvars(source.file)
+        recording = load_recording(path, source.crop)
+        if content_digest(recording) != source.digest:
+            raise InputError(f"{path}: is not the recording that the manifest names: its content has another digest")
+        sources.append((source.file, source.net, source.crop, recording))
+    return cut(sources, manifest.settings)
+
+
+def content_digest(recording: Recording) -> str:
+    """SHA-256 over the columns of a recording: equal for equal content, whatever the file's format or compression."""
+    digest = hashlib.sha256(b"litsim-recording-1\n")
+    for name, values in recording.table.items():
+        array = values.to_numpy()
+        digest.update(f"{name} {array.dtype.str} {len(array)}\n".encode())
+        digest.update(np.ascontiguousarray(array.astype(array.dtype.newbyteorder("<"), copy=False)).tobytes())
+    return digest.hexdigest()
+
+
+def scenario_yaml(manifest: Manifest, segment: Segment) -> str:
+    """The scenario file of `segment`, to lie in the manifest's folder."""
+    source, settings = manifest.recordings[segment.recording], manifest.settings
+    first, last = segment.frames
+    marks = ", shortened" if segment.shortened else ""
+    fields: dict[str, object] = {
+        "name": segment.name,
+        "description": f"Frames {first} to {last} of {Path(source.file).name}, part {segment.part}{marks}.",
+        "recording": source.file,
+        "crop": source.crop,
+        "net": source.net,
+        "start_frame": first,
+        "history_s": settings.history_s,
+        "simulation_s": round((last - first) * STEP_S - settings.history_s, 6),
+        "seed": settings.seed,
+        "ego": segment.ego,
+        "egos": segment.egos,
+    }
+    fields = {name: value for name, value in fields.items() if value is not None}
+    return yaml.safe_dump(fields, sort_keys=False, default_flow_style=None, width=120)
+
+
+def write(manifest: Manifest, folder: Path) -> Path:
+    """Write ``manifest.yaml`` and a scenario file for every segment; returns the manifest's path.
+
+    Raises:
+        InputError: `folder` cannot be written.
+    """
+    path = folder / "manifest.yaml"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for segment in manifest.segments:
+            (folder / f"{segment.name}.yaml").write_text(scenario_yaml(manifest, segment), encoding="utf-8")
+        path.write_text(manifest.to_yaml(), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    return path
+
+
+def describe(manifest: Manifest) -> str:
+    """What the manifest holds, as text."""
+    lines = []
+    for part in PARTS:
+        of_part = [segment for segment in manifest.segments if segment.part == part]
+        short = sum(segment.shortened for segment in of_part)
+        lines.append(f"{part:<6}{len(of_part)} segments" + (f", {short} shortened" if short else ""))
+    lines.append(f"{len(manifest.segments)} segments of {len(manifest.recordings)} recordings")
+    if manifest.without_ego:
+        lines.append(f"{manifest.without_ego} pieces were left out: no vehicle in them can be the ego")
+    return "\n".join(lines)
+
+
+def part_of_vehicle(source: Source, vehicle: int) -> Part:
+    """Part of the split by vehicle id, for prediction."""
+    last_train, last_val = source.vehicles
+    return "train" if vehicle <= last_train else "val" if vehicle <= last_val else "test"
+
+
+def _windows(first: int, last: int, settings: Settings) -> list[tuple[Part, int, int]]:
+    """Part, first and last frame of every piece of a recording from frame `first` to `last`."""
+    frames, stride = last - first + 1, max(round(settings.stride_s / STEP_S), 1)
+    bounds = [first + round(share * frames) for share in (0.0, *np.cumsum(settings.split))]
+    windows: list[tuple[Part, int, int]] = []
+    for part, begin, end in zip(PARTS, bounds[:-1], bounds[1:], strict=True):
+        length = min(settings.steps, end - begin - 1)  # a part that is shorter than a segment is one
+        if length >= settings.needed_steps:
+            windows += [(part, start, start + length) for start in range(begin, end - length, stride)]
+    return windows
+
+
+class _Tracks:
+    """When and where every vehicle of a recording is."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._table = recording.table[["vehicle_id", "frame", "x", "y", "kind"]].sort_values(["vehicle_id", "frame"])
+        ids, start, count = np.unique(self._table["vehicle_id"].to_numpy(), return_index=True, return_counts=True)
+        self._ids, self._row = ids, start
+        self._first = self._table["frame"].to_numpy()[start]
+        self._last = self._first + count - 1  # recordings have no holes
+        self._kind = self._table["kind"].to_numpy()[start]
+        step = np.hypot(*(np.diff(self._table[axis], prepend=0.0) for axis in ("x", "y")))
+        self._way: FloatArray = np.cumsum(step)
+
+    def egos(self, start: int, end: int, settings: Settings) -> np.ndarray:
+        """Ids of the vehicles that can be the ego of the piece from frame `start` to `end`."""
+        last = np.minimum(self._last, end)
+        fits = (self._first <= start) & (last >= start + settings.needed_steps) & np.isin(self._kind, EGO_KINDS)
+        rows = np.flatnonzero(fits)
+        at, until = self._row[rows] + start - self._first[rows], self._row[rows] + last[rows] - self._first[rows]
+        return cast(np.ndarray, self._ids[rows[self._way[until] - self._way[at] >= settings.ego_moves_m]])

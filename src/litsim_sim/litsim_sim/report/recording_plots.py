@@ -1,0 +1,173 @@
+"""Pictures of recordings: space-time diagrams by lane, and a map of the tracks."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure, FigureBase
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.recordings.recording import Recording
+
+DPI = 100
+LANES_MAX = 12  # diagrams; the busiest lanes
+PIECES_MAX = 60_000  # of tracks per diagram; above, frames are left out
+WIDTH, DIAGRAM, MAP = 14.0, 1.6, 4.5  # [inch] of everything; heights of one diagram and of the map
+BALANCE = 0.2  # share by which one direction must prevail to be the main one
+INK, ROAD = "#30343b", "#d5d8dc"
+SPEEDS = "turbo_r"
+UNKNOWN_LANE = "#8a9099"
+
+
+def draw(recording: Recording, path: Path, text: str, lane_map: LaneMap | None = None) -> None:
+    """Draw `recording` to a PNG, or to a self-contained HTML page if `path` ends so.
+
+    Args:
+        recording: what to draw.
+        path: .png, .html or .htm.
+        text: what the page says of the recording.
+        lane_map: lanes under the tracks.
+
+    Raises:
+        InputError: `path` has another ending.
+        OSError: `path` cannot be written.
+    """
+    if path.suffix not in (".png", ".html", ".htm"):
+        raise InputError(f"{path}: expected a name that ends with .png or .html")
+    if path.suffix == ".png":
+        path.write_bytes(_bytes(_overview(recording, lane_map)))
+        return
+    diagrams, tracks = space_time(recording), track_map(recording, lane_map)
+    pictures = "\n".join(
+        f'<h2>{title}</h2>\n<img alt="{title}" src="data:image/png;base64,{base64.b64encode(_bytes(figure)).decode()}">'
+        for title, figure in (("Space and time, by lane", diagrams), ("Tracks", tracks))
+    )
+    name = html.escape(recording.header.name)
+    path.write_text(
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{name}</title>\n'
+        "<style>body{font:15px sans-serif;margin:2em auto;max-width:1400px;color:#30343b}img{max-width:100%}</style>"
+        f"</head>\n<body><h1>{name}</h1>\n<pre>{html.escape(text)}</pre>\n{pictures}\n</body></html>\n",
+        encoding="utf-8",
+    )
+
+
+def space_time(recording: Recording) -> Figure:
+    """One diagram per lane and direction: place along the main direction over time, coloured by speed."""
+    size = (WIDTH, DIAGRAM * len(_groups(recording.table)) + 0.6)
+    figure = Figure(figsize=size, dpi=DPI, layout="constrained", facecolor="white")
+    _space_time(figure, recording)
+    return figure
+
+
+def track_map(recording: Recording, lane_map: LaneMap | None = None) -> Figure:
+    """All tracks in frame map, coloured by lane, over the lanes of the net."""
+    figure = Figure(figsize=(WIDTH, MAP), dpi=DPI, layout="constrained", facecolor="white")
+    _tracks(figure.add_subplot(), recording.table, lane_map)
+    return figure
+
+
+def main_direction(table: pd.DataFrame) -> float:
+    """Direction [rad] of most of the way driven, there or back: as clearly more of it goes, else nearer to +x."""
+    yaw, weight = table["yaw"].to_numpy(), table["speed"].to_numpy() + 1e-3
+    axis = 0.5 * float(np.arctan2((weight * np.sin(2 * yaw)).sum(), (weight * np.cos(2 * yaw)).sum()))
+    ahead = float((weight * np.cos(yaw - axis)).sum() / weight.sum())
+    turned = ahead < -BALANCE or (abs(ahead) <= BALANCE and np.cos(axis) < 0.0)
+    return float(wrap_angle(np.array([axis + np.pi]))[0]) if turned else axis
+
+
+def _overview(recording: Recording, lane_map: LaneMap | None) -> Figure:
+    diagrams = DIAGRAM * len(_groups(recording.table)) + 0.6
+    figure = Figure(figsize=(WIDTH, diagrams + MAP), dpi=DPI, layout="constrained", facecolor="white")
+    upper, lower = figure.subfigures(2, 1, height_ratios=(diagrams, MAP))
+    _space_time(upper, recording)
+    _tracks(lower.add_subplot(), recording.table, lane_map)
+    figure.suptitle(f"{recording.header.name}   {recording.header.source}", x=0.012, ha="left", fontsize=11, color=INK)
+    return figure
+
+
+def _bytes(figure: Figure) -> bytes:
+    FigureCanvasAgg(figure)
+    sink = io.BytesIO()
+    figure.savefig(sink, format="png", dpi=DPI)
+    return sink.getvalue()
+
+
+def _groups(table: pd.DataFrame) -> list[tuple[bool, int]]:
+    """The busiest (whether against the main direction, lane), sorted."""
+    against = _against(table)
+    counts = pd.Series(list(zip(against.tolist(), table["lane"].tolist(), strict=True))).value_counts()
+    return sorted(counts.index[:LANES_MAX])
+
+
+def _against(table: pd.DataFrame) -> BoolArray:
+    return np.asarray(np.cos(table["yaw"].to_numpy() - main_direction(table)) < 0, np.bool_)
+
+
+def _space_time(figure: FigureBase, recording: Recording) -> None:
+    table = recording.table.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    direction, turned, shown = main_direction(table), _against(table), _groups(table)
+    along = np.cos(direction) * table["x"].to_numpy() + np.sin(direction) * table["y"].to_numpy()
+    lane = table["lane"].to_numpy()
+    axes = figure.subplots(len(shown), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    speeds = Normalize(0.0, max(1.0, float(table["speed"].quantile(0.98))))
+    time = STEP_S * (table["frame"].to_numpy() - table["frame"].min())
+    for axis, (against, number) in zip(axes, shown, strict=True):
+        rows = (turned == against) & (lane == number)
+        pieces, at = _pieces(table, rows, np.column_stack([time, along]))
+        colour = table["speed"].to_numpy()[at]
+        axis.add_collection(LineCollection(pieces, array=colour, cmap=SPEEDS, norm=speeds, linewidths=0.7))
+        name = f"lane {number}" if number >= 0 else "lane unknown"
+        axis.set_title(f"{name}{', opposite direction' if against else ''}", loc="left", fontsize=9, color=INK)
+        axis.set_ylabel("along [m]", fontsize=8)
+        _plain(axis)
+    axes[0].set(xlim=(0.0, max(STEP_S, float(time.max()))), ylim=(float(along.min()) - 1.0, float(along.max()) + 1.0))
+    axes[-1].set_xlabel(f"time [s] from frame {table['frame'].min()}", fontsize=9)
+    figure.colorbar(ScalarMappable(speeds, SPEEDS), ax=list(axes), label="speed [m/s]", shrink=0.8, pad=0.01)
+
+
+def _tracks(axes: Axes, table: pd.DataFrame, lane_map: LaneMap | None) -> None:
+    table = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    lane = table["lane"].to_numpy()
+    for known in lane_map.lanes if lane_map is not None else ():
+        axes.plot(*known.centerline.T, color=ROAD, lw=3.0, zorder=0, solid_capstyle="butt")
+    points = table[["x", "y"]].to_numpy()
+    for number in np.unique(lane):
+        pieces, _ = _pieces(table, lane == number, points)
+        colour = f"C{(number - 1) % 10}" if number >= 0 else UNKNOWN_LANE
+        axes.add_collection(LineCollection(pieces, colors=colour, linewidths=0.5, alpha=0.6))
+        axes.plot([], [], color=colour, label=f"lane {number}" if number >= 0 else "lane unknown")
+    low, high = points.min(axis=0) - 5.0, points.max(axis=0) + 5.0
+    tall = (high - low)[1] > 0.2 * (high - low)[0]  # a straight motorway would be a hairline in true proportions
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal" if tall else "auto")
+    axes.set(xlabel="x [m]", ylabel="y [m]" if tall else "y [m], stretched")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=10, frameon=False, fontsize=8)
+    _plain(axes)
+
+
+def _pieces(table: pd.DataFrame, rows: BoolArray, points: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    """Pieces (k, 2, 2) of tracks between consecutive `points` of chosen rows, and the row (k,) where each begins."""
+    vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
+    chosen = np.flatnonzero(rows)
+    stride = max(1, len(chosen) // PIECES_MAX)
+    chosen = chosen[(frame[chosen] % stride == 0)]
+    joined = (vehicle[chosen[1:]] == vehicle[chosen[:-1]]) & (np.diff(frame[chosen]) == stride)
+    begin, end = chosen[:-1][joined], chosen[1:][joined]
+    return np.stack([points[begin], points[end]], axis=1), begin
+
+
+def _plain(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(colors=INK, labelsize=8)

@@ -1,0 +1,134 @@
+"""The log: what every agent of a scenario really did, as dense arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
+from litsim_sim.recordings.recording import Recording
+
+LAG_TOLERANCE = 0.2  # [m] by which one place may be farther than another and yet count as near
+
+
+@dataclass(frozen=True)
+class Log:
+    """Recorded motion over the steps of a scenario; n agents, zeros where an agent is not on the road.
+
+    Attributes:
+        ids: (n,) ascending.
+        kind: (n,) :class:`litsim_sim.core.scene.Kind`.
+        length, width: (n,) of the boxes [m].
+        first_step, last_step: (n,) between which, both included, an agent is on the road.
+        valid: (n, steps) mask of that.
+        x, y: (n, steps) box centres in frame map [m].
+        yaw: (n, steps) heading, counter-clockwise from +x, in [-pi, pi) [rad].
+        speed, acceleration: (n, steps) along the heading, as recorded [m/s], [m/s2].
+        yaw_rate: (n, steps) change of heading since the step before (at an agent's first step: to the next) [rad/s].
+    """
+
+    ids: IntArray
+    kind: ByteArray
+    length: FloatArray
+    width: FloatArray
+    first_step: IntArray
+    last_step: IntArray
+    valid: BoolArray
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+    yaw_rate: FloatArray
+
+    @classmethod
+    def from_recording(cls, recording: Recording, start_frame: int, steps: int) -> Log:
+        """The log of `steps` steps from `start_frame`, of the agents that appear in them."""
+        table = recording.table
+        step = table["frame"].to_numpy() - start_frame
+        inside = (step >= 0) & (step < steps)
+        table, step = table[inside], step[inside]
+        ids, first_row, agent = np.unique(table["vehicle_id"].to_numpy(), return_index=True, return_inverse=True)
+        valid = np.zeros((len(ids), steps), np.bool_)
+        valid[agent, step] = True
+
+        def dense(column: str) -> FloatArray:
+            values = np.zeros(valid.shape)
+            values[agent, step] = table[column].to_numpy(np.float64)
+            return values
+
+        yaw = dense("yaw")
+        rate = np.zeros(valid.shape)
+        both = valid[:, 1:] & valid[:, :-1]
+        rate[:, 1:] = np.where(both, wrap_angle(yaw[:, 1:] - yaw[:, :-1]) / STEP_S, 0.0)
+        first_step = np.argmax(valid, axis=1)
+        rows = np.arange(len(ids))
+        last_step = first_step + valid.sum(axis=1) - 1  # recordings have no holes
+        rate[rows, first_step] = np.where(
+            last_step > first_step, rate[rows, np.minimum(first_step + 1, steps - 1)], 0.0
+        )
+        return cls(
+            ids=ids,
+            kind=table["kind"].to_numpy()[first_row],
+            length=table["length"].to_numpy()[first_row],
+            width=table["width"].to_numpy()[first_row],
+            first_step=first_step,
+            last_step=last_step,
+            valid=valid,
+            x=dense("x"),
+            y=dense("y"),
+            yaw=np.where(valid, wrap_angle(yaw), 0.0),
+            speed=dense("speed"),
+            acceleration=dense("acceleration"),
+            yaw_rate=rate,
+        )
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return self.valid.shape[1]
+
+    def row(self, agent: int) -> int:
+        """Row of `agent`, or -1 where the log has no such agent."""
+        at = int(np.searchsorted(self.ids, agent))
+        return at if at < len(self.ids) and self.ids[at] == agent else -1
+
+    def table(self, step: int, lag: IntArray | None = None) -> AgentTable:
+        """All agents on the road at `step`, controller LOG, as arrays of their own; empty outside of the steps.
+
+        Args:
+            step: integer step of the scenario.
+            lag: (n,) steps by which each agent is late; None is not at all.
+        """
+        at = np.full(len(self.ids), step) if lag is None else step - lag
+        inside = (at >= 0) & (at < self.steps)
+        rows = np.flatnonzero(inside & self.valid[np.arange(len(at)), np.where(inside, at, 0)])
+        at = at[rows]
+        return AgentTable(
+            step=step,
+            id=self.ids[rows],
+            kind=self.kind[rows],
+            controller=np.full(len(rows), Controller.LOG, np.uint8),
+            x=self.x[rows, at],
+            y=self.y[rows, at],
+            yaw=self.yaw[rows, at],
+            speed=self.speed[rows, at],
+            acceleration=self.acceleration[rows, at],
+            yaw_rate=self.yaw_rate[rows, at],
+            length=self.length[rows],
+            width=self.width[rows],
+        )
+
+    def lag(self, row: int, step: int, x: float, y: float) -> int:
+        """Steps ago at which the agent in `row` was logged nearest to (x, y) [m]; of places as near, the latest.
+
+        0 where that is now, or where the agent has no logged pose up to `step`. A log that stands and waits is near
+        for long: the time that it waited is not waited again.
+        """
+        known = np.flatnonzero(self.valid[row, : step + 1])
+        if not len(known):
+            return 0
+        distance = np.hypot(self.x[row, known] - x, self.y[row, known] - y)
+        return int(step - known[np.flatnonzero(distance <= distance.min() + LAG_TOLERANCE)[-1]])

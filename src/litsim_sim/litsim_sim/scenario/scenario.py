@@ -1,0 +1,276 @@
+"""Scenarios: which recording, on which net, from when, around which ego."""
+
+from __future__ import annotations
+
+import os
+import re
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.vehicle import VehicleModel
+from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.recording import Recording
+from litsim_sim.scenario.log import Log
+
+DATA_VARIABLE = "LITSIM_DATA"
+COVERAGE_MIN = 0.9  # share of recorded box centres that must lie on the road
+PACKAGE = "litsim_sim"
+
+
+class ScenarioFile(BaseModel):
+    """The fields of a scenario's YAML file.
+
+    Attributes:
+        name: short name; runs and reports carry it.
+        description: what happens in it.
+        recording: file of the recording, relative to the YAML file; may begin with ``$LITSIM_DATA``.
+        crop: by column of that file, the [low, high] to keep.
+        net: SUMO net, relative to the YAML file, or the name of a packaged net.
+        start_frame: frame of step 0; the first of the recording if not given.
+        history_s: recorded past before the ego is free [s].
+        simulation_s: simulated time after that [s]; shorter where the recording is.
+        ego: id of the vehicle that the driving system under test moves.
+        egos: ids that experiments take as ego, one run each.
+        tuning: ids for tuning a system before such an experiment; disjoint from `egos`.
+        roi_m: radius around the ego within which agents may be taken over [m].
+        seed: of everything random.
+        vehicle: of the ego, by the fields of :class:`litsim_sim.core.vehicle.VehicleModel` that are not the default.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    recording: str
+    crop: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] | None = None
+    net: str
+    start_frame: int | None = None
+    history_s: Annotated[float, Field(gt=0)] = 3.0
+    simulation_s: Annotated[float, Field(gt=0)] = 25.0
+    ego: int
+    egos: list[int] = []
+    tuning: list[int] = []
+    roi_m: Annotated[float, Field(gt=0)] = 30.0
+    seed: Annotated[int, Field(ge=0)] = 0
+    vehicle: dict[str, float] = {}
+
+    @field_validator("vehicle")
+    @classmethod
+    def _check_vehicle(cls, values: dict[str, float]) -> dict[str, float]:
+        VehicleModel.of(values)
+        return values
+
+
+class Scenario:
+    """A checked scenario with its recording and log in memory.
+
+    Steps of 0.1 s run from 0 to `total_steps`; those below `history_steps` are the recorded past.
+
+    Attributes:
+        file: the resolved fields, with absolute paths.
+        recording: cut to the frames of the scenario.
+        log: the same as dense arrays.
+        start_frame: frame of step 0.
+        history_steps: step from which on the ego is free.
+        total_steps: the last step.
+        shortened: whether the recording ends before `simulation_s` have passed.
+    """
+
+    def __init__(self, file: ScenarioFile, where: str) -> None:
+        """Read and check everything that `file`, with resolved paths, names; `where` names it in errors.
+
+        Raises:
+            InputError: a file or its content cannot be used, or the fields do not fit the recording.
+        """
+        self.net_path = Path(file.net)
+        recording = load_recording(Path(file.recording), file.crop)
+        frames = recording.table["frame"].to_numpy()
+        first, last = int(frames.min()), int(frames.max())
+        self.start_frame = first if file.start_frame is None else file.start_frame
+        if not first <= self.start_frame <= last:
+            raise InputError(f"{where}: start_frame is {file.start_frame}, expected one of {first} to {last}")
+        self.file = file.model_copy(update={"start_frame": self.start_frame})
+        self.history_steps = round(file.history_s / STEP_S)
+        wanted = self.history_steps + round(file.simulation_s / STEP_S)
+        self.total_steps = min(wanted, last - self.start_frame)
+        self.shortened = self.total_steps < wanted
+        if self.total_steps <= self.history_steps:
+            raise InputError(
+                f"{where}: the recording is too short: {last - self.start_frame} steps of {STEP_S} s follow frame "
+                f"{self.start_frame}, expected more than the history of {self.history_steps}"
+            )
+        kept = recording.table[(frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps)]
+        self.recording = Recording(recording.header, kept.reset_index(drop=True))
+        self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
+        self._check_agents(where)
+        self._check_coverage(where)
+
+    @classmethod
+    def load(cls, name_or_path: str | Path, **overrides: Any) -> Scenario:
+        """Load a packaged scenario by name, or a scenario file by path.
+
+        Args:
+            name_or_path: such as ``demo``, or a path of a YAML file.
+            overrides: fields of the file to replace, such as `ego`, `seed`, `roi_m`; None leaves a field as it is.
+                Of `vehicle`, only the values given are replaced.
+
+        Raises:
+            InputError: there is no such scenario, or it cannot be used.
+        """
+        path = Path(name_or_path)
+        if not path.suffix and str(path) == path.name and str(path) in packaged_scenarios():
+            path = packaged(f"scenarios/{path}.yaml")
+        if not path.is_file():
+            raise InputError(
+                f"{name_or_path}: no such scenario; expected a YAML file, or one of {', '.join(packaged_scenarios())}"
+            )
+        return cls._build(read_text(path), str(path), path.resolve().parent, overrides)
+
+    @classmethod
+    def from_yaml(cls, text: str, where: str) -> Scenario:
+        """Build from the text of a scenario file; `where` names it in errors, paths in it are relative to here.
+
+        Raises:
+            InputError: the scenario cannot be used.
+        """
+        return cls._build(text, where, Path.cwd(), {})
+
+    def to_yaml(self) -> str:
+        """The resolved scenario, with absolute paths; :meth:`from_yaml` builds the same from it."""
+        return yaml.safe_dump(self.file.model_dump(mode="json"), sort_keys=False)
+
+    @classmethod
+    def _build(cls, text: str, where: str, folder: Path, overrides: dict[str, Any]) -> Scenario:
+        values = parse_yaml(text, where, ScenarioFile)
+        given = {key: value for key, value in overrides.items() if value is not None}
+        if "vehicle" in given and isinstance(values.get("vehicle"), dict):
+            given["vehicle"] = values["vehicle"] | given["vehicle"]
+        values.update(given)
+        file = validate_yaml(values, ScenarioFile, where, text)
+        net = packaged(f"nets/{file.net}.net.xml") if file.net in packaged_nets() else folder / file.net
+        resolved = {"recording": str(_data_path(file.recording, folder, where)), "net": str(net.resolve())}
+        return cls(file.model_copy(update=resolved), where)
+
+    @property
+    def name(self) -> str:
+        """Short name."""
+        return self.file.name
+
+    @property
+    def ego_id(self) -> int:
+        """Vehicle that the driving system under test moves."""
+        return self.file.ego
+
+    @property
+    def egos(self) -> tuple[int, ...]:
+        """Vehicles that experiments take as ego; the ego alone if the file lists none."""
+        return tuple(self.file.egos) or (self.file.ego,)
+
+    @property
+    def tuning_egos(self) -> tuple[int, ...]:
+        """Vehicles for tuning a system before an experiment."""
+        return tuple(self.file.tuning)
+
+    @property
+    def possible_egos(self) -> tuple[int, ...]:
+        """Vehicles that are there from step 0 through the first simulated step."""
+        there = (self.log.first_step == 0) & (self.log.last_step > self.history_steps)
+        return tuple(self.log.ids[there].tolist())
+
+    @property
+    def roi_m(self) -> float:
+        """Radius around the ego within which agents may be taken over [m]."""
+        return self.file.roi_m
+
+    @property
+    def seed(self) -> int:
+        """Seed of everything random."""
+        return self.file.seed
+
+    @cached_property
+    def vehicle(self) -> VehicleModel:
+        """Of the ego."""
+        return VehicleModel.of(self.file.vehicle)
+
+    @cached_property
+    def lane_map(self) -> LaneMap:
+        """Lane queries on the net."""
+        return LaneMap.from_net(self.net_path)
+
+    def _check_agents(self, where: str) -> None:
+        """The ego, and every ego of the lists, is there from step 0 through the first simulated step."""
+        both = sorted(set(self.file.egos) & set(self.file.tuning))
+        if both:
+            raise InputError(f"{where}: field tuning repeats {both} of field egos, expected disjoint lists")
+        needed = self.history_steps + 1
+        for field, agents in (("ego", [self.file.ego]), ("egos", self.file.egos), ("tuning", self.file.tuning)):
+            for agent in agents:
+                row = self.log.row(agent)
+                if row < 0:
+                    start = ", ".join(str(i) for i in self.log.ids[self.log.valid[:, 0]])
+                    raise InputError(f"{where}: field {field}: no vehicle {agent}; present at the start: {start}")
+                first, last = int(self.log.first_step[row]), int(self.log.last_step[row])
+                if first > 0 or last < needed:
+                    raise InputError(
+                        f"{where}: field {field}: vehicle {agent} is present in steps {first} to {last}, expected at "
+                        f"least steps 0 to {needed} (the history and the first simulated step)"
+                    )
+
+    def _check_coverage(self, where: str) -> None:
+        """The net lies under the recording."""
+        x, y = self.log.x[self.log.valid], self.log.y[self.log.valid]
+        share = float(self.lane_map.inside_road(x, y).mean())
+        if share < COVERAGE_MIN:
+            x0, y0, x1, y1 = self.lane_map.bounds
+            raise InputError(
+                f"{where}: net {self.net_path.name} does not cover the recording: {share:.1%} of the box centres are "
+                f"on its lanes, expected {COVERAGE_MIN:.0%}; the recording spans x {x.min():.0f} to {x.max():.0f}, "
+                f"y {y.min():.0f} to {y.max():.0f} m, the net x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} m"
+            )
+
+
+def packaged(relative: str) -> Path:
+    """A file of this package."""
+    return Path(str(resources.files(PACKAGE).joinpath(relative)))
+
+
+def packaged_scenarios() -> tuple[str, ...]:
+    """Names that :meth:`Scenario.load` knows."""
+    return tuple(sorted(path.stem for path in packaged("scenarios").glob("*.yaml")))
+
+
+def packaged_nets() -> tuple[str, ...]:
+    """Names that field `net` knows."""
+    return tuple(sorted(path.name.removesuffix(".net.xml") for path in packaged("nets").glob("*.net.xml")))
+
+
+def _data_path(recording: str, folder: Path, where: str) -> Path:
+    """Absolute path of field `recording`, with LITSIM_DATA expanded."""
+    data_file = re.fullmatch(rf"\$(?:{DATA_VARIABLE}|{{{DATA_VARIABLE}}})/+(.+)", recording)
+    if data_file is None:
+        path = (folder / recording).resolve()
+        if not path.is_file():
+            raise InputError(f"{where}: field recording: {path}: no such recording")
+        return path
+    relative, data = data_file[1], os.environ.get(DATA_VARIABLE, "")
+    if not data:
+        raise InputError(
+            f"{where}: field recording: needs real data: put it into a folder as DATA/{relative} and set "
+            f"{DATA_VARIABLE} to DATA (scenario demo needs none)"
+        )
+    path = (Path(data).expanduser() / relative).resolve()
+    if not path.is_file():
+        raise InputError(
+            f"{where}: field recording: {path}: no such recording; put the file there, or set {DATA_VARIABLE} to the "
+            f"folder that holds {relative} (scenario demo needs none)"
+        )
+    return path

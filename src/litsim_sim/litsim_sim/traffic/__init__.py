@@ -1,0 +1,1 @@
+"""Generated traffic: SUMO's, with drivers calibrated to recordings, smoothed to plausible motion."""

@@ -1,0 +1,109 @@
+"""Policy L: agents follow the recording, and those that come back to it do so without a jump."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import STEP_S, AgentTable
+from litsim_sim.scenario.log import Log
+
+COMFORT_ACCELERATION = 1.5  # [m/s2] that fading a residual out may add to the logged motion
+FADE_MIN_S = 1.0  # [s] shortest fade
+
+
+@dataclass(frozen=True)
+class Residual:
+    """How far an agent is off its log when it is released, and how long that takes to fade.
+
+    Attributes:
+        step: step of the release.
+        steps: duration of the fade.
+        position: (2,) offset from the logged box centre in frame map [m].
+        velocity: (2,) offset from the logged velocity in frame map [m/s].
+        yaw: offset from the logged heading [rad].
+    """
+
+    step: int
+    steps: int
+    position: np.ndarray
+    velocity: np.ndarray
+    yaw: float
+
+    @classmethod
+    def between(cls, table: AgentTable, row: int, logged: AgentTable, logged_row: int) -> Residual:
+        """Residual of the agent in `row` of `table` against the same agent in `logged`."""
+
+        def velocity(at: AgentTable, i: int) -> np.ndarray:
+            return at.speed[i] * np.array([np.cos(at.yaw[i]), np.sin(at.yaw[i])])
+
+        position = np.array([table.x[row] - logged.x[logged_row], table.y[row] - logged.y[logged_row]])
+        rate = velocity(table, row) - velocity(logged, logged_row)
+        yaw = float(wrap_angle(table.yaw[row] - logged.yaw[logged_row]))
+        # Peaks of the second derivatives of the two blends below: 5.77 and 3.94. They come together, so the duration T
+        # solves 5.77 offset / T^2 + 3.94 rate / T = COMFORT_ACCELERATION.
+        linear = 0.5 * 3.94 * float(np.hypot(*rate)) / COMFORT_ACCELERATION
+        constant = 5.77 * float(np.hypot(*position)) / COMFORT_ACCELERATION
+        duration = max(FADE_MIN_S, linear + np.sqrt(linear**2 + constant))
+        return cls(table.step, int(np.ceil(duration / STEP_S)), position, rate, yaw)
+
+    def at(self, step: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Offsets of position (2,) [m], velocity (2,) [m/s] and heading [rad] at `step`; zero once faded.
+
+        Quintics that start with the residual's value and rate and end with value, rate and acceleration zero.
+        """
+        s = min(1.0, (step - self.step) / self.steps)
+        duration = self.steps * STEP_S
+        value, slope = 1 - s**3 * (10 - 15 * s + 6 * s**2), -30 * s**2 * (1 - s) ** 2
+        drift, drift_slope = s * (1 - s**2 * (6 - 8 * s + 3 * s**2)), 1 - s**2 * (18 - 32 * s + 15 * s**2)
+        position = self.position * value + self.velocity * (duration * drift)
+        velocity = self.position * (slope / duration) + self.velocity * drift_slope
+        return position, velocity, self.yaw * value
+
+
+class LogPolicy:
+    """Logged poses of every agent, with the residuals of released agents fading out.
+
+    An agent can be released late: its log is then replayed with a constant lag, from the logged pose that is nearest
+    to where it is, so that it need not make up for lost time.
+    """
+
+    def __init__(self, log: Log) -> None:
+        self.log = log
+        self._residuals: dict[int, Residual] = {}
+        self._lag = np.zeros(len(log.ids), np.int64)
+
+    def release(self, table: AgentTable, agent: int, late: bool = False) -> None:
+        """Let `agent`, as it moves in `table`, follow its log again from the next step on.
+
+        Args:
+            table: where the agent is.
+            agent: its id.
+            late: with the lag of :meth:`litsim_sim.scenario.log.Log.lag`; False is without any.
+        """
+        row = table.row(agent)
+        log_row = self.log.row(agent)
+        self._lag[log_row] = self.log.lag(log_row, table.step, table.x[row], table.y[row]) if late else 0
+        logged = self.log.table(table.step, self._lag)
+        logged_row = logged.row(agent)
+        if logged_row >= 0:
+            self._residuals[agent] = Residual.between(table, row, logged, logged_row)
+
+    def table(self, step: int) -> AgentTable:
+        """Agents (controller LOG) where policy L puts them at `step`."""
+        table = self.log.table(step, self._lag)
+        for agent, residual in list(self._residuals.items()):
+            row = table.row(agent)
+            if row < 0 or step - residual.step >= residual.steps:
+                del self._residuals[agent]
+                continue
+            position, velocity, yaw = residual.at(step)
+            table.yaw[row] += yaw
+            table.x[row] += position[0]
+            table.y[row] += position[1]
+            # The logged velocity and its offset, both along the heading that the agent has now.
+            offset = velocity[0] * np.cos(table.yaw[row]) + velocity[1] * np.sin(table.yaw[row])
+            table.speed[row] = max(0.0, table.speed[row] * np.cos(yaw) + offset)
+        return table

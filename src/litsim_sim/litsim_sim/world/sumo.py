@@ -1,0 +1,78 @@
+"""The SUMO world behind the bridge: every agent is placed in it each step, through libsumo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import libsumo
+import numpy as np
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+
+_ROUTE, _TYPE = "litsim", "litsim"
+_KEEP_ROUTE = 2  # moveToXY: exactly there, on the network or off it
+
+
+class SumoMirror:
+    """One SUMO simulation (libsumo: one per process) that shows the agents of an :class:`AgentTable`."""
+
+    def __init__(self, net_path: Path, seed: int = 0) -> None:
+        """Load `net_path`.
+
+        Raises:
+            InputError: SUMO cannot load the net.
+        """
+        try:
+            libsumo.start(
+                [
+                    *("sumo", "--net-file", str(net_path), "--step-length", str(STEP_S), "--seed", str(seed)),
+                    *("--collision.action", "none", "--time-to-teleport", "-1"),
+                    *("--no-step-log", "true", "--no-warnings", "true"),
+                ]
+            )
+        except (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError) as error:
+            raise InputError(f"{net_path}: SUMO cannot load the net: {error}") from error
+        edges = [edge for edge in libsumo.edge.getIDList() if not edge.startswith(":")]
+        if not edges:
+            libsumo.close()
+            raise InputError(f"{net_path}: the net holds no edges")
+        libsumo.route.add(_ROUTE, [edges[0]])
+        libsumo.vehicletype.copy("DEFAULT_VEHTYPE", _TYPE)
+        self._present: set[int] = set()
+
+    def show(self, table: AgentTable) -> None:
+        """Place the agents of `table`, remove those that are gone, and advance SUMO by one step."""
+        present = set(table.id.tolist())
+        for agent in self._present - present:
+            libsumo.vehicle.remove(str(agent))
+        new = present - self._present
+        front_x = (table.x + 0.5 * table.length * np.cos(table.yaw)).tolist()
+        front_y = (table.y + 0.5 * table.length * np.sin(table.yaw)).tolist()
+        degrees = ((90.0 - np.degrees(table.yaw)) % 360.0).tolist()
+        speeds, lengths, widths = table.speed.tolist(), table.length.tolist(), table.width.tolist()
+        for row, agent in enumerate(table.id.tolist()):
+            name = str(agent)
+            if agent in new:
+                libsumo.vehicle.add(name, _ROUTE, _TYPE)
+                libsumo.vehicle.setLength(name, lengths[row])
+                libsumo.vehicle.setWidth(name, widths[row])
+                libsumo.vehicle.setSpeedMode(name, 0)
+                libsumo.vehicle.setLaneChangeMode(name, 0)
+            libsumo.vehicle.setPreviousSpeed(name, speeds[row])
+            libsumo.vehicle.moveToXY(name, "", -1, front_x[row], front_y[row], degrees[row], _KEEP_ROUTE)
+        libsumo.simulationStep()
+        self._present = present
+        self._front = (np.asarray(front_x), np.asarray(front_y))
+
+    def deviation(self, table: AgentTable) -> FloatArray:
+        """(n,) distance [m] between where SUMO has the front centres and where `show` put them; inf if absent."""
+        known = set(libsumo.vehicle.getIDList())
+        names = [str(agent) for agent in table.id.tolist()]
+        at = np.array([libsumo.vehicle.getPosition(n) if n in known else (np.inf, np.inf) for n in names])
+        at = at.reshape(-1, 2)
+        return np.hypot(at[:, 0] - self._front[0], at[:, 1] - self._front[1])
+
+    def close(self) -> None:
+        """End the simulation."""
+        libsumo.close()

@@ -1,0 +1,447 @@
+"""Conflict detection: one golden scene per verdict, against shapely and against Monte Carlo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector, Futures
+from litsim_policy.conflict.overlap import Strips
+from litsim_predictor.forecast import Forecast
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.scene import STEP_S, AgentTable, Controller
+from litsim_sim.scenario.log import Log
+
+DT = 0.2  # [s] between instants of the forecasts here
+NOW = 5  # step at which the scenes are looked at
+LENGTH, WIDTH = 4.5, 2.0  # [m] of everybody
+
+
+def straight_on(table: AgentTable, horizon: float = 5.0, dt: float = DT) -> Forecast:
+    """Everybody goes on as it moves now."""
+    t = dt * np.arange(1, round(horizon / dt) + 1)
+    heading = np.stack([np.cos(table.yaw), np.sin(table.yaw)], axis=-1)
+    gone = (table.speed[:, None] * t)[..., None] * heading[:, None, :]
+    mean = np.stack([table.x, table.y], axis=-1)[:, None, :] + gone
+    return Forecast(
+        step=table.step,
+        dt=dt,
+        id=table.id,
+        mean=mean,
+        yaw=np.repeat(table.yaw[:, None], len(t), axis=1).astype(np.float32),
+        covariance=np.full((len(table), len(t), 3), [1.0, 0.5, 0.0], np.float32),
+        maneuver_probability=np.empty((len(table), 0), np.float32),
+        valid=np.ones(len(table), np.bool_),
+    )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What one detection looks at; the agents of `off` are off their log."""
+
+    detector: ConflictDetector
+    table: AgentTable
+    off: np.ndarray
+    logged: Futures
+    forecast: Futures
+
+    def conflicts(self) -> list[Conflict]:
+        return self.detector.detect(self.table, ~self.off, self.off, self.logged, self.forecast)
+
+
+def scene(log: Log, table: AgentTable, *off: int, roi_m: float = 30.0, **config: float) -> Scene:
+    """The mean of the forecast alone counts, if not told otherwise."""
+    detector = ConflictDetector(log, roi_m, ConflictConfig(**{"sigma_scale": 0.0} | config))
+    logged, forecast = detector.logged_future(table), detector.forecast_future(table, straight_on(table))
+    return Scene(detector, table, np.isin(table.id, off), logged, forecast)
+
+
+@pytest.fixture
+def look(make_scenario, track, placed, lane_centres):
+    """Looks at NOW at an ego, agent 1, that is elsewhere than in its log, among vehicles on their logs.
+
+    The ego is at x = 100 in lane 1, at 10 m/s if not told otherwise.
+    """
+
+    def at_now(*others: dict[str, Any], ego: dict[str, float] | None = None, **config: float) -> Scene:
+        tracks = []
+        for fields in others:
+            begin = dict(fields)
+            speed, yaw = begin.get("speed", 10.0), begin.get("yaw", 0.0)
+            begin["x"] = begin["x"] - 0.1 * NOW * speed * np.cos(yaw)
+            begin["y"] = begin.get("y", lane_centres[1]) - 0.1 * NOW * speed * np.sin(yaw)
+            tracks.append(track(**begin))
+        log = make_scenario(track(1, x=300.0), *tracks).log
+        where = {"x": 100.0, "y": lane_centres[1], "yaw": 0.0, "speed": 10.0} | (ego or {})
+        return scene(log, placed(log.table(NOW), 1, **where), 1, **config)
+
+    return at_now
+
+
+def boxes_at(scene: Scene, agent: int, future: Futures) -> list[shapely.Polygon]:
+    """The box of `agent` at every instant of `future`."""
+    row = scene.table.row(agent)
+    size = np.full(future.x.shape[1], scene.table.length[row]), np.full(future.x.shape[1], scene.table.width[row])
+    return [shapely.Polygon(c) for c in box_corners(future.x[row], future.y[row], future.yaw[row], *size)]
+
+
+# Verdicts of the detector
+
+
+def test_a_follower_whose_log_runs_into_a_slower_ego_is_in_conflict(look, lane_centres) -> None:
+    (conflict,) = look({"id": 2, "x": 85.0, "speed": 10.0}, ego={"speed": 4.0}).conflicts()
+    # 15 m apart, bumpers 10.5 m, closing at 6 m/s: contact after 1.75 s, in the ninth instant
+    assert (conflict.agent, conflict.opponent) == (2, 1)
+    assert conflict.time_to_conflict == pytest.approx(1.8)
+    assert conflict.pose == pytest.approx([85.0 + 18.0, lane_centres[1], 0.0])
+
+
+def test_a_follower_as_slow_as_the_ego_is_in_none(look) -> None:
+    assert look({"id": 2, "x": 85.0, "speed": 4.0}, ego={"speed": 4.0}).conflicts() == []
+
+
+def test_a_leader_that_the_ego_runs_into_is_in_none(look) -> None:
+    scene = look({"id": 2, "x": 112.0, "speed": 4.0}, ego={"speed": 12.0})
+    pairs = scene.detector.near(scene.table, ~scene.off, scene.off)
+    chance = scene.detector.overlap_probability(scene.table, scene.logged, scene.forecast, pairs, 0.5)
+    assert chance.max() == 1.0, "they would touch, if nobody did anything"
+    assert scene.conflicts() == []
+
+
+def test_a_leader_that_cuts_in_right_before_the_ego_is_in_conflict(look, lane_centres) -> None:
+    """It is not yet ahead in the strip that the ego sweeps: it can still stay where it is."""
+    scene = look({"id": 2, "x": 103.0, "y": lane_centres[0], "speed": 8.0, "yaw": -0.15}, ego={"speed": 10.0})
+    assert [c.agent for c in scene.conflicts()] == [2]
+
+
+@pytest.mark.parametrize(("lane", "yaw", "found"), [(0, -0.25, [2]), (1, 0.0, [])])
+def test_only_a_leader_in_the_strip_that_the_ego_sweeps_is_followed(look, lane_centres, lane, yaw, found) -> None:
+    """Ahead, but in the next lane: one that comes over is not somebody whom the ego has been following."""
+    ahead = {"id": 2, "x": 109.0, "y": lane_centres[lane], "speed": 5.0, "yaw": yaw, "last": 25}
+    assert [c.agent for c in look(ahead, ego={"speed": 12.0}).conflicts()] == found
+
+
+def test_a_crossing_at_an_angle_is_found_when_shapely_finds_it(look, lane_centres) -> None:
+    scene = look({"id": 2, "x": 94.0, "y": lane_centres[3], "speed": 14.0, "yaw": 0.3, "last": 38})
+    mine, others = boxes_at(scene, 2, scene.logged), boxes_at(scene, 1, scene.forecast)
+    meet = [a.intersects(b) for a, b in zip(mine, others, strict=True)]
+    (conflict,) = scene.conflicts()
+    at = meet.index(True)
+    assert conflict.time_to_conflict == pytest.approx((at + 1) * STEP_S)
+    assert at > 0 and conflict.pose[:2] == pytest.approx(shapely.get_coordinates(mine[at].centroid)[0])
+    assert conflict.pose[2] == pytest.approx(0.3)
+
+
+def test_driving_alongside_in_the_next_lane_is_none(look, lane_centres) -> None:
+    beside = ({"id": 2, "x": 85.0, "y": lane_centres[0]}, {"id": 3, "x": 85.0, "y": lane_centres[2]})
+    assert look(*beside, ego={"speed": 4.0}).conflicts() == []
+
+
+def test_crossing_where_the_ego_has_been_before_is_none(look, lane_centres) -> None:
+    crossing = {"id": 2, "x": 86.0, "y": lane_centres[3], "speed": 14.0, "yaw": 0.3, "last": 38}
+    scene = look(crossing, ego={"speed": 14.0})
+    swept = [shapely.unary_union(boxes_at(scene, *of)) for of in ((2, scene.logged), (1, scene.forecast))]
+    assert swept[0].intersects(swept[1]), "in space, they overlap"
+    assert scene.conflicts() == []
+
+
+def test_agents_outside_of_the_region_of_interest_are_not_looked_at(look) -> None:
+    fast = {"id": 2, "x": 65.0, "speed": 25.0}
+    assert look(fast, ego={"speed": 4.0}, roi_m=34.9).conflicts() == []
+    assert [c.agent for c in look(fast, ego={"speed": 4.0}, roi_m=35.1).conflicts()] == [2]
+
+
+def test_conflicts_beyond_the_horizon_are_not_believed(look) -> None:
+    late = {"id": 2, "x": 76.0, "speed": 10.0}  # contact after 3.25 s
+    assert look(late, ego={"speed": 4.0}, horizon=3.0).conflicts() == []
+    (conflict,) = look(late, ego={"speed": 4.0}, horizon=3.5).conflicts()
+    assert conflict.time_to_conflict == pytest.approx(3.3)
+
+
+def test_a_margin_lengthens_the_boxes(look) -> None:
+    near = {"id": 2, "x": 95.0, "speed": 10.0}  # half a metre behind, and no faster
+    assert look(near).conflicts() == []
+    assert [c.agent for c in look(near, margin=0.6).conflicts()] == [2]
+
+
+def test_a_log_that_is_over_by_then_is_in_none(look) -> None:
+    leaves = {"id": 2, "x": 85.0, "speed": 10.0, "last": NOW + 15}
+    assert look(leaves, ego={"speed": 4.0}).conflicts() == []
+    stays = {"id": 2, "x": 85.0, "speed": 10.0, "last": NOW + 18}
+    assert len(look(stays, ego={"speed": 4.0}).conflicts()) == 1
+
+
+def test_an_ego_without_a_forecast_is_in_none(look) -> None:
+    found = look({"id": 2, "x": 85.0, "speed": 10.0}, ego={"speed": 4.0})
+    unknown = straight_on(found.table)
+    unknown.valid[found.table.row(1)] = False
+    nowhere = found.detector.forecast_future(found.table, unknown)
+    assert len(found.conflicts()) == 1 and replace(found, forecast=nowhere).conflicts() == []
+
+
+def test_an_empty_forecast_is_no_conflict(look) -> None:
+    found = look({"id": 2, "x": 85.0, "speed": 10.0}, ego={"speed": 4.0})
+    nobody = straight_on(AgentTable.empty(NOW))
+    assert not found.detector.forecast_future(found.table, nobody).valid.any()
+
+
+def test_the_soonest_conflict_comes_first_and_every_agent_once(look, lane_centres) -> None:
+    scene = look(
+        {"id": 4, "x": 85.0, "speed": 10.0},
+        {"id": 3, "x": 90.0, "y": lane_centres[0], "speed": 14.0, "yaw": -0.2},
+        {"id": 2, "x": 120.0, "y": lane_centres[4]},
+        ego={"speed": 3.0},
+    )
+    # as if the ego and the one in lane 4 were both off their logs; the latter crosses nobody's way
+    conflicts = replace(scene, off=np.isin(scene.table.id, [1, 2])).conflicts()
+    assert [c.agent for c in conflicts] == [3, 4]
+    assert conflicts[0].time_to_conflict < conflicts[1].time_to_conflict
+
+
+def test_of_two_opponents_the_one_that_is_met_first_is_named(look) -> None:
+    scene = look({"id": 2, "x": 82.0, "speed": 12.0}, {"id": 3, "x": 92.0, "speed": 5.0}, ego={"speed": 0.0})
+    (conflict,) = replace(scene, off=np.isin(scene.table.id, [1, 3])).conflicts()
+    assert (conflict.agent, conflict.opponent) == (2, 3)
+
+
+def test_background_meets_background_that_is_off_its_log(look, lane_centres) -> None:
+    scene = look({"id": 2, "x": 60.0, "y": lane_centres[3], "speed": 10.0}, {"id": 3, "x": 75.0, "y": lane_centres[3]})
+    assert scene.conflicts() == [], "both on their logs: theirs to sort out"
+    stopped = scene.table.speed.copy()
+    stopped[scene.table.row(3)] = 2.0
+    table = replace(scene.table, speed=stopped)
+    forecast = scene.detector.forecast_future(table, straight_on(table))
+    (conflict,) = replace(scene, table=table, off=np.isin(table.id, [1, 3]), forecast=forecast).conflicts()
+    assert (conflict.agent, conflict.opponent) == (2, 3)
+
+
+crowd = st.lists(
+    st.tuples(st.floats(60, 140), st.floats(-18, 0), st.floats(-0.4, 0.4), st.floats(0, 20), st.booleans()),
+    min_size=2,
+    max_size=7,
+)
+
+
+def plain_log(table: AgentTable, steps: int = 60) -> Log:
+    """Everybody drives straight on from `table`, which is at step 0."""
+    t = 0.1 * np.arange(steps)
+    cos, sin = np.cos(table.yaw)[:, None], np.sin(table.yaw)[:, None]
+    still = np.zeros((len(table), steps))
+    return Log(
+        ids=table.id,
+        kind=table.kind,
+        length=table.length,
+        width=table.width,
+        first_step=np.zeros(len(table), np.int64),
+        last_step=np.full(len(table), steps - 1),
+        valid=np.ones((len(table), steps), np.bool_),
+        x=table.x[:, None] + table.speed[:, None] * t * cos,
+        y=table.y[:, None] + table.speed[:, None] * t * sin,
+        yaw=still + table.yaw[:, None],
+        speed=still + table.speed[:, None],
+        acceleration=still,
+        yaw_rate=still,
+    )
+
+
+@settings(max_examples=60)
+@given(crowd, st.randoms(use_true_random=False))
+def test_conflicts_do_not_depend_on_the_order_of_the_agents(agent_table, crowd: list[tuple], random) -> None:
+    """Other ids, and so other rows: the same agents at the same times and places."""
+
+    def found(names: list[int]) -> set[tuple]:
+        agents = [
+            {"id": name, "x": x, "y": y, "yaw": yaw, "speed": speed}
+            for name, (x, y, yaw, speed, _) in zip(names, crowd, strict=True)
+        ]
+        table = agent_table(0, *agents)
+        off = [name for name, (*_, is_off) in zip(names, crowd, strict=True) if is_off]
+        original = {name: i for i, name in enumerate(names)}
+        conflicts = scene(plain_log(table), table, *off).conflicts()
+        return {(original[c.agent], c.time_to_conflict, tuple(c.pose)) for c in conflicts}
+
+    names = list(range(1, len(crowd) + 1))
+    shuffled = names.copy()
+    random.shuffle(shuffled)
+    assert found(names) == found(shuffled)
+
+
+@settings(max_examples=60)
+@given(crowd)
+def test_every_conflict_is_an_overlap_that_shapely_sees_and_none_comes_earlier(agent_table, crowd: list[tuple]) -> None:
+    agents = [{"id": i, "x": x, "y": y, "yaw": yaw, "speed": v} for i, (x, y, yaw, v, _) in enumerate(crowd)]
+    table = agent_table(0, *agents)
+    here = scene(plain_log(table), table, *[i for i, (*_, off) in enumerate(crowd) if off])
+    for conflict in here.conflicts():
+        at = round(conflict.time_to_conflict / STEP_S) - 1
+        mine = boxes_at(here, conflict.agent, here.logged)
+        others = boxes_at(here, conflict.opponent, here.forecast)
+        assert mine[at].distance(others[at]) < 1e-6
+        assert all(a.intersection(b).area < 1e-3 for a, b in zip(mine[:at], others[:at], strict=True))
+
+
+# futures
+
+
+def test_an_agent_that_rejoins_its_log_keeps_its_residual_in_the_future(make_scenario, track, placed) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    detector = ConflictDetector(log, 30.0, ConflictConfig())
+    logged = detector.logged_future(log.table(NOW))
+    shifted = detector.logged_future(placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, y=log.y[1, NOW] + 0.5))
+    assert shifted.x[1] == pytest.approx(logged.x[1] - 3.0) and shifted.y[1] == pytest.approx(logged.y[1] + 0.5)
+    held = placed(log.table(NOW), 2, x=log.x[1, NOW] - 3.0, controller=1)
+    assert detector.logged_future(
+        held,
+    ).x[1] == pytest.approx(logged.x[1]), "put back at once"
+
+
+def test_logged_futures_lie_at_the_steps_up_to_the_horizon(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0, last=20), track(2, x=80.0, last=40)).log
+    future = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0)).logged_future(log.table(NOW))
+    assert future.x.shape == (2, 30)
+    assert future.x[1, :3] == pytest.approx([86.0, 87.0, 88.0])
+    assert future.valid[0].sum() == 15, "the ego's log ends at step 20, 1.5 s from now"
+
+
+def test_a_log_that_is_late_goes_on_late(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0, last=20), track(2, x=80.0, last=40)).log
+    lag = np.array([0, 4])
+    table = log.table(NOW, lag)
+    future = ConflictDetector(log, 30.0, ConflictConfig()).logged_future(table, lag)
+    assert table.x[1] == pytest.approx(81.0) and future.x[1, :3] == pytest.approx([82.0, 83.0, 84.0])
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.2, 0.5, 0.3])
+def test_a_forecast_of_any_dt_becomes_one_of_every_step(make_scenario, track, dt: float) -> None:
+    log = make_scenario(track(1, x=100.0, yaw=0.05), track(2, x=80.0)).log
+    table = log.table(NOW)
+    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
+    future = detector.forecast_future(table, straight_on(table, 3.0, dt))
+    t = 0.1 * np.arange(1, 31)
+    assert future.x[0] == pytest.approx(table.x[0] + 10.0 * t * np.cos(0.05))
+    assert future.y[0] == pytest.approx(table.y[0] + 10.0 * t * np.sin(0.05)) and future.valid.all()
+    xx, yy, xy = future.covariance[:, 0]
+    reached = t >= dt - 1e-9
+    assert xx[reached] == pytest.approx(1.0) and yy[reached] == pytest.approx(0.25) and xy == pytest.approx(0.0)
+    assert (np.diff(xx[~reached]) > 0).all(), "from certain to as uncertain as the first instant"
+
+
+def test_beyond_the_end_of_a_forecast_nothing_is_known(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
+    future = detector.forecast_future(log.table(NOW), straight_on(log.table(NOW), 2.0))
+    assert future.valid[0].tolist() == [True] * 20 + [False] * 10
+
+
+def test_headings_are_interpolated_the_short_way_round(make_scenario, track, placed) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    table = placed(log.table(NOW), 1, yaw=np.pi - 0.05)
+    forecast = straight_on(table)
+    forecast.yaw[0] = -np.pi + 0.05
+    future = ConflictDetector(log, 30.0, ConflictConfig()).forecast_future(table, forecast)
+    assert np.cos(future.yaw[0]).max() < -0.99, "never across 0"
+
+
+def test_an_ego_that_brakes_hard_is_expected_to_go_on_for_a_second(make_scenario, track, placed) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
+
+    def ahead(**values: float) -> np.ndarray:
+        table = placed(log.table(NOW), 1, controller=Controller.EGO, **values)
+        return detector.forecast_future(table, straight_on(table)).x[0] - table.x[0]
+
+    assert ahead(acceleration=-6.0)[[9, 29]] == pytest.approx([7.0, 7.0 + 4.0 * 2.0])
+    assert ahead(acceleration=-6.0, speed=3.0)[[4, 9, 29]] == pytest.approx([0.75, 0.75, 0.75]), "then it stands"
+    assert ahead(acceleration=-1.0)[29] == pytest.approx(30.0), "that is not hard"
+
+
+def test_agents_under_control_are_expected_where_they_are_forecast_however_they_brake(
+    make_scenario, track, placed
+) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
+    table = placed(log.table(NOW), 2, controller=Controller.POLICY, acceleration=-6.0)
+    assert detector.forecast_future(table, straight_on(table)).x[1] - table.x[1] == pytest.approx(np.arange(1.0, 31.0))
+
+
+def test_spreads_are_scaled_and_keep_their_shape(make_scenario, track) -> None:
+    log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
+    table = log.table(NOW)
+    forecast = straight_on(table)
+    forecast.covariance[:] = [2.0, 0.5, 0.4]  # sigma along x and y [m], and their correlation
+    future = ConflictDetector(log, 30.0, ConflictConfig(sigma_scale=3.0)).forecast_future(table, forecast)
+    assert future.covariance[:, 0, -1] == pytest.approx([9.0 * 4.0, 9.0 * 0.25, 9.0 * 0.4 * 2.0 * 0.5], rel=1e-6)
+
+
+# thresholds
+
+
+def test_the_mean_alone_is_the_limit_of_a_sharp_forecast(look) -> None:
+    near = {"id": 2, "x": 85.0, "speed": 10.0}
+    (mean,) = look(near, ego={"speed": 4.0}).conflicts()
+    for threshold in (0.21, 0.5, 0.9):
+        (sharp,) = look(near, ego={"speed": 4.0}, sigma_scale=1e-4, probability_threshold=threshold).conflicts()
+        assert sharp.time_to_conflict == mean.time_to_conflict
+    assert mean.overlap_probability == 1.0
+
+
+def test_a_lower_threshold_sees_a_conflict_sooner(look) -> None:
+    near = {"id": 2, "x": 85.0, "speed": 10.0}
+    times = [
+        look(near, ego={"speed": 4.0}, sigma_scale=1.0, probability_threshold=p, probability_clear=0.01).conflicts()[0]
+        for p in (0.1, 0.3, 0.5, 0.7)
+    ]
+    seconds = [c.time_to_conflict for c in times]
+    assert seconds == sorted(seconds) and seconds[0] < seconds[-1]
+    assert all(c.overlap_probability == pytest.approx(times[0].overlap_probability) for c in times)
+
+
+def test_whoever_is_off_its_log_stays_in_conflict_down_to_the_lower_threshold(look) -> None:
+    scene = look({"id": 2, "x": 80.2, "speed": 10.0}, ego={"speed": 5.2}, sigma_scale=1.0, probability_clear=0.1)
+    pairs = scene.detector.near(scene.table, ~scene.off, scene.off)
+    chance = scene.detector.overlap_probability(scene.table, scene.logged, scene.forecast, pairs, 0.01).max()
+    assert 0.1 < chance < 0.4
+    assert scene.conflicts() == []
+    still = scene.detector.still_in_conflict(scene.table, ~scene.off, scene.off, scene.logged, scene.forecast)
+    assert scene.table.id[still].tolist() == [2]
+
+
+@pytest.mark.parametrize(
+    ("config", "problem"),
+    [
+        ({"horizon": 0.0}, "horizon"),
+        ({"probability_threshold": 1.0}, "threshold"),
+        ({"probability_clear": 0.5, "probability_threshold": 0.4}, "clear"),
+        ({"probability_clear": 0.0}, "clear"),
+        ({"sigma_scale": -1.0}, "sigma_scale"),
+    ],
+)
+def test_parameters_out_of_range_are_input_errors(config: dict[str, float], problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        ConflictConfig(**config)
+
+
+@settings(max_examples=40)
+@given(crowd, st.floats(0.05, 0.6))
+def test_the_broad_phase_loses_no_pair(agent_table, crowd: list[tuple], least: float) -> None:
+    """Against the exact probability of every pair at every step."""
+    agents = [{"id": i, "x": x, "y": y, "yaw": yaw, "speed": v} for i, (x, y, yaw, v, _) in enumerate(crowd)]
+    table = agent_table(0, *agents)
+    here = scene(plain_log(table), table, roi_m=1e3, sigma_scale=1.0)
+    everybody = np.ones(len(table), np.bool_)
+    pairs = here.detector.near(table, everybody, everybody)
+    found = here.detector.overlap_probability(table, here.logged, here.forecast, pairs, least)
+    a, b = pairs.T
+    size = [np.full(found.size, v) for v in (LENGTH, WIDTH)]
+    strips = Strips.of(here.logged.yaw[a].ravel(), here.forecast.yaw[b].ravel(), tuple(size), tuple(size))
+    dx, dy = (getattr(here.forecast, f)[b] - getattr(here.logged, f)[a] for f in ("x", "y"))
+    exact = strips.probability(dx.ravel(), dy.ravel(), here.forecast.covariance[:, b].reshape(3, -1))
+    exact = exact.reshape(found.shape)
+    assert found == pytest.approx(np.where(exact >= least, exact, 0.0), abs=1e-9)

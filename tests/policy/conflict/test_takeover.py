@@ -1,0 +1,471 @@
+"""The life cycle of takeovers: step by step by hand, and in closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_policy.conflict.detection import ConflictConfig
+from litsim_policy.conflict.takeover import Reason, State, Takeover, TakeoverConfig, TakeoverManager, TakeoverTable
+from litsim_policy.motion.route import PathSource
+from litsim_predictor.kinematic import KinematicPredictor
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.scenario.scenario import Scenario
+
+FIRST = 3  # first step after the history of the scenarios here
+LENGTH = 4.5  # [m] of everybody
+
+
+@dataclass
+class Stage:
+    """The predictor and the conflict stage, fed with tables that are the log but for what the test puts elsewhere."""
+
+    scenario: Scenario
+    placed: Callable[..., AgentTable]
+    manager: TakeoverManager
+    predictor: KinematicPredictor
+    step: int = FIRST
+
+    def see(self, changes: dict[int, dict[str, float]], step: int | None = None) -> TakeoverTable:
+        """The answer to the next step (or to `step`)."""
+        self.step = self.step if step is None else step
+        table = self.scenario.log.table(self.step)
+        for agent, values in changes.items():
+            table = self.placed(table, agent, **values)
+        answer = self.manager.update(table, self.predictor.forecast(table))
+        assert answer.step == self.step
+        self.step += 1
+        return answer
+
+    def logged(self, agent: int, field: str = "x") -> float:
+        """Value of the log at the next step."""
+        table = self.scenario.log.table(self.step)
+        return float(getattr(table, field)[table.row(agent)])
+
+    def slow_ego(self, behind: int, seconds: float) -> dict[int, dict[str, float]]:
+        """Puts the ego, at 4 m/s, where the log of `behind`, at 10 m/s, touches it in `seconds`."""
+        return {1: {"x": self.logged(behind) + LENGTH + 6.0 * seconds - 0.01, "speed": 4.0}}
+
+
+@pytest.fixture
+def stage(make_scenario, track, placed):
+    def make(*tracks: Any, history_steps: int = FIRST, **config: Any) -> Stage:
+        scenario = make_scenario(*(tracks or (track(1, x=300.0), track(2, x=60.0))), history_steps=history_steps)
+        manager = TakeoverManager(scenario, ConflictConfig(), TakeoverConfig(**{"handback": "catch_up"} | config))
+        return Stage(scenario, placed, manager, KinematicPredictor(1, scenario.roi_m), history_steps)
+
+    return make
+
+
+def only(answer: TakeoverTable) -> Takeover:
+    (takeover,) = answer.takeovers
+    return takeover
+
+
+# Opening
+
+
+def test_nothing_happens_without_a_conflict(stage) -> None:
+    s = stage()
+    for _ in range(10):
+        answer = s.see({})
+        assert answer.takeovers == () and answer.converged and answer.iterations == 1
+
+
+def test_nothing_happens_before_the_history_is_over(stage) -> None:
+    s = stage(history_steps=10)
+    for step in range(10):
+        s.step = step
+        answer = s.see(s.slow_ego(2, 0.5))
+        assert answer.takeovers == () and answer.iterations == 0 and answer.converged
+    assert only(s.see(s.slow_ego(2, 0.5))).detected_step == 10
+
+
+def test_a_conflict_that_lies_ahead_is_believed_after_three_steps(stage) -> None:
+    s = stage()
+    assert s.see(s.slow_ego(2, 2.0)).takeovers == ()
+    assert s.see(s.slow_ego(2, 2.0)).takeovers == ()
+    takeover = only(s.see(s.slow_ego(2, 2.0)))
+    assert (takeover.agent, takeover.opponent) == (2, 1)
+    assert (takeover.state, takeover.reason, takeover.detected_step) == (State.HELD, Reason.CONFLICT, FIRST + 2)
+
+
+def test_a_conflict_that_comes_and_goes_is_not_believed(stage) -> None:
+    s = stage()
+    for _ in range(4):
+        assert s.see(s.slow_ego(2, 2.0)).takeovers == ()
+        assert s.see(s.slow_ego(2, 2.0)).takeovers == ()
+        assert s.see({}).takeovers == ()
+
+
+@pytest.mark.parametrize(("seconds", "at_once"), [(0.9, True), (1.3, False)])
+def test_an_urgent_conflict_is_believed_at_once(stage, seconds: float, at_once: bool) -> None:
+    s = stage()
+    assert bool(s.see(s.slow_ego(2, seconds)).takeovers) == at_once
+
+
+def test_how_long_is_waited_and_what_is_urgent_can_be_chosen(stage) -> None:
+    s = stage(confirm_steps=1)
+    assert len(s.see(s.slow_ego(2, 2.0)).takeovers) == 1
+    s = stage(urgent_time=2.5)
+    assert len(s.see(s.slow_ego(2, 2.0)).takeovers) == 1
+
+
+def test_a_takeover_says_what_was_predicted(stage) -> None:
+    s = stage(confirm_steps=1)
+    x, y = s.logged(2), s.logged(2, "y")
+    takeover = only(s.see(s.slow_ego(2, 2.0)))
+    assert takeover.time_to_conflict == pytest.approx(2.0)
+    assert takeover.conflict_pose == pytest.approx([x + 20.0, y, 0.0])
+    assert takeover.goal_pose == pytest.approx(takeover.conflict_pose)
+    assert 0.2 < takeover.overlap_probability < 0.9, "the boxes just touch where the forecast is centred"
+    assert takeover.log_collision_predicted
+    assert (takeover.residual_position, takeover.residual_speed) == (0.0, 0.0)
+    path = takeover.reference_path
+    assert path[0] == pytest.approx([x, y]) and path[-1, 0] > x + 100.0
+    assert path[:, 1] == pytest.approx(np.full(len(path), y), abs=0.01)
+
+
+def test_agents_outside_of_the_region_of_interest_are_left_alone(stage, track) -> None:
+    s = stage(track(1, x=300.0), track(2, x=60.0, speed=25.0), urgent_time=5.0)
+    for _ in range(5):
+        assert s.see({1: {"x": s.logged(2) + 31.0, "speed": 0.0}}).takeovers == ()
+    assert len(s.see({1: {"x": s.logged(2) + 29.0, "speed": 0.0}}).takeovers) == 1
+
+
+def test_a_leader_that_the_ego_runs_into_is_not_taken_over(stage) -> None:
+    s = stage()
+    for _ in range(6):
+        assert s.see({1: {"x": s.logged(2) - 8.0, "speed": 18.0}}).takeovers == ()
+
+
+# Chains
+
+
+def queue_of(stage, track, **config: Any) -> tuple[Stage, dict[int, dict[str, float]]]:
+    """Agents 2, 3, 4 behind a standing ego, each about to run into the one before it, which has slowed down."""
+    s = stage(track(1, x=300.0), track(2, x=90.0), track(3, x=79.5), track(4, x=69.0), **config)
+    changes = {1: {"x": s.logged(2) + 10.0, "speed": 0.0}, 2: {"speed": 2.0}, 3: {"speed": 2.0}}
+    return s, changes
+
+
+def test_a_chain_of_conflicts_is_resolved_within_the_step(stage, track) -> None:
+    s, changes = queue_of(stage, track)
+    answer = s.see(changes)
+    assert [(t.agent, t.opponent) for t in answer.takeovers] == [(2, 1), (3, 2), (4, 3)]
+    assert answer.iterations == 4 and answer.converged, "the last round finds nothing new"
+
+
+@pytest.mark.parametrize(
+    ("rounds", "taken", "converged"), [(1, [2], False), (3, [2, 3, 4], False), (4, [2, 3, 4], True)]
+)
+def test_a_bound_on_the_rounds_is_kept_and_said(stage, track, rounds: int, taken: list[int], converged: bool) -> None:
+    s, changes = queue_of(stage, track, rounds_max=rounds)
+    answer = s.see(changes)
+    assert [t.agent for t in answer.takeovers] == taken
+    assert (answer.iterations, answer.converged) == (rounds, converged)
+
+
+def test_those_left_out_by_the_bound_come_at_the_next_step(stage, track) -> None:
+    s, changes = queue_of(stage, track, rounds_max=1)
+    s.see(changes)
+    changes[1]["x"] += 0.5
+    assert [t.agent for t in s.see(changes).takeovers] == [2, 3]
+
+
+def test_background_is_not_compared_with_background_on_its_log(stage, track) -> None:
+    """What the recording itself contains is not ours to mend."""
+    s = stage(track(1, x=300.0), track(2, x=90.0, speed=4.0), track(3, x=79.0, speed=14.0, last=30))
+    for _ in range(5):
+        assert s.see({1: {"x": 95.0, "y": -1.83}}).takeovers == ()
+
+
+# Holding and handing back
+
+
+def opened(stage, *tracks: Any, **config: Any) -> tuple[Stage, float]:
+    """Agent 2 is HELD for a goal 9 m ahead; from now on the ego is far away. Returns where agent 2 was."""
+    s = stage(*tracks, **config)
+    x = s.logged(2)
+    assert only(s.see(s.slow_ego(2, 0.9))).state == State.HELD
+    return s, x
+
+
+def test_short_of_its_goal_an_agent_is_held_for_ten_clear_steps(stage) -> None:
+    s, x = opened(stage)
+    states = [only(s.see({2: {"x": x, "controller": Controller.POLICY}})).state for _ in range(11)]
+    assert states == [State.HELD] * 9 + [State.HANDBACK] * 2
+
+
+def test_past_its_goal_an_agent_is_held_for_five(stage) -> None:
+    s, x = opened(stage)
+    states = [only(s.see({2: {"x": x + 11.0, "controller": Controller.POLICY}})).state for _ in range(6)]
+    assert states == [State.HELD] * 4 + [State.HANDBACK] * 2
+
+
+def test_an_agent_is_held_for_a_while_however_soon_it_is_free(stage) -> None:
+    s, x = opened(stage, held_steps_min=12)
+    states = [only(s.see({2: {"x": x + 11.0, "controller": Controller.POLICY}})).state for _ in range(13)]
+    assert states == [State.HELD] * 11 + [State.HANDBACK] * 2
+
+
+def test_a_conflict_of_its_log_makes_it_wait_anew(stage) -> None:
+    s, x = opened(stage, clear_steps=3)
+    held = {"x": x, "controller": Controller.POLICY}
+    states = []
+    for k in range(12):
+        again = k == 4
+        takeover = only(s.see((s.slow_ego(2, 1.0) if again else {}) | {2: held}))
+        assert takeover.log_collision_predicted == again
+        states.append(takeover.state)
+    assert states == [State.HELD] * 10 + [State.HANDBACK] * 2
+
+
+def test_a_conflict_on_the_way_back_stops_it(stage) -> None:
+    s, x = opened(stage)
+    held = {2: {"x": x + 11.0, "controller": Controller.POLICY}}
+    states = [only(s.see(held)).state for _ in range(6)]
+    assert states[-1] == State.HANDBACK
+    assert only(s.see(s.slow_ego(2, 1.5) | held)).state == State.HELD
+
+
+def test_somebody_between_an_agent_and_its_place_in_the_log_keeps_it_held(stage) -> None:
+    s, x = opened(stage)
+    for _ in range(30):
+        s_log = s.logged(2)
+        between = {1: {"x": 0.5 * (x + s_log), "speed": 10.0}}
+        state = only(s.see(between | {2: {"x": x, "controller": Controller.POLICY}})).state
+        if s_log - x > 2.2 * LENGTH:
+            assert state == State.HELD
+    assert s.logged(2) - x > 25.0
+
+
+@pytest.mark.parametrize(
+    ("residual", "released"),
+    [
+        ({}, True),
+        ({"x": 0.45}, True),
+        ({"x": 0.55}, False),
+        ({"x": -0.55}, False),
+        ({"y": 0.55}, False),
+        ({"speed": 0.9}, True),
+        ({"speed": 1.1}, False),
+        ({"speed": -1.1}, False),
+        ({"yaw": 0.09}, True),
+        ({"yaw": 0.11}, False),
+    ],
+)
+def test_it_is_released_where_nothing_is_left_of_the_residual(stage, residual: dict, released: bool) -> None:
+    s, x = opened(stage)
+    away = {"x": x + 20.0, "controller": Controller.POLICY}
+    while only(s.see({2: away})).state == State.HELD:
+        pass
+    near = {field: s.logged(2, field) + by for field, by in residual.items()}
+    takeover = only(s.see({2: {"controller": Controller.POLICY, **near}}))
+    assert (takeover.state == State.RELEASED) == released
+    position = np.hypot(residual.get("x", 0.0), residual.get("y", 0.0))
+    assert takeover.residual_position == pytest.approx(position)
+    assert takeover.residual_speed == pytest.approx(residual.get("speed", 0.0))
+    following = s.see({2: {"controller": Controller.LOG if released else Controller.POLICY, **near}})
+    assert bool(following.takeovers) != released or following.takeovers[0].state == State.RELEASED
+
+
+def test_an_agent_that_was_released_can_be_taken_over_again(stage) -> None:
+    s, x = opened(stage)
+    away = {2: {"x": x + 20.0, "controller": Controller.POLICY}}
+    while only(s.see(away)).state == State.HELD:
+        pass
+    assert only(s.see({2: {"controller": Controller.POLICY}})).state == State.RELEASED
+    assert s.see({}).takeovers == ()
+    again = s.step
+    assert only(s.see(s.slow_ego(2, 0.8))).detected_step == again
+
+
+def test_while_its_log_is_over_an_agent_stays_held(stage, track) -> None:
+    s, _ = opened(stage, track(1, x=300.0), track(2, x=60.0, last=20))
+    table = s.scenario.log.table(20)
+    off = {"x": 70.0, "controller": Controller.POLICY}
+    while s.step <= 20:
+        s.see({2: off})
+    log = s.scenario.log
+    for step in range(21, 40):
+        both = log.table(20).take(np.array([True, True]))
+        both = s.placed(
+            AgentTable(step, *(getattr(both, f) for f in both.__dataclass_fields__ if f != "step")), 2, **off
+        )
+        takeover = only(s.manager.update(both, s.predictor.forecast(both)))
+        assert takeover.state == State.HELD
+        assert (takeover.residual_position, takeover.residual_speed) == (-1.0, 0.0)
+    assert len(table) == 2
+
+
+def test_one_that_has_left_the_road_is_forgotten(stage, track) -> None:
+    s, _ = opened(stage, track(1, x=300.0), track(2, x=60.0, last=20))
+    assert s.see({}, step=30).takeovers == ()
+
+
+# In closed loop
+
+
+def braking(until: int, to: float, back: bool) -> Callable[[AgentTable, int], tuple[float, float]]:
+    """Brakes at 3 m/s2 down to a speed; from step `until` on, if `back`, it returns to a log of 10 m/s from x = 100."""
+
+    def drive(table: AgentTable, row: int) -> tuple[float, float]:
+        speed, lag = float(table.speed[row]), 100.0 + table.step - float(table.x[row])
+        if back and table.step >= until:
+            return float(np.clip(0.36 * lag + 1.2 * (10.0 - speed), -2.0, 2.0)), 0.0
+        return (-3.0 if speed > to + 0.3 else 10.0 * (to - speed)), 0.0
+
+    return drive
+
+
+def test_an_agent_yields_and_comes_back_to_its_log(make_scenario, track, drive) -> None:
+    scenario = make_scenario(track(1, x=100.0, last=300), track(2, x=85.0, last=300))
+    run = drive(scenario, braking(until=20, to=6.0, back=True), parameters={"conflict": {"handback": "catch_up"}})
+    assert run.life(2) == [State.HELD, State.HANDBACK, State.RELEASED]
+    assert run.world.contacts == {}
+    steps = sorted(run.takeovers(2))
+    assert steps == list(range(steps[0], steps[-1] + 1))
+    controllers = run.series(2, "controller")
+    # the answer to a step moves the agent to the next one; RELEASED is no longer driven
+    assert (controllers[steps[0] + 1 : steps[-1] + 1] == Controller.POLICY).all()
+    assert (controllers[: steps[0] + 1] == Controller.LOG).all() and (controllers[steps[-1] + 1 :] == 0).all()
+    assert run.from_log(2, steps[0] + 15) > 1.0
+    assert all(run.from_log(2, step) < 1e-9 for step in range(steps[-1] + 60, scenario.total_steps))
+
+
+def test_replay_would_have_driven_into_the_ego(make_scenario, track, drive) -> None:
+    scenario = make_scenario(track(1, x=100.0, last=300), track(2, x=85.0, last=300))
+    run = drive(scenario, braking(until=20, to=6.0, back=False), policy="replay")
+    assert set(run.world.contacts) == {(1, 2)}
+    assert run.takeovers(2) == {}
+
+
+def test_a_queue_forms_behind_an_ego_that_slows_down(make_scenario, track, drive) -> None:
+    scenario = make_scenario(*(track(i, x=115.0 - 15.0 * i, last=100) for i in range(1, 6)))
+    run = drive(scenario, braking(until=0, to=2.0, back=False))
+    assert run.world.contacts == {}
+    opponents = [next(iter(run.takeovers(i).values())).opponent for i in range(2, 6)]
+    assert opponents[0] == 1 and all(opponent < i for i, opponent in zip(range(2, 6), opponents, strict=True))
+    detected = [min(run.takeovers(i)) for i in range(2, 6)]
+    assert detected == sorted(detected)
+    replay = drive(scenario, braking(until=0, to=2.0, back=False), policy="replay")
+    assert len(replay.world.contacts) == 4, "each of them would have driven through the ego"
+
+
+def test_an_entry_where_the_ego_stands_is_late_and_adopted(make_scenario, track, drive) -> None:
+    def stop_and_go(table: AgentTable, row: int) -> tuple[float, float]:
+        return (-6.0 if table.step < 40 else 2.0), 0.0
+
+    scenario = make_scenario(track(1, x=150.0, last=200), track(3, x=160.0, first=20, last=200))
+    run = drive(scenario, stop_and_go)
+    first = run.takeovers(3)[min(run.takeovers(3))]
+    assert run.world.late_entries == {3} and run.world.contacts == {}
+    assert (first.reason, first.opponent, first.state) == (Reason.BLOCKED_ENTRY, 1, State.HELD)
+    assert first.detected_step > 40 and first.overlap_probability == 1.0
+    on_time = drive(scenario, "log")
+    assert on_time.world.late_entries == set() and on_time.takeovers(3) == {}
+
+
+def test_an_agent_drives_on_under_control_when_its_log_is_over(make_scenario, track, drive) -> None:
+    scenario = make_scenario(track(1, x=100.0, last=120), track(2, x=85.0, last=50))
+    run = drive(scenario, braking(until=0, to=3.0, back=False), parameters={"conflict": {"handback": "catch_up"}})
+    records = run.takeovers(2)
+    assert max(records) == scenario.total_steps
+    over = [t for step, t in records.items() if step > 50]
+    assert {t.state for t in over} == {State.HELD} and {t.residual_position for t in over} == {-1.0}
+    assert run.world.contacts == {} and run.series(2, "speed").min() > 1.0
+
+
+# Hand-back to a log that is late
+
+
+@pytest.fixture
+def lag_then_go(make_scenario, track, drive) -> Callable[..., Any]:
+    """The ego brakes from 10 to 5 m/s and drives on at 10 m/s, 12 m behind its log; agents 2 and 3 are behind it."""
+
+    def drive_it(table: AgentTable, row: int) -> tuple[float, float]:
+        braking = table.step < FIRST + 20
+        return (-2.5 if braking else min(2.0, 2.0 * (10.0 - float(table.speed[row])))), 0.0
+
+    def run(handback: str) -> Any:
+        scenario = make_scenario(*(track(i, x=115.0 - 16.0 * i, last=200) for i in (1, 2, 3)))
+        return drive(scenario, drive_it, parameters={"conflict": {"handback": handback}})
+
+    return run
+
+
+def test_behind_an_ego_that_stays_behind_only_a_late_log_can_be_rejoined(lag_then_go) -> None:
+    assert State.RELEASED not in lag_then_go("catch_up").life(2)
+    late = lag_then_go("time_shift")
+    assert late.life(2) == [State.HELD, State.HANDBACK, State.RELEASED] and late.world.contacts == {}
+
+
+def test_from_the_release_on_the_log_is_replayed_with_the_lag_that_was_recorded(lag_then_go) -> None:
+    run = lag_then_go("time_shift")
+    records = run.takeovers(2)
+    released = max(records)
+    lag = round(records[released].time_shift / 0.1)
+    assert records[released].state == State.RELEASED and lag > 5
+    assert records[released].residual_position == pytest.approx(lag * 1.0, abs=0.6), "the log drives at 10 m/s"
+    for step in range(released + 40, 201):
+        table, log = run.rounds[step].table, run.scenario.log.table(step - lag)
+        row, logged = table.row(2), log.row(2)
+        assert table.controller[row] == Controller.LOG
+        assert (table.x[row], table.y[row]) == pytest.approx((log.x[logged], log.y[logged]), abs=1e-9)
+
+
+def test_a_log_that_is_late_is_what_conflicts_are_looked_for_with(stage) -> None:
+    """Agent 2 follows its log 15 m late; the ego stands where only the log without the lag would touch it."""
+    s = stage(handback="time_shift", history_steps=20)
+    s.manager._lag[1] = 15
+    late = {2: {"x": s.logged(2) - 15.0}}
+    assert s.see({1: {"x": s.logged(2) + LENGTH + 18.0, "speed": 0.0}} | late).takeovers == ()
+    answer = s.see({1: {"x": s.logged(2) - 15.0 + LENGTH + 9.0, "speed": 0.0}} | {2: {"x": s.logged(2) - 15.0}})
+    assert [t.agent for t in answer.takeovers] == [2]
+
+
+def test_who_follows_a_late_log_is_somebody_to_look_out_for(stage, track) -> None:
+    tracks = track(1, x=300.0), track(2, x=90.0), track(3, x=78.0)
+    s = stage(*tracks, handback="time_shift", history_steps=20)
+    assert s.see({2: {"x": s.logged(2) - 6.0}}).takeovers == (), "on its log, whatever it is: theirs to sort out"
+    s.manager._lag[1] = 6
+    for _ in range(3):
+        answer = s.see({2: {"x": s.logged(2) - 9.0}})
+    assert [(t.agent, t.opponent) for t in answer.takeovers] == [(3, 2)]
+
+
+# Provenance
+
+
+def test_every_takeover_says_all_that_explains_it(lag_then_go) -> None:
+    """A golden scene: agent 2, 16 m behind an ego that brakes from 10 m/s at 2.5 m/s2."""
+    run = lag_then_go("time_shift")
+    records = run.takeovers(2)
+    first, last = records[min(records)], records[max(records)]
+    assert (first.reason, first.opponent, first.detected_step) == (Reason.CONFLICT, 1, min(records))
+    assert first.overlap_probability >= 0.4 and 0.0 < first.time_to_conflict <= 3.0
+    assert first.log_collision_predicted and first.path_source == PathSource.ROUTE
+    assert (first.residual_position, first.residual_speed, first.time_shift) == (0.0, 0.0, 0.0)
+    assert {t.detected_step for t in records.values()} == {first.detected_step}
+    assert last.path_source == PathSource.LOGGED and last.residual_position > 1.0 and abs(last.residual_speed) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("config", "problem"),
+    [({"handback": "jump"}, "handback"), ({"rounds_max": 0}, "rounds_max"), ({"confirm_steps": 0}, "confirm_steps")],
+)
+def test_parameters_out_of_range_are_input_errors(config: dict[str, Any], problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        TakeoverConfig(**config)
+
+
+def test_with_the_ego_on_its_log_nobody_is_taken_over(make_scenario, track, drive, lane_centres) -> None:
+    tracks = [track(1 + i, x=100.0 - 12.0 * (i // 3), y=lane_centres[i % 3], last=150) for i in range(12)]
+    run = drive(make_scenario(*tracks), "log")
+    assert all(r.takeovers.takeovers == () for r in run.rounds)

@@ -1,0 +1,163 @@
+"""Policy C's network: the same in numpy and torch, from a file that is what it says, in the loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from safetensors.torch import load_file, save_file
+
+from litsim_policy.driving.action import HIGH, LOW, consistent, executed_yaw_rate, normalised, physical
+from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.policy_c import FORMAT, PolicyC, PolicyNetwork, shipped_weights
+from litsim_policy.driving.registry import make_policy
+from litsim_policy.learning.network import GaussianPolicy, driving_network, save
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import ControlSource
+
+
+@pytest.fixture
+def policy() -> GaussianPolicy:
+    torch.manual_seed(0)
+    made = GaussianPolicy(ObservationConfig())
+    torch.nn.init.normal_(made.mean.weight, std=0.3)  # a fresh one says next to nothing
+    return made
+
+
+@pytest.fixture
+def seen() -> np.ndarray:
+    return np.random.default_rng(0).uniform(-2.0, 2.0, (7, ObservationConfig().size))
+
+
+# Actions
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))
+def test_actions_there_and_back(values: list[float]) -> None:
+    action = np.array([values])
+    command = physical(action)
+    assert (command >= LOW - 1e-12).all() and (command <= HIGH + 1e-12).all()
+    assert normalised(command) == pytest.approx(action, abs=1e-12)
+
+
+@given(st.floats(0.0, 40.0), st.floats(-0.5, 0.5))
+def test_lateral_actions_that_agree_are_executed(speed: float, yaw_rate: float) -> None:
+    command = consistent(np.array([0.0]), np.array([yaw_rate]), np.array([speed]))
+    assert executed_yaw_rate(command, np.array([speed])) == pytest.approx([yaw_rate], abs=1e-12)
+
+
+def test_lateral_actions_that_disagree() -> None:
+    command = np.array([[0.0, 2.0, 0.0]])
+    at_rest, slow, fast = (float(executed_yaw_rate(command, np.array([v]))[0]) for v in (0.0, 1.0, 30.0))
+    assert at_rest == 0.0 and 0.0 < slow < 0.03
+    assert fast * 30.0 == pytest.approx(2.0, rel=0.15)
+
+
+# The network
+
+
+def test_numpy_and_torch_say_the_same(policy, seen) -> None:
+    with torch.no_grad():
+        expected = torch.tanh(policy(torch.as_tensor(seen, dtype=torch.float32))).numpy()
+    assert driving_network(policy).mean(seen) == pytest.approx(expected, abs=2e-6)
+    assert np.abs(expected).max() > 0.3
+
+
+def test_agents_do_not_change_each_others_last_bits(policy, seen) -> None:
+    network = driving_network(policy)
+    together = network.mean(seen)
+    assert all((network.mean(row[None])[0] == expected).all() for row, expected in zip(seen, together, strict=True))
+    assert network.mean(seen[:0]).shape == (0, 3)
+
+
+def test_densities_integrate_to_one(policy) -> None:
+    """Over the first action, for the squashed density."""
+    nodes = torch.linspace(-0.99995, 0.99995, 20001, dtype=torch.float32)
+    mean = policy(torch.zeros((1, ObservationConfig().size))).detach()
+    raw = torch.atanh(nodes)[:, None].repeat(1, 3)
+    raw[:, 1:] = mean[:, 1:]
+    at_mean = raw.clone()
+    at_mean[:, 0] = mean[0, 0]
+    observation = torch.zeros((len(raw), ObservationConfig().size))
+    with torch.no_grad():
+        density = policy.log_probability(observation, raw)
+        peak = policy.log_probability(observation, at_mean)
+        std = torch.exp(policy.log_std[0])
+        peak_first = -torch.log(std * (2 * np.pi) ** 0.5) - torch.log(1 - torch.tanh(mean[0, 0]) ** 2)
+    first = torch.exp(density - peak + peak_first)
+    assert float(torch.trapezoid(first, nodes)) == pytest.approx(1.0, abs=1e-3)
+
+
+# Files
+
+
+def test_weights_come_back(policy, seen, tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    save(policy, path)
+    again = PolicyNetwork.load(path)
+    assert (again.mean(seen) == driving_network(policy).mean(seen)).all()
+    assert again.observation == policy.observation
+
+
+def test_another_observation_comes_back(tmp_path: Path) -> None:
+    path = tmp_path / "w.safetensors"
+    save(GaussianPolicy(ObservationConfig("distance", 5, 40.0)), path)
+    assert PolicyNetwork.load(path).observation == ObservationConfig("distance", 5, 40.0)
+
+
+def changed(path: Path, out: Path, tensors: dict[str, torch.Tensor | None], **metadata: str) -> Path:
+    """A copy of a weights file with some tensors replaced (None: left out) and metadata overridden."""
+    found = {**load_file(path), **tensors}
+    about = {"format": FORMAT, "observation.arrange": "sector", "observation.slots": "8", "observation.sight": "60.0"}
+    save_file({k: v for k, v in found.items() if v is not None}, str(out), about | metadata)
+    return out
+
+
+@pytest.mark.parametrize(
+    ("tensors", "metadata", "said"),
+    [
+        ({"mean.bias": torch.zeros(2)}, {}, r"tensor mean.bias has shape \(2,\), expected \(3,\)"),
+        ({"hidden1.weight": None}, {}, r"tensor hidden1.weight has shape none, expected \(128, 128\)"),
+        ({"mean.bias": torch.full((3,), float("nan"))}, {}, "tensor mean.bias holds non-finite"),
+        ({}, {"format": "something else"}, "expected 'litsim policy C, 1'"),
+        ({}, {"observation.slots": "9"}, r"hidden0.weight has shape .* expected \(128, 88\)"),
+        ({}, {"observation.arrange": "by colour"}, "expected sector or distance"),
+        ({}, {"observation.slots": "many"}, "expected sector or distance"),
+    ],
+)
+def test_files_that_do_not_fit(policy, tmp_path: Path, tensors, metadata, said: str) -> None:
+    good, bad = tmp_path / "good.safetensors", tmp_path / "bad.safetensors"
+    save(policy, good)
+    with pytest.raises(InputError, match=said) as error:
+        PolicyNetwork.load(changed(good, bad, tensors, **metadata))
+    assert str(bad) in str(error.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"no weights at all", None])
+def test_files_that_are_damaged(policy, tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "w.safetensors"
+    save(policy, path)
+    path.write_bytes(path.read_bytes()[:-100] if content is None else content)
+    with pytest.raises(InputError, match="not a readable safetensors file"):
+        PolicyNetwork.load(path)
+    with pytest.raises(InputError, match="no such weights"):
+        PolicyNetwork.load(tmp_path / "nowhere.safetensors")
+
+
+# In the loop
+
+
+def test_shipped_weights_drive(make_scenario, track, drive) -> None:
+    assert PolicyNetwork.load(shipped_weights()).observation.slots == 8
+    ego, follower = track(1, x=200.0, last=110), track(2, x=170.0, last=110)
+    scenario = make_scenario(ego, follower)
+    assert isinstance(make_policy("litsim", scenario), PolicyC)
+    run = drive(scenario, lambda table, _: (-3.0 if table.step < 40 else 0.5, 0.0), policy="litsim")
+    assert run.world.contacts == {} and run.takeovers(2)
+    sources = {s for r in run.rounds if r.controls is not None for s in r.controls.source.tolist()}
+    assert sources & {ControlSource.POLICY, ControlSource.GUARDED}
+    assert all((np.diff(r.controls.id) > 0).all() for r in run.rounds if r.controls is not None)

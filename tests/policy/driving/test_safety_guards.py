@@ -1,0 +1,178 @@
+"""The safety layer by single steps: every limit and every guard alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from litsim_policy.driving.observation import Errand
+from litsim_policy.driving.safety import GUARDS, SafeCommands, SafetyConfig, SafetyLayer
+from litsim_policy.motion.reference_path import lane_path
+from litsim_sim.core.scene import STEP_S, AgentTable
+
+SAFE = SafetyConfig()
+SWITCHES = GUARDS[1:]
+TWIST = SAFE.yaw_acceleration_max * STEP_S  # [rad/s] by which a yaw rate may change in a step
+
+
+def only(*on: str, **config: float) -> SafetyConfig:
+    """With these guards and no others."""
+    return SafetyConfig(**{name: name in on for name in SWITCHES}, **config)
+
+
+@pytest.fixture(scope="module")
+def lane_map(make_scenario, track):
+    return make_scenario(track(1, x=100.0)).lane_map
+
+
+@pytest.fixture(scope="module")
+def ask(lane_map, agent_table, lane_centres):
+    """What agent 2, at x = 100 in lane 1 at 10 m/s if not told otherwise, may do among others."""
+
+    def ask(
+        config: SafetyConfig,
+        asked: tuple[float, float],
+        *others: dict[str, Any],
+        layer: SafetyLayer | None = None,
+        **mine: float,
+    ) -> SafeCommands:
+        own = {"id": 2, "x": 100.0, "y": lane_centres[1], "speed": 10.0} | mine
+        table: AgentTable = agent_table(5, own, *({"y": lane_centres[1]} | other for other in others))
+        path = lane_path(lane_map, 100.0, lane_centres[1], 0.0)
+        errand = Errand(2, path, path.points[-1], 0)
+        layer = layer or SafetyLayer(lane_map, config)
+        return layer.apply(table, [errand], np.array([asked[0]]), np.array([asked[1]]))
+
+    return ask
+
+
+def command(found: SafeCommands) -> tuple[float, float]:
+    return float(found.acceleration[0]), float(found.yaw_rate[0])
+
+
+# Limits
+
+
+@given(st.floats(-5.0, 5.0), st.floats(-0.1, 0.1), st.floats(0.0, 40.0))
+def test_a_turn_begins_and_ends_no_faster_than_is_comfortable(ask, asked: float, before: float, speed: float) -> None:
+    _, yaw_rate = command(ask(only(), (0.0, asked), speed=speed, yaw_rate=before))
+    assert abs(yaw_rate - before) <= TWIST + 1e-9
+
+
+def test_a_turn_that_a_guard_asks_for_begins_no_faster_either(ask, lane_centres) -> None:
+    beside = {"id": 1, "x": 101.0, "y": lane_centres[0], "speed": 10.0}
+    found = ask(SAFE, (0.0, 0.0), beside, yaw=0.2)
+    assert found.changed[0, GUARDS.index("contact")]
+    assert command(found)[1] == pytest.approx(-TWIST)
+
+
+@pytest.mark.parametrize(("before", "asked", "then"), [(-8.0, 2.0, -4.05 + 0.413), (5.0, -2.0, 2.40 - 0.413)])
+def test_what_was_out_of_bounds_comes_back_from_the_bound(ask, before: float, asked: float, then: float) -> None:
+    assert command(ask(only(), (asked, 0.0), acceleration=before))[0] == pytest.approx(then)
+
+
+def test_limits_are_counted_whatever_is_switched_off(ask, lane_map) -> None:
+    layer = SafetyLayer(lane_map, only())
+    for k in (1, 2):
+        found = ask(only(), (-50.0, 0.0), layer=layer)
+        assert found.changed[0].tolist() == [True, False, False, False] and not found.guarded[0]
+        assert layer.interventions == {"limits": k, "following": 0, "contact": 0, "road": 0} and layer.agent_steps == k
+
+
+# Guards, each alone in each scene
+
+
+def scene(name: str, lane_centres: tuple[float, ...]) -> tuple[tuple[float, float], list[dict], dict[str, float]]:
+    """What is asked for, the others, and agent 2, where the guard `name` and no other is needed."""
+    return {
+        # closing at 8 m/s from 21 m: not to be touched within the look ahead, but no more time to lose
+        "following": ((0.0, 0.0), [{"id": 1, "x": 125.5, "speed": 2.0, "acceleration": -3.0}], {}),
+        "contact": ((0.0, 0.0), [{"id": 1, "x": 101.0, "y": lane_centres[0], "speed": 10.0}], {"yaw": 0.15}),
+        "road": ((0.0, 0.0), [], {"y": lane_centres[0] + 0.3, "yaw": 0.15}),
+    }[name]
+
+
+@pytest.mark.parametrize("needed", SWITCHES)
+@pytest.mark.parametrize("on", SWITCHES)
+def test_a_guard_does_what_it_is_for_and_nothing_else(ask, lane_centres, needed: str, on: str) -> None:
+    asked, others, mine = scene(needed, lane_centres)
+    found = ask(only(on), asked, *others, **mine)
+    assert [name for name, changed in zip(GUARDS, found.changed[0], strict=True) if changed] == [on] * (on == needed)
+    assert (command(found) != asked) == (on == needed) == bool(found.guarded[0])
+
+
+@pytest.mark.parametrize("needed", SWITCHES)
+def test_interventions_are_counted_by_guard(ask, lane_map, lane_centres, needed: str) -> None:
+    asked, others, mine = scene(needed, lane_centres)
+    layer = SafetyLayer(lane_map, only(needed))
+    for _ in range(3):
+        ask(only(needed), asked, *others, layer=layer, **mine)
+    assert layer.interventions == dict.fromkeys(GUARDS, 0) | {needed: 3} and layer.agent_steps == 3
+
+
+def test_the_road_alone_is_kept_to_whoever_is_beside(ask, lane_centres) -> None:
+    """Turning back touches the one beside; with that guard off, it is the least change all the same."""
+    mine = {"y": -1.3, "yaw": 0.05}
+    beside = {"id": 1, "x": 100.0, "y": -3.62, "speed": 10.0}
+    acceleration, yaw_rate = command(ask(only("road"), (0.0, 0.0), beside, **mine))
+    assert (acceleration, yaw_rate) == (0.0, pytest.approx(-TWIST))
+    assert command(ask(only("road", "contact"), (0.0, 0.0), beside, **mine)) != (acceleration, yaw_rate)
+
+
+# Following
+
+
+@pytest.mark.parametrize(
+    ("leader", "braking"),
+    [
+        # 51 m behind a bumper, of which 1 m is kept, at 20 m/s: braking later would do, but not as gently
+        ({"x": 155.5, "speed": 0.0}, 20.0**2 / (2.0 * 50.0)),
+        # 41 m; the leader, at 10 m/s, stops within 12.5 m
+        ({"x": 145.5, "speed": 10.0, "acceleration": -4.0}, 20.0**2 / (2.0 * 52.5)),
+        # the same leader, going on: 1.25 m/s2 would do, and there is time
+        ({"x": 145.5, "speed": 10.0}, None),
+    ],
+)
+def test_what_an_approach_needs_is_braked_for_at_once_where_it_is_much(ask, leader: dict, braking) -> None:
+    found = ask(only("following"), (0.0, 0.0), {"id": 1} | leader, speed=20.0)
+    assert found.guarded[0] == (braking is not None)
+    assert command(found)[0] == pytest.approx(-(braking or 0.0))
+
+
+@pytest.mark.parametrize(("gap", "braked"), [(-0.3, True), (-2.0, True), (-2.6, False)])
+def test_one_that_reaches_into_who_is_ahead_brakes_as_hard_as_it_can(ask, gap: float, *, braked: bool) -> None:
+    """Up to where they are side by side rather than one behind the other."""
+    found = ask(only("following"), (0.0, 0.0), {"id": 1, "x": 104.5 + gap, "speed": 4.0})
+    assert command(found)[0] == (-SAFE.braking_max if braked else 0.0)
+
+
+# What the look ahead takes into account
+
+
+def test_who_touches_already_is_no_reason_to_do_anything(ask, lane_centres) -> None:
+    """Where boxes overlap, no command of the next second and a half can help it."""
+    touching = {"id": 1, "x": 101.0, "y": lane_centres[1] + 1.5, "speed": 10.0}
+    assert not ask(only("contact"), (0.0, 0.0), touching).changed.any()
+
+
+def test_others_that_brake_are_expected_to_go_on(ask, lane_centres) -> None:
+    """Without its braking, the one ahead would be 6 m away after 1.5 s."""
+    ahead = {"id": 1, "x": 110.5, "speed": 10.0}
+    assert not ask(only("contact"), (0.0, 0.0), ahead).changed.any()
+    assert ask(only("contact"), (0.0, 0.0), ahead | {"acceleration": -7.0}).changed[0, GUARDS.index("contact")]
+
+
+def test_where_nothing_helps_what_touches_last_and_brakes_hardest_is_done(ask) -> None:
+    """A wall of standing vehicles 2 m ahead, at 20 m/s."""
+    wall = [{"id": 10 + k, "x": 106.5, "y": -2.2 * k, "speed": 0.0} for k in range(9)]
+    acceleration, _ = command(ask(only("contact"), (0.0, 0.0), *wall, speed=20.0))
+    assert acceleration == -SAFE.braking_max
+
+
+def test_who_is_off_the_road_already_may_come_back(ask, lane_centres) -> None:
+    """No command of the next second brings it back, and none is worse than the one that is asked for."""
+    assert command(ask(only("road"), (0.3, 0.0), y=lane_centres[0] + 6.0)) == (0.3, 0.0)

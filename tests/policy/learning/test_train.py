@@ -1,0 +1,158 @@
+"""Training: it runs, it goes on where it stopped, it says what is wrong with its configuration."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from litsim_policy.driving.policy_c import PolicyNetwork
+from litsim_policy.learning import train
+from litsim_policy.learning.data import REPORTED, RealWindow
+from litsim_policy.learning.environment import PolicyEnvironment
+from litsim_policy.learning.network import GaussianPolicy
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import read_yaml
+
+CONFIG = Path(__file__).parents[3] / "src" / "litsim_policy" / "config"
+
+
+@pytest.fixture(scope="module")
+def file(make_scenario, track, lane_centres, tmp_path_factory) -> Path:
+    """A configuration that takes a second."""
+    tracks = [
+        track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=9.0 + lane, last=45)
+        for lane in range(3)
+        for k in range(3)
+    ]
+    folder = tmp_path_factory.mktemp("train")
+    (folder / "scenario.yaml").write_text(make_scenario(*tracks).to_yaml())
+    values = {
+        "iterations": 2,
+        "transitions": 40,
+        "validate_every": 1,
+        "validation_episodes": 1,
+        "data": {"scenarios": [str(folder / "scenario.yaml")]},
+        "environment": {"steps_max": 20, "slots": 4, "drafted": 3},
+        "warm_start": {"epochs": 2},
+        "critic": {"updates": 2, "batch": 32},
+        "ppo": {"epochs": 2, "batch": 32},
+    }
+    (folder / "config.yaml").write_text(yaml.safe_dump(values))
+    return folder / "config.yaml"
+
+
+def with_iterations(file: Path, count: int) -> train.TrainConfig:
+    return read_yaml(file, train.TrainConfig).model_copy(update={"iterations": count})
+
+
+def weights(training: train.Training) -> list[torch.Tensor]:
+    return [value for part in (training.policy, training.critic, training.value) for value in part.parameters()]
+
+
+def test_a_run_that_is_resumed_ends_where_a_whole_one_does(file: Path, tmp_path: Path) -> None:
+    whole = train.run(with_iterations(file, 3), tmp_path / "whole", progress=False)
+    train.run(with_iterations(file, 1), tmp_path / "parts", progress=False)
+    resumed = train.run(with_iterations(file, 3), tmp_path / "parts", resume=True, progress=False)
+    assert all(torch.equal(a, b) for a, b in zip(weights(whole), weights(resumed), strict=True))
+    drop = lambda entries: [{k: v for k, v in e.items() if k != "seconds"} for e in entries]  # noqa: E731
+    history = json.loads((tmp_path / "parts" / train.HISTORY).read_text())
+    assert drop(history) == drop(whole.history) and len(history) == 3
+    assert (tmp_path / "parts" / train.CURVES).read_bytes().startswith(b"\x89PNG")
+    for name in (train.LAST, train.BEST):
+        PolicyNetwork.load(tmp_path / "parts" / name)
+
+
+def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
+    config = with_iterations(file, 1)
+    with pytest.raises(InputError, match="no checkpoint"):
+        train.run(config, tmp_path, resume=True, progress=False)
+    train.run(config, tmp_path, progress=False)
+    with pytest.raises(InputError, match="fields seed of the configuration have changed"):
+        train.run(config.model_copy(update={"seed": 5}), tmp_path, resume=True, progress=False)
+    (tmp_path / train.CHECKPOINT).write_bytes(b"nothing")
+    with pytest.raises(InputError, match="not a readable checkpoint"):
+        train.run(config, tmp_path, resume=True, progress=False)
+
+
+def test_drivers_are_imitated(file: Path) -> None:
+    """After the warm start the policy does in the recordings what the drivers did, better than nothing would."""
+    config = read_yaml(file, train.TrainConfig)
+    data = train.prepare(config.data, file.parent / "data")
+    random = np.random.default_rng(0)
+    experts = train.expert_pairs(data.train, config.observation, config.expert, random)
+    torch.manual_seed(0)
+    policy = GaussianPolicy(config.observation)
+
+    def error() -> float:
+        with torch.no_grad():
+            said = torch.tanh(policy(train.tensor(experts.displaced))).numpy()
+        return float(np.abs(said - experts.correction)[:, 1:].mean())
+
+    before = error()
+    longer = config.model_copy(update={"warm_start": train.WarmStart(epochs=40)})
+    train._warm_start(policy, train.demonstrations(experts), longer)
+    assert error() < 0.5 * before
+
+
+def test_tracks_are_whole(file: Path) -> None:
+    config = read_yaml(file, train.TrainConfig)
+    data = train.prepare(config.data, file.parent / "data")
+    environment = PolicyEnvironment(data.train, config.environment)
+    policy = GaussianPolicy(config.observation)
+    tracks, rates = train.collect(environment, policy, config, 0, torch.Generator().manual_seed(0))
+    assert sum(len(track) for track in tracks) == rates["transitions"] >= config.transitions
+    for track in tracks:
+        assert len(track.observation) == len(track) + 1 and track.raw.shape == (len(track), 3)
+        assert np.abs(track.executed).max() <= 1.0 and track.penalty.max() <= 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("iterations: 0\ndata: {}\n", "field iterations: .*greater than 0"),
+        ("data: {}\nlearning_rat: 1\n", "field learning_rat"),
+        ("iterations: [\n", "malformed YAML"),
+        ("data: {generated: [{net: us101_like, segments: 0, seed: 1}]}\n", "field data.generated.0.segments"),
+        ("data: {real: [{frames: [500, 700], local_y_m: [0, 100]}]}\n", "which results are reported on"),
+    ],
+)
+def test_configurations_that_are_wrong(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said) as error:
+        read_yaml(path, train.TrainConfig)
+    assert str(path) in str(error.value)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_yaml(tmp_path / "missing.yaml", train.TrainConfig)
+
+
+def test_nothing_to_train_on(tmp_path: Path, monkeypatch, capsys) -> None:
+    path = tmp_path / "empty.yaml"
+    path.write_text("data: {}\n")
+    monkeypatch.setattr(sys, "argv", ["train", "--config", str(path), "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as exit_:
+        train.main()
+    assert exit_.value.code == 2 and "nothing to train on" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("frames", "fits"), [((748, 828), True), ((126, 315), True), ((126, 316), False)])
+def test_what_is_reported_on_is_never_learned_from(frames: tuple[int, int], *, fits: bool) -> None:
+    assert REPORTED == (316, 543)
+    if fits:
+        assert RealWindow(frames=frames, local_y_m=(0.0, 100.0)).frames == frames
+    else:
+        with pytest.raises(ValueError, match="reported on"):
+            RealWindow(frames=frames, local_y_m=(0.0, 100.0))
+
+
+def test_packaged_configurations_differ_in_what_the_paper_says_only() -> None:
+    usual, paper = (read_yaml(CONFIG / name, train.TrainConfig) for name in ("policy_c.yaml", "policy_c_paper.yaml"))
+    assert (paper.ppo.learning_rate, paper.ppo.batch) == (0.03, 32)
+    same = {"ppo": usual.ppo, "iterations": usual.iterations}
+    assert paper.model_copy(update=same) == usual

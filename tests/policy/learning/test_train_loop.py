@@ -1,0 +1,171 @@
+"""The loop of the training: what it rewards, what it keeps, and that it can be interrupted anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from litsim_policy.learning import train
+from litsim_policy.learning.network import GaussianPolicy
+from litsim_sim.io.yaml_input import read_yaml
+
+
+@pytest.fixture(scope="module")
+def config(make_scenario, track, lane_centres, tmp_path_factory) -> train.TrainConfig:
+    """A training that takes a second."""
+    tracks = [
+        track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=9.0 + lane, last=45)
+        for lane in range(3)
+        for k in range(3)
+    ]
+    folder = tmp_path_factory.mktemp("train_loop")
+    (folder / "scenario.yaml").write_text(make_scenario(*tracks).to_yaml())
+    values = {
+        "iterations": 3,
+        "transitions": 30,
+        "validate_every": 1,
+        "validation_episodes": 1,
+        "data": {"scenarios": [str(folder / "scenario.yaml")]},
+        "environment": {"steps_max": 15, "slots": 4, "drafted": 3},
+        "warm_start": {"epochs": 1},
+        "critic": {"updates": 2, "batch": 16},
+        "ppo": {"epochs": 1, "batch": 16, "value_first": 1},
+    }
+    (folder / "config.yaml").write_text(yaml.safe_dump(values))
+    return read_yaml(folder / "config.yaml", train.TrainConfig)
+
+
+def weights(training: train.Training) -> list[torch.Tensor]:
+    return [value for part in (training.policy, training.critic, training.value) for value in part.parameters()]
+
+
+def count(config: train.TrainConfig, iterations: int, **changes: Any) -> train.TrainConfig:
+    return config.model_copy(update={"iterations": iterations, **changes})
+
+
+@pytest.fixture(autouse=True)
+def _no_curves(monkeypatch) -> None:
+    """They take longer than the rest."""
+    monkeypatch.setattr(train, "plot_curves", lambda *_: None)
+
+
+# Interruptions
+
+
+def test_a_run_that_was_interrupted_ends_where_a_whole_one_does(config, tmp_path: Path, monkeypatch) -> None:
+    """The interruption falls between two checkpoints: what came after the first is made again, and alike."""
+    config = count(config, 3, validate_every=2)
+    whole = train.run(config, tmp_path / "whole", progress=False)
+    iterate = train._iterate
+
+    def interrupted(*arguments: Any) -> dict[str, float]:
+        if arguments[-1] == 2:
+            raise KeyboardInterrupt
+        return iterate(*arguments)
+
+    monkeypatch.setattr(train, "_iterate", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train.run(config, tmp_path / "parts", progress=False)
+    monkeypatch.setattr(train, "_iterate", iterate)
+    resumed = train.run(config, tmp_path / "parts", resume=True, progress=False)
+    assert len(resumed.history) == 3
+    assert all(torch.equal(a, b) for a, b in zip(weights(whole), weights(resumed), strict=True))
+
+
+def test_a_run_that_dies_while_it_writes_can_be_resumed(config, tmp_path: Path, monkeypatch) -> None:
+    train.run(count(config, 1), tmp_path, progress=False)
+    whole = (tmp_path / train.CHECKPOINT).read_bytes()
+
+    def dies(_: Any, path: Path) -> None:
+        Path(path).write_bytes(whole[: len(whole) // 2])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(torch, "save", dies)
+    with pytest.raises(KeyboardInterrupt):
+        train.run(count(config, 2), tmp_path, resume=True, progress=False)
+    monkeypatch.undo()
+    monkeypatch.setattr(train, "plot_curves", lambda *_: None)
+    assert len(train.run(count(config, 2), tmp_path, resume=True, progress=False).history) == 2
+
+
+def test_the_best_weights_are_those_of_the_best_validation_before_and_after_an_interruption(
+    config, tmp_path: Path, monkeypatch
+) -> None:
+    def trained(iterations: int, score: float) -> bytes:
+        monkeypatch.setattr(train, "validate", lambda *_: {"validation_score": score})
+        train.run(count(config, iterations), tmp_path, resume=iterations > 1, progress=False)
+        return (tmp_path / train.BEST).read_bytes()
+
+    first = trained(1, -1.0)
+    assert trained(2, -2.0) == first, "worse"
+    assert trained(3, -0.5) != first, "better"
+
+
+# What the policy is rewarded for
+
+
+def test_it_is_rewarded_for_passing_as_a_driver_and_punished_by_the_penalties(
+    config, tmp_path: Path, monkeypatch
+) -> None:
+    seen: list[tuple[list[Any], list[np.ndarray]]] = []
+    calls: list[tuple[bool, bool]] = []
+    make, update = train.make_batch, train.update_policy
+
+    def batch(tracks: list[Any], rewards: list[np.ndarray], *rest: Any) -> Any:
+        seen.append((tracks, rewards))
+        return make(tracks, rewards, *rest)
+
+    def updated(*arguments: Any, value_only: bool) -> Any:
+        calls.append((value_only, arguments[6] is not None))
+        return update(*arguments, value_only=value_only)
+
+    collect = train.collect
+
+    def punished(*arguments: Any) -> Any:
+        tracks, rates = collect(*arguments)
+        return [replace(t, penalty=t.penalty - 7.0 * (np.arange(len(t)) == 0)) for t in tracks], rates
+
+    monkeypatch.setattr(train, "make_batch", batch)
+    monkeypatch.setattr(train, "update_policy", updated)
+    monkeypatch.setattr(train, "collect", punished)
+    train.run(count(config, 2, critic_reward=0.4), tmp_path, progress=False)
+    for tracks, rewards in seen:
+        human = np.concatenate([r - t.penalty for r, t in zip(rewards, tracks, strict=True)])
+        assert human.mean() == pytest.approx(0.0, abs=1e-6) and human.std() == pytest.approx(0.4, rel=1e-3)
+        assert all(r[0] < -5.0 for r in rewards)
+    assert calls == [(True, True), (False, True)], "at first only the value learns; drivers are always shown"
+
+
+def test_iterations_are_not_each_others_repetitions(config, tmp_path: Path, monkeypatch) -> None:
+    """With a policy that stays as it is, every iteration drives other episodes by other draws."""
+    driven: list[list[Any]] = []
+    collect = train.collect
+
+    def noted(*arguments: Any) -> Any:
+        tracks, rates = collect(*arguments)
+        driven.append(tracks)
+        return tracks, rates
+
+    monkeypatch.setattr(train, "collect", noted)
+    frozen = config.ppo.__class__(**{**vars(config.ppo), "value_first": 9})
+    train.run(count(config, 2, ppo=frozen), tmp_path, progress=False)
+    first, second = (tracks[0] for tracks in driven)
+    assert not np.array_equal(first.observation[0], second.observation[0]), "the episode"
+    assert not np.array_equal(first.raw[0], second.raw[0])
+    size = config.observation.size
+    noise = [t.raw[0] - _mean(config, tmp_path, t.observation[:1, :size]) for t in (first, second)]
+    assert not np.allclose(noise[0], noise[1], atol=1e-4), "the draws"
+
+
+def _mean(config: train.TrainConfig, out: Path, observation: np.ndarray) -> np.ndarray:
+    """What the policy of the run in `out` would do before tanh."""
+    policy = GaussianPolicy(config.observation)
+    policy.load_state_dict(torch.load(out / train.CHECKPOINT, weights_only=True)["policy"])
+    with torch.no_grad():
+        return policy(train.tensor(observation))[0].numpy()

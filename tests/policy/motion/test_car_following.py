@@ -1,0 +1,129 @@
+"""The Intelligent Driver Model against its closed forms, and who is ahead on a path."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from litsim_policy.motion.car_following import SIGHT, AlongPath, IdmConfig, along_path, idm_acceleration
+from litsim_policy.motion.reference_path import ReferencePath
+
+IDM = IdmConfig(desired_speed=20.0, headway=1.0, standstill_gap=2.0, acceleration=1.5, deceleration=2.0)
+NOBODY = np.empty(0)
+STRAIGHT = ReferencePath.of(np.column_stack([np.arange(-50.0, 400.0), np.zeros(450)]))
+
+
+def behind(speed: float, gap: float, leader_speed: float, config: IdmConfig = IDM) -> float:
+    return idm_acceleration(config, speed, config.desired_speed, np.array([gap]), np.array([leader_speed]))
+
+
+# idm_acceleration
+
+
+def test_on_a_free_road_the_desired_speed_is_reached_and_kept() -> None:
+    assert idm_acceleration(IDM, 0.0, 20.0, NOBODY, NOBODY) == pytest.approx(IDM.acceleration)
+    assert idm_acceleration(IDM, 20.0, 20.0, NOBODY, NOBODY) == pytest.approx(0.0)
+    assert idm_acceleration(IDM, 10.0, 20.0, NOBODY, NOBODY) == pytest.approx(1.5 * (1 - 0.5**4))
+    assert idm_acceleration(IDM, 25.0, 20.0, NOBODY, NOBODY) < 0.0
+
+
+@given(st.floats(0.0, 19.0))
+def test_at_the_equilibrium_gap_nobody_accelerates(speed: float) -> None:
+    gap = (IDM.standstill_gap + speed * IDM.headway) / np.sqrt(1.0 - (speed / IDM.desired_speed) ** 4)
+    assert behind(speed, gap, speed) == pytest.approx(0.0, abs=1e-9)
+    assert behind(speed, 1.1 * gap, speed) > 0.0 > behind(speed, 0.9 * gap, speed)
+
+
+@pytest.mark.parametrize("leader_speed", [0.0, 5.0, 12.0])
+def test_a_follower_settles_at_the_equilibrium_gap_without_touching(leader_speed: float) -> None:
+    speed, gap = 15.0, 80.0
+    gaps = []
+    for _ in range(3000):
+        acceleration = behind(speed, gap, leader_speed)
+        faster = max(0.0, speed + 0.1 * acceleration)
+        gap += 0.1 * (leader_speed - 0.5 * (speed + faster))
+        speed = faster
+        gaps.append(gap)
+    assert min(gaps) > 1.0
+    wanted = (IDM.standstill_gap + leader_speed * IDM.headway) / np.sqrt(1.0 - (leader_speed / 20.0) ** 4)
+    assert gap == pytest.approx(wanted, abs=0.15) and speed == pytest.approx(leader_speed, abs=0.02)
+
+
+@given(st.floats(0.0, 40.0), st.floats(-50.0, 100.0), st.floats(-30.0, 40.0))
+def test_acceleration_stays_within_its_bounds_even_where_boxes_touch(
+    speed: float, gap: float, leader_speed: float
+) -> None:
+    assert -IDM.braking_max <= behind(speed, gap, leader_speed) <= IDM.acceleration
+
+
+def test_someone_too_close_is_braked_for_as_hard_as_the_cap_allows() -> None:
+    assert behind(20.0, 1.0, 0.0) == -8.0
+    assert behind(20.0, 1.0, 0.0, IdmConfig(braking_max=5.0)) == -5.0
+
+
+@given(st.floats(0.0, 30.0), st.lists(st.tuples(st.floats(0.5, 90.0), st.floats(0.0, 30.0)), min_size=1, max_size=5))
+def test_the_most_demanding_leader_decides(speed: float, leaders: list[tuple[float, float]]) -> None:
+    gaps, speeds = (np.array(column) for column in zip(*leaders, strict=True))
+    alone = min(behind(speed, gap, leader_speed) for gap, leader_speed in leaders)
+    assert idm_acceleration(IDM, speed, IDM.desired_speed, gaps, speeds) == pytest.approx(alone)
+
+
+# along_path
+
+
+def seen(agent_table, other: dict, **own: float) -> tuple[AlongPath, int]:
+    """How agent 1, at the origin of a straight path along +x, sees agent 2; and the row of agent 2."""
+    return along_path(STRAIGHT, agent_table(0, {"id": 1, **own}, {"id": 2, **other}), 0), 1
+
+
+@pytest.mark.parametrize(
+    ("what", "other", "ahead", "in_path", "gap", "speed"),
+    [
+        ("a leader", {"x": 20.0, "speed": 7.0}, True, True, 15.5, 7.0),
+        ("a follower", {"x": -20.0, "speed": 7.0}, False, True, -24.5, 7.0),
+        ("alongside, slightly ahead", {"x": 1.0, "y": 3.66, "speed": 9.0}, True, False, -3.5, 9.0),
+        ("a leader in the next lane", {"x": 20.0, "y": 3.66, "speed": 9.0}, True, False, 15.5, 9.0),
+        ("a mirror that reaches in", {"x": 20.0, "y": 2.1, "speed": 9.0}, True, True, 15.5, 9.0),
+        ("just outside of the margin", {"x": 20.0, "y": 2.3, "speed": 9.0}, True, False, 15.5, 9.0),
+        ("oncoming", {"x": 30.0, "yaw": np.pi, "speed": 6.0}, True, True, 25.5, -6.0),
+        ("across the path", {"x": 20.0, "y": 3.0, "yaw": np.pi / 2, "speed": 6.0}, True, True, 16.75, 0.0),
+        ("slanted by a box beside it", {"x": 20.0, "y": 2.6, "yaw": 0.5, "speed": 6.0}, True, True, 15.3, 5.27),
+    ],
+)
+def test_golden_scenes_on_a_path(
+    agent_table, what: str, other: dict, ahead: bool, in_path: bool, gap: float, speed: float
+) -> None:
+    view, row = seen(agent_table, other)
+    assert (bool(view.ahead[row]), bool(view.in_path[row])) == (ahead, in_path), what
+    assert view.gap[row] == pytest.approx(gap, abs=0.01) and view.speed[row] == pytest.approx(speed, abs=0.01)
+
+
+def test_one_that_looks_sees_itself_nowhere_ahead(agent_table) -> None:
+    view, _ = seen(agent_table, {"x": 20.0})
+    assert not view.ahead[0]
+
+
+def test_someone_farther_away_than_sight_is_not_in_the_path(agent_table) -> None:
+    near, row = seen(agent_table, {"x": SIGHT - 1.0})
+    far, _ = seen(agent_table, {"x": SIGHT + 1.0})
+    assert near.ahead[row] and near.in_path[row]
+    assert not far.ahead[row] and not far.in_path[row]
+
+
+def test_someone_beside_the_path_is_in_the_way_of_a_vehicle_that_is_off_it(agent_table) -> None:
+    on_path, row = seen(agent_table, {"x": 8.0, "y": 3.5})
+    off_path, _ = seen(agent_table, {"x": 8.0, "y": 3.5}, y=3.5)
+    assert not on_path.in_path[row] and off_path.in_path[row]
+    later, _ = seen(agent_table, {"x": 40.0, "y": 3.5}, y=3.5)
+    assert not later.in_path[row], "by then it has come onto the path"
+
+
+def test_gaps_run_along_a_bend(agent_table) -> None:
+    angle = np.arange(0.0, 1.5, 0.01)
+    bend = ReferencePath.of(50.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]))
+    at = {"x": 50.0 * np.sin(1.0), "y": 50.0 * (1.0 - np.cos(1.0)), "yaw": 1.0, "speed": 5.0}
+    view = along_path(bend, agent_table(0, {"id": 1}, {"id": 2, **at}), 0)
+    assert view.ahead[1] and view.in_path[1]
+    assert view.gap[1] == pytest.approx(50.0 - 4.5, abs=0.05) and view.speed[1] == pytest.approx(5.0, abs=0.01)

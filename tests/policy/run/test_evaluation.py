@@ -1,0 +1,189 @@
+"""Batches of runs and their table."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any
+
+import pytest
+
+from litsim_policy.cli import bench, evaluate, run
+from litsim_policy.run.evaluation import Job, run_batch, run_in_process, summarise
+from litsim_sim.core.errors import InputError
+
+
+def metrics(**changes: Any) -> dict[str, Any]:
+    """Metrics of a run as `compute_metrics` would give them, as far as `summarise` reads them."""
+    usual: dict[str, Any] = {
+        "valid": True,
+        "agents": 10,
+        "reactive": True,
+        "takeovers": 2,
+        "ledger": [{"released_step": 80, "held_s": 3.0}, {"released_step": None, "held_s": 5.5}],
+        "detection": {"bound_hits": 1, "max_rounds": 3},
+        "false_alarms": 1,
+        "comfort": {"controlled": {"hard_brakes": 4, "guarded": {"count": 5, "share": 0.1}}},
+        "off_road_controlled": 0.1,
+        "relevant_ratio": 0.2,
+        "ade_controlled_m": {"5": 1.0},
+        "ade_all_m": {"5": 0.5},
+        "replay_error_max_m": 0.0,
+        "progress_m": 100.0,
+        "collision": {"agents": 0, "excess": 0, "ego_contacts": [], "rate_all": 0.0, "rate_controlled": 0.0},
+        "handback": {"max_position_jump_m": 0.01, "max_residual_m": 0.4},
+        "timing": {"realtime_factor": 20.0},
+    }
+    for name, value in changes.items():
+        usual[name] = {**usual[name], **value} if isinstance(value, dict) else value
+    return usual
+
+
+# summarise
+
+
+def test_counts_are_summed_and_rates_averaged() -> None:
+    bad = metrics(
+        agents=30,
+        reactive=False,
+        valid=False,
+        takeovers=5,
+        relevant_ratio=0.4,
+        collision={"agents": 3, "excess": 2, "ego_contacts": [{}, {}], "rate_all": 0.1},
+    )
+    row = summarise([metrics(), bad])
+    assert (row["runs"], row["invalid"], row["agents"], row["takeovers"]) == (2, 1, 40, 7)
+    assert (row["colliding_agents"], row["colliding_runs"], row["excess_pairs"], row["ego_contacts"]) == (3, 1, 2, 2)
+    assert row["rate_all"] == pytest.approx(0.05) and row["reactive"] == pytest.approx(0.5)
+    assert row["relevant_ratio"] == pytest.approx(0.3)
+    assert (row["releases"], row["held_s"], row["bound_hits"]) == (2, 17.0, 2)
+    assert (row["takeovers_per_run"], row["hard_brakes"], row["off_road"]) == (3.5, 8, 0.1)
+    assert row["guarded"] == pytest.approx(0.1)
+
+
+def test_largest_values_are_kept() -> None:
+    row = summarise(
+        [
+            metrics(handback={"max_position_jump_m": 0.2, "max_residual_m": None}, replay_error_max_m=None),
+            metrics(replay_error_max_m=1e-7),
+        ]
+    )
+    assert row["max_position_jump_m"] == 0.2 and row["max_residual_m"] == 0.4 and row["replay_error_max_m"] == 1e-7
+
+
+def test_what_no_run_measures_is_none() -> None:
+    alone = metrics(collision={"rate_controlled": None}, ade_controlled_m={"5": None})
+    row = summarise([alone, alone])
+    assert row["rate_controlled"] is None
+    assert row["ade_controlled_m"] == dict.fromkeys(("5", "10", "15", "20", "25"))
+    mixed = summarise([alone, metrics(collision={"rate_controlled": 0.5})])
+    assert mixed["rate_controlled"] == 0.5, "the mean is over the runs that measure it"
+
+
+def test_a_table_of_no_runs_is_empty_not_an_error() -> None:
+    row = summarise([])
+    assert row["runs"] == 0 and row["rate_all"] is None and row["max_position_jump_m"] is None
+
+
+# Runs
+
+
+def test_a_job_is_run_with_sumo_and_measured() -> None:
+    found = run_in_process(Job("demo", "log", "replay", 7))
+    assert found["valid"] and found["collision"]["excess"] == 0 and found["policy"] == "replay"
+    assert found["world"]["sumo_deviation_m"] < 0.01
+
+
+def test_a_batch_answers_every_job_in_order_from_processes_of_its_own() -> None:
+    jobs = [Job("demo", "log", "replay", 7), Job("demo", "idm", "litsim", 3)]
+    ticks: list[int] = []
+    found = run_batch(jobs, 2, None, lambda: ticks.append(1))
+    assert list(found) == jobs and len(ticks) == 2
+    assert [m["policy"] for m in found.values()] == ["replay", "litsim"]
+    assert found[jobs[1]]["digest"] == run_in_process(jobs[1])["digest"]
+    row = summarise(found.values())
+    assert row["runs"] == 2 and row["invalid"] == 0
+
+
+def test_ways_back_to_the_log_are_rows_of_the_table(monkeypatch, capsys, tmp_path) -> None:
+    words = [
+        "--policy",
+        "replay",
+        "yield",
+        "--set",
+        "conflict.handback=catch_up,time_shift",
+        "--egos",
+        "7",
+        "--processes",
+        "2",
+    ]
+    monkeypatch.setattr(sys, "argv", ["evaluate", "--out", str(tmp_path), *words])
+    evaluate.main()
+    found = json.loads((tmp_path / "evaluation.json").read_text())["summary"]
+    assert list(found) == ["replay", "yield, handback=catch_up", "yield, handback=time_shift"]
+    assert found["yield, handback=time_shift"]["held_s"] < found["yield, handback=catch_up"]["held_s"]
+    assert "time under control s" in capsys.readouterr().out
+
+
+def test_seeds_are_runs_of_their_own(monkeypatch, tmp_path) -> None:
+    words = ["--ego", "perturbed", "--policy", "replay", "--egos", "3", "--seeds", "1", "2"]
+    monkeypatch.setattr(sys, "argv", ["evaluate", "--out", str(tmp_path), *words])
+    evaluate.main()
+    found = json.loads((tmp_path / "evaluation.json").read_text())
+    runs = found["runs"]["replay"]
+    assert list(runs) == ["demo/3/1", "demo/3/2"] and found["summary"]["replay"]["runs"] == 2
+    assert runs["demo/3/1"]["digest"] != runs["demo/3/2"]["digest"]
+
+
+# Command lines
+
+
+@pytest.mark.parametrize(
+    ("parser", "words"),
+    [
+        (evaluate.parser, ["--policy", "politeness"]),
+        (evaluate.parser, ["--ego", "external"]),
+        (evaluate.parser, ["--processes", "many"]),
+        (evaluate.parser, ["--set", "conflict.handback"]),
+        (run.parser, ["--set", "conflict.handback=catch_up,time_shift"]),
+        (run.parser, ["--ego", "chauffeur"]),
+        (run.parser, ["--policy", "politeness"]),
+        (bench.parser, ["--agents", "ten"]),
+    ],
+)
+def test_words_that_are_not_known_are_refused(parser, words: list[str], capsys) -> None:
+    with pytest.raises(SystemExit) as stop:
+        parser().parse_args(words)
+    assert stop.value.code == 2 and words[1] in capsys.readouterr().err
+
+
+def test_unknown_scenarios_and_egos_are_input_errors(monkeypatch, capsys, tmp_path) -> None:
+    for words in (
+        ["--scenario", "nowhere"],
+        ["--egos", "7;8"],
+        ["--egos", "tuning"],
+        ["--set", "conflict.handback=jump"],
+    ):
+        monkeypatch.setattr(sys, "argv", ["evaluate", *words, "--out", str(tmp_path)])
+        with pytest.raises(SystemExit) as stop:
+            evaluate.main()
+        assert stop.value.code == 2
+        error = capsys.readouterr().err
+        assert error.startswith("error: ") and words[-1].rpartition("=")[2] in error and "Traceback" not in error
+
+
+def test_an_ego_that_is_not_there_is_an_input_error() -> None:
+    with pytest.raises(InputError, match="99999"):
+        run_in_process(Job("demo", "log", "replay", 99999))
+
+
+def test_the_command_line_writes_every_run_and_prints_the_table(monkeypatch, capsys, tmp_path) -> None:
+    monkeypatch.setattr(
+        sys, "argv", ["evaluate", "--policy", "replay", "--egos", "7", "--processes", "1", "--out", str(tmp_path)]
+    )
+    evaluate.main()
+    written = json.loads((tmp_path / "evaluation.json").read_text())
+    assert written["runs"]["replay"]["demo/7"]["collision"]["excess"] > 0
+    assert written["summary"]["replay"]["colliding_runs"] == 1
+    printed = capsys.readouterr().out
+    assert "colliding runs" in printed and "replay" in printed

@@ -1,0 +1,196 @@
+"""What the learned predictors are given: the map around agents, tracks, scenes, and how these are varied."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from litsim_predictor.learned.data.batch import HISTORY, HORIZON, MANEUVERS, SceneBatch, maneuvers_of
+from litsim_predictor.learned.data.features import frame_headings
+from litsim_predictor.learned.data.raster import AHEAD, COLUMNS, LEFT, ROWS, MapRaster, raster_of_net
+from litsim_predictor.learned.data.scenes import Augmentation, scene_batches, training_batches
+from litsim_predictor.learned.data.sources import Us101TrackSource, Us101WindowSource, load, net_path
+from litsim_predictor.learned.data.tracks import Tracks, parts_of
+from litsim_predictor.learned.training import TEST_FRAMES, TRACKS, WINDOWS, Locator
+from litsim_sim.core.errors import InputError
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.recordings.segments import PARTS
+
+Straight = Callable[..., pd.DataFrame]
+NET = "us101_like"
+DRIVABLE, CLOSENESS, COSINE, SINE = range(4)
+UNKNOWN_IDS = 100_000  # vehicles of the windows file whose NGSIM id is not known have greater ones
+DATA_FOLDER = Path(os.environ.get("LITSIM_DATA", "."))
+UNVARIED = Augmentation(mirror=0, occlude=0, no_map=0, crop=0, position_m=0, yaw_rad=0, speed_mps=0)
+
+
+def only(batches: list[SceneBatch]) -> SceneBatch:
+    assert len(batches) == 1
+    return batches[0]
+
+
+class TestRaster:
+    def test_the_map_ahead_is_the_lanes_that_the_net_has_there(self) -> None:
+        lane_map, raster = raster_of_net(net_path(NET))
+        x, y, heading = np.array([200.0]), np.array([-3.66 * 1.5]), np.array([0.0])
+        cut = raster.cut(x, y, heading)[0]
+        assert cut.shape == (4, ROWS, COLUMNS)
+        ahead, left = np.meshgrid(x[0] + AHEAD, y[0] + LEFT, indexing="ij")
+        drivable = lane_map.inside_road(ahead.ravel(), left.ravel()).reshape(ROWS, COLUMNS)
+        # A cell of the drawing is half a metre: at the edge of the road they may differ.
+        assert (cut[DRIVABLE] == 255).mean() == pytest.approx(drivable.mean(), abs=0.05)
+        assert drivable.any() and not drivable.all()
+        assert (cut[COSINE][drivable & (cut[DRIVABLE] > 0)] >= 254).all()
+        on_centre = np.argmin(np.abs(LEFT))
+        assert cut[CLOSENESS][5, on_centre] > 100
+
+    @pytest.mark.parametrize("turn", [0.5, -1.0, 3.0])
+    def test_directions_are_relative_to_the_agent(self, turn: float) -> None:
+        _, raster = raster_of_net(net_path(NET))
+        cut = raster.cut(np.array([200.0]), np.array([-5.5]), np.array([turn]))[0].astype(float)
+        road = cut[DRIVABLE] > 0
+        assert (cut[COSINE][road] - 128) / 127 == pytest.approx(np.cos(turn), abs=0.03)
+        assert (cut[SINE][road] - 128) / 127 == pytest.approx(-np.sin(turn), abs=0.03)
+
+    @pytest.mark.parametrize("far", [1e3, -1e3, 1e7])
+    def test_off_the_net_there_is_no_road(self, far: float) -> None:
+        _, raster = raster_of_net(net_path(NET))
+        cut = raster.cut(np.array([far]), np.array([far]), np.array([0.3]))
+        assert not cut[:, DRIVABLE].any() and (cut[:, COSINE] == 128).all()
+
+    def test_without_a_net_there_is_no_road(self) -> None:
+        assert not MapRaster(None).cut(np.zeros(2), np.zeros(2), np.zeros(2))[:, :2].any()
+
+
+class TestFrames:
+    def test_agents_that_drive_along_a_lane_have_its_heading_others_their_own(self) -> None:
+        lane_map = LaneMap.from_net(net_path(NET))
+        x, y = np.full(3, 200.0), np.array([-5.0, -5.0, 400.0])
+        heading = frame_headings(lane_map, x, y, np.array([0.1, 1.5, 0.1]))
+        assert heading == pytest.approx([0.0, 1.5, 0.1], abs=1e-3)
+        assert frame_headings(None, x, y, np.array([0.1, 1.5, 0.1])) == pytest.approx([0.1, 1.5, 0.1])
+
+
+class TestManeuvers:
+    @pytest.mark.parametrize(
+        ("along", "left", "expected"),
+        [
+            (50.0, 0.0, "keep/keep"),
+            (50.0, 3.6, "left/keep"),
+            (50.0, -3.6, "right/keep"),
+            (30.0, 0.0, "keep/brake"),
+            (70.0, -3.6, "right/accelerate"),
+        ],
+    )
+    def test_by_where_an_agent_is_after_five_seconds(self, along: float, left: float, expected: str) -> None:
+        share = torch.linspace(1 / HORIZON, 1, HORIZON)[:, None]
+        future = share * torch.tensor([along, left])
+        known = torch.ones(HORIZON, dtype=torch.bool)
+        found = maneuvers_of(future[None], known[None], torch.tensor([10.0]))
+        assert MANEUVERS[int(found)] == expected
+        known[-1] = False
+        assert int(maneuvers_of(future[None], known[None], torch.tensor([10.0]))) == -1
+
+
+class TestScenes:
+    def test_histories_and_futures_are_those_of_the_motion(self, straight: Straight) -> None:
+        tracks = Tracks.from_table("made", straight((1, 10.0, 5.0, 10.0), (2, 30.0, 9.0, 8.0), yaw=0.7), None)
+        batch = next(scene_batches([tracks], stride=1))
+        t = 0.2 * np.arange(1, HORIZON + 1)
+        assert batch.future[0, :, :, 0].numpy() == pytest.approx(np.stack([10.0 * t, 8.0 * t]), abs=1e-3)
+        assert batch.future[0, :, :, 1].abs().max() < 1e-3
+        assert batch.history[0, 0, :, 0].numpy() == pytest.approx(10.0 * 0.2 * np.arange(1 - HISTORY, 1), abs=1e-3)
+        assert batch.heading[0].numpy() == pytest.approx([0.7, 0.7])
+        apart = (batch.position[0, 1] - batch.position[0, 0]).numpy()
+        at = 0.1 * 30
+        expected = np.array([20.0, 4.0]) - 2.0 * at * np.array([np.cos(0.7), np.sin(0.7)])
+        assert apart == pytest.approx(expected, abs=1e-3)
+
+    def test_targets_have_complete_histories_and_futures(self, straight: Straight) -> None:
+        tracks = Tracks.from_table("made", straight((1, 0.0, 0.0, 10.0), frames=85), None)
+        frames = sum(int(b.target.sum()) for b in scene_batches([tracks], stride=1))
+        assert frames == 85 - 30 - 50
+        some = sum(int(b.target.sum()) for b in scene_batches([tracks], stride=1, complete=False))
+        assert some == 85 - 2  # all but those without one step of the future
+
+    def test_a_hole_in_a_track_is_not_bridged(self, straight: Straight) -> None:
+        rows = straight((1, 0.0, 0.0, 10.0), frames=90)
+        tracks = Tracks.from_table("made", rows[rows["frame"] != 20], None)
+        batch = only(list(scene_batches([tracks], stride=1, complete=False, agents_per_batch=999)))
+        frames = [frame for frame in range(90 - 2) if frame not in (20, 89)]
+        at = frames.index(30)  # frame 20 is five steps back
+        assert not bool(batch.observed[at, 0, HISTORY - 1 - 5])
+        assert int(batch.observed[at, 0].sum()) == HISTORY - 1
+        assert not batch.history[at, 0, HISTORY - 1 - 5].any()
+
+    def test_mirrored_scenes_are_the_other_way_round(self, straight: Straight) -> None:
+        tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0)), net_path(NET))
+        rng = np.random.default_rng
+        plain = next(training_batches([(tracks, 1.0)], 2, 30, UNVARIED, rng(0)))
+        turned = next(
+            training_batches([(tracks, 1.0)], 2, 30, Augmentation(**{**vars(UNVARIED), "mirror": 1.0}), rng(0))
+        )
+        assert torch.equal(turned.history[..., 0], plain.history[..., 0])
+        assert torch.equal(turned.history[..., 1], -plain.history[..., 1])
+        assert torch.equal(turned.position, plain.position * torch.tensor([1.0, -1.0]))
+        assert torch.equal(turned.raster[:, :, :3], plain.raster[:, :, :3].flip(-1))
+        assert torch.equal(turned.raster[:, :, SINE].int() - 128, 128 - plain.raster[:, :, SINE].flip(-1).int())
+
+    def test_occluded_agents_are_seen_now_at_least(self, straight: Straight) -> None:
+        tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), frames=200), None)
+        hide = Augmentation(**{**vars(UNVARIED), "occlude": 1.0})
+        seen = [b.observed[0, 0] for b in training_batches([(tracks, 1.0)], 1, 1, hide, np.random.default_rng(0))]
+        assert all(bool(row[-1]) for row in seen)
+        assert len({int(row.sum()) for row in seen}) > 5
+
+    def test_epochs_depend_on_their_seed_alone(self, straight: Straight) -> None:
+        tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0)), net_path(NET))
+
+        def epoch(seed: int) -> list[SceneBatch]:
+            return list(training_batches([(tracks, 1.0)], 8, 10, Augmentation(), np.random.default_rng(seed)))
+
+        first, again, other = epoch(1), epoch(1), epoch(2)
+        assert all(torch.equal(a.history, b.history) for a, b in zip(first, again, strict=True))
+        assert not all(
+            a.history.shape == b.history.shape and torch.equal(a.history, b.history)
+            for a, b in zip(first, other, strict=False)
+        )
+
+
+class TestSources:
+    def test_parts_follow_each_other_by_vehicle(self) -> None:
+        for count in (10, 100, 1000):
+            part = parts_of(np.repeat(np.arange(count), 3))
+            assert [int((part == k).sum()) for k in range(len(PARTS))] == [2.1 * count, 0.3 * count, 0.6 * count]
+        assert (np.diff(part) >= 0).all()
+
+    @pytest.mark.data
+    def test_no_test_vehicle_is_in_what_is_trained_on(self) -> None:
+        if not (DATA_FOLDER / WINDOWS).is_file():
+            pytest.skip("LITSIM_DATA names no folder with the US-101 windows")
+        locate = Locator(DATA_FOLDER)
+        frames = {"test_frames": TEST_FRAMES}
+        windows = load(Us101WindowSource(kind="us101_windows", file=WINDOWS, **frames), locate)
+        singles = load(Us101TrackSource(kind="us101_tracks", file=TRACKS, windows=WINDOWS, **frames), locate)
+        test = windows["test"][0]
+        train = windows["train"][0]
+        assert not set(test.vehicle) & set(train.vehicle)
+        for tracks in [*singles["train"], *singles["val"]]:
+            assert not set(tracks.vehicle) & {vehicle for vehicle in test.vehicle if vehicle < UNKNOWN_IDS}
+            # Leaders are known by headways only, and might be test vehicles: nothing of the test's time is seen at all.
+            assert not ((tracks.frame >= TEST_FRAMES[0]) & (tracks.frame <= TEST_FRAMES[1])).any()
+        assert not set(singles["train"][0].vehicle) & set(singles["val"][0].vehicle[singles["val"][0].target])
+
+    def test_missing_files_and_columns_are_named(self, tmp_path: Path) -> None:
+        source = Us101TrackSource(kind="us101_tracks", file="a.parquet", windows="a.parquet", test_frames=(0, 1))
+        with pytest.raises(InputError, match=r"a\.parquet: no such file"):
+            load(source, Locator(tmp_path))
+        pd.DataFrame({"frame": [1]}).to_parquet(tmp_path / "a.parquet")
+        with pytest.raises(InputError, match="missing columns"):
+            load(source, Locator(tmp_path))

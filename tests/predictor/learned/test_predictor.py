@@ -1,0 +1,111 @@
+"""A learned model in a running scene: what the node publishes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from litsim_predictor.forecast import Forecast
+from litsim_predictor.learned.data.batch import HORIZON, MANEUVERS
+from litsim_predictor.learned.data.raster import raster_of_net
+from litsim_predictor.learned.data.sources import net_path
+from litsim_predictor.learned.models.registry import build
+from litsim_predictor.learned.predictor import LearnedPredictor, headings
+from litsim_sim.core.scene import AgentTable
+
+Build = Callable[..., AgentTable]
+EGO, ROI = 1, 30.0
+
+
+@pytest.fixture
+def predictor() -> LearnedPredictor:
+    torch.manual_seed(0)
+    return LearnedPredictor(build("joint", {}, "test"), EGO, ROI, *raster_of_net(net_path("us101_like")))
+
+
+def drive(
+    predictor: LearnedPredictor, build: Build, *agents: dict[str, Any], steps: int = 40, first: int = 0
+) -> Forecast:
+    """The last forecast while agents drive on along x at their speeds."""
+    for step in range(first, first + steps):
+        moved = [{**a, "x": a["x"] + 0.1 * step * a["speed"]} for a in agents if step >= a.get("since", 0)]
+        out = predictor.forecast(build(step, *({k: v for k, v in a.items() if k != "since"} for a in moved)))
+    return out
+
+
+def agent(number: int, x: float, y: float = -5.5, speed: float = 10.0, **other: Any) -> dict[str, Any]:
+    return {"id": number, "x": x, "y": y, "speed": speed, "yaw": 0.0, **other}
+
+
+def assert_sane(out: Forecast, ids: list[int]) -> None:
+    n = len(ids)
+    assert out.id.tolist() == ids
+    assert out.mean.shape == (n, HORIZON, 2) and out.yaw.shape == (n, HORIZON)
+    assert out.covariance.shape == (n, HORIZON, 3) and out.maneuver_probability.shape == (n, len(MANEUVERS))
+    assert out.valid.all()
+    for array in (out.mean, out.yaw, out.covariance, out.maneuver_probability):
+        assert np.isfinite(array).all()
+    assert (out.covariance[..., :2] > 0).all() and (np.abs(out.covariance[..., 2]) < 1).all()
+    assert out.maneuver_probability.sum(axis=1) == pytest.approx(np.ones(n), abs=1e-5)
+
+
+def test_agents_of_interest_are_forecast(predictor: LearnedPredictor, agent_table: Build) -> None:
+    out = drive(predictor, agent_table, agent(1, 100.0), agent(2, 120.0), agent(3, 300.0))
+    assert_sane(out, [1, 2])
+
+
+def test_odd_scenes_are_answered(predictor: LearnedPredictor, agent_table: Build) -> None:
+    assert_sane(drive(predictor, agent_table, agent(1, 100.0), steps=1), [1])
+    stopped = [agent(k, 100.0 + 7.0 * k, speed=0.0) for k in range(1, 5)]
+    assert_sane(drive(predictor, agent_table, *stopped, first=100), [1, 2, 3, 4])
+    crowd = [agent(k, 100.0 + 0.05 * k, y=-0.05 * k) for k in range(1, 301)]
+    assert_sane(drive(predictor, agent_table, *crowd, steps=3, first=200), list(range(1, 301)))
+    beyond = [agent(1, -500.0, y=900.0), agent(2, -490.0, y=900.0, kind=255)]
+    assert_sane(drive(predictor, agent_table, *beyond, first=300), [1, 2])
+
+
+def test_who_has_just_appeared_is_forecast(predictor: LearnedPredictor, agent_table: Build) -> None:
+    out = drive(predictor, agent_table, agent(1, 100.0), agent(2, 115.0, since=39))
+    assert_sane(out, [1, 2])
+
+
+def test_neither_the_order_of_agents_nor_far_away_ones_matter(predictor: LearnedPredictor, agent_table: Build) -> None:
+    near = [agent(1, 100.0), agent(2, 115.0, y=-9.0), agent(7, 90.0)]
+    out = drive(predictor, agent_table, *near)
+    again = drive(predictor, agent_table, *near[::-1], first=100)
+    for step_shift in (out, again):
+        assert_sane(step_shift, [1, 2, 7])
+    far = drive(predictor, agent_table, *near, agent(3, 400.0), agent(9, 100.0, y=-300.0), first=200)
+    # The scene is the same but for where it is: 10 m per second further.
+    local = out.mean - out.mean[:1, :1]
+    assert np.allclose(again.mean - again.mean[:1, :1], local, atol=0.5)
+    same = drive(predictor, agent_table, *near, first=200)
+    assert np.array_equal(far.mean, same.mean) and np.array_equal(far.covariance, same.covariance)
+
+
+def test_covariances_turn_with_the_scene(agent_table: Build) -> None:
+    """Without a map, a scene that is turned by a right angle has forecasts that are turned by one."""
+    torch.manual_seed(0)
+    from litsim_predictor.learned.data.raster import MapRaster
+
+    along = LearnedPredictor(build("joint", {}, "test"), EGO, ROI, None, MapRaster(None))
+    for step in range(20):
+        out = along.forecast(agent_table(step, {"id": 1, "x": step * 1.0, "y": 0.0, "yaw": 0.0, "speed": 10.0}))
+    for step in range(100, 120):
+        up = along.forecast(
+            agent_table(step, {"id": 1, "x": 0.0, "y": (step - 100) * 1.0, "yaw": np.pi / 2, "speed": 10.0})
+        )
+    assert up.mean[..., 1] == pytest.approx(out.mean[..., 0], abs=1e-3)
+    assert up.mean[..., 0] == pytest.approx(-out.mean[..., 1], abs=1e-3)
+    assert up.covariance[..., 1] == pytest.approx(out.covariance[..., 0], rel=1e-3)
+    assert up.covariance[..., 2] == pytest.approx(-out.covariance[..., 2], abs=1e-3)
+
+
+def test_headings_follow_the_path_and_rest_with_the_vehicle() -> None:
+    mean = np.array([[[1.0, 0.0], [2.0, 1.0], [2.0, 1.0], [2.0, 2.0]], [[0.0, 0.0]] * 4])
+    found = headings(mean, np.zeros((2, 2)), np.array([0.3, 0.7]))
+    assert found == pytest.approx(np.array([[0.0, np.pi / 4, np.pi / 4, np.pi / 2], [0.7] * 4]))

@@ -1,0 +1,199 @@
+"""Training: equal seeds give equal weights, an interrupted one goes on where it stopped, bad input is named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from litsim_predictor.cli import train
+from litsim_predictor.learned.models.registry import build
+from litsim_predictor.learned.models.weights import Provenance, load_model, save_model
+from litsim_predictor.learned.training import CHECKPOINT, CURVES, HISTORY_FILE, WEIGHTS, TrainingConfig
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import Kind
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.recordings.recording import Recording, RecordingHeader
+
+Straight = Callable[..., pd.DataFrame]
+SMALL = """
+model: joint
+parameters: {map_width: 8, map_channels: 4, history_width: 8, state_width: 8, heads: 4, layers: 1, hidden: 16}
+data:
+- {kind: recording, files: [made.parquet]}
+epochs: 2
+warm_epochs: 1
+stride: 10
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path, straight: Straight) -> Path:
+    """A training configuration beside a recording of ten vehicles on the net us101_like."""
+    rng = np.random.default_rng(0)
+    vehicles = [(k, 20.0 * k, -3.66 * (k % 5 + 0.5), float(rng.uniform(8, 14))) for k in range(10)]
+    table = straight(*vehicles, frames=110).assign(acceleration=0.0, kind=int(Kind.CAR), lane=1)
+    Recording.from_table(RecordingHeader("made", net="us101_like.net.xml"), table, "made").write(
+        tmp_path / "made.parquet"
+    )
+    (tmp_path / "small.yaml").write_text(SMALL)
+    return tmp_path / "small.yaml"
+
+
+def run(config: Path, out: Path, *options: str) -> None:
+    train.main(["--config", str(config), "--out", str(out), "--threads", "1", "--device", "cpu", *options])
+
+
+def same(first: Path, second: Path) -> bool:
+    one, other = (load_model(str(folder / WEIGHTS))[0].state_dict() for folder in (first, second))
+    return all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_a_training_leaves_weights_curves_and_history(config: Path, tmp_path: Path) -> None:
+    run(config, tmp_path / "a")
+    model, made = load_model(str(tmp_path / "a" / WEIGHTS))
+    assert not model.training
+    assert made.command.startswith("ros2 run litsim_predictor train --config small.yaml")
+    assert made.manifest["rows"]["train"]["made"] == 7 * 110
+    assert list(made.manifest["files"]) == ["made.parquet"] and len(made.manifest["files"]["made.parquet"]) == 64
+    assert made.figures["val_rmse_5"] > made.figures["val_rmse_1"] > 0
+    history = json.loads((tmp_path / "a" / HISTORY_FILE).read_text())
+    assert [entry["epoch"] for entry in history["epochs"]] == [1, 2]
+    assert (tmp_path / "a" / CURVES).read_bytes().startswith(b"\x89PNG")
+
+
+def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(config: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        run(config, tmp_path / name)
+    run(config, tmp_path / "other", "--seed", "1")
+    assert same(tmp_path / "a", tmp_path / "b")
+    assert not same(tmp_path / "a", tmp_path / "other")
+    # Interrupted after the first epoch: the rest is the same as in one go.
+    whole = torch.load(tmp_path / "a" / CHECKPOINT, weights_only=True)
+    cut = tmp_path / "cut"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("litsim_predictor.learned.training.Training._rate", interrupt_at(1))
+        run(config, cut)
+    assert len(json.loads((cut / HISTORY_FILE).read_text())["epochs"]) == 1
+    run(config, cut, "--resume")
+    resumed = torch.load(cut / CHECKPOINT, weights_only=True)
+    assert all(torch.equal(whole["model"][name], resumed["model"][name]) for name in whole["model"])
+
+
+def interrupt_at(epoch: int) -> Callable[..., float]:
+    """A learning rate that is interrupted, as by Ctrl-C, when it is asked for at `epoch`."""
+    from litsim_predictor.learned.training import Training
+
+    rate = Training._rate
+
+    def interrupted(self: Training, now: int) -> float:
+        if now == epoch:
+            raise KeyboardInterrupt
+        return rate(self, now)
+
+    return interrupted
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("model: joint\nepochs: 0\n", "small.yaml: line 2, field epochs"),
+        ("model: joint\nlearning: 1\n", "small.yaml: line 2, field learning"),
+        ("model: [\n", "small.yaml: malformed YAML"),
+        ("model: rnn\n", "field model is 'rnn', expected one of joint, cs_lstm, bat"),
+        (SMALL.replace("made.parquet", "gone.parquet"), "gone.parquet: no such file"),
+    ],
+)
+def test_bad_configurations_are_named(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, named: str
+) -> None:
+    config.write_text(text)
+    with pytest.raises(SystemExit) as stopped:
+        run(config, tmp_path / "out")
+    assert stopped.value.code == 2
+    assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "named"),
+    [("--epochs", "0", "error: command line: field epochs"), ("--device", "abacus", "error: --device abacus")],
+)
+def test_wrong_options_are_named(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, named: str
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        run(config, tmp_path / "out", option, value)
+    assert stopped.value.code == 2
+    assert named in capsys.readouterr().err
+
+
+def test_a_training_is_not_overwritten_and_another_one_not_resumed(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(config, tmp_path / "out", "--epochs", "1")
+    for options, named in (((), "--resume goes on with it"), (("--resume", "--seed", "5"), "another configuration")):
+        with pytest.raises(SystemExit):
+            run(config, tmp_path / "out", *options)
+        assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["default", "paper", "cs_lstm", "bat"])
+def test_packaged_configurations_are_whole(name: str) -> None:
+    config = read_yaml(train.packaged_configs()[name], TrainingConfig)
+    build(config.model, config.parameters, name)
+
+
+PARAMETERS = {"map_width": 8, "map_channels": 4, "history_width": 8, "state_width": 8, "heads": 4, "hidden": 16}
+
+
+class TestWeights:
+    def provenance(self, **changes: object) -> Provenance:
+        values = {"model": "joint", "parameters": PARAMETERS, "command": "", "training": {}, "manifest": {}}
+        return Provenance(**{**values, "figures": {}, **changes})  # type: ignore[arg-type]
+
+    def test_come_back_as_they_were(self, tmp_path: Path) -> None:
+        model = build("joint", PARAMETERS, "test")
+        save_model(model, self.provenance(), tmp_path / "w.safetensors")
+        again, made = load_model(str(tmp_path / "w.safetensors"))
+        assert made == self.provenance()
+        assert all(
+            torch.equal(a, b) for a, b in zip(model.state_dict().values(), again.state_dict().values(), strict=True)
+        )
+
+    @pytest.mark.parametrize(
+        ("damage", "named"),
+        [
+            (lambda data: data[: len(data) // 2], "damaged weights"),
+            (lambda data: b"\x00" * 100, "damaged weights"),
+            (lambda data: data.replace(b"litsim_predictor/1", b"litsim_predictor/7"), "metadata format"),
+        ],
+    )
+    def test_damaged_files_are_named(self, tmp_path: Path, damage: Callable[[bytes], bytes], named: str) -> None:
+        path = tmp_path / "w.safetensors"
+        save_model(build("joint", PARAMETERS, "test"), self.provenance(), path)
+        path.write_bytes(damage(path.read_bytes()))
+        with pytest.raises(InputError, match=rf"w\.safetensors: {named}"):
+            load_model(str(path))
+
+    def test_weights_of_another_shape_or_not_finite_are_named(self, tmp_path: Path) -> None:
+        path = tmp_path / "w.safetensors"
+        model = build("joint", PARAMETERS, "test")
+        save_model(model, self.provenance(parameters={**PARAMETERS, "hidden": 32}), path)
+        with pytest.raises(InputError, match="have shape"):
+            load_model(str(path))
+        save_model(model, self.provenance(parameters={**PARAMETERS, "layers": 1}), path)
+        with pytest.raises(InputError, match="of no layer"):
+            load_model(str(path))
+        torch.nn.init.constant_(next(model.parameters()), float("nan"))
+        save_model(model, self.provenance(), path)
+        with pytest.raises(InputError, match="not finite"):
+            load_model(str(path))
+
+    def test_missing_ones_are_named(self) -> None:
+        with pytest.raises(InputError, match="no such weights; shipped are default, paper"):
+            load_model("gone.safetensors")

@@ -1,0 +1,312 @@
+"""The commands of `data`: fetching (from a server of the test), converting, looking, drawing, exporting."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from litsim_sim.analysis import trajectories as export
+from litsim_sim.cli import data
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import Controller
+from litsim_sim.record.run import Run, RunInfo
+from litsim_sim.recordings.ngsim import download as fetching
+from litsim_sim.recordings.ngsim import made as ngsim_made
+from litsim_sim.recordings.ngsim.download import COUNT_PATH, DATASET, EXPORT_PATH, download
+from litsim_sim.recordings.ngsim.made import Traffic, table, write_portal, write_text
+from litsim_sim.recordings.ngsim.sites import I80, US101
+from litsim_sim.recordings.recording import COLUMNS, Recording
+from litsim_sim.scenario.scenario import packaged
+
+EMBEDDED = packaged("scenarios/us101_like.parquet")
+
+
+@pytest.fixture(scope="module")
+def portal_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("portal") / "portal.csv"
+    write_portal(pd.concat([table(Traffic(US101, "0750", 2000)), table(Traffic(I80, "1600", 2000))]), path)
+    return path
+
+
+# Download
+
+
+@dataclass
+class Portal:
+    """What the server of the test sends, and what it was asked."""
+
+    content: bytes
+    rows: str
+    break_after: list[int] = field(default_factory=list)  # bytes of each of the first answers
+    ranges: bool = True
+    version: str = '"1"'
+    asked: list[str] = field(default_factory=list)
+    host: str = ""
+
+
+@pytest.fixture
+def portal(portal_file: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Portal]:
+    for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+    portal = Portal(portal_file.read_bytes(), json.dumps([{"count": "4000"}]))
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            if self.path.startswith(COUNT_PATH.partition("?")[0]):
+                body = portal.rows.encode()
+                self.send_response(200)
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
+                return
+            assert self.path == EXPORT_PATH
+            asked = self.headers.get("Range", "")
+            portal.asked.append(asked)
+            begin = int(asked.removeprefix("bytes=").removesuffix("-")) if asked and portal.ranges else 0
+            if self.headers.get("If-Range", portal.version) != portal.version:
+                begin = 0
+            if begin >= len(portal.content):
+                self.send_response(416)
+                self.send_header("Content-Range", f"bytes */{len(portal.content)}")
+                self.send_header("Content-Length", "0")
+                self.end_headers()
+                return
+            body = portal.content[begin:]
+            self.send_response(206 if begin else 200)
+            self.send_header("Content-Length", str(len(body)))
+            self.send_header("ETag", portal.version)
+            self.end_headers()
+            stop = portal.break_after.pop(0) if portal.break_after else len(body)
+            self.wfile.write(body[:stop])
+
+        def log_message(self, *_arguments: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    portal.host = f"http://127.0.0.1:{server.server_address[1]}"
+    yield portal
+    server.shutdown()
+    server.server_close()
+    thread.join()
+
+
+def test_download_is_whole_and_checked(
+    portal: Portal, tmp_path: Path, capsys: pytest.CaptureFixture[str], portal_file: Path
+) -> None:
+    out = tmp_path / "ngsim.csv"
+    data.main(["download", str(out), "--host", portal.host])
+    assert out.read_bytes() == portal_file.read_bytes()
+    assert "4000 rows (as the portal says)" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["ngsim.csv"]
+    with pytest.raises(InputError, match="is there already"):
+        download(out, host=portal.host)
+
+
+def test_broken_connections_are_continued(portal: Portal, tmp_path: Path) -> None:
+    portal.break_after = [100_000, 150_000]
+    fetched = download(tmp_path / "ngsim.csv", host=portal.host, pause_s=0.0)
+    assert (tmp_path / "ngsim.csv").read_bytes() == portal.content
+    assert portal.asked == ["", "bytes=100000-", "bytes=250000-"]
+    assert (fetched.rows, fetched.expected_rows) == (4000, 4000)
+
+
+def test_a_later_call_continues(portal: Portal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fetching, "RETRIES", 0)
+    portal.break_after = [100_000]
+    with pytest.raises(InputError, match="1 connections broke off, 100000 bytes are kept"):
+        download(tmp_path / "ngsim.csv", host=portal.host, pause_s=0.0)
+    assert not (tmp_path / "ngsim.csv").exists()
+    fetched = download(tmp_path / "ngsim.csv", host=portal.host)
+    assert fetched.resumed_at == 100_000
+    assert (tmp_path / "ngsim.csv").read_bytes() == portal.content
+
+
+@pytest.mark.parametrize("change", [{"ranges": False}, {"version": '"2"'}])
+def test_another_version_or_no_ranges_begin_anew(
+    portal: Portal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, object]
+) -> None:
+    monkeypatch.setattr(fetching, "RETRIES", 0)
+    portal.break_after = [100_000]
+    with pytest.raises(InputError, match="broke off"):
+        download(tmp_path / "ngsim.csv", host=portal.host)
+    for name, value in change.items():
+        setattr(portal, name, value)
+    download(tmp_path / "ngsim.csv", host=portal.host)
+    assert (tmp_path / "ngsim.csv").read_bytes() == portal.content
+
+
+def test_all_bytes_were_there_already(portal: Portal, tmp_path: Path) -> None:
+    (tmp_path / "ngsim.csv.part").write_bytes(portal.content)
+    assert download(tmp_path / "ngsim.csv", host=portal.host).rows == 4000
+    assert portal.asked == [f"bytes={len(portal.content)}-"]
+
+
+def test_rows_that_are_missing_or_no_ngsim_are_refused(portal: Portal, tmp_path: Path) -> None:
+    portal.rows = json.dumps([{"count": "4001"}])
+    with pytest.raises(InputError, match="4000 rows, but the portal says 4001"):
+        download(tmp_path / "ngsim.csv", host=portal.host)
+    assert not (tmp_path / "ngsim.csv").exists()
+    portal.rows = "?"
+    assert download(tmp_path / "ngsim.csv", host=portal.host).expected_rows is None
+    portal.content = b"<html>sorry</html>\n"
+    with pytest.raises(InputError, match="what the portal sent is no NGSIM file, it begins with b'<html>sorry"):
+        download(tmp_path / "other.csv", host=portal.host)
+
+
+def test_offline_says_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:  # nobody listens on port 9
+        data.main(["download", str(tmp_path / "ngsim.csv"), "--host", "http://127.0.0.1:9"])
+    assert stopped.value.code == 2
+    said = capsys.readouterr().err
+    for expected in (DATASET, "Vehicle Trajectories", "Export and CSV", str(tmp_path / "ngsim.csv"), "data convert"):
+        assert expected in said
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match="expected it to begin with https://"):
+        download(tmp_path / "ngsim.csv", host="file:///etc")
+
+
+# Convert and info
+
+
+def test_convert_and_info_of_official_files(
+    portal_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data.main(["info", str(portal_file)])
+    said = capsys.readouterr().out
+    assert "4000 rows" in said and "us101_0750" in said and "i80_1600" in said
+    data.main(["convert", str(portal_file), str(tmp_path / "out")])
+    said = capsys.readouterr().out
+    assert "front centres moved by" in said
+    assert "i80_1600: 2000 rows" in said
+    data.main(["info", str(tmp_path / "out" / "i80_1600.parquet")])
+    assert "i80.net.xml" in capsys.readouterr().out
+    data.main(["convert", str(portal_file), str(tmp_path / "cut"), "--raw", "--crop", "local_y", "100", "200"])
+    capsys.readouterr()
+    assert Recording.read(tmp_path / "cut" / "us101_0750.parquet").table["x"].between(90.0, 200.0).all()
+
+
+def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = tmp_path / "in.csv"
+    pd.DataFrame({"id": "a", "n": range(20), "x": np.arange(20) * 1.0, "y": 0.0}).to_csv(source, index=False)
+    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": 4, "width": 2}
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text(yaml.safe_dump({"name": "made", "columns": columns, "reference": "box_centre"}))
+    data.main(["convert", str(source), str(tmp_path / "out.parquet"), "--mapping", str(mapping)])
+    assert "0 to 19 (1.9 s at 10 Hz), 20 rows" in capsys.readouterr().out
+    assert len(Recording.read(tmp_path / "out.parquet").table) == 20
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["convert", str(EMBEDDED), "out.parquet", "--raw"], "are for official NGSIM files"),
+        (["convert", str(EMBEDDED), "out.parquet", "--mapping", "absent.yaml"], "cannot be read"),
+        (["convert", str(EMBEDDED), "."], "is a folder, expected a file name"),
+        (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes with none of"),
+        (["convert", "cut.txt", "out"], "line 2: the file ends within this line"),
+        (["info", "cut.txt"], "line 2: the file ends within this line"),
+        (["plot", str(EMBEDDED), "out.gif"], "expected a name that ends with .png or .html"),
+        (["plot", str(EMBEDDED), "out.png", "--net", "absent.net.xml"], "absent.net.xml"),
+        (["plot", str(EMBEDDED), "/dev/null/out.png"], "cannot be written"),
+        (["export", "absent", "out.csv"], "absent"),
+    ],
+)
+def test_errors_take_one_line_and_status_2(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(table(Traffic(US101, "0750", 2)), tmp_path / "cut.txt")
+    text = (tmp_path / "cut.txt").read_text()
+    (tmp_path / "cut.txt").write_text(text[: len(text) - 60])
+    with pytest.raises(SystemExit) as stopped:
+        data.main(arguments)
+    assert stopped.value.code == 2
+    assert message in capsys.readouterr().err.strip().splitlines()[-1]
+    assert [path.name for path in tmp_path.iterdir()] == ["cut.txt"]
+
+
+def test_every_command_says_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        data.main(["--help"])
+    assert stopped.value.code == 0
+    said = capsys.readouterr().out
+    assert all(name in said for name in ("convert", "download", "export", "info", "list", "plot"))
+
+
+# Plot and export
+
+
+def test_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    crop = ["--crop", "frame", "0", "60"]
+    data.main(["plot", str(EMBEDDED), str(tmp_path / "out.png"), *crop])
+    assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
+    data.main(["plot", str(EMBEDDED), str(tmp_path / "out.html"), *crop, "--net", "us101_like"])
+    page = (tmp_path / "out.html").read_text()
+    assert page.count("data:image/png;base64,") == 2
+    assert not re.search(r'(src|href)="(?!data:)', page)  # needs no other file
+    assert "us101_like" in page
+
+
+def test_plot_of_one_vehicle_without_lane(tmp_path: Path, track: type) -> None:
+    from litsim_sim.recordings.recording import RecordingHeader
+    from litsim_sim.report.recording_plots import draw
+
+    for yaw in (0.0, 3.0):
+        recording = Recording.from_table(RecordingHeader("one"), track(id=1, x=0.0, yaw=yaw).rows(), "one")
+        draw(recording, tmp_path / "one.png", "")
+
+
+def a_run(agent_table: object, **fields: object) -> Run:
+    make = agent_table
+    tables = [
+        make(step, {"id": 3, "x": 1.0 + step, "controller": Controller.EGO}, {"id": 9, "y": -5.0})  # type: ignore[operator]
+        for step in range(4)
+    ]
+    info = RunInfo("r", "s", "", "idm", "litsim", 3, 0, 3, 1, 0.1, "lockstep", (), (), "", "")
+    return Run(Path("r.mcap"), info, tables, scenario_yaml="start_frame: 316\n", **fields)  # type: ignore[arg-type]
+
+
+def test_export_of_a_run(tmp_path: Path, agent_table: object) -> None:
+    rows = export.trajectories(a_run(agent_table))
+    assert list(rows.columns) == [*COLUMNS, "step", "yaw_rate", "controller"]
+    assert rows["frame"].tolist() == [316, 316, 317, 317, 318, 318, 319, 319]
+    assert rows["controller"].tolist()[:2] == ["ego", "log"]
+    assert set(rows["lane"]) == {-1}
+    for name in ("out.csv", "out.parquet"):
+        export.write(rows, tmp_path / name)
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "out.csv"), rows, check_dtype=False)
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "out.parquet"), rows, check_dtype=False)
+    with pytest.raises(InputError, match=r"expected a name that ends with \.csv or \.parquet"):
+        export.write(rows, tmp_path / "out.xlsx")
+
+
+def test_exported_lanes_count_from_the_left(agent_table: object) -> None:
+    net = packaged("nets/us101_like.net.xml").read_bytes()
+    rows = export.trajectories(a_run(agent_table, net_xml=net))
+    assert rows.loc[rows["vehicle_id"] == 9, "lane"].tolist() == [2] * 4  # y = -5 m: second from the left
+
+
+# The maker of big files
+
+
+def test_made_files_have_everything(tmp_path: Path) -> None:
+    ngsim_made.main([str(tmp_path / "made.csv"), "--rows", "3000"])
+    lines = (tmp_path / "made.csv").read_text().splitlines()
+    assert 2900 <= len(lines) <= 3100
+    assert all(site in "".join(lines) for site in ("us-101", "i-80", "lankershim", "peachtree"))

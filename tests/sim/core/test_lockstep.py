@@ -1,0 +1,211 @@
+"""The lock-step rule: what counts as an answer, and what as an old one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from litsim_sim.core.lockstep import Gate, Joiner
+
+RUN, CONTROLS, EGO = "run-1", "controls", "ego"
+
+
+@pytest.fixture
+def gate() -> Gate:
+    return Gate(RUN, (CONTROLS, EGO))
+
+
+@pytest.fixture
+def joiner() -> Joiner:
+    return Joiner(RUN, ("agents", "forecasts", "takeovers"))
+
+
+# Gate
+
+
+def test_a_gate_waits_for_every_answer_to_its_step(gate: Gate) -> None:
+    gate.open(0)
+    assert (gate.step, gate.missing, gate.answers) == (0, [CONTROLS, EGO], {})
+    gate.offer(EGO, RUN, 0, "brake")
+    assert gate.missing == [CONTROLS]
+    gate.offer(CONTROLS, RUN, 0, "yield")
+    assert gate.missing == []
+    assert gate.answers == {CONTROLS: "yield", EGO: "brake"}
+    assert gate.stale == {}
+
+
+def test_a_new_step_waits_afresh(gate: Gate) -> None:
+    gate.open(0)
+    gate.offer(EGO, RUN, 0, "brake")
+    gate.offer(CONTROLS, RUN, 0, "yield")
+    gate.open(1)
+    assert (gate.step, gate.missing, gate.answers) == (1, [CONTROLS, EGO], {})
+
+
+@pytest.mark.parametrize(("run", "step"), [("run-0", 4), (RUN, 3), (RUN, 5), ("", 4)])
+def test_answers_to_other_runs_and_steps_do_not_count(gate: Gate, run: str, step: int) -> None:
+    for opened in range(5):
+        gate.open(opened)
+    gate.offer(EGO, run, step, "old")
+    assert gate.missing == [CONTROLS, EGO]
+    assert gate.answers == {}
+    assert gate.stale == {EGO: 1}
+    gate.offer(EGO, RUN, 4, "new")
+    assert gate.answers == {EGO: "new"}
+    assert gate.stale == {EGO: 1}
+
+
+def test_of_two_answers_to_a_step_the_first_counts(gate: Gate) -> None:
+    gate.open(0)
+    gate.offer(EGO, RUN, 0, "first")
+    gate.offer(EGO, RUN, 0, "second")
+    assert gate.answers == {EGO: "first"}
+    assert gate.stale == {EGO: 1}
+
+
+def test_stale_answers_are_counted_by_name(gate: Gate) -> None:
+    gate.open(7)
+    for name, run, step in [(EGO, RUN, 6), (EGO, "other", 7), (CONTROLS, RUN, 8), (EGO, RUN, 0)]:
+        gate.offer(name, run, step, None)
+    assert gate.stale == {EGO: 3, CONTROLS: 1}
+
+
+def test_a_late_answer_is_the_newest_there_is_but_answers_nothing(gate: Gate) -> None:
+    gate.open(0)
+    gate.offer(EGO, RUN, 0, "zero")
+    gate.open(1)
+    gate.open(2)
+    assert gate.newest == {EGO: "zero"}
+    gate.offer(EGO, RUN, 1, "one")
+    assert (gate.newest, gate.answers, gate.missing) == ({EGO: "one"}, {}, [CONTROLS, EGO])
+    gate.offer(EGO, RUN, 0, "zero again")
+    assert gate.newest == {EGO: "one"}
+    assert gate.stale == {EGO: 2}
+
+
+def test_an_answer_to_a_step_to_come_is_not_kept(gate: Gate) -> None:
+    gate.open(0)
+    gate.offer(EGO, RUN, 1, "too early")
+    gate.open(1)
+    assert (gate.answers, gate.newest) == ({}, {})
+
+
+def test_nothing_is_missing_where_nothing_is_required() -> None:
+    gate = Gate(RUN, ())
+    gate.open(0)
+    assert gate.missing == []
+
+
+offers = st.tuples(
+    st.sampled_from([CONTROLS, EGO]), st.sampled_from([RUN, RUN, RUN, "other"]), st.integers(0, 5), st.integers()
+)
+
+
+@given(st.lists(st.lists(offers, max_size=6), min_size=1, max_size=6))
+def test_a_gate_holds_the_first_answer_to_its_step_and_counts_all_others(steps: list[list[Any]]) -> None:
+    gate, stale = Gate(RUN, (CONTROLS, EGO)), 0
+    for step, given_answers in enumerate(steps):
+        gate.open(step)
+        expected: dict[str, int] = {}
+        for name, run, of, answer in given_answers:
+            gate.offer(name, run, of, answer)
+            if (run, of) == (RUN, step) and name not in expected:
+                expected[name] = answer
+            else:
+                stale += 1
+        assert gate.answers == expected
+        assert gate.missing == [name for name in (CONTROLS, EGO) if name not in expected]
+        assert sum(gate.stale.values()) == stale
+
+
+# Joiner
+
+
+def test_inputs_come_in_any_order(joiner: Joiner) -> None:
+    assert joiner.offer("takeovers", RUN, 0, "t0") is None
+    assert joiner.offer("agents", RUN, 0, "a0") is None
+    assert joiner.offer("forecasts", RUN, 0, "f0") == {"agents": "a0", "forecasts": "f0", "takeovers": "t0"}
+    assert joiner.answered == 0
+
+
+def test_inputs_of_two_steps_do_not_mix(joiner: Joiner) -> None:
+    for name in ("agents", "forecasts"):
+        assert joiner.offer(name, RUN, 0, f"{name} 0") is None
+        assert joiner.offer(name, RUN, 1, f"{name} 1") is None
+    assert joiner.offer("takeovers", RUN, 0, "takeovers 0") == {n: f"{n} 0" for n in joiner.inputs}
+    assert joiner.offer("takeovers", RUN, 1, "takeovers 1") == {n: f"{n} 1" for n in joiner.inputs}
+
+
+def test_a_step_is_given_out_once(joiner: Joiner) -> None:
+    for name in joiner.inputs:
+        joiner.offer(name, RUN, 0, name)
+    for name in joiner.inputs:
+        assert joiner.offer(name, RUN, 0, f"{name} again") is None
+    assert joiner.answered == 0
+    last = [joiner.offer(name, RUN, 1, name) for name in joiner.inputs]
+    assert last[:2] == [None, None]
+    assert last[2] == {name: name for name in joiner.inputs}
+
+
+def test_a_repeated_input_of_an_open_step_replaces_the_first(joiner: Joiner) -> None:
+    joiner.offer("agents", RUN, 0, "first")
+    assert joiner.offer("agents", RUN, 0, "second") is None
+    joiner.offer("forecasts", RUN, 0, "f0")
+    inputs = joiner.offer("takeovers", RUN, 0, "t0")
+    assert inputs is not None
+    assert inputs["agents"] == "second"
+
+
+def test_inputs_of_another_run_are_dropped(joiner: Joiner) -> None:
+    joiner.offer("agents", RUN, 0, "a0")
+    joiner.offer("forecasts", RUN, 0, "f0")
+    assert joiner.offer("takeovers", "run-0", 0, "t0") is None
+    assert joiner.answered == -1
+    assert joiner.offer("takeovers", RUN, 0, "t0") is not None
+
+
+def test_a_later_step_that_is_complete_gives_up_the_earlier_ones(joiner: Joiner) -> None:
+    joiner.offer("agents", RUN, 3, "a3")
+    assert [joiner.offer(name, RUN, 4, name) for name in joiner.inputs][-1] is not None
+    assert joiner.answered == 4
+    assert joiner.offer("forecasts", RUN, 3, "f3") is None
+    assert joiner.offer("takeovers", RUN, 3, "t3") is None
+    assert joiner.answered == 4
+
+
+def test_a_single_input_completes_its_step_at_once() -> None:
+    joiner = Joiner(RUN, ("agents",))
+    assert joiner.offer("agents", RUN, 0, "a0") == {"agents": "a0"}
+    assert joiner.offer("agents", RUN, 0, "a0") is None
+    assert joiner.offer("agents", RUN, 1, "a1") == {"agents": "a1"}
+
+
+def test_asked_again_is_the_trigger_of_the_step_that_was_answered_last(joiner: Joiner) -> None:
+    assert not joiner.asked_again("agents", RUN, 0)
+    for step in (0, 1):
+        for name in joiner.inputs:
+            joiner.offer(name, RUN, step, name)
+    assert joiner.asked_again("agents", RUN, 1)
+    assert not joiner.asked_again("agents", RUN, 0)
+    assert not joiner.asked_again("agents", RUN, 2)
+    assert not joiner.asked_again("forecasts", RUN, 1)
+    assert not joiner.asked_again("agents", "run-0", 1)
+
+
+@given(st.data())
+def test_every_step_is_given_out_once_and_in_order_however_its_inputs_are_shuffled(data: st.DataObject) -> None:
+    """Messages of one topic keep their order; those of several arrive interleaved, and some of them twice."""
+    joiner, names = Joiner(RUN, ("agents", "forecasts")), ("agents", "forecasts")
+    queues = {name: [step for step in range(6) for _ in range(data.draw(st.integers(1, 2)))] for name in names}
+    given_out = []
+    while any(queues.values()):
+        name = data.draw(st.sampled_from([n for n in names if queues[n]]))
+        step = queues[name].pop(0)
+        inputs = joiner.offer(name, RUN, step, (name, step))
+        if inputs is not None:
+            assert inputs == {n: (n, step) for n in names}
+            given_out.append(step)
+    assert given_out == list(range(6))

@@ -1,0 +1,166 @@
+"""Tracking of trajectories and target speeds, closed over the very vehicle that the world moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from litsim_sim.core.dynamics import Motion, bicycle_step
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.vehicle import Actuators, VehicleModel
+from litsim_sim.ego_port.tracking import EgoState, Reference, Trajectory, TwistTarget, follow_twist
+
+LENGTH = 4.5
+REAR = 0.29 * LENGTH
+
+
+def drive(trajectory: Trajectory, ego: EgoState, model: VehicleModel, steps: int) -> list[EgoState]:
+    """The ego after every step of tracking one trajectory."""
+    reference, actuators = Reference(trajectory, ego), Actuators(model)
+    moving, states = (0.0, 0.0), []
+    for _ in range(steps):
+        effect = actuators.apply(*reference.command(ego, model), moving, ego.speed)
+        motion = Motion(*(np.array([v]) for v in (ego.x, ego.y, ego.yaw, ego.speed, *moving)))
+        after = bicycle_step(motion, np.array([LENGTH]), *(np.array([v]) for v in effect), model)
+        moving = float(after.acceleration[0]), float(after.yaw_rate[0])
+        values = (float(getattr(after, name)[0]) for name in ("x", "y", "yaw", "speed"))
+        ego = EgoState(ego.time + STEP_S, *values, LENGTH)
+        states.append(ego)
+    return states
+
+
+def errors(trajectory: Trajectory, states: list[EgoState]) -> np.ndarray:
+    """Distance to the trajectory at each step [m]."""
+    times = [state.time for state in states]
+    dx = np.interp(times, trajectory.time, trajectory.x) - [state.x for state in states]
+    dy = np.interp(times, trajectory.time, trajectory.y) - [state.y for state in states]
+    return np.hypot(dx, dy)
+
+
+def straight(speed: float, seconds: float = 10.0, dt: float = 0.1, acceleration: float = 0.0) -> Trajectory:
+    time = np.arange(0.0, seconds + dt / 2, dt)
+    return Trajectory(time, speed * time + 0.5 * acceleration * time**2, np.zeros(len(time)))
+
+
+MODELS = [VehicleModel(), VehicleModel(delay_s=0.2, lag_s=0.2, jerk_max=20.0)]
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("dt", [0.1, 0.5])
+def test_a_feasible_start_is_followed(model: VehicleModel, dt: float) -> None:
+    trajectory = straight(10.0, dt=dt, acceleration=1.0)
+    states = drive(trajectory, EgoState(0.0, 0.0, 0.0, 0.0, 10.0, LENGTH), model, 80)
+    assert errors(trajectory, states).max() < 0.45
+    assert states[-1].speed == pytest.approx(18.0, abs=0.3)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("radius", "speed"), [(30.0, 8.0), (12.0, 5.0), (200.0, 25.0)])
+def test_a_bend_is_followed_by_the_centre_of_the_box(model: VehicleModel, radius: float, speed: float) -> None:
+    """The rear axle turns on the smaller circle; the reference is the path of the centre."""
+    time = np.arange(0.0, 8.05, 0.1)
+    angle = speed * time / radius
+    trajectory = Trajectory(time, radius * np.sin(angle), radius * (1.0 - np.cos(angle)))
+    yaw = -float(np.arcsin(REAR / radius))
+    states = drive(trajectory, EgoState(0.0, 0.0, 0.0, yaw, speed, LENGTH), model, 78)
+    assert errors(trajectory, states).max() < 0.8
+    assert errors(trajectory, states)[40:].max() < 0.15
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("speed", [3.0, 12.0, 30.0])
+def test_an_offset_fades_without_ringing(model: VehicleModel, speed: float) -> None:
+    trajectory = straight(speed)
+    states = drive(trajectory, EgoState(0.0, -1.0, 1.0, 0.0, speed, LENGTH), model, 95)
+    y = np.array([state.y for state in states])
+    assert abs(y[-20:]).max() < 0.1
+    assert y.min() > -0.2
+    assert errors(trajectory, states)[-1] < 0.15
+
+
+def test_it_stops_where_the_trajectory_does_and_stays() -> None:
+    time = np.arange(0.0, 10.05, 0.1)
+    moving = np.minimum(time, 4.0)
+    trajectory = Trajectory(time, 8.0 * moving - moving**2, np.zeros(len(time)))
+    states = drive(trajectory, EgoState(0.0, 0.0, 0.0, 0.0, 8.0, LENGTH), VehicleModel(), 95)
+    assert states[-1].speed == pytest.approx(0.0, abs=0.02)
+    assert states[-1].x == pytest.approx(16.0, abs=0.1)
+    assert states[-1].yaw == pytest.approx(0.0, abs=1e-6)
+
+
+def test_once_it_is_over_the_ego_brakes_on_the_last_arc() -> None:
+    time = np.arange(0.0, 2.05, 0.1)
+    angle = 10.0 * time / 50.0
+    trajectory = Trajectory(time, 50.0 * np.sin(angle), 50.0 * (1.0 - np.cos(angle)))
+    states = drive(trajectory, EgoState(0.0, 0.0, 0.0, 0.0, 10.0, LENGTH), VehicleModel(), 80)
+    assert states[-1].speed == 0.0
+    assert np.diff([state.speed for state in states[21:60]]) == pytest.approx(-0.2)
+    away = [np.hypot(state.x, state.y - 50.0) for state in states]
+    assert np.array(away) == pytest.approx(50.0, abs=0.6)
+
+
+def test_commands_are_within_the_limits() -> None:
+    model = VehicleModel(acceleration_max=1.0, deceleration_max=2.0, lateral_acceleration_max=2.0)
+    ego = EgoState(0.0, -1.5, 1.0, 0.4, 10.0, LENGTH)
+    for speed in (0.0, 30.0):
+        acceleration, yaw_rate = Reference(straight(speed), ego).command(ego, model)
+        assert -2.0 <= acceleration <= 1.0
+        assert abs(yaw_rate) * 10.0 <= 2.0 + 0.2
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ((), ""),
+        ((("x", slice(3, None), 25.0),), "it jumps by 26.0 m within 0.1 s up to 0.3 s, expected at most 1.4 m"),
+        ((("y", slice(None), 3.0),), "it is 3.0 m away from the ego, expected at most 2 m"),
+        ((("time", slice(None), -20.0),), "its last pose is for -10.0 s, expected one after 0.0 s"),
+        ((("time", slice(None), 0.1),), ""),
+    ],
+)
+def test_what_no_vehicle_can_do(change: tuple[tuple[str, slice, float], ...], problem: str) -> None:
+    ego = EgoState(0.0, 0.0, 0.0, 0.0, 10.0, LENGTH)
+    trajectory = straight(10.0)
+    for name, where, by in change:
+        getattr(trajectory, name)[where] += by
+    assert Reference(trajectory, ego).problem(ego, VehicleModel()) == problem
+
+
+@pytest.mark.parametrize("poses", [0, 1])
+def test_a_trajectory_of_nearly_nothing(poses: int) -> None:
+    ego = EgoState(0.0, 0.0, 0.0, 0.0, 10.0, LENGTH)
+    none = Trajectory(*(np.zeros(poses) for _ in range(3)))
+    assert "its last pose is for 0.0 s" in Reference(none, ego).problem(ego, VehicleModel())
+
+
+def test_one_pose_ahead_is_enough() -> None:
+    ego = EgoState(5.0, 0.0, 0.0, 0.0, 10.0, LENGTH)
+    reference = Reference(Trajectory(np.array([6.0]), np.array([10.0]), np.array([0.0])), ego)
+    assert reference.problem(ego, VehicleModel()) == ""
+    assert reference.command(ego, VehicleModel()) == pytest.approx((0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("target", "expected"),
+    [
+        (TwistTarget(10.2, 0.1), (2.0, 0.1)),
+        (TwistTarget(30.0, 0.0), (4.0, 0.0)),
+        (TwistTarget(-5.0, 0.0), (-8.0, 0.0)),
+        (TwistTarget(10.0, 3.0), (0.0, 0.489)),
+    ],
+)
+def test_twist(target: TwistTarget, expected: tuple[float, float]) -> None:
+    ego = EgoState(0.0, 0.0, 0.0, 0.0, 10.0, LENGTH)
+    assert follow_twist(target, ego, VehicleModel()) == pytest.approx(expected)
+
+
+def test_twist_settles_behind_slow_actuators() -> None:
+    model = VehicleModel(delay_s=0.3, lag_s=0.3)
+    actuators, speed, seen = Actuators(model), 10.0, []
+    for _ in range(100):
+        ego = EgoState(0.0, 0.0, 0.0, 0.0, speed, LENGTH)
+        command = follow_twist(TwistTarget(12.0, 0.0), ego, model)
+        speed += STEP_S * actuators.apply(*command, (0.0, 0.0), speed)[0]
+        seen.append(speed)
+    assert max(seen) < 12.2
+    assert seen[-1] == pytest.approx(12.0, abs=0.01)

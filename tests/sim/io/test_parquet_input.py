@@ -1,0 +1,37 @@
+"""Parquet files: what is wrong with one is said by file and column."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.parquet_input import read_arrow, read_schema, read_table
+
+
+def test_all_columns_are_read(tmp_path: Path) -> None:
+    given = pd.DataFrame({"frame": [1, 2], "x": [0.5, 1.5], "name": ["a", "b"]})
+    given.to_parquet(tmp_path / "a.parquet")
+    pd.testing.assert_frame_equal(read_table(tmp_path / "a.parquet", ("x", "frame")), given)
+    assert read_schema(tmp_path / "a.parquet").names == read_arrow(tmp_path / "a.parquet").column_names == [*given]
+
+
+@pytest.mark.parametrize("read", [read_schema, read_arrow, read_table])
+def test_what_is_no_parquet_file(read, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    for there in (path, tmp_path):  # nothing, and a folder
+        with pytest.raises(InputError, match=f"^{there}: no such file$"):
+            read(there)
+    path.write_text("PAR1 and no more")
+    with pytest.raises(InputError, match=f"^{path}: not a readable Parquet file: "):
+        read(path)
+
+
+def test_missing_columns_and_what_a_missing_file_is_for(tmp_path: Path) -> None:
+    pd.DataFrame({"x": [1.0]}).to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a\.parquet: missing columns \['y'\]; expected \['x', 'y'\]"):
+        read_table(tmp_path / "a.parquet", ("x", "y"))
+    with pytest.raises(InputError, match=r"b\.parquet: no such file; the test needs it$"):
+        read_table(tmp_path / "b.parquet", purpose="the test needs it")

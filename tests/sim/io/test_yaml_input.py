@@ -1,0 +1,90 @@
+"""YAML that people write: every slip is named by file, line and field."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel, ConfigDict
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import SHOWN, parse_yaml, read_yaml, validate_yaml
+
+
+class Wheel(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    radius: float
+
+
+class Car(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    name: str
+    wheels: list[Wheel] = []
+    doors: int = 4
+
+
+def refusal(path: Path, text: str) -> str:
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_yaml(path, Car)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ") and "\n" not in message
+    return message.removeprefix(f"{path}: ")
+
+
+def test_a_sound_file(tmp_path: Path) -> None:
+    path = tmp_path / "car.yaml"
+    path.write_text("name: Ä\nwheels:\n  - {radius: 0.3}\n", encoding="utf-8")
+    assert read_yaml(path, Car) == Car(name="Ä", wheels=[Wheel(radius=0.3)])
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.yaml: cannot be read: No such file or directory"):
+        read_yaml(tmp_path / "none.yaml", Car)
+    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+        read_yaml(tmp_path, Car)
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match=r"binary\.yaml: cannot be read as UTF-8 text"):
+        read_yaml(tmp_path / "binary.yaml", Car)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name: a\nwheels: [\n", "malformed YAML: .*line 3"),
+        ("", "expected fields such as name, wheels, doors, found None$"),
+        ("- name\n", r"expected fields such as name, wheels, doors, found \['name'\]$"),
+        ("name: a\ndoors: many\n", "line 2, field doors: Input should be a valid integer.*, found 'many'$"),
+        ("name: a\ndors: 3\n", "line 2, field dors: Extra inputs .*; known fields: name, wheels, doors$"),
+        ("doors: 3\n", "field name: Field required; known fields: name, wheels, doors$"),
+        (
+            "name: a\nwheels:\n  - radius: 1\n  - radius: x\n",
+            r"line 4, field wheels\.1\.radius: Input should be a valid number.*, found 'x'$",
+        ),
+        ("name: a\nwheels:\n  - radius: 1\n  - {}\n", r"line 4, field wheels\.1\.radius: Field required$"),
+        ("name: [1]\ndoors: x\n", "^line 1, field name: Input should be a valid string; line 2, field doors: "),
+    ],
+)
+def test_slips(tmp_path: Path, text: str, message: str) -> None:
+    said = refusal(tmp_path / "car.yaml", text)
+    assert re.search(message, said), said
+
+
+def test_many_slips_are_counted(tmp_path: Path) -> None:
+    said = refusal(tmp_path / "car.yaml", "name: a\n" + "".join(f"x{i}: 1\n" for i in range(SHOWN + 2)))
+    assert said.count("field x") == SHOWN
+    assert "; and 2 more; known fields" in said
+
+
+def test_values_that_were_changed_since(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^here: field doors: Input should be a valid integer.*, found 'x'$"):
+        validate_yaml({"name": "a", "doors": "x"}, Car, "here", "name: a\n")
+
+
+def test_bytes_of_an_attachment() -> None:
+    assert parse_yaml("name: Ä".encode(), "here", Car) == {"name": "Ä"}
+    with pytest.raises(InputError, match=r"^here: malformed YAML: .*invalid"):
+        parse_yaml(b"name: \xff", "here", Car)

@@ -1,0 +1,87 @@
+"""The WebSocket server that Foxglove connects to, met by an ordinary WebSocket client."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from litsim_sim.cli.live import main
+from litsim_sim.core.errors import InputError
+from litsim_sim.nodes.live_server import LiveServer
+from litsim_sim.record.bag import BagTopic
+
+STATE = BagTopic("/state", "made_msgs/msg/State", "int32 a\n")
+OTHER = BagTopic("/other", "made_msgs/msg/Other", "int32 b\n")
+CDR = b"\0\1\0\0\7\0\0\0"
+
+
+@pytest.fixture
+def server() -> Iterator[LiveServer]:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    made = LiveServer([STATE, OTHER], port=0)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def client(server: LiveServer, foxglove_client: Any) -> Any:
+    return foxglove_client(server.url)
+
+
+def test_topics_are_advertised_with_their_definitions(client: Any) -> None:
+    assert client.channels["/state"] | {"id": 0} == {
+        "id": 0,
+        "topic": "/state",
+        "encoding": "cdr",
+        "schemaName": "made_msgs/msg/State",
+        "schema": "int32 a\n",
+        "schemaEncoding": "ros2msg",
+    }
+    assert client.channels.keys() == {"/state", "/other"}
+
+
+def test_messages_arrive_as_they_are(server: LiveServer, client: Any) -> None:
+    assert not server.wants("/state")
+    client.subscribe("/state")
+    client.wait(lambda: server.wants("/state"))
+    assert not server.wants("/other")
+    server.time(2_500_000_000)
+    server.send("/other", b"\0\1\0\0", 2_500_000_000)
+    server.send("/state", CDR, 2_500_000_000)
+    arrived = {client.receive(), client.receive()}  # the server sends times beside messages, in no certain order
+    assert arrived == {("time", 2_500_000_000, b""), ("/state", 2_500_000_000, CDR)}
+
+
+def test_who_comes_late_gets_the_last_message(server: LiveServer, client: Any) -> None:
+    server.send("/state", b"\0\1\0\0\6\0\0\0", 100)
+    server.send("/state", CDR, 200)
+    client.subscribe("/state")
+    client.wait(lambda: server.wants("/state"))
+    client.wait(lambda: server.welcome() or client.arrived())
+    assert client.receive() == ("/state", 200, CDR)
+
+
+def test_a_port_that_is_taken_is_named(server: LiveServer) -> None:
+    port = int(server.url.rsplit(":", 1)[1])
+    with pytest.raises(InputError, match=rf"cannot listen on 127.0.0.1:{port}: .*in use"):
+        LiveServer([STATE], port=port)
+
+
+def test_without_the_sdk_the_command_that_installs_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    with pytest.raises(InputError, match="pip install foxglove-sdk"):
+        LiveServer([STATE], port=0)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["--port", "8765"], ["--host", "0.0.0.0"], ["--rate", "0"], ["--rate", "nan"], ["--foxglove", "--port", "70000"]],
+)
+def test_command_line_says_what_is_wrong(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    assert stop.value.code == 2
+    assert "error: " in capsys.readouterr().err

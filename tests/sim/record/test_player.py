@@ -1,0 +1,350 @@
+"""Playing bags by a clock of the test's own, and making whole ones of those cut short."""
+
+from __future__ import annotations
+
+from math import inf
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.writer import Writer
+
+from litsim_sim.cli import replay as command
+from litsim_sim.core.errors import InputError
+from litsim_sim.nodes.keyboard import split_keys
+from litsim_sim.record.bag import BagMessage, BagReader, BagTopic, BagWriter, qos_yaml
+from litsim_sim.record.player import CLOCK, Player, is_latched, messages_of, offered_qos, selected
+from litsim_sim.record.repair import repair
+
+STEP_NS = 100_000_000
+ZSTD = b"\x28\xb5\x2f\xfd"  # at the beginning of every chunk's data
+DEFINITION = "builtin_interfaces/Time clock"
+
+
+def step_messages(step: int) -> list[BagMessage]:
+    return [BagMessage(topic, step * STEP_NS, bytes([step])) for topic in ("/clock", "/a")]
+
+
+def player(steps: int = 20, **options) -> Player:
+    """Two messages a step, and a latched one at steps 0 and 5."""
+    messages = [m for step in range(steps) for m in step_messages(step)]
+    messages += [BagMessage("/map", step * STEP_NS, bytes([step])) for step in (0, 5)]
+    return Player(messages, ["/map"], **options)
+
+
+def steps_of(messages: list[BagMessage], topic: str = "/a") -> list[int]:
+    return [m.data[0] for m in messages if m.topic == topic]
+
+
+# Time
+
+
+def test_messages_come_when_their_time_has_come() -> None:
+    playing = player()
+    assert steps_of(playing.take(100.0)) == [0]
+    assert playing.wait_s(100.0) == pytest.approx(0.1)
+    assert steps_of(playing.take(100.05)) == []
+    assert steps_of(playing.take(100.1001)) == [1]
+    assert playing.position_s(100.15) == pytest.approx(0.15)
+
+
+def test_none_is_left_out_when_nobody_has_asked_for_long() -> None:
+    playing = player()
+    playing.take(0.0)
+    late = playing.take(60.0)
+    assert steps_of(late) == list(range(1, 20))
+    assert [m.log_time_ns for m in late] == sorted(m.log_time_ns for m in late)
+    assert playing.finished
+
+
+def test_within_a_step_the_order_is_that_of_the_file() -> None:
+    assert [m.topic for m in player().take(0.0)] == ["/clock", "/a", "/map"]
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 4.0])
+def test_rate_scales_time(rate: float) -> None:
+    playing = player(rate=rate)
+    playing.take(0.0)
+    assert playing.wait_s(0.0) == pytest.approx(0.1 / rate)
+    assert steps_of(playing.take(1.001 / rate)) == list(range(1, 11))
+
+
+def test_a_change_of_rate_keeps_the_position() -> None:
+    playing = player()
+    playing.take(0.0)
+    playing.set_rate(2.0, 0.5)
+    assert playing.position_s(0.5) == pytest.approx(0.5)
+    assert playing.position_s(0.75) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, inf, float("nan"), 1000.0])
+def test_rates_that_cannot_be_played_are_refused(rate: float) -> None:
+    with pytest.raises(InputError, match="rate is"):
+        player(rate=rate)
+    playing = player()
+    with pytest.raises(InputError, match="rate is"):
+        playing.set_rate(rate, 0.0)
+    assert playing.rate == 1.0
+
+
+def test_the_end_is_the_end() -> None:
+    playing = player(3)
+    playing.take(0.0)
+    assert not playing.finished
+    assert playing.wait_s(0.0) > 0
+    playing.take(9.0)
+    assert playing.finished and playing.wait_s(9.0) == 0.0
+
+
+# Pause and steps
+
+
+def test_while_paused_nothing_comes_and_no_time_passes() -> None:
+    playing = player(paused=True)
+    assert playing.take(0.0) == [] and playing.wait_s(0.0) == inf
+    playing.pause(paused=False, now=50.0)
+    assert steps_of(playing.take(50.0)) == [0]
+    playing.pause(paused=True, now=50.25)
+    assert playing.position_s(99.0) == pytest.approx(0.25)
+    playing.pause(paused=False, now=100.0)
+    assert steps_of(playing.take(100.051)) == [1, 2, 3]
+
+
+def test_a_step_is_all_messages_of_one_time() -> None:
+    playing = player(paused=True)
+    for step in range(3):
+        playing.step(float(step))
+        assert playing.wait_s(float(step)) == 0.0
+        taken = playing.take(float(step))
+        assert [m.topic for m in taken] == ["/clock", "/a", *(["/map"] if step == 0 else [])]
+        assert steps_of(taken) == [step]
+    assert playing.paused
+
+
+def test_a_step_while_playing_pauses() -> None:
+    playing = player()
+    playing.take(0.0)
+    playing.step(0.05)
+    assert playing.paused and steps_of(playing.take(7.0)) == [1]
+
+
+def test_steps_go_back_too_but_not_beyond_the_start() -> None:
+    playing = player(paused=True)
+    for _ in range(3):
+        playing.step(0.0)
+    playing.take(0.0)
+    seen = []
+    for _ in range(4):
+        playing.step_back(0.0)
+        seen += steps_of(playing.take(0.0))
+    assert seen == [1, 0, 0, 0]
+
+
+def test_after_the_last_step_there_is_none() -> None:
+    playing = player(2, paused=True)
+    for _ in range(3):
+        playing.step(0.0)
+    assert steps_of(playing.take(0.0)) == [0, 1]
+    assert playing.wait_s(0.0) == inf
+    assert not playing.finished  # somebody is still looking
+
+
+# Seek and loop
+
+
+def test_seek_goes_on_from_there_and_says_what_is_latched() -> None:
+    playing = player()
+    playing.take(0.0)
+    playing.seek(1.0, 0.05)
+    found = playing.take(0.05)
+    assert [(m.topic, m.data[0]) for m in found] == [("/map", 5), ("/clock", 10), ("/a", 10)]
+    playing.seek(0.2, 1.0)
+    assert [(m.topic, m.data[0]) for m in playing.take(1.0)] == [("/map", 0), ("/clock", 2), ("/a", 2)]
+    playing.seek(0.3, 1.0)
+    assert steps_of(playing.take(1.0), "/map") == []  # known
+
+
+def test_seek_while_paused_shows_one_step() -> None:
+    playing = player(paused=True)
+    playing.seek(0.95, 0.0)
+    assert steps_of(playing.take(0.0)) == [10]
+    assert playing.position_s(5.0) == pytest.approx(1.0)
+    assert playing.take(5.0) == []
+
+
+@pytest.mark.parametrize(("to", "step"), [(-3.0, 0), (99.0, 19)])
+def test_seek_stays_within_the_bag(to: float, step: int) -> None:
+    playing = player()
+    playing.take(0.0)
+    playing.seek(to, 0.0)
+    assert steps_of(playing.take(0.0)) == [step]
+
+
+def test_start_is_a_seek_and_must_lie_within() -> None:
+    found = player(start_s=1.5).take(0.0)
+    assert steps_of(found) == [15] and steps_of(found, "/map") == [5]
+    with pytest.raises(InputError, match=r"start is 2 s, expected 0 to 1.9 s"):
+        player(start_s=2.0)
+
+
+def test_a_loop_lets_its_last_step_stand_as_long_as_the_others() -> None:
+    playing = player(6, loop=True)
+    now, seen = 0.0, []
+    for _ in range(20):
+        seen += [(round(now, 3), step) for step in steps_of(playing.take(now))]
+        now += max(playing.wait_s(now), 1e-6)
+    assert [step for _, step in seen][:8] == [0, 1, 2, 3, 4, 5, 0, 1]
+    assert [t for t, _ in seen][5:8] == pytest.approx([0.5, 0.6, 0.7], abs=0.001)
+    assert not playing.finished
+
+
+def test_nothing_to_play_is_an_error() -> None:
+    with pytest.raises(InputError, match="nothing to play"):
+        Player([])
+
+
+# What is in the bag
+
+
+def write(folder: Path, steps: int = 25, *, clock: bool = True) -> Path:
+    latched = qos_yaml(1, durability="transient_local")
+    with BagWriter(folder, "run", {"seed": "7"}) as writer:
+        if clock:
+            writer.add_topic("/clock", CLOCK.type_name, DEFINITION, qos_yaml(10), "RIHS01_1")
+        writer.add_topic("/a", "std_msgs/msg/Int8", "int8 data", qos_yaml(100), "RIHS01_2")
+        writer.add_topic("/map", "std_msgs/msg/Int8", "int8 data", latched, "RIHS01_2")
+        writer.attach("scenario.yaml", "application/yaml", b"name: demo\n")
+        writer.write("/map", b"\0", 0)
+        for step in range(steps):
+            for message in step_messages(step):
+                if clock or message.topic != "/clock":
+                    writer.write(message.topic, message.data, message.log_time_ns)
+    return folder / "run_0.mcap"
+
+
+def test_selected_topics_and_the_clock(tmp_path: Path) -> None:
+    reader = BagReader(write(tmp_path / "bag"))
+    assert [t.name for t in selected(reader)] == ["/clock", "/a", "/map"]
+    chosen = selected(reader, ["/a"])
+    assert [t.name for t in chosen] == ["/clock", "/a"]
+    assert {m.topic for m in messages_of(reader, chosen)} == {"/clock", "/a"}
+    with pytest.raises(InputError, match=r"no topic /b; the bag holds /a, /clock, /map"):
+        selected(reader, ["/a", "/b"])
+
+
+def test_a_bag_without_clock_gets_one(tmp_path: Path) -> None:
+    reader = BagReader(write(tmp_path / "bag", 12, clock=False))
+    topics = selected(reader)
+    playing = Player(messages_of(reader, topics))
+    taken = playing.take(0.0) + playing.take(60.0)
+    clocks = [m for m in taken if m.topic == "/clock"]
+    assert taken[0] is clocks[0] and len(clocks) == 12
+    assert clocks[11].data == bytes([0, 1, 0, 0, 1, 0, 0, 0]) + STEP_NS.to_bytes(4, "little")
+
+
+def test_qos_is_read_by_name_and_by_the_numbers_of_old_bags(tmp_path: Path) -> None:
+    topics = BagReader(write(tmp_path / "bag")).topics
+    assert [name for name, topic in topics.items() if is_latched(topic)] == ["/map"]
+    assert offered_qos(topics["/a"])["depth"] == 100
+    old = BagTopic("/o", "t/msg/T", "", yaml.safe_dump([{"durability": 1, "reliability": 2, "depth": 3}]))
+    assert is_latched(old) and offered_qos(old)["reliability"] == "best_effort"
+    assert offered_qos(BagTopic("/o", "t/msg/T", "")) == {}
+    for text, why in (("[", "malformed YAML: "), ("depth: 3", "expected a YAML list of profiles, found {'depth': 3}")):
+        with pytest.raises(InputError, match=f"^topic /o: offered_qos_profiles: {why}"):
+            offered_qos(BagTopic("/o", "t/msg/T", "", text))
+
+
+def test_keys_of_a_terminal() -> None:
+    assert split_keys(" s\x1b[C\x1b[D\x1b[Aq+") == [" ", "s", "right", "left", "q", "+"]
+
+
+# Repair
+
+
+def test_repair_keeps_every_whole_chunk_and_says_what_is_lost(tmp_path: Path) -> None:
+    path = write(tmp_path / "bag", 45)
+    chunks = path.read_bytes().split(ZSTD)
+    (tmp_path / "cut").mkdir()
+    cut = tmp_path / "cut" / "run_0.mcap"
+    cut.write_bytes(ZSTD.join(chunks[:3])[:-5])  # amid the third second
+    readable = list(BagReader(cut).messages())
+    assert [m.log_time_ns // STEP_NS for m in readable if m.topic == "/a"] == list(range(20))
+    done = repair(tmp_path / "cut", tmp_path / "whole")
+    again = BagReader(tmp_path / "whole")
+    assert again.complete and list(again.messages()) == readable
+    assert again.topics == BagReader(path).topics
+    assert again.attachments == {"scenario.yaml": b"name: demo\n"}
+    assert again.metadata["seed"] == "7" and again.metadata["lost"] == "; ".join(done.lost)
+    assert len(done.lost) == 1 and "breaks off" in done.lost[0]
+    information = yaml.safe_load((tmp_path / "whole" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert information["message_count"] == len(readable) == done.messages.total()
+
+
+def test_repair_goes_on_after_a_damaged_chunk(tmp_path: Path) -> None:
+    path = write(tmp_path / "bag", 45)
+    content = bytearray(path.read_bytes())
+    second = content.index(ZSTD, content.index(ZSTD) + 4)
+    content[second + 8 : second + 24] = bytes(16)
+    path.write_bytes(content)
+    done = repair(path, tmp_path / "whole")
+    times = {m.log_time_ns // STEP_NS for m in BagReader(tmp_path / "whole").messages({"/a"})}
+    assert {0, 44} <= times and len(times) == 35
+    assert done.lost == ["a damaged chunk with the messages of 1.0 to 1.9 s"]
+
+
+def test_repair_of_a_complete_bag_loses_nothing(tmp_path: Path, capsys) -> None:
+    path = write(tmp_path / "bag")
+    command.main([str(path), "--repair", "--out", str(tmp_path / "copy")])
+    assert "lost: nothing" in capsys.readouterr().out
+    assert list(BagReader(tmp_path / "copy").messages()) == list(BagReader(path).messages())
+
+
+def test_repair_keeps_a_topic_whose_qos_cannot_be_read(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/Int8", "ros2msg", b"int8 data")
+        channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": "["})
+        writer.add_message(channel, STEP_NS, b"\0\1\0\0\7", STEP_NS)
+        writer.finish()
+    done = repair(tmp_path / "a.mcap", tmp_path / "whole")
+    assert len(done.lost) == 1 and done.lost[0].startswith("topic /a: offered_qos_profiles: malformed YAML: ")
+    again = BagReader(tmp_path / "whole")
+    assert [m.data for m in again.messages()] == [b"\0\1\0\0\7"]
+    assert offered_qos(again.topics["/a"]) == {}
+
+
+def refused(*words: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        command.main([str(word) for word in words])
+    return int(ended.value.code)
+
+
+def test_repair_overwrites_nothing(tmp_path: Path, capsys) -> None:
+    path = write(tmp_path / "bag")
+    before = path.read_bytes()
+    assert refused(tmp_path / "bag", "--repair", "--out", tmp_path / "bag") == 2
+    assert "holds a bag already (run_0.mcap); give another folder" in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+def test_what_is_no_bag_is_refused(tmp_path: Path, capsys) -> None:
+    (tmp_path / "text.mcap").write_text("hello")
+    assert refused(tmp_path / "text.mcap", "--repair", "--out", tmp_path / "new") == 2
+    assert "not an MCAP file" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "head.mcap").write_bytes(write(tmp_path / "bag").read_bytes()[:200])
+    assert refused(tmp_path / "head.mcap", "--repair", "--out", tmp_path / "new") == 2
+    assert "no message that can be read" in capsys.readouterr().err
+    assert refused(tmp_path / "none", "--repair", "--out", tmp_path / "new") == 2
+
+
+def test_words_that_do_not_go_together(tmp_path: Path, capsys) -> None:
+    assert refused(tmp_path, "--repair") == 2
+    assert refused(tmp_path, "--repair", "--resimulate", "--out", tmp_path) == 2
+    assert refused(tmp_path, "--json", tmp_path / "a.json") == 2
+    assert "--json goes with --node or --resimulate" in capsys.readouterr().err
+    assert refused(tmp_path, "--delay", "-1") == 2
+    assert "argument --delay: '-1', expected a number of at least 0" in capsys.readouterr().err
+    assert refused(tmp_path, "--node", "conflikt") == 2
+    assert "expected one of predictor, conflict, policy, ego" in capsys.readouterr().err

@@ -1,0 +1,254 @@
+"""Any CSV or Parquet becomes a recording by a mapping: reference points, units, angles, rates, ids."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import Kind
+from litsim_sim.recordings.generic import Mapping, convert, read_mapping
+from litsim_sim.recordings.recording import Recording
+
+FRONT = {
+    "name": "made",
+    "columns": {"vehicle_id": "id", "frame": "n", "x": "px", "y": "py", "length": 4.0, "width": 1.8},
+    "reference": "front_centre",
+}
+BOX = {
+    "name": "made",
+    "columns": {"vehicle_id": "id", "time": "t", "x": "px", "y": "py", "length": "l", "width": "w", "yaw": "h"},
+    "reference": "box_centre",
+}
+
+
+def straight(rate: float = 10.0, seconds: float = 3.0, speed: float = 12.0, angle: float = 0.3) -> pd.DataFrame:
+    """One vehicle that drives straight on, in SI units and mathematical angles."""
+    n = np.arange(round(seconds * rate) + 1)
+    gone = speed * n / rate
+    return pd.DataFrame(
+        {
+            "id": "truck 7",
+            "n": n,
+            "t": n / rate,
+            "px": 5.0 + gone * np.cos(angle),
+            "py": 3.0 + gone * np.sin(angle),
+            "h": angle,
+            "l": 9.0,
+            "w": 2.5,
+            "v": speed,
+        }
+    )
+
+
+def made(tmp_path: Path, table: pd.DataFrame, fields: dict[str, Any], name: str = "in.csv") -> Recording:
+    path = tmp_path / name
+    if path.suffix == ".csv":
+        table.to_csv(path, index=False)
+    else:
+        table.to_parquet(path)
+    return convert(path, Mapping.model_validate(fields))
+
+
+# What comes out
+
+
+def test_front_centres_become_box_centres(tmp_path: Path) -> None:
+    table = made(tmp_path, straight(), FRONT).table
+    assert len(table) == 31
+    np.testing.assert_allclose(table["yaw"], 0.3, atol=1e-9)
+    np.testing.assert_allclose(table["x"].iloc[0], 5.0 - 2.0 * np.cos(0.3))
+    np.testing.assert_allclose(table["y"].iloc[0], 3.0 - 2.0 * np.sin(0.3))
+    np.testing.assert_allclose(table["speed"], 12.0)
+    np.testing.assert_allclose(table["acceleration"], 0.0, atol=1e-9)
+    assert set(table["kind"]) == {Kind.UNKNOWN}
+    assert set(table["lane"]) == {-1}
+
+
+@pytest.mark.parametrize("name", ["in.csv", "in.parquet"])
+def test_box_centres_stay(tmp_path: Path, name: str) -> None:
+    recording = made(tmp_path, straight(), BOX, name)
+    table = recording.table
+    np.testing.assert_allclose(table["x"].iloc[0], 5.0)
+    np.testing.assert_allclose(table["length"], 9.0)
+    assert recording.header.notes["ids"] == {"truck 7": 1}
+
+
+@pytest.mark.parametrize("rate", [5.0, 25.0, 29.97])
+def test_other_rates_are_brought_to_10_hz(tmp_path: Path, rate: float) -> None:
+    table = made(tmp_path, straight(rate), FRONT | {"rate_hz": rate}).table
+    assert table["frame"].diff().dropna().eq(1).all()
+    np.testing.assert_allclose(np.hypot(np.diff(table["x"]), np.diff(table["y"])), 1.2, atol=1e-6)
+
+
+def test_frame_numbers_at_10_hz_stay(tmp_path: Path) -> None:
+    source = straight()
+    source["n"] += 4000
+    assert made(tmp_path, source, FRONT).table["frame"].tolist() == list(range(4000, 4031))
+
+
+def test_units_and_angles(tmp_path: Path) -> None:
+    """Feet, km/h, degrees clockwise from +y, milliseconds since 1970."""
+    source = straight()
+    source = source.assign(
+        px=source["px"] / 0.3048,
+        py=source["py"] / 0.3048,
+        l=source["l"] / 0.3048,
+        w=source["w"] / 0.3048,
+        h=90.0 - np.rad2deg(source["h"]),
+        v=3.6 * source["v"],
+        t=1.6e12 + 1000.0 * source["t"],
+    )
+    columns = BOX["columns"] | {"speed": "v"}  # type: ignore[operator]
+    units = {"position": "ft", "size": "ft", "speed": "km/h", "angle": "deg", "time": "ms"}
+    angles = {"zero": "y", "positive": "clockwise"}
+    ours = made(tmp_path, source, BOX | {"columns": columns, "units": units, "angles": angles}).table
+    plain = made(tmp_path, straight(), BOX).table
+    pd.testing.assert_frame_equal(ours, plain, atol=1e-5, rtol=0.0)
+
+
+def test_transform_and_mirror(tmp_path: Path) -> None:
+    """A picture's axes (y down) become a right-handed frame; then a quarter turn and a shift."""
+    transform = {"yaw_deg": 90.0, "x": 100.0, "y": 10.0, "mirror_y": True}
+    table = made(tmp_path, straight(), BOX | {"transform": transform}).table
+    np.testing.assert_allclose(table["yaw"], np.pi / 2 - 0.3, atol=1e-9)
+    np.testing.assert_allclose((table["x"].iloc[0], table["y"].iloc[0]), (100.0 + 3.0, 10.0 + 5.0))
+    motion = np.arctan2(np.diff(table["y"]), np.diff(table["x"]))
+    np.testing.assert_allclose(motion, np.pi / 2 - 0.3, atol=1e-9)
+
+
+def test_kinds_and_lanes(tmp_path: Path) -> None:
+    source = straight().assign(k="van", lane=2)
+    columns = FRONT["columns"] | {"kind": "k", "lane": "lane"}  # type: ignore[operator]
+    table = made(tmp_path, source, FRONT | {"columns": columns, "kinds": {"van": "truck"}}).table
+    assert set(table["kind"]) == {Kind.TRUCK}
+    assert set(table["lane"]) == {2}
+    with pytest.raises(InputError, match="line 2: kind 'van' is not among kinds of the mapping"):
+        made(tmp_path, source, FRONT | {"columns": columns})
+
+
+def test_short_holes_are_filled_long_ones_split(tmp_path: Path) -> None:
+    source = straight(seconds=6.0)
+    table = made(tmp_path, source[~source["n"].isin([10, 11, *range(30, 45)])], FRONT).table
+    counts = table.groupby("vehicle_id").size()
+    assert counts.tolist() == [30, 16]
+    assert counts.index.tolist() == [1, 1_000_001]
+
+
+def test_small_whole_ids_stay_others_are_counted(tmp_path: Path) -> None:
+    two = pd.concat([straight().assign(id=17), straight().assign(id=5, px=60.0)])
+    assert sorted(set(made(tmp_path, two, FRONT).table["vehicle_id"])) == [5, 17]
+    two["id"] = two["id"] * 10**9
+    recording = made(tmp_path, two, FRONT)
+    assert sorted(set(recording.table["vehicle_id"])) == [1, 2]
+    assert recording.header.notes["ids"] == {"17000000000": 1, "5000000000": 2}
+
+
+def test_noise_is_cleaned_where_asked(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    source = straight(seconds=8.0)
+    source[["px", "py"]] += rng.normal(0.0, 0.1, (len(source), 2))
+    rough = made(tmp_path, source, FRONT).table
+    smooth = made(tmp_path, source, FRONT | {"clean": True}).table
+    assert rough["acceleration"].abs().quantile(0.9) > 3.0
+    assert smooth["acceleration"].abs().max() < 3.0
+    assert np.hypot(smooth["x"] - rough["x"], smooth["y"] - rough["y"]).median() < 0.2
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"px": "twelve"}, r"in.csv: line 12: column 'px' is 'twelve', no number; 1 such rows"),
+        ({"px": np.nan}, r"in.csv: line 12: column 'px' is "),
+        ({"id": None}, r"in.csv: 1 rows have no vehicle id"),
+        ({"n": 9}, r"in.csv: lines 11 and 12: vehicle 1 is there twice at 0.900 s; 1 such pairs"),
+    ],
+)
+def test_cells_that_cannot_be_used(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    source = straight().astype({"px": object})
+    for column, value in change.items():
+        source.loc[10, column] = value
+    with pytest.raises(InputError, match=message):
+        made(tmp_path, source, FRONT)
+
+
+def test_columns_and_files_that_are_missing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"columns \['py'\] of the mapping are missing; the file has \['id', "):
+        made(tmp_path, straight().drop(columns="py"), FRONT)
+    with pytest.raises(InputError, match="no such file"):
+        convert(tmp_path / "absent.csv", Mapping.model_validate(FRONT))
+    with pytest.raises(InputError, match="holds no rows"):
+        made(tmp_path, straight().iloc[:0], FRONT)
+    (tmp_path / "odd.csv").write_text("id,n,px,py\n1,2\n")
+    with pytest.raises(InputError, match="not readable as CSV or Parquet"):
+        convert(tmp_path / "odd.csv", Mapping.model_validate(FRONT))
+
+
+def test_wrong_units_are_found_by_the_neutral_schema(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"column length is 120\.0, expected a finite number in"):
+        made(tmp_path, straight(), FRONT | {"columns": FRONT["columns"] | {"length": 120.0}})  # type: ignore[operator]
+    late = straight(seconds=1.0).assign(t=lambda table: table["t"] + 0.001)
+    with pytest.raises(InputError, match="seen at a frame of 10 Hz: are its times in the unit"):
+        made(tmp_path, late, BOX | {"units": {"time": "ms"}})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"reference": "rear"}, "reference: Input should be 'front_centre' or 'box_centre', found 'rear'"),
+        ({"colour": 1}, "colour: Extra inputs are not permitted"),
+        ({"units": {"position": "yard"}}, "units.position: Input should be 'm', 'ft' or 'cm'"),
+        ({"columns": {"vehicle_id": "id"}}, "columns.x: Field required"),
+        ({"columns": FRONT["columns"] | {"time": "t"}}, "columns: Value error, give either frame or time"),  # type: ignore[operator]
+        ({"rate_hz": 0}, "rate_hz: Input should be greater than 0"),
+    ],
+)
+def test_mappings_with_defects(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    path = tmp_path / "mapping.yaml"
+    path.write_text(yaml.safe_dump(FRONT))
+    assert read_mapping(path) == Mapping.model_validate(FRONT)
+    path.write_text(yaml.safe_dump(FRONT | change))
+    with pytest.raises(InputError, match=rf"{re.escape(str(path))}: (line \d+, )?field {re.escape(message)}"):
+        read_mapping(path)
+
+
+def test_mappings_that_are_no_yaml(tmp_path: Path) -> None:
+    path = tmp_path / "mapping.yaml"
+    with pytest.raises(InputError, match="cannot be read"):
+        read_mapping(path)
+    path.write_text("a: [1")
+    with pytest.raises(InputError, match="malformed YAML"):
+        read_mapping(path)
+    path.write_text("just text")
+    with pytest.raises(InputError, match=r"expected fields such as name, .* found 'just text'"):
+        read_mapping(path)
+
+
+def test_the_documented_examples(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[3] / "docs" / "data.md").read_text(encoding="utf-8")
+    front, box = (
+        Mapping.model_validate(yaml.safe_load(block)) for block in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    )
+    n = np.arange(60)
+    source = pd.DataFrame({"Vehicle": 4, "Frame": n, "Along": 3.0 * n, "Left": 6.0, "Length": 15.0, "Width": 6.0})
+    source.assign(Class=2, Lane=1).to_csv(tmp_path / "front.csv", index=False)
+    table = convert(tmp_path / "front.csv", front).table
+    np.testing.assert_allclose(table["x"], 0.3048 * (3.0 * n - 7.5), atol=0.05)
+    np.testing.assert_allclose(table["speed"], 9.144, atol=0.05)
+    assert set(table["kind"]) == {Kind.CAR}
+    source = pd.DataFrame({"trackId": 4, "frame": n, "xCenter": 0.4 * n, "yCenter": 2.0, "heading": 0.0, "v": 36.0})
+    source.to_csv(tmp_path / "box.csv", index=False)
+    table = convert(tmp_path / "box.csv", box).table
+    np.testing.assert_allclose(table["x"], 252.0)
+    np.testing.assert_allclose(table["y"], -30.0 + table["frame"])
+    np.testing.assert_allclose(table["yaw"], np.pi / 2)
+    np.testing.assert_allclose(table["speed"], 10.0)

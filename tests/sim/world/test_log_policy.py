@@ -1,0 +1,274 @@
+"""Policy L: the log as it is, and the way back to it without a jump."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from litsim_sim.core.scene import ARRAY_FIELDS, STEP_S, AgentTable, Controller
+from litsim_sim.world.log_policy import COMFORT_ACCELERATION, FADE_MIN_S, LogPolicy, Residual
+
+Build = Callable[..., AgentTable]
+
+offsets = st.floats(-15.0, 15.0)
+rates = st.floats(-6.0, 6.0)
+angles = st.floats(-0.5, 0.5)
+
+
+@pytest.fixture(scope="module")
+def policy(make_scenario: Any, track: Any) -> Callable[[], LogPolicy]:
+    """A fresh policy on a log: 1 at constant speed, 2 accelerating, 3 askew and standing, 4 gone after step 20."""
+    scenario = make_scenario(
+        track(1, x=10.0, speed=15.0, last=150),
+        track(2, x=10.0, y=-9.15, speed=5.0, acceleration=0.5, last=150),
+        track(3, x=300.0, y=-1.83, speed=0.0, yaw=0.05, last=150),
+        track(4, x=200.0, y=-1.83, speed=10.0, last=20),
+    )
+    return lambda: LogPolicy(scenario.log)
+
+
+def displaced(table: AgentTable, agent: int, **by: float) -> AgentTable:
+    """`table` with `agent` under POLICY and its columns moved."""
+    row = table.row(agent)
+    table.controller[row] = Controller.POLICY
+    for column, amount in by.items():
+        getattr(table, column)[row] += amount
+    return table
+
+
+def residual(position: tuple[float, float], velocity: tuple[float, float], yaw: float, build: Build) -> Residual:
+    """The residual of an agent that is off a logged one at 20 m/s along +x by these."""
+    vx, vy = 20.0 + velocity[0], velocity[1]
+    moves = {"yaw": float(np.arctan2(vy, vx)), "speed": float(np.hypot(vx, vy))}
+    off = build(5, {"id": 1, "x": 50.0 + position[0], "y": position[1], **moves})
+    logged = build(5, {"id": 1, "x": 50.0, "speed": 20.0})
+    return replace(Residual.between(off, 0, logged, 0), yaw=yaw)
+
+
+# Residual
+
+
+@given(offsets, offsets, rates, rates, angles)
+def test_a_residual_starts_exactly_where_the_agent_is(
+    agent_table: Build, dx: float, dy: float, vx: float, vy: float, yaw: float
+) -> None:
+    start = residual((dx, dy), (vx, vy), yaw, agent_table)
+    position, velocity, turned = start.at(start.step)
+    np.testing.assert_array_equal(position, start.position)
+    np.testing.assert_array_equal(velocity, start.velocity)
+    assert turned == start.yaw
+    np.testing.assert_allclose(position, [dx, dy], atol=1e-9)
+    np.testing.assert_allclose(velocity, [vx, vy], atol=1e-9)
+
+
+@given(offsets, offsets, rates, rates, angles)
+def test_a_residual_ends_exactly_on_the_log_and_stays_there(
+    agent_table: Build, dx: float, dy: float, vx: float, vy: float, yaw: float
+) -> None:
+    start = residual((dx, dy), (vx, vy), yaw, agent_table)
+    for after in (0, 1, 50):
+        position, velocity, turned = start.at(start.step + start.steps + after)
+        assert position.tolist() == velocity.tolist() == [0.0, 0.0]
+        assert turned == 0.0
+
+
+@given(offsets, offsets, rates, rates)
+def test_fading_accelerates_no_more_than_is_comfortable(
+    agent_table: Build, dx: float, dy: float, vx: float, vy: float
+) -> None:
+    start = residual((dx, dy), (vx, vy), 0.0, agent_table)
+    velocity = np.array([start.at(step)[1] for step in range(start.step, start.step + start.steps + 3)])
+    acceleration = np.hypot(*np.diff(velocity, axis=0).T) / STEP_S
+    assert acceleration.max() <= COMFORT_ACCELERATION * 1.01
+
+
+@given(offsets, offsets, rates, rates)
+def test_velocity_is_the_rate_of_the_position(agent_table: Build, dx: float, dy: float, vx: float, vy: float) -> None:
+    start = residual((dx, dy), (vx, vy), 0.0, agent_table)
+    steps = range(start.step, start.step + start.steps + 3)
+    position, velocity = (np.array([start.at(step)[i] for step in steps]) for i in (0, 1))
+    mean_velocity = 0.5 * (velocity[1:] + velocity[:-1])
+    # The trapezoidal rule is off by at most jerk * dt^3 / 12 in a step; the blends' jerk peaks at their start.
+    jerk = np.hypot(*(60 * start.position)) / (start.steps * STEP_S) ** 3
+    jerk += np.hypot(*(36 * start.velocity)) / (start.steps * STEP_S) ** 2
+    np.testing.assert_allclose(np.diff(position, axis=0), mean_velocity * STEP_S, atol=jerk * STEP_S**3 / 12 + 1e-12)
+
+
+def test_the_fade_is_as_long_as_the_residual_asks(agent_table: Build) -> None:
+    def steps(dx: float, vx: float) -> int:
+        return residual((dx, 0.0), (vx, 0.0), 0.0, agent_table).steps
+
+    assert steps(0.0, 0.0) == round(FADE_MIN_S / STEP_S)
+    assert steps(6.0, 0.0) == int(np.ceil(np.sqrt(5.77 * 6.0 / COMFORT_ACCELERATION) / STEP_S))
+    assert steps(0.0, 3.0) == int(np.ceil(3.94 * 3.0 / COMFORT_ACCELERATION / STEP_S))
+    assert steps(6.0, 3.0) > max(steps(6.0, 0.0), steps(0.0, 3.0))
+
+
+def test_headings_fade_over_the_shorter_way_round(agent_table: Build) -> None:
+    off = agent_table(0, {"id": 1, "yaw": -3.1})
+    logged = agent_table(0, {"id": 1, "yaw": 3.1})
+    assert Residual.between(off, 0, logged, 0).yaw == pytest.approx(2 * np.pi - 6.2)
+
+
+# LogPolicy
+
+
+def test_without_a_release_it_is_the_log(policy: Callable[[], LogPolicy]) -> None:
+    fresh = policy()
+    for step in (0, 1, 20, 21, 150, 151, -1):
+        table, logged = fresh.table(step), fresh.log.table(step)
+        assert table.step == step
+        for field in ARRAY_FIELDS:
+            np.testing.assert_array_equal(getattr(table, field), getattr(logged, field), field)
+    assert 4 in fresh.table(20).id
+    assert 4 not in fresh.table(21).id
+    assert len(fresh.table(151)) == 0
+
+
+def test_tables_can_be_changed_without_changing_the_log(policy: Callable[[], LogPolicy]) -> None:
+    fresh = policy()
+    fresh.table(5).x[:] = -1.0
+    assert (fresh.table(5).x > 0).all()
+
+
+@settings(max_examples=60)
+@given(
+    agent=st.sampled_from([1, 2]),
+    dx=st.floats(-8, 8),
+    dy=st.floats(-2, 2),
+    speed=st.floats(-3, 3),
+    yaw=st.floats(-0.15, 0.15),
+)
+def test_a_released_agent_comes_back_without_a_jump(
+    policy: Callable[[], LogPolicy], agent: int, dx: float, dy: float, speed: float, yaw: float
+) -> None:
+    """Continuous in position, speed and heading from the release to the log, and on the log from then on."""
+    fresh, release = policy(), 10
+    off = displaced(fresh.table(release), agent, x=dx, y=dy, speed=speed, yaw=yaw)
+    fresh.release(off, agent)
+    tables = [off] + [fresh.table(step) for step in range(release + 1, 151)]
+    rows = [table.row(agent) for table in tables]
+    x, y, v, heading = (
+        np.array([getattr(t, f)[r] for t, r in zip(tables, rows, strict=True)]) for f in ("x", "y", "speed", "yaw")
+    )
+    logged = [fresh.log.table(table.step) for table in tables]
+    on_log = np.array([[lg.x[r], lg.y[r], lg.speed[r]] for lg, r in zip(logged, rows, strict=True)])
+    log_velocity = np.diff(on_log[:, :2], axis=0) / STEP_S
+    # Beside the log: at first as fast as at the release, from then on never changed more than is comfortable.
+    extra = np.column_stack([np.diff(x), np.diff(y)]) / STEP_S - log_velocity
+    first_rate = np.array([v[0] * np.cos(heading[0]), v[0] * np.sin(heading[0])]) - [on_log[0, 2], 0.0]
+    np.testing.assert_allclose(extra[0], first_rate, atol=1.01 * COMFORT_ACCELERATION * STEP_S)
+    assert np.hypot(*np.diff(extra, axis=0).T).max() <= 1.01 * COMFORT_ACCELERATION * STEP_S
+    # Log and fade change the speed, and so does turning the heading that it is measured along.
+    assert np.abs(np.diff(v)).max() <= 1.01 * (COMFORT_ACCELERATION + 0.5 + 6.0 * abs(yaw)) * STEP_S
+    assert np.abs(np.diff(heading)).max() <= 1.88 * abs(yaw) / FADE_MIN_S * STEP_S + 1e-9
+    back = slice(Residual.between(off, rows[0], logged[0], rows[0]).steps, None)
+    assert len(x[back]) > 0
+    np.testing.assert_array_equal(np.column_stack([x, y, v])[back], on_log[back])
+
+
+def test_the_speed_starts_where_the_agent_had_it(policy: Callable[[], LogPolicy]) -> None:
+    """Also when it is released at an angle to its log."""
+    fresh = policy()
+    off = displaced(fresh.table(10), 1, yaw=0.4, speed=-2.0)
+    fresh.release(off, 1)
+    at_release = fresh.table(10)
+    row = at_release.row(1)
+    assert at_release.speed[row] == pytest.approx(off.speed[row], abs=1e-12)
+    assert at_release.yaw[row] == pytest.approx(off.yaw[row], abs=1e-12)
+
+
+def test_only_the_released_agent_is_moved(policy: Callable[[], LogPolicy]) -> None:
+    fresh = policy()
+    fresh.release(displaced(fresh.table(10), 1, x=5.0), 1)
+    table, logged = fresh.table(11), fresh.log.table(11)
+    others = table.id != 1
+    for field in ARRAY_FIELDS:
+        np.testing.assert_array_equal(getattr(table, field)[others], getattr(logged, field)[others], field)
+    assert table.x[table.row(1)] != logged.x[logged.row(1)]
+    assert (table.controller == Controller.LOG).all()
+
+
+def test_a_second_release_replaces_the_first(policy: Callable[[], LogPolicy]) -> None:
+    fresh = policy()
+    fresh.release(displaced(fresh.table(10), 1, x=5.0), 1)
+    again = displaced(fresh.log.table(20), 1, x=-3.0)
+    fresh.release(again, 1)
+    table, logged = fresh.table(21), fresh.log.table(21)
+    assert -3.1 < table.x[table.row(1)] - logged.x[logged.row(1)] < -2.9
+
+
+def test_speeds_never_become_negative(policy: Callable[[], LogPolicy]) -> None:
+    fresh = policy()
+    fresh.release(displaced(fresh.table(10), 3, x=3.0), 3)  # 3 m ahead of where its log stands
+    speeds = [table.speed[table.row(3)] for table in map(fresh.table, range(11, 80))]
+    assert min(speeds) >= 0.0
+
+
+def test_release_of_an_agent_whose_log_is_over_changes_nothing(policy: Callable[[], LogPolicy]) -> None:
+    fresh = policy()
+    gone = displaced(fresh.table(20), 4, x=5.0)
+    for step in (25, 200):  # others are still there; nobody is
+        fresh.release(AgentTable(step, *(getattr(gone, f) for f in ARRAY_FIELDS)), 4)
+        assert 4 not in fresh.table(step + 1).id
+
+
+def test_an_agent_that_leaves_while_fading_is_gone(policy: Callable[[], LogPolicy]) -> None:
+    fresh = policy()
+    fresh.release(displaced(fresh.table(15), 4, x=5.0), 4)
+    assert fresh.table(20).x[fresh.table(20).row(4)] > fresh.log.table(20).x[fresh.log.table(20).row(4)]
+    assert 4 not in fresh.table(21).id
+
+
+# Late
+
+
+@given(st.integers(0, 100), st.floats(-1.0, 1.0))
+def test_the_lag_is_the_time_since_the_log_was_nearest(policy: Callable[[], LogPolicy], ago: int, aside: float) -> None:
+    log, step = policy().log, 120
+    row = log.row(1)
+    x, y = log.x[row, step - ago], log.y[row, step - ago] + aside
+    assert log.lag(row, step, x, y) == ago
+    assert log.lag(row, step, log.x[row, step] + 5.0, y) == 0, "ahead of its log it is not late"
+
+
+def test_a_log_that_waited_is_not_waited_for_again(policy: Callable[[], LogPolicy]) -> None:
+    log = policy().log
+    row = log.row(3)
+    assert log.lag(row, 100, log.x[row, 0] - 2.0, log.y[row, 0]) == 0
+
+
+@pytest.mark.parametrize(("agent", "x", "y"), [(1, -20.0, 0.3), (2, -6.3, -0.4), (1, -0.2, 0.0)])
+def test_who_is_released_late_follows_its_log_with_that_lag(
+    policy: Callable[[], LogPolicy], agent: int, x: float, y: float
+) -> None:
+    fresh, release = policy(), 60
+    log = fresh.log
+    off = displaced(fresh.table(release), agent, x=x, y=y)
+    lag = log.lag(log.row(agent), release, *(float(getattr(off, f)[off.row(agent)]) for f in "xy"))
+    fresh.release(off, agent, late=True)
+    tables = [off] + [fresh.table(step) for step in range(release + 1, 151)]
+    for before, after in pairwise(tables):
+        i, j = before.row(agent), after.row(agent)
+        moved = np.hypot(after.x[j] - before.x[i], after.y[j] - before.y[i])
+        assert moved <= 0.1 * max(before.speed[i], after.speed[j]) + 0.1, "no jump"
+    last, logged = tables[-1], log.table(150 - lag)
+    assert last.x[last.row(agent)] == pytest.approx(logged.x[logged.row(agent)], abs=1e-9)
+    others = [a for a in log.ids.tolist() if a != agent and last.row(a) >= 0]
+    on_time = log.table(150)
+    assert all(last.x[last.row(a)] == on_time.x[on_time.row(a)] for a in others)
+
+
+def test_who_is_late_leaves_late_and_a_release_on_time_ends_it(policy: Callable[[], LogPolicy]) -> None:
+    fresh = policy()
+    fresh.release(displaced(fresh.table(15), 4, x=-5.0), 4, late=True)
+    assert [fresh.table(step).row(4) >= 0 for step in (20, 25, 26)] == [True, True, False]
+    fresh.release(displaced(fresh.table(18), 4), 4)
+    assert [fresh.table(step).row(4) >= 0 for step in (20, 21)] == [True, False]
