@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.conflict.takeover import State, Takeover
-from litsim_policy.run.runner import Round, Runner
+from litsim_policy.run.runner import Runner, StepResult
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, EgoCommand
+from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import Mirror, World
@@ -39,27 +39,27 @@ class Driven:
     """A run, as far as tests look at it."""
 
     scenario: Scenario
-    rounds: list[Round]
+    results: list[StepResult]
     world: World
 
     def takeovers(self, agent: int) -> dict[int, Takeover]:
         """What was said of `agent`, by step."""
-        everybody = ((r.table.step, t) for r in self.rounds if r.takeovers for t in r.takeovers.takeovers)
+        everybody = ((r.table.step, t) for r in self.results if r.takeovers for t in r.takeovers.takeovers)
         return {step: t for step, t in everybody if t.agent == agent}
 
-    def life(self, agent: int) -> list[State]:
+    def life(self, agent: int) -> list[TakeoverState]:
         """States of `agent` in the order in which it went through them."""
         states = [t.state for t in self.takeovers(agent).values()]
         return states[:1] + [after for before, after in pairwise(states) if before != after]
 
     def series(self, agent: int, field: str) -> np.ndarray:
         """Values of a field of `agent` at the steps at which it is on the road."""
-        tables = [r.table for r in self.rounds if r.table.row(agent) >= 0]
+        tables = [r.table for r in self.results if r.table.row(agent) >= 0]
         return np.array([getattr(table, field)[table.row(agent)] for table in tables])
 
     def from_log(self, agent: int, step: int) -> float:
         """Distance of `agent` from its log [m]."""
-        table, log = self.rounds[step].table, self.scenario.log.table(step)
+        table, log = self.results[step].table, self.scenario.log.table(step)
         i, j = table.row(agent), log.row(agent)
         return float(np.hypot(table.x[i] - log.x[j], table.y[i] - log.y[j]))
 
@@ -71,7 +71,7 @@ def run(
     scripted = None if isinstance(ego, str) else ScriptedEgo(scenario.ego_id, ego)
     plan = RunPlan(scenario, ego if isinstance(ego, str) else "log", policy)
     runner = Runner(plan, mirror, ego=scripted, **config)
-    return Driven(scenario, list(runner.rounds()), runner.world)
+    return Driven(scenario, list(runner.steps()), runner.world)
 
 
 def placed(table: AgentTable, agent: int, **values: float) -> AgentTable:
@@ -90,10 +90,10 @@ def farthest(speed: np.ndarray, then: np.ndarray, limits: VehicleLimits) -> np.n
     return 0.5 * (speed + peak) * first + (peak - 0.5 * brake * rest) * rest
 
 
-def beyond_limits(rounds: list[Round], controllers: tuple[Controller, ...]) -> list[tuple[int, int, str]]:
+def beyond_limits(results: list[StepResult], controllers: tuple[Controller, ...]) -> list[tuple[int, int, str]]:
     """Step, agent and what it did that no vehicle can, of agents under one of `controllers` before and after."""
     limits, found = VehicleLimits(), []
-    for before, after in pairwise(r.table for r in rounds):
+    for before, after in pairwise(r.table for r in results):
         rows = after.rows(before.id)
         kept = (rows >= 0) & np.isin(before.controller, controllers) & np.isin(after.controller[rows], controllers)
         a, b = before.take(kept), after.take(rows[kept])

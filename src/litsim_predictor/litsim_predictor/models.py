@@ -10,7 +10,7 @@ from litsim_predictor.forecast import Predictor
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
 from litsim_predictor.learned import SHIPPED
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import Read
+from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.scenario.scenario import Scenario
 
 MODELS = ("kinematic", *SHIPPED)
@@ -34,7 +34,7 @@ class PredictorConfig:
     kinematic: KinematicConfig = KinematicConfig()
 
 
-def predictor_stage(read: Read) -> Callable[[Scenario], Predictor]:
+def predictor_stage(read: ParameterReader) -> Callable[[Scenario], Predictor]:
     """Read the parameters; what is returned builds the predictor once the run is known."""
     config = read(PredictorConfig())
     return lambda scenario: make_predictor(config.model, scenario, config.kinematic)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from litsim_policy.conflict.detection import ConflictConfig, ConflictDetector, Futures
+from litsim_policy.conflict.detection import ConflictConfig, ConflictDetector, PredictedMotion
 from litsim_policy.conflict.overlap import Strips
 
 LENGTH, WIDTH = 4.5, 2.0  # [m]
@@ -19,16 +19,16 @@ def detector(make_scenario, track) -> ConflictDetector:
     return ConflictDetector(make_scenario(track(1, x=100.0)).log, 1e3, ConflictConfig(horizon=0.3))
 
 
-def standing(x: float, y: float, yaw: float, sigma: float, valid: tuple[bool, ...] = (True,) * 3) -> Futures:
+def standing(x: float, y: float, yaw: float, sigma: float, valid: tuple[bool, ...] = (True,) * 3) -> PredictedMotion:
     """Both rows alike, over three steps."""
     shape = (2, len(valid))
     covariance = np.broadcast_to(np.array([sigma**2, sigma**2, 0.0])[:, None, None], (3, *shape))
-    return Futures(
+    return PredictedMotion(
         np.full(shape, x), np.full(shape, y), np.full(shape, yaw), covariance, np.broadcast_to(np.array(valid), shape)
     )
 
 
-def found(agent_table, detector: ConflictDetector, a: Futures, b: Futures, least: float) -> np.ndarray:
+def found(agent_table, detector: ConflictDetector, a: PredictedMotion, b: PredictedMotion, least: float) -> np.ndarray:
     """(3,) probabilities that the boxes of a and b overlap."""
     table = agent_table(0, {"id": 1}, {"id": 2})
     return detector.overlap_probability(table, a, b, PAIR, least)[0]

@@ -11,7 +11,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector, Futures
+from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector, PredictedMotion
 from litsim_policy.conflict.overlap import Strips
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.errors import InputError
@@ -49,8 +49,8 @@ class Scene:
     detector: ConflictDetector
     table: AgentTable
     off: np.ndarray
-    logged: Futures
-    forecast: Futures
+    logged: PredictedMotion
+    forecast: PredictedMotion
 
     def conflicts(self) -> list[Conflict]:
         return self.detector.detect(self.table, ~self.off, self.off, self.logged, self.forecast)
@@ -85,7 +85,7 @@ def look(make_scenario, track, placed, lane_centres):
     return at_now
 
 
-def boxes_at(scene: Scene, agent: int, future: Futures) -> list[shapely.Polygon]:
+def boxes_at(scene: Scene, agent: int, future: PredictedMotion) -> list[shapely.Polygon]:
     """The box of `agent` at every instant of `future`."""
     row = scene.table.row(agent)
     size = np.full(future.x.shape[1], scene.table.length[row]), np.full(future.x.shape[1], scene.table.width[row])

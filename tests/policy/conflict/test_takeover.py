@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from litsim_policy.conflict.detection import ConflictConfig
-from litsim_policy.conflict.takeover import Reason, State, Takeover, TakeoverConfig, TakeoverManager, TakeoverTable
-from litsim_policy.motion.route import PathSource
+from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 
 FIRST = 3  # first step after the history of the scenarios here
@@ -92,7 +92,11 @@ def test_a_conflict_that_lies_ahead_is_believed_after_three_steps(stage) -> None
     assert s.see(s.slow_ego(2, 2.0)).takeovers == ()
     takeover = only(s.see(s.slow_ego(2, 2.0)))
     assert (takeover.agent, takeover.opponent) == (2, 1)
-    assert (takeover.state, takeover.reason, takeover.detected_step) == (State.HELD, Reason.CONFLICT, FIRST + 2)
+    assert (takeover.state, takeover.reason, takeover.detected_step) == (
+        TakeoverState.HELD,
+        TakeoverReason.CONFLICT,
+        FIRST + 2,
+    )
 
 
 def test_a_conflict_that_comes_and_goes_is_not_believed(stage) -> None:
@@ -162,17 +166,19 @@ def test_a_chain_of_conflicts_is_resolved_within_the_step(stage, track) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rounds", "taken", "converged"), [(1, [2], False), (3, [2, 3, 4], False), (4, [2, 3, 4], True)]
+    ("iterations", "taken", "converged"), [(1, [2], False), (3, [2, 3, 4], False), (4, [2, 3, 4], True)]
 )
-def test_a_bound_on_the_rounds_is_kept_and_said(stage, track, rounds: int, taken: list[int], converged: bool) -> None:
-    s, changes = queue_of(stage, track, rounds_max=rounds)
+def test_a_bound_on_the_iterations_is_kept_and_said(
+    stage, track, iterations: int, taken: list[int], converged: bool
+) -> None:
+    s, changes = queue_of(stage, track, iterations_max=iterations)
     answer = s.see(changes)
     assert [t.agent for t in answer.takeovers] == taken
-    assert (answer.iterations, answer.converged) == (rounds, converged)
+    assert (answer.iterations, answer.converged) == (iterations, converged)
 
 
 def test_those_left_out_by_the_bound_come_at_the_next_step(stage, track) -> None:
-    s, changes = queue_of(stage, track, rounds_max=1)
+    s, changes = queue_of(stage, track, iterations_max=1)
     s.see(changes)
     changes[1]["x"] += 0.5
     assert [t.agent for t in s.see(changes).takeovers] == [2, 3]
@@ -192,26 +198,26 @@ def opened(stage, *tracks: Any, **config: Any) -> tuple[Stage, float]:
     """Agent 2 is HELD for a goal 9 m ahead; from now on the ego is far away. Returns where agent 2 was."""
     s = stage(*tracks, **config)
     x = s.logged(2)
-    assert only(s.see(s.slow_ego(2, 0.9))).state == State.HELD
+    assert only(s.see(s.slow_ego(2, 0.9))).state == TakeoverState.HELD
     return s, x
 
 
 def test_short_of_its_goal_an_agent_is_held_for_ten_clear_steps(stage) -> None:
     s, x = opened(stage)
     states = [only(s.see({2: {"x": x, "controller": Controller.POLICY}})).state for _ in range(11)]
-    assert states == [State.HELD] * 9 + [State.HANDBACK] * 2
+    assert states == [TakeoverState.HELD] * 9 + [TakeoverState.HANDBACK] * 2
 
 
 def test_past_its_goal_an_agent_is_held_for_five(stage) -> None:
     s, x = opened(stage)
     states = [only(s.see({2: {"x": x + 11.0, "controller": Controller.POLICY}})).state for _ in range(6)]
-    assert states == [State.HELD] * 4 + [State.HANDBACK] * 2
+    assert states == [TakeoverState.HELD] * 4 + [TakeoverState.HANDBACK] * 2
 
 
 def test_an_agent_is_held_for_a_while_however_soon_it_is_free(stage) -> None:
     s, x = opened(stage, held_steps_min=12)
     states = [only(s.see({2: {"x": x + 11.0, "controller": Controller.POLICY}})).state for _ in range(13)]
-    assert states == [State.HELD] * 11 + [State.HANDBACK] * 2
+    assert states == [TakeoverState.HELD] * 11 + [TakeoverState.HANDBACK] * 2
 
 
 def test_a_conflict_of_its_log_makes_it_wait_anew(stage) -> None:
@@ -223,15 +229,15 @@ def test_a_conflict_of_its_log_makes_it_wait_anew(stage) -> None:
         takeover = only(s.see((s.slow_ego(2, 1.0) if again else {}) | {2: held}))
         assert takeover.log_collision_predicted == again
         states.append(takeover.state)
-    assert states == [State.HELD] * 10 + [State.HANDBACK] * 2
+    assert states == [TakeoverState.HELD] * 10 + [TakeoverState.HANDBACK] * 2
 
 
 def test_a_conflict_on_the_way_back_stops_it(stage) -> None:
     s, x = opened(stage)
     held = {2: {"x": x + 11.0, "controller": Controller.POLICY}}
     states = [only(s.see(held)).state for _ in range(6)]
-    assert states[-1] == State.HANDBACK
-    assert only(s.see(s.slow_ego(2, 1.5) | held)).state == State.HELD
+    assert states[-1] == TakeoverState.HANDBACK
+    assert only(s.see(s.slow_ego(2, 1.5) | held)).state == TakeoverState.HELD
 
 
 def test_somebody_between_an_agent_and_its_place_in_the_log_keeps_it_held(stage) -> None:
@@ -241,7 +247,7 @@ def test_somebody_between_an_agent_and_its_place_in_the_log_keeps_it_held(stage)
         between = {1: {"x": 0.5 * (x + s_log), "speed": 10.0}}
         state = only(s.see(between | {2: {"x": x, "controller": Controller.POLICY}})).state
         if s_log - x > 2.2 * LENGTH:
-            assert state == State.HELD
+            assert state == TakeoverState.HELD
     assert s.logged(2) - x > 25.0
 
 
@@ -263,24 +269,24 @@ def test_somebody_between_an_agent_and_its_place_in_the_log_keeps_it_held(stage)
 def test_it_is_released_where_nothing_is_left_of_the_residual(stage, residual: dict, released: bool) -> None:
     s, x = opened(stage)
     away = {"x": x + 20.0, "controller": Controller.POLICY}
-    while only(s.see({2: away})).state == State.HELD:
+    while only(s.see({2: away})).state == TakeoverState.HELD:
         pass
     near = {field: s.logged(2, field) + by for field, by in residual.items()}
     takeover = only(s.see({2: {"controller": Controller.POLICY, **near}}))
-    assert (takeover.state == State.RELEASED) == released
+    assert (takeover.state == TakeoverState.RELEASED) == released
     position = np.hypot(residual.get("x", 0.0), residual.get("y", 0.0))
     assert takeover.residual_position == pytest.approx(position)
     assert takeover.residual_speed == pytest.approx(residual.get("speed", 0.0))
     following = s.see({2: {"controller": Controller.LOG if released else Controller.POLICY, **near}})
-    assert bool(following.takeovers) != released or following.takeovers[0].state == State.RELEASED
+    assert bool(following.takeovers) != released or following.takeovers[0].state == TakeoverState.RELEASED
 
 
 def test_an_agent_that_was_released_can_be_taken_over_again(stage) -> None:
     s, x = opened(stage)
     away = {2: {"x": x + 20.0, "controller": Controller.POLICY}}
-    while only(s.see(away)).state == State.HELD:
+    while only(s.see(away)).state == TakeoverState.HELD:
         pass
-    assert only(s.see({2: {"controller": Controller.POLICY}})).state == State.RELEASED
+    assert only(s.see({2: {"controller": Controller.POLICY}})).state == TakeoverState.RELEASED
     assert s.see({}).takeovers == ()
     again = s.step
     assert only(s.see(s.slow_ego(2, 0.8))).detected_step == again
@@ -299,7 +305,7 @@ def test_while_its_log_is_over_an_agent_stays_held(stage, track) -> None:
             AgentTable(step, *(getattr(both, f) for f in both.__dataclass_fields__ if f != "step")), 2, **off
         )
         takeover = only(s.manager.update(both, s.predictor.forecast(both)))
-        assert takeover.state == State.HELD
+        assert takeover.state == TakeoverState.HELD
         assert (takeover.residual_position, takeover.residual_speed) == (-1.0, 0.0)
     assert len(table) == 2
 
@@ -327,7 +333,7 @@ def braking(until: int, to: float, back: bool) -> Callable[[AgentTable, int], tu
 def test_an_agent_yields_and_comes_back_to_its_log(make_scenario, track, drive) -> None:
     scenario = make_scenario(track(1, x=100.0, last=300), track(2, x=85.0, last=300))
     run = drive(scenario, braking(until=20, to=6.0, back=True), parameters={"conflict": {"handback": "catch_up"}})
-    assert run.life(2) == [State.HELD, State.HANDBACK, State.RELEASED]
+    assert run.life(2) == [TakeoverState.HELD, TakeoverState.HANDBACK, TakeoverState.RELEASED]
     assert run.world.contacts == {}
     steps = sorted(run.takeovers(2))
     assert steps == list(range(steps[0], steps[-1] + 1))
@@ -366,7 +372,7 @@ def test_an_entry_where_the_ego_stands_is_late_and_adopted(make_scenario, track,
     run = drive(scenario, stop_and_go)
     first = run.takeovers(3)[min(run.takeovers(3))]
     assert run.world.late_entries == {3} and run.world.contacts == {}
-    assert (first.reason, first.opponent, first.state) == (Reason.BLOCKED_ENTRY, 1, State.HELD)
+    assert (first.reason, first.opponent, first.state) == (TakeoverReason.BLOCKED_ENTRY, 1, TakeoverState.HELD)
     assert first.detected_step > 40 and first.overlap_probability == 1.0
     on_time = drive(scenario, "log")
     assert on_time.world.late_entries == set() and on_time.takeovers(3) == {}
@@ -378,7 +384,7 @@ def test_an_agent_drives_on_under_control_when_its_log_is_over(make_scenario, tr
     records = run.takeovers(2)
     assert max(records) == scenario.total_steps
     over = [t for step, t in records.items() if step > 50]
-    assert {t.state for t in over} == {State.HELD} and {t.residual_position for t in over} == {-1.0}
+    assert {t.state for t in over} == {TakeoverState.HELD} and {t.residual_position for t in over} == {-1.0}
     assert run.world.contacts == {} and run.series(2, "speed").min() > 1.0
 
 
@@ -401,9 +407,12 @@ def lag_then_go(make_scenario, track, drive) -> Callable[..., Any]:
 
 
 def test_behind_an_ego_that_stays_behind_only_a_late_log_can_be_rejoined(lag_then_go) -> None:
-    assert State.RELEASED not in lag_then_go("catch_up").life(2)
+    assert TakeoverState.RELEASED not in lag_then_go("catch_up").life(2)
     late = lag_then_go("time_shift")
-    assert late.life(2) == [State.HELD, State.HANDBACK, State.RELEASED] and late.world.contacts == {}
+    assert (
+        late.life(2) == [TakeoverState.HELD, TakeoverState.HANDBACK, TakeoverState.RELEASED]
+        and late.world.contacts == {}
+    )
 
 
 def test_from_the_release_on_the_log_is_replayed_with_the_lag_that_was_recorded(lag_then_go) -> None:
@@ -411,10 +420,10 @@ def test_from_the_release_on_the_log_is_replayed_with_the_lag_that_was_recorded(
     records = run.takeovers(2)
     released = max(records)
     lag = round(records[released].time_shift / 0.1)
-    assert records[released].state == State.RELEASED and lag > 5
+    assert records[released].state == TakeoverState.RELEASED and lag > 5
     assert records[released].residual_position == pytest.approx(lag * 1.0, abs=0.6), "the log drives at 10 m/s"
     for step in range(released + 40, 201):
-        table, log = run.rounds[step].table, run.scenario.log.table(step - lag)
+        table, log = run.results[step].table, run.scenario.log.table(step - lag)
         row, logged = table.row(2), log.row(2)
         assert table.controller[row] == Controller.LOG
         assert (table.x[row], table.y[row]) == pytest.approx((log.x[logged], log.y[logged]), abs=1e-9)
@@ -448,7 +457,7 @@ def test_every_takeover_says_all_that_explains_it(lag_then_go) -> None:
     run = lag_then_go("time_shift")
     records = run.takeovers(2)
     first, last = records[min(records)], records[max(records)]
-    assert (first.reason, first.opponent, first.detected_step) == (Reason.CONFLICT, 1, min(records))
+    assert (first.reason, first.opponent, first.detected_step) == (TakeoverReason.CONFLICT, 1, min(records))
     assert first.overlap_probability >= 0.4 and 0.0 < first.time_to_conflict <= 3.0
     assert first.log_collision_predicted and first.path_source == PathSource.ROUTE
     assert (first.residual_position, first.residual_speed, first.time_shift) == (0.0, 0.0, 0.0)
@@ -458,7 +467,11 @@ def test_every_takeover_says_all_that_explains_it(lag_then_go) -> None:
 
 @pytest.mark.parametrize(
     ("config", "problem"),
-    [({"handback": "jump"}, "handback"), ({"rounds_max": 0}, "rounds_max"), ({"confirm_steps": 0}, "confirm_steps")],
+    [
+        ({"handback": "jump"}, "handback"),
+        ({"iterations_max": 0}, "iterations_max"),
+        ({"confirm_steps": 0}, "confirm_steps"),
+    ],
 )
 def test_parameters_out_of_range_are_input_errors(config: dict[str, Any], problem: str) -> None:
     with pytest.raises(InputError, match=problem):
@@ -468,4 +481,4 @@ def test_parameters_out_of_range_are_input_errors(config: dict[str, Any], proble
 def test_with_the_ego_on_its_log_nobody_is_taken_over(make_scenario, track, drive, lane_centres) -> None:
     tracks = [track(1 + i, x=100.0 - 12.0 * (i // 3), y=lane_centres[i % 3], last=150) for i in range(12)]
     run = drive(make_scenario(*tracks), "log")
-    assert all(r.takeovers.takeovers == () for r in run.rounds)
+    assert all(r.takeovers.takeovers == () for r in run.results)

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_policy.conflict.takeover import State
 from litsim_sim.analysis.takeover import jump
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller
+from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.scenario.scenario import Scenario
 
 BETWEEN = 0.02  # [m] by which a step may differ from the mean velocity: acceleration need not be constant within it
@@ -39,8 +39,8 @@ def real() -> Scenario:
 def steps_since_taken(run: Any, agent: int) -> Iterator[tuple[AgentTable, AgentTable, int]]:
     """Tables before and after each step of `agent` from its first takeover on, and the lag of its log [steps] then."""
     records, lag = run.takeovers(agent), 0
-    for before, after in pairwise(r.table for r in run.rounds[min(records) :]):
-        if before.step in records and records[before.step].state == State.RELEASED:
+    for before, after in pairwise(r.table for r in run.results[min(records) :]):
+        if before.step in records and records[before.step].state == TakeoverState.RELEASED:
             lag = round(records[before.step].time_shift / STEP_S)
         if before.row(agent) >= 0 and after.row(agent) >= 0:
             yield before, after, lag
@@ -61,7 +61,7 @@ def test_real_agents_neither_jump_nor_exceed_limits_however_they_change_hands(
     run = drive(scenario, ego, policy=policy, parameters={"predictor": {"model": "kinematic"}})
     seen: Counter[tuple[Controller, Controller]] = Counter()
     back: set[tuple[int, int]] = set()  # steps and agents, of steps that end on the log
-    for agent in sorted({t.agent for r in run.rounds for t in r.takeovers.takeovers}):
+    for agent in sorted({t.agent for r in run.results for t in r.takeovers.takeovers}):
         for before, after, lag in steps_since_taken(run, agent):
             hands = (Controller(before.controller[before.row(agent)]), Controller(after.controller[after.row(agent)]))
             seen[hands] += 1
@@ -77,6 +77,6 @@ def test_real_agents_neither_jump_nor_exceed_limits_however_they_change_hands(
     assert seen[Controller.LOG, Controller.POLICY] >= 1 and seen[Controller.POLICY, Controller.POLICY] > 5
     # whether policy C brings anybody back depends on its weights
     assert policy != "yield" or seen[Controller.POLICY, Controller.LOG] >= 1, "somebody goes back"
-    beyond = set(beyond_limits(run.rounds, EVERYBODY)) - set(beyond_limits(run.rounds, (Controller.LOG,)))
+    beyond = set(beyond_limits(run.results, EVERYBODY)) - set(beyond_limits(run.results, (Controller.LOG,)))
     # the ego may follow its log as EGO, jitter and all
     assert {(step, agent) for step, agent, _ in beyond if agent != scenario.ego_id} <= back

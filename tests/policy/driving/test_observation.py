@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from litsim_policy.driving import observation as o
-from litsim_policy.driving.observation import Errand, ObservationConfig, Observer, window
+from litsim_policy.driving.observation import DrivingTask, ObservationConfig, Observer, window
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.scenario.scenario import Scenario
 
@@ -24,8 +24,8 @@ def straight(y: float) -> ReferencePath:
     return ReferencePath.through(np.column_stack([np.arange(0.0, 300.0), np.full(300, y)]))
 
 
-def errand(agent: int, y: float, goal_x: float = 150.0, due: int = NOW + 25, opponent: int = -1) -> Errand:
-    return Errand(agent, straight(y), np.array([goal_x, y]), due, opponent)
+def task(agent: int, y: float, goal_x: float = 150.0, due: int = NOW + 25, opponent: int = -1) -> DrivingTask:
+    return DrivingTask(agent, straight(y), np.array([goal_x, y]), due, opponent)
 
 
 def groups(features: np.ndarray, slots: int = 8) -> dict[str, np.ndarray]:
@@ -43,7 +43,7 @@ def test_core_and_road(scenario, agent_table, lane_centres) -> None:
     y = lane_centres[1] + 0.5
     table = agent_table(NOW, {"id": 2, "x": 100.0, "y": y, "yaw": 0.1, "speed": 12.0, "acceleration": -1.5})
     observer = Observer(scenario.lane_map)
-    seen = groups(observer.observe(table, [errand(2, lane_centres[1])])[0])
+    seen = groups(observer.observe(table, [task(2, lane_centres[1])])[0])
     assert seen["core"] == pytest.approx([4.5 / o.LENGTH, 2.0 / o.WIDTH, 12.0 / o.SPEED, -1.5 / o.ACCELERATION])
     left, right, road_left, road_right, offset, curvature, heading = seen["road"]
     assert left * o.LATERAL == pytest.approx(1.83 - 0.5, abs=0.02)
@@ -64,7 +64,7 @@ def test_sectors_begin_ahead_and_go_counter_clockwise(scenario, agent_table, lan
         {"id": 6, "x": 100.0, "y": lane_centres[3]},  # right
     ]
     table = agent_table(NOW, {"id": 2, "x": 100.0, "y": y}, *others)
-    around = groups(Observer(scenario.lane_map).observe(table, [errand(2, y)])[0])["around"]
+    around = groups(Observer(scenario.lane_map).observe(table, [task(2, y)])[0])["around"]
     assert np.flatnonzero(around[:, 0]).tolist() == [0, 2, 4, 6]
     assert (around[[1, 3, 5, 7]] == 0.0).all()
     assert around[0, 1] * o.DISTANCE == pytest.approx(30.0) and around[0, 2] * o.SPEED == pytest.approx(6.0)
@@ -79,7 +79,7 @@ def test_by_distance_the_nearest_come_first(scenario, agent_table, lane_centres)
     others = [{"id": i, "x": 100.0 + ahead, "y": y} for i, ahead in ((1, 30.0), (3, 10.0), (4, 70.0), (5, -20.0))]
     table = agent_table(NOW, {"id": 2, "x": 100.0, "y": y}, *others)
     config = ObservationConfig("distance", slots=6, sight=60.0)
-    around = groups(Observer(scenario.lane_map, config).observe(table, [errand(2, y)])[0], 6)["around"]
+    around = groups(Observer(scenario.lane_map, config).observe(table, [task(2, y)])[0], 6)["around"]
     assert around[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]  # the one at 70 m is out of sight
     assert around[:3, 1] * o.DISTANCE == pytest.approx([10.0, 20.0, 30.0])
 
@@ -92,7 +92,7 @@ def test_the_way(scenario, agent_table, lane_centres) -> None:
         {"id": 1, "x": 120.0, "y": y, "speed": 4.0},
         {"id": 7, "x": 110.0, "y": lane_centres[1], "speed": 13.0},
     )
-    seen = way(Observer(scenario.lane_map).observe(table, [errand(2, y, opponent=7)])[0])
+    seen = way(Observer(scenario.lane_map).observe(table, [task(2, y, opponent=7)])[0])
     assert seen["offset from the path"] * o.LATERAL == pytest.approx(-0.6)
     assert seen["heading to the path"] * o.HEADING == pytest.approx(-0.05)
     assert seen["gap to the first one on the path"] * o.DISTANCE == pytest.approx(20.0 - 4.5)
@@ -100,25 +100,25 @@ def test_the_way(scenario, agent_table, lane_centres) -> None:
     assert seen["distance to the goal along the path"] * o.DISTANCE == pytest.approx(50.0)
     assert seen["time until the agent was expected at the goal"] * o.TIME == pytest.approx(2.5)
     assert seen["the opponent is there"] == 1.0 and seen["opponent to the left"] > 0.8
-    alone = way(Observer(scenario.lane_map).observe(table, [errand(2, y, opponent=99)])[0])
+    alone = way(Observer(scenario.lane_map).observe(table, [task(2, y, opponent=99)])[0])
     assert alone["the opponent is there"] == alone["opponent ahead"] == 0.0
 
 
 def test_agents_are_observed_as_if_each_were_alone(scenario, agent_table, lane_centres) -> None:
     rows = [{"id": i, "x": 100.0 + 9.0 * i, "y": lane_centres[i % 5], "speed": 3.0 * i} for i in range(1, 6)]
     table = agent_table(NOW, *rows)
-    errands = [errand(i, lane_centres[i % 5]) for i in (1, 3, 4)]
+    tasks = [task(i, lane_centres[i % 5]) for i in (1, 3, 4)]
     observer = Observer(scenario.lane_map)
-    together = observer.observe(table, errands)
+    together = observer.observe(table, tasks)
     assert together.shape == (3, ObservationConfig().size)
-    for row, one in zip(together, errands, strict=True):
+    for row, one in zip(together, tasks, strict=True):
         assert (observer.observe(table, [one])[0] == row).all()
 
 
 def test_features_are_cut(scenario, agent_table, lane_centres) -> None:
     y = lane_centres[2]
     table = agent_table(NOW, {"id": 2, "x": 100.0, "y": y, "speed": 90.0, "length": 40.0})
-    seen = Observer(scenario.lane_map).observe(table, [errand(2, y, goal_x=100_000.0, due=10**6)])
+    seen = Observer(scenario.lane_map).observe(table, [task(2, y, goal_x=100_000.0, due=10**6)])
     assert np.isfinite(seen).all() and np.abs(seen).max() == o.LIMIT
 
 
@@ -130,7 +130,7 @@ def test_nobody_to_observe(scenario, agent_table) -> None:
 def test_a_window_of_a_path_changes_nothing_near(scenario, agent_table, lane_centres) -> None:
     y = lane_centres[2]
     table = agent_table(NOW, {"id": 2, "x": 100.0, "y": y + 0.4}, {"id": 1, "x": 125.0, "y": y})
-    whole = errand(2, y)
+    whole = task(2, y)
     part = replace(whole, path=window(whole.path, 100.0, y))
     assert len(part.path.s) < len(whole.path.s)
     observer = Observer(scenario.lane_map)

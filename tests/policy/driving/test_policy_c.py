@@ -158,6 +158,6 @@ def test_shipped_weights_drive(make_scenario, track, drive) -> None:
     assert isinstance(make_policy("litsim", scenario), PolicyC)
     run = drive(scenario, lambda table, _: (-3.0 if table.step < 40 else 0.5, 0.0), policy="litsim")
     assert run.world.contacts == {} and run.takeovers(2)
-    sources = {s for r in run.rounds if r.controls is not None for s in r.controls.source.tolist()}
+    sources = {s for r in run.results if r.controls is not None for s in r.controls.source.tolist()}
     assert sources & {ControlSource.POLICY, ControlSource.GUARDED}
-    assert all((np.diff(r.controls.id) > 0).all() for r in run.rounds if r.controls is not None)
+    assert all((np.diff(r.controls.id) > 0).all() for r in run.results if r.controls is not None)

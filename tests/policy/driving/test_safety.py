@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.observation import Errand, ObservationConfig
+from litsim_policy.driving.observation import DrivingTask, ObservationConfig
 from litsim_policy.driving.policy_c import Driver, PolicyNetwork
 from litsim_policy.driving.safety import GUARDS, LIMITS_ONLY, SafetyConfig, SafetyLayer
 from litsim_policy.motion.reference_path import lane_path, logged_path
@@ -35,16 +35,16 @@ def simulate(scenario: Scenario, network: PolicyNetwork, config: SafetyConfig, s
     path = logged_path(scenario.log, scenario.lane_map, 2)
     table, controls = world.reset(), []
     for _ in range(steps):
-        made = driver.drive(table, [Errand(2, path, path.points[-1], table.step + 30)])
+        made = driver.drive(table, [DrivingTask(2, path, path.points[-1], table.step + 30)])
         controls.append(made)
         table = world.step(made, EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG))
     return world, [driver.safety, controls, table]
 
 
-def errand_of(scenario: Scenario, table: AgentTable, agent: int) -> Errand:
+def errand_of(scenario: Scenario, table: AgentTable, agent: int) -> DrivingTask:
     row = table.row(agent)
     path = lane_path(scenario.lane_map, table.x[row], table.y[row], table.yaw[row])
-    return Errand(agent, path, path.points[-1], 0)
+    return DrivingTask(agent, path, path.points[-1], 0)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.observation import Errand
+from litsim_policy.driving.observation import DrivingTask
 from litsim_policy.driving.safety import GUARDS, SafeCommands, SafetyConfig, SafetyLayer
 from litsim_policy.motion.reference_path import lane_path
 from litsim_sim.core.scene import STEP_S, AgentTable
@@ -43,9 +43,9 @@ def ask(lane_map, agent_table, lane_centres):
         own = {"id": 2, "x": 100.0, "y": lane_centres[1], "speed": 10.0} | mine
         table: AgentTable = agent_table(5, own, *({"y": lane_centres[1]} | other for other in others))
         path = lane_path(lane_map, 100.0, lane_centres[1], 0.0)
-        errand = Errand(2, path, path.points[-1], 0)
+        task = DrivingTask(2, path, path.points[-1], 0)
         layer = layer or SafetyLayer(lane_map, config)
-        return layer.apply(table, [errand], np.array([asked[0]]), np.array([asked[1]]))
+        return layer.apply(table, [task], np.array([asked[0]]), np.array([asked[1]]))
 
     return ask
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_policy.conflict.takeover import Reason, State, Takeover, TakeoverTable
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, idm_acceleration
 from litsim_policy.motion.reference_path import logged_path
 from litsim_sim.core.scene import AgentTable
+from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 
 CONFIG = YieldConfig()
@@ -30,12 +30,14 @@ def act(scene: Scenario, placed, lane_centres):
     """Acceleration of agent 2 with somebody `gap` [m] ahead of its bumper, in its lane if not told otherwise."""
     policy = YieldPolicy(scene, CONFIG, HandbackConfig())
 
-    def act(who: int, gap: float, state: State = State.HELD, own: float = 10.0, **other: float) -> float:
+    def act(
+        who: int, gap: float, state: TakeoverState = TakeoverState.HELD, own: float = 10.0, **other: float
+    ) -> float:
         table: AgentTable = placed(scene.log.table(5), 2, speed=own)
         x = float(table.x[table.row(2)]) + LENGTH + gap
         table = placed(table, who, **({"x": x, "y": lane_centres[1], "speed": 4.0} | other))
         path, nowhere = logged_path(scene.log, scene.lane_map, 2).points, np.zeros(3)
-        fields = (2, OPPONENT, state, Reason.CONFLICT, 0, 1.0, 0.5, nowhere, nowhere, path, True, 0.0, 0.0)
+        fields = (2, OPPONENT, state, TakeoverReason.CONFLICT, 0, 1.0, 0.5, nowhere, nowhere, path, True, 0.0, 0.0)
         controls = policy.act(table, TakeoverTable(table.step, (Takeover(*fields),)))
         assert controls.id.tolist() == [2]
         return float(controls.acceleration[0])
@@ -52,11 +54,11 @@ def test_without_a_gap_the_model_brakes_as_at_its_smallest_one(gap: float, speed
     assert found == idm_acceleration(config, speed, 20.0, np.array([GAP_MIN]), np.array([leader_speed])) == -7.0
 
 
-@pytest.mark.parametrize("state", [State.HELD, State.HANDBACK])
+@pytest.mark.parametrize("state", [TakeoverState.HELD, TakeoverState.HANDBACK])
 @pytest.mark.parametrize("gap", GAPS)
 @pytest.mark.parametrize("who", [OPPONENT, STRANGER])
 def test_one_that_reaches_into_a_slower_one_ahead_brakes_as_hard_as_it_can(
-    act, who: int, gap: float, state: State
+    act, who: int, gap: float, state: TakeoverState
 ) -> None:
     assert act(who, gap, state) == -CONFIG.idm.braking_max
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from litsim_policy.conflict.takeover import Reason, State, Takeover, TakeoverTable
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_policy.motion.reference_path import logged_path
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, EgoCommand, EgoMode
+from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 
@@ -27,13 +27,27 @@ class Takeovers:
 
     scenario: Scenario
 
-    def table(self, step: int, agents: dict[int, int], state: State = State.HELD) -> TakeoverTable:
+    def table(self, step: int, agents: dict[int, int], state: TakeoverState = TakeoverState.HELD) -> TakeoverTable:
         """Takeovers at a step, of agents with their opponents."""
         made = []
         for agent, opponent in sorted(agents.items()):
             path = logged_path(self.scenario.log, self.scenario.lane_map, agent).points
             nowhere = np.zeros(3)
-            fields = (agent, opponent, state, Reason.CONFLICT, 0, 1.0, 0.5, nowhere, nowhere, path, True, 0.0, 0.0)
+            fields = (
+                agent,
+                opponent,
+                state,
+                TakeoverReason.CONFLICT,
+                0,
+                1.0,
+                0.5,
+                nowhere,
+                nowhere,
+                path,
+                True,
+                0.0,
+                0.0,
+            )
             made.append(Takeover(*fields))
         return TakeoverTable(step, tuple(made))
 
@@ -52,7 +66,7 @@ def simulate(
     scenario: Scenario,
     start: dict[int, dict[str, float]],
     agents: dict[int, int],
-    state: State,
+    state: TakeoverState,
     steps: int,
     placed: Callable,
 ) -> list[AgentTable]:
@@ -83,8 +97,8 @@ def test_those_released_and_those_on_their_logs_are_not_driven(make_scenario, tr
     policy, takeovers = make(scenario)
     table = scenario.log.table(5)
     assert len(policy.act(table, TakeoverTable(5)).id) == 0
-    assert len(policy.act(table, takeovers.table(5, {2: 1}, State.RELEASED)).id) == 0
-    mixed = takeovers.table(5, {2: 1}).takeovers + takeovers.table(5, {3: 2}, State.HANDBACK).takeovers
+    assert len(policy.act(table, takeovers.table(5, {2: 1}, TakeoverState.RELEASED)).id) == 0
+    mixed = takeovers.table(5, {2: 1}).takeovers + takeovers.table(5, {3: 2}, TakeoverState.HANDBACK).takeovers
     controls = policy.act(table, TakeoverTable(5, mixed))
     assert controls.step == 5 and controls.id.tolist() == [2, 3]
     assert controls.source.tolist() == [ControlSource.POLICY, ControlSource.HANDBACK]
@@ -153,7 +167,7 @@ def test_on_a_free_road_it_drives_a_little_faster_than_its_log(
     make_scenario, track, placed, logged: float, settles_at: float
 ) -> None:
     scenario = make_scenario(track(1, x=400.0, last=150), track(2, x=30.0, speed=logged, last=150))
-    speed = series(simulate(scenario, {}, {2: 1}, State.HELD, 140, placed), 2, "speed")
+    speed = series(simulate(scenario, {}, {2: 1}, TakeoverState.HELD, 140, placed), 2, "speed")
     assert speed[-1] == pytest.approx(settles_at, abs=0.1) and speed.max() < settles_at + 0.05
 
 
@@ -162,7 +176,7 @@ def test_on_a_free_road_it_drives_a_little_faster_than_its_log(
 
 def test_it_stays_on_its_logged_path(make_scenario, track, placed) -> None:
     scenario = make_scenario(track(1, x=300.0), track(2, x=60.0, yaw=-0.04))
-    tables = simulate(scenario, {2: {"speed": 6.0}}, {2: 1}, State.HELD, 50, placed)
+    tables = simulate(scenario, {2: {"speed": 6.0}}, {2: 1}, TakeoverState.HELD, 50, placed)
     path = logged_path(scenario.log, scenario.lane_map, 2)
     _, offset = path.project(series(tables, 2, "x"), series(tables, 2, "y"))
     assert np.abs(offset).max() < 0.05
@@ -225,7 +239,7 @@ def test_on_the_way_back_it_reaches_its_log_within_comfort(
 ) -> None:
     scenario = make_scenario(track(1, x=400.0, last=220), track(2, x=60.0, last=220))
     start = {2: {"x": 60.0 - lag, "y": lane_centres[1] + left, "speed": 8.0}}
-    tables = simulate(scenario, start, {2: 1}, State.HANDBACK, 200, placed)
+    tables = simulate(scenario, start, {2: 1}, TakeoverState.HANDBACK, 200, placed)
     apart = np.hypot(
         series(tables, 2, "x") - scenario.log.x[1, : len(tables)],
         series(tables, 2, "y") - scenario.log.y[1, : len(tables)],
@@ -242,7 +256,7 @@ def test_on_the_way_back_it_reaches_its_log_within_comfort(
 def test_on_the_way_back_it_does_not_drive_into_whoever_is_in_the_way(make_scenario, track, placed) -> None:
     slow = track(3, x=70.0, speed=5.0, last=150)
     scenario = make_scenario(track(1, x=400.0, last=150), track(2, x=90.0, last=150), slow)
-    tables = simulate(scenario, {2: {"x": 50.0}}, {2: 1}, State.HANDBACK, 140, placed)
+    tables = simulate(scenario, {2: {"x": 50.0}}, {2: 1}, TakeoverState.HANDBACK, 140, placed)
     gap = series(tables, 3, "x") - series(tables, 2, "x") - 4.5
     assert gap.min() > 1.0 and series(tables, 2, "speed")[-1] == pytest.approx(5.0, abs=0.3)
 
@@ -259,7 +273,7 @@ def test_two_whose_paths_cross_side_by_side_do_not_wait_for_each_other_forever(
     upper = track(2, x=60.0, y=middle + 0.5 * apart, yaw=-0.05, last=130)
     lower = track(3, x=60.0 + ahead, y=middle - 0.5 * apart, yaw=0.05, last=130)
     scenario = make_scenario(track(1, x=400.0, last=130), upper, lower)
-    tables = simulate(scenario, {}, {2: 1, 3: 2}, State.HELD, 120, placed)
+    tables = simulate(scenario, {}, {2: 1, 3: 2}, TakeoverState.HELD, 120, placed)
     for agent in (2, 3):
         assert series(tables, agent, "speed")[-1] > 9.0
 
@@ -272,7 +286,7 @@ def test_of_two_that_change_places_one_lets_the_other_go_first(
     upper = track(2, x=60.0, y=middle + 1.5, yaw=-0.05, last=130)
     lower = track(3, x=60.0 + ahead, y=middle - 1.5, yaw=0.05, last=130)
     scenario = make_scenario(track(1, x=400.0, last=130), upper, lower)
-    tables = simulate(scenario, {}, {2: 1, 3: 2}, State.HELD, 120, placed)
+    tables = simulate(scenario, {}, {2: 1, 3: 2}, TakeoverState.HELD, 120, placed)
     for agent in (2, 3):
         assert series(tables, agent, "speed")[-1] > 9.0
     beside = np.abs(series(tables, 2, "x") - series(tables, 3, "x")) < 4.5

@@ -246,5 +246,5 @@ def test_a_run_with_the_kinematic_predictor_is_smooth_and_the_same_twice(
     one, two = (driven(drive, scenario, BatEgo(scenario, KINEMATIC)) for _ in range(2))
     for field in ("x", "y", "yaw", "speed"):
         assert np.array_equal(one.series(1, field), two.series(1, field))
-    assert beyond_limits(one.rounds, (Controller.EGO,)) == []
+    assert beyond_limits(one.results, (Controller.EGO,)) == []
     assert np.abs(one.series(1, "yaw_rate")).max() < 0.1

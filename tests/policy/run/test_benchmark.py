@@ -40,7 +40,7 @@ def test_the_ego_of_the_benchmark_has_followers_close_behind(tmp_path: Path) -> 
 def test_an_ego_that_keeps_more_distance_makes_the_benchmark_work(tmp_path: Path, drive) -> None:
     """It would measure nothing, if nobody were taken over."""
     run = drive(Scenario.load(write_scenario(tmp_path, 50, seconds=8.0)), "idm")
-    assert max(len(r.takeovers.takeovers) for r in run.rounds) > 0
+    assert max(len(r.takeovers.takeovers) for r in run.results) > 0
     assert run.world.contacts == {}
 
 

@@ -43,7 +43,7 @@ def answered(make_scenario: Any, track: Any, lane_centres: Any) -> tuple[Scenari
     info = RunInfo(header=messages.header(0), **plan.facts())
     predictor = make_predictor(default_model(), scenario)
     found: list[tuple[str, int, Any]] = []
-    for now in Runner(plan).rounds():
+    for now in Runner(plan).steps():
         step, run_id = now.table.step, plan.run_id
         found += [
             (topics.AGENTS.name, step, messages.agents_to_message(now.table, run_id, scenario.total_steps, 13)),

@@ -9,12 +9,13 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
-from litsim_policy.conflict.takeover import HANDBACKS, State
+from litsim_policy.conflict.takeover import HANDBACKS
 from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.collision import first_contacts
 from litsim_sim.analysis.metrics import compute_metrics, digest
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller
+from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -57,20 +58,20 @@ def errors(run: Run) -> np.ndarray:
 
 def test_every_step_is_answered_once(demo: Scenario, litsim) -> None:
     steps = list(range(demo.total_steps + 1))
-    assert [r.table.step for r in litsim.rounds] == steps
+    assert [r.table.step for r in litsim.results] == steps
     for part in ("takeovers", "controls", "ego"):
-        assert [getattr(r, part).step for r in litsim.rounds] == steps
-    assert all({"bridge", "predictor", "conflict", "policy", "ego"} == set(r.stage_s) for r in litsim.rounds)
+        assert [getattr(r, part).step for r in litsim.results] == steps
+    assert all({"bridge", "predictor", "conflict", "policy", "ego"} == set(r.stage_s) for r in litsim.results)
 
 
 def test_pure_replay_has_neither_takeovers_nor_controls(demo: Scenario, drive) -> None:
     run = drive(demo, "idm", policy="replay")
-    assert {r.takeovers for r in run.rounds} == {None} and {r.controls for r in run.rounds} == {None}
-    assert not any((r.table.controller == Controller.POLICY).any() for r in run.rounds)
+    assert {r.takeovers for r in run.results} == {None} and {r.controls for r in run.results} == {None}
+    assert not any((r.table.controller == Controller.POLICY).any() for r in run.results)
 
 
 def test_exactly_those_with_an_answer_are_under_control_at_the_next_step(litsim) -> None:
-    for now, then in zip(litsim.rounds, litsim.rounds[1:], strict=False):
+    for now, then in zip(litsim.results, litsim.results[1:], strict=False):
         driven = set(then.table.id[then.table.controller == Controller.POLICY].tolist())
         gone = set(now.table.id.tolist()) - set(then.table.id.tolist())
         assert driven - litsim.world.late_entries == set(now.controls.id.tolist()) - gone - litsim.world.late_entries
@@ -132,15 +133,17 @@ def test_with_the_ego_on_its_log_almost_nobody_is_taken_over(demo: Scenario) -> 
 
 
 def test_nobody_moves_as_no_vehicle_can(litsim, beyond_limits) -> None:
-    assert beyond_limits(litsim.rounds, DRIVEN) == []
+    assert beyond_limits(litsim.results, DRIVEN) == []
 
 
 def test_even_where_agents_change_hands_nobody_jumps(demo: Scenario, drive, beyond_limits) -> None:
     """The generated recording itself respects the limits, and so do the ways back onto it."""
     run = drive(Scenario.load("demo", ego=3), "idm")
-    states = {t.state for r in run.rounds for t in r.takeovers.takeovers}
-    assert states == {State.HELD, State.HANDBACK, State.RELEASED}
-    assert beyond_limits(run.rounds, EVERYBODY) == beyond_limits(drive(demo, "log", policy="replay").rounds, EVERYBODY)
+    states = {t.state for r in run.results for t in r.takeovers.takeovers}
+    assert states == {TakeoverState.HELD, TakeoverState.HANDBACK, TakeoverState.RELEASED}
+    assert beyond_limits(run.results, EVERYBODY) == beyond_limits(
+        drive(demo, "log", policy="replay").results, EVERYBODY
+    )
 
 
 @settings(max_examples=6, phases=(Phase.explicit, Phase.reuse, Phase.generate))  # a run is too long to be shrunk
@@ -157,7 +160,7 @@ def test_over_whole_runs_nobody_jumps(drive, beyond_limits, ego, handback, kind,
     perturbed = {"kind": kind, "deceleration": deceleration, "duration": duration}
     parameters = {"ego": perturbed, "conflict": {"handback": handback}}
     run = drive(Scenario.load("demo", ego=ego), "perturbed", parameters=parameters)
-    assert beyond_limits(run.rounds, EVERYBODY) == []
+    assert beyond_limits(run.results, EVERYBODY) == []
 
 
 def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario, track) -> None:
@@ -165,7 +168,7 @@ def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario,
     scenario = make_scenario(track(1, x=112.0, last=200), track(2, x=100.0, last=200))
     parameters = {"ego": {"kind": "brake", "time": (0.0, 0.0), "duration": 4.0}}
     replay = Runner(RunPlan(scenario, "perturbed", "replay"), parameters=parameters)
-    assert len(list(replay.rounds())) == 201
+    assert len(list(replay.steps())) == 201
     (entry,) = compute_metrics(record(Runner(RunPlan(scenario, "perturbed", "yield"), parameters=parameters)))["ledger"]
     assert (entry["agent"], entry["opponent"], entry["reason"]) == (2, 1, "conflict")
     assert (entry["replay_opponent"], entry["replay_step"]) == (1, replay.world.contacts[(1, 2)])
@@ -180,7 +183,7 @@ def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario,
 
 def test_takeovers_are_explained(demo: Scenario, litsim) -> None:
     seen = 0
-    for now in litsim.rounds:
+    for now in litsim.results:
         off = {demo.ego_id, *(t.agent for t in now.takeovers.takeovers)}
         for takeover in now.takeovers.takeovers:
             seen += 1
@@ -196,7 +199,7 @@ def test_takeovers_are_explained(demo: Scenario, litsim) -> None:
 
 
 def test_agents_off_their_logs_stay_on_the_road(demo: Scenario, litsim) -> None:
-    for now in litsim.rounds:
+    for now in litsim.results:
         held = now.table.take(np.isin(now.table.controller, DRIVEN))
         assert demo.lane_map.inside_road(held.x, held.y).all()
 
@@ -204,7 +207,7 @@ def test_agents_off_their_logs_stay_on_the_road(demo: Scenario, litsim) -> None:
 def test_agents_do_not_flicker_between_holding_and_handing_back(litsim, demo: Scenario) -> None:
     for agent in demo.log.ids.tolist():
         life = litsim.life(agent)
-        assert life.count(State.HANDBACK) <= 2, (agent, life)
+        assert life.count(TakeoverState.HANDBACK) <= 2, (agent, life)
 
 
 def test_how_eagerly_is_taken_over_can_be_chosen(demo: Scenario, recorded: Run) -> None:
@@ -232,10 +235,10 @@ def test_real_traffic_reacts(real: Scenario, drive, beyond_limits, position: int
     replay = compute_metrics(run_of(scenario, "idm", "replay"))
     run = drive(scenario, "idm")
     log = first_contacts([scenario.log.table(step) for step in range(scenario.total_steps + 1)])
-    excess = set(first_contacts([r.table for r in run.rounds])) - set(log)
+    excess = set(first_contacts([r.table for r in run.results])) - set(log)
     assert not {pair for pair in excess if scenario.ego_id not in pair}, "background does not touch background"
     assert len(excess) <= 1 and len(excess) <= replay["collision"]["excess"]
-    assert beyond_limits(run.rounds, DRIVEN) == []
+    assert beyond_limits(run.results, DRIVEN) == []
 
 
 @pytest.mark.data

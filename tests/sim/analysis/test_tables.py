@@ -18,7 +18,8 @@ from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.analysis.safety import safety_series
 from litsim_sim.analysis.tables import SERIES, TAKEOVERS, series_table, write_tables
 from litsim_sim.core.scene import Controller
-from litsim_sim.record.run import Run, Takeover, TakeoverReason, TakeoverState
+from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
+from litsim_sim.record.run import Run
 
 Make = Callable[..., Any]
 DOCS = Path(__file__).resolve().parents[3] / "docs/metrics.md"

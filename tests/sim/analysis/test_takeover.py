@@ -10,7 +10,7 @@ import pytest
 
 from litsim_sim.analysis.takeover import handbacks, jump, ledger
 from litsim_sim.core.scene import Controller
-from litsim_sim.record.run import Takeover, TakeoverReason, TakeoverState
+from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
 
 Make = Callable[..., Any]
 HELD, HANDBACK, RELEASED = TakeoverState

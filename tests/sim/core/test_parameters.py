@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import Given, by_stage, one_setting, setting
+from litsim_sim.core.parameters import ParameterOverrides, by_stage, one_setting, setting
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Outer:
 
 
 def test_values_take_the_place_of_fields_by_their_flat_names() -> None:
-    read = Given("conflict", {"horizon": 2, "spread": [1.0, 2.0], "inner.on": True, "back.name": "y"})
+    read = ParameterOverrides("conflict", {"horizon": 2, "spread": [1.0, 2.0], "inner.on": True, "back.name": "y"})
     found = read(Outer())
     assert found == Outer(horizon=2.0, spread=(1.0, 2.0), inner=Inner(on=True)) and isinstance(found.horizon, float)
     assert read(Inner(), "back.") == Inner(name="y")
@@ -37,7 +37,7 @@ def test_values_take_the_place_of_fields_by_their_flat_names() -> None:
 
 
 def test_what_nobody_asked_for_is_named_with_what_there_is() -> None:
-    read = Given("conflict", {"horizont": 2.0})
+    read = ParameterOverrides("conflict", {"horizont": 2.0})
     read(Inner())
     with pytest.raises(InputError, match="conflict: unknown parameter horizont; expected name, on"):
         read.check()
@@ -48,7 +48,7 @@ def test_what_nobody_asked_for_is_named_with_what_there_is() -> None:
 )
 def test_what_does_not_fit_is_refused(name: str, value: Any) -> None:
     with pytest.raises(InputError, match=f"conflict: parameter {name} is {value!r}, expected such as"):
-        Given("conflict", {name: value})(Outer())
+        ParameterOverrides("conflict", {name: value})(Outer())
 
 
 def test_settings_of_command_lines() -> None:

@@ -14,8 +14,9 @@ import yaml
 from litsim_sim.analysis.metrics import digest
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, Controller, ControlTable, EgoCommand, EgoMode
+from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
 from litsim_sim.record.bag import BagWriter, qos_yaml
-from litsim_sim.record.run import Takeover, TakeoverReason, TakeoverState, TopicGaps, _takeover, read_run
+from litsim_sim.record.run import TopicGaps, _takeover, read_run
 
 Make = Callable[..., Any]
 STEPS = 24

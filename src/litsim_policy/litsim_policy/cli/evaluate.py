@@ -33,7 +33,7 @@ COLUMNS = {
     "takeovers per run": "takeovers_per_run",
     "of them released": "releases",
     "time under control s": "held_s",
-    "bound of rounds hit": "bound_hits",
+    "bound of iterations hit": "bound_hits",
     "false alarms": "false_alarms",
     "relevant %": "relevant_ratio",
     "hard brakes of controlled": "hard_brakes",

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from litsim_policy.run.message_diff import Tally
+from litsim_policy.run.message_diff import DiffSummary
 from litsim_policy.run.recorded_run import open_record
 from litsim_policy.run.rerun import STAGES, rerun_stage, resimulate
 from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, InputError
@@ -60,7 +60,7 @@ def rerun(arguments: argparse.Namespace) -> bool:
     return equal
 
 
-def _where(tally: Tally) -> list[str]:
+def _where(tally: DiffSummary) -> list[str]:
     if tally.first is None:
         return []
     largest = sorted(tally.largest.items(), key=lambda entry: -entry[1])[:SHOWN]

@@ -83,7 +83,7 @@ class Conflict:
 
 
 @dataclass(frozen=True)
-class Futures:
+class PredictedMotion:
     """Boxes of n agents at T future steps of 0.1 s, the first of them 0.1 s ahead; arrays (n, T) [m], [rad].
 
     Attributes:
@@ -97,10 +97,10 @@ class Futures:
     covariance: FloatArray
     valid: BoolArray
 
-    def replaced(self, rows: BoolArray, other: Futures) -> Futures:
+    def replaced(self, rows: BoolArray, other: PredictedMotion) -> PredictedMotion:
         """These, with those of `other` for the agents of the mask `rows` (n,)."""
         which = rows[:, None]
-        return Futures(
+        return PredictedMotion(
             np.where(which, other.x, self.x),
             np.where(which, other.y, self.y),
             np.where(which, other.yaw, self.yaw),
@@ -119,7 +119,7 @@ class ConflictDetector:
         self._log, self._roi_m, self._config = log, roi_m, config
         self._steps = np.arange(1, int(config.horizon / STEP_S + 1e-9) + 1)
 
-    def logged_future(self, table: AgentTable, lag: IntArray | None = None) -> Futures:
+    def logged_future(self, table: AgentTable, lag: IntArray | None = None) -> PredictedMotion:
         """Every agent as its log goes on.
 
         An agent on its log keeps the residual that it has now, if any; one off its log is put back onto it at once.
@@ -138,9 +138,11 @@ class ConflictDetector:
         on_log = ~table.off_log & log.valid[rows, here]
         x += np.where(on_log, table.x - log.x[rows, here], 0.0)[:, None]
         y += np.where(on_log, table.y - log.y[rows, here], 0.0)[:, None]
-        return Futures(x, y, yaw, np.zeros((3, *x.shape)), log.valid[grid_rows, at] & (steps >= 0) & (steps <= last))
+        return PredictedMotion(
+            x, y, yaw, np.zeros((3, *x.shape)), log.valid[grid_rows, at] & (steps >= 0) & (steps <= last)
+        )
 
-    def forecast_future(self, table: AgentTable, forecast: Forecast) -> Futures:
+    def forecast_future(self, table: AgentTable, forecast: Forecast) -> PredictedMotion:
         """Every agent as it is forecast, whatever the forecast's `dt`; those without a forecast are nowhere.
 
         Between the instants of the forecast, and from the present pose to the first of them, centres, headings and
@@ -153,7 +155,7 @@ class ConflictDetector:
         x, y, yaw = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         covariance, valid = np.zeros((3, *shape)), np.zeros(shape, np.bool_)
         if not len(known):
-            return Futures(x, y, yaw, covariance, valid)
+            return PredictedMotion(x, y, yaw, covariance, valid)
         rows, instants = rows[known], forecast.mean.shape[1]
         time = self._steps * STEP_S / forecast.dt
         before = np.minimum(np.floor(time + 1e-9).astype(np.int64), instants - 1)
@@ -178,7 +180,7 @@ class ConflictDetector:
         ]
         if len(braking):
             x[braking], y[braking] = self._braked(table, braking, x[braking], y[braking])
-        return Futures(x, y, yaw, covariance, valid)
+        return PredictedMotion(x, y, yaw, covariance, valid)
 
     def _braked(self, table: AgentTable, rows: IntArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Forecast centres (k, T) of the agents in `rows` (k,), none farther along than braking on lets it be."""
@@ -195,7 +197,7 @@ class ConflictDetector:
         return moved[0], moved[1]
 
     def overlap_probability(
-        self, table: AgentTable, futures_a: Futures, futures_b: Futures, pairs: IntArray, least: float
+        self, table: AgentTable, futures_a: PredictedMotion, futures_b: PredictedMotion, pairs: IntArray, least: float
     ) -> FloatArray:
         """Probability (m, T) that the boxes of each pair (m, 2) of rows overlap, a in `futures_a`, b in `futures_b`.
 
@@ -237,7 +239,12 @@ class ConflictDetector:
         return np.column_stack([a[i], b[j]])[keep]
 
     def detect(
-        self, table: AgentTable, on_log: BoolArray, off_log: BoolArray, logged: Futures, expected: Futures
+        self,
+        table: AgentTable,
+        on_log: BoolArray,
+        off_log: BoolArray,
+        logged: PredictedMotion,
+        expected: PredictedMotion,
     ) -> list[Conflict]:
         """Conflicts of agents `on_log` with agents `off_log` (masks (n,)), soonest first, one for each agent.
 
@@ -262,7 +269,12 @@ class ConflictDetector:
         return list(found.values())
 
     def still_in_conflict(
-        self, table: AgentTable, agents: BoolArray, off_log: BoolArray, logged: Futures, expected: Futures
+        self,
+        table: AgentTable,
+        agents: BoolArray,
+        off_log: BoolArray,
+        logged: PredictedMotion,
+        expected: PredictedMotion,
     ) -> BoolArray:
         """(n,) which of `agents` would be in conflict on their log, by the lower of both thresholds."""
         pairs = self.near(table, agents, off_log)
@@ -272,10 +284,10 @@ class ConflictDetector:
         return found
 
 
-def _may_meet(futures_a: Futures, futures_b: Futures, pairs: IntArray, reach: FloatArray) -> BoolArray:
+def _may_meet(futures_a: PredictedMotion, futures_b: PredictedMotion, pairs: IntArray, reach: FloatArray) -> BoolArray:
     """(m,) False for pairs (m, 2) whose futures stay farther apart than `reach` (m,) [m], whenever they are there."""
 
-    def bounds(futures: Futures, rows: IntArray) -> tuple[FloatArray, ...]:
+    def bounds(futures: PredictedMotion, rows: IntArray) -> tuple[FloatArray, ...]:
         used = np.unique(rows)
         at = np.searchsorted(used, rows)
         x, y, valid = futures.x[used], futures.y[used], futures.valid[used]

@@ -7,9 +7,7 @@ from geometry_msgs.msg import Pose2D
 from litsim_msgs.msg import Takeover as TakeoverMessage
 from litsim_msgs.msg import Takeovers
 
-from litsim_policy.conflict.takeover import Reason, State, Takeover, TakeoverTable
-from litsim_policy.motion.route import PathSource
-from litsim_sim.core.scene import FloatArray
+from litsim_sim.core.takeover import PathSource, Pose, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.ros.messages import from_array, header, to_array
 
 _SCALARS = (
@@ -54,8 +52,8 @@ def takeovers_from_message(message: Takeovers) -> TakeoverTable:
         message.step,
         tuple(
             Takeover(
-                state=State(t.state),
-                reason=Reason(t.reason),
+                state=TakeoverState(t.state),
+                reason=TakeoverReason(t.reason),
                 path_source=PathSource(t.path_source),
                 conflict_pose=_from_pose(t.conflict_pose),
                 goal_pose=_from_pose(t.goal_pose),
@@ -69,9 +67,9 @@ def takeovers_from_message(message: Takeovers) -> TakeoverTable:
     )
 
 
-def _to_pose(pose: FloatArray) -> Pose2D:
-    return Pose2D(x=float(pose[0]), y=float(pose[1]), theta=float(pose[2]))
+def _to_pose(pose: Pose) -> Pose2D:
+    return Pose2D(x=pose[0], y=pose[1], theta=pose[2])
 
 
-def _from_pose(pose: Pose2D) -> FloatArray:
-    return np.array([pose.x, pose.y, pose.theta])
+def _from_pose(pose: Pose2D) -> Pose:
+    return pose.x, pose.y, pose.theta

@@ -4,39 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 
 import numpy as np
 
-from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector, Futures
+from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector, PredictedMotion
 from litsim_policy.motion.car_following import along_path
 from litsim_policy.motion.reference_path import ReferencePath, logged_path
-from litsim_policy.motion.route import PathSource, Router
+from litsim_policy.motion.route import Router
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.parameters import Read
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray, IntArray
+from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, IntArray
+from litsim_sim.core.takeover import PathSource, Pose, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 
 PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of the reference path that the policy is given
 
 HANDBACKS = ("catch_up", "time_shift")
-
-
-class State(IntEnum):
-    """Numbered as in ``litsim_msgs/Takeover``."""
-
-    HELD = 0
-    HANDBACK = 1
-    RELEASED = 2
-
-
-class Reason(IntEnum):
-    """Numbered as in ``litsim_msgs/Takeover``."""
-
-    CONFLICT = 0
-    BLOCKED_ENTRY = 1
 
 
 @dataclass(frozen=True)
@@ -49,7 +34,7 @@ class TakeoverConfig:
         held_steps_min: steps for which an agent is held at least.
         clear_steps: steps in a row without conflict before the hand-back begins, once the goal is passed; twice as
             many before.
-        rounds_max: bound on the rounds of detection within a step.
+        iterations_max: bound on the iterations of detection within a step.
         release_position: residual [m] within which the hand-back is over.
         release_speed: residual [m/s] likewise.
         release_yaw: residual [rad] likewise.
@@ -61,7 +46,7 @@ class TakeoverConfig:
     urgent_time: float = 1.0
     held_steps_min: int = 5
     clear_steps: int = 5
-    rounds_max: int = 10
+    iterations_max: int = 10
     release_position: float = 0.5
     release_speed: float = 1.0
     release_yaw: float = 0.1
@@ -75,53 +60,9 @@ class TakeoverConfig:
         """
         if self.handback not in HANDBACKS:
             raise InputError(f"conflict: parameter handback is {self.handback!r}, expected one of {HANDBACKS}")
-        for name in ("confirm_steps", "rounds_max"):
+        for name in ("confirm_steps", "iterations_max"):
             if getattr(self, name) < 1:
                 raise InputError(f"conflict: parameter {name} is {getattr(self, name)}, expected at least 1")
-
-
-@dataclass(frozen=True)
-class Takeover:
-    """One agent off its log at one step; see ``litsim_msgs/Takeover``.
-
-    Attributes:
-        conflict_pose, goal_pose: (3,) x, y, yaw in frame map.
-        reference_path: (m, 2) points in frame map [m], from a little behind the agent on.
-        residual_position, residual_speed: from the log at this step [m], [m/s]; -1 and 0 where the log is over.
-        path_source: how the reference path came about.
-        time_shift: [s] by which the log that it goes back to is late.
-    """
-
-    agent: int
-    opponent: int
-    state: State
-    reason: Reason
-    detected_step: int
-    time_to_conflict: float
-    overlap_probability: float
-    conflict_pose: FloatArray
-    goal_pose: FloatArray
-    reference_path: FloatArray
-    log_collision_predicted: bool
-    residual_position: float
-    residual_speed: float
-    path_source: PathSource = PathSource.LOGGED
-    time_shift: float = 0.0
-
-
-@dataclass(frozen=True)
-class TakeoverTable:
-    """Everybody who is off the log at `step`, agents ascending.
-
-    Attributes:
-        iterations: rounds of detection until nothing new was found.
-        converged: False where the bound on rounds was hit.
-    """
-
-    step: int
-    takeovers: tuple[Takeover, ...] = ()
-    iterations: int = 0
-    converged: bool = True
 
 
 @dataclass
@@ -177,11 +118,11 @@ class TakeoverManager:
         late = (lag > 0) & (table.controller == Controller.LOG)
         expected = self._detector.forecast_future(table, forecast).replaced(late, logged)
         known = set(self._records)
-        rounds, converged = self._take_over(table, logged, expected, late)
+        iterations, converged = self._take_over(table, logged, expected, late)
         self._review(table, logged, expected, known, late)
         takeovers = tuple(self._report(table, self._records[agent]) for agent in sorted(self._records))
-        self._records = {a: r for a, r in self._records.items() if r.takeover.state != State.RELEASED}
-        return TakeoverTable(table.step, takeovers, rounds, converged)
+        self._records = {a: r for a, r in self._records.items() if r.takeover.state != TakeoverState.RELEASED}
+        return TakeoverTable(table.step, takeovers, iterations, converged)
 
     def _choose_lags(self, table: AgentTable) -> None:
         """How late the log is that each agent off its log would go back to at this step."""
@@ -196,15 +137,17 @@ class TakeoverManager:
         off = table.id == self.scenario.ego_id
         return off | np.isin(table.id, np.array(sorted(self._records), np.int64))
 
-    def _take_over(self, table: AgentTable, logged: Futures, expected: Futures, late: BoolArray) -> tuple[int, bool]:
-        """Add the agents whose conflict is confirmed; returns the rounds needed and whether nothing was left.
+    def _take_over(
+        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, late: BoolArray
+    ) -> tuple[int, bool]:
+        """Add the agents whose conflict is confirmed; returns the iterations needed and whether nothing was left.
 
-        Each round looks at the agents that the one before has put off their logs; the first, at all that were.
+        Each iteration looks at the agents that the one before has put off their logs; the first, at all that were.
         """
         suspected: dict[int, int] = {}
-        fresh, rounds = self._off_log(table) | late, 0
-        while fresh.any() and rounds < self.config.rounds_max:
-            rounds += 1
+        fresh, iterations = self._off_log(table) | late, 0
+        while fresh.any() and iterations < self.config.iterations_max:
+            iterations += 1
             before = self._off_log(table)
             for conflict in self._detector.detect(table, ~before, fresh, logged, expected):
                 seen = self._suspected.get(conflict.agent, 0) + 1
@@ -213,7 +156,7 @@ class TakeoverManager:
                     self._open(table, conflict)
             fresh = self._off_log(table) & ~before
         self._suspected = suspected
-        return rounds, not fresh.any()
+        return iterations, not fresh.any()
 
     def _open(self, table: AgentTable, conflict: Conflict) -> None:
         """Take over the agent of `conflict`, towards the crossing point."""
@@ -222,9 +165,9 @@ class TakeoverManager:
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
         path = self._router.path(pose, float(table.speed[row]), conflict.pose)
         if path is None:
-            self._record(table, conflict, Reason.CONFLICT, logged, logged)
+            self._record(table, conflict, TakeoverReason.CONFLICT, logged, logged)
         else:
-            self._record(table, conflict, Reason.CONFLICT, path.followed_by(logged), logged)
+            self._record(table, conflict, TakeoverReason.CONFLICT, path.followed_by(logged), logged)
 
     def _adopt(self, table: AgentTable, row: int) -> None:
         """Take over an agent that entered late: its log began where the road was not free."""
@@ -235,22 +178,23 @@ class TakeoverManager:
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
         conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, pose, 1.0)
         logged = logged_path(self.scenario.log, self.scenario.lane_map, conflict.agent)
-        self._record(table, conflict, Reason.BLOCKED_ENTRY, logged, logged)
+        self._record(table, conflict, TakeoverReason.BLOCKED_ENTRY, logged, logged)
 
     def _record(
-        self, table: AgentTable, conflict: Conflict, reason: Reason, path: ReferencePath, logged: ReferencePath
+        self, table: AgentTable, conflict: Conflict, reason: TakeoverReason, path: ReferencePath, logged: ReferencePath
     ) -> None:
         goal_s, _ = path.project(conflict.pose[:1], conflict.pose[1:2])
+        pose: Pose = tuple(conflict.pose.tolist())
         takeover = Takeover(
             agent=conflict.agent,
             opponent=conflict.opponent,
-            state=State.HELD,
+            state=TakeoverState.HELD,
             reason=reason,
             detected_step=table.step,
             time_to_conflict=conflict.time_to_conflict,
             overlap_probability=conflict.overlap_probability,
-            conflict_pose=conflict.pose,
-            goal_pose=conflict.pose,
+            conflict_pose=pose,
+            goal_pose=pose,
             reference_path=path.points,
             log_collision_predicted=True,
             residual_position=0.0,
@@ -259,7 +203,9 @@ class TakeoverManager:
         )
         self._records[conflict.agent] = _Record(takeover, path, logged, float(goal_s[0]))
 
-    def _review(self, table: AgentTable, logged: Futures, expected: Futures, known: set[int], late: BoolArray) -> None:
+    def _review(
+        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, known: set[int], late: BoolArray
+    ) -> None:
         """Move the agents that were off their log before this step through their life cycle."""
         if not known:
             return
@@ -271,27 +217,33 @@ class TakeoverManager:
             blocked = bool(in_conflict[row])
             if log_row < 0 or blocked or self._obstructed(table, row, on_log, log_row, record.logged):
                 record.clear = 0
-                state = State.HELD
+                state = TakeoverState.HELD
             else:
                 record.clear += 1
                 state = self._next_state(table, row, on_log, log_row, record)
-            if state == State.HANDBACK and record.path is not record.logged:
+            if state == TakeoverState.HANDBACK and record.path is not record.logged:
                 record.path = record.logged
-                goal = record.takeover.goal_pose
+                goal = np.array(record.takeover.goal_pose)
                 record.goal_s = float(record.path.project(goal[:1], goal[1:2])[0][0])
                 record.takeover = replace(record.takeover, path_source=PathSource.LOGGED)
             record.takeover = replace(record.takeover, state=state, log_collision_predicted=blocked)
 
-    def _next_state(self, table: AgentTable, row: int, on_log: AgentTable, log_row: int, record: _Record) -> State:
+    def _next_state(
+        self, table: AgentTable, row: int, on_log: AgentTable, log_row: int, record: _Record
+    ) -> TakeoverState:
         """State of an agent that is free of conflict."""
-        if record.takeover.state == State.HELD:
+        if record.takeover.state == TakeoverState.HELD:
             s, _ = record.path.project(table.x[row : row + 1], table.y[row : row + 1])
             needed = self.config.clear_steps * (1 if s[0] >= record.goal_s else 2)
             held = table.step - record.takeover.detected_step
-            return State.HANDBACK if record.clear >= needed and held >= self.config.held_steps_min else State.HELD
+            return (
+                TakeoverState.HANDBACK
+                if record.clear >= needed and held >= self.config.held_steps_min
+                else TakeoverState.HELD
+            )
         position, speed, yaw = _residual(table, row, on_log, log_row)
         within = position <= self.config.release_position and abs(speed) <= self.config.release_speed
-        return State.RELEASED if within and abs(yaw) <= self.config.release_yaw else State.HANDBACK
+        return TakeoverState.RELEASED if within and abs(yaw) <= self.config.release_yaw else TakeoverState.HANDBACK
 
     def _obstructed(self, table: AgentTable, row: int, on_log: AgentTable, log_row: int, path: ReferencePath) -> bool:
         """Whether somebody stands between an agent and its place in the log."""
@@ -326,7 +278,7 @@ def _residual(table: AgentTable, row: int, on_log: AgentTable, log_row: int) -> 
     return float(position), float(table.speed[row] - on_log.speed[log_row]), float(yaw[0])
 
 
-def conflict_stage(read: Read) -> Callable[[Scenario], TakeoverManager]:
+def conflict_stage(read: ParameterReader) -> Callable[[Scenario], TakeoverManager]:
     """Read the parameters of the conflict stage; what is returned builds its core once the run is known."""
     conflict, takeover = read(ConflictConfig()), read(TakeoverConfig())
     return lambda scenario: TakeoverManager(scenario, conflict, takeover)

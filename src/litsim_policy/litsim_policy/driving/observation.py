@@ -18,11 +18,12 @@ from typing import Literal
 
 import numpy as np
 
-from litsim_policy.conflict.takeover import PATH_AHEAD, PATH_BEHIND, Takeover
+from litsim_policy.conflict.takeover import PATH_AHEAD, PATH_BEHIND
 from litsim_policy.motion.car_following import along_path
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_reach, pursuit_yaw_rate
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.takeover import Takeover
 from litsim_sim.maps.lane_map import LaneMap
 
 LIMIT = 3.0  # features are cut to +-LIMIT after scaling
@@ -57,7 +58,7 @@ WAY_FEATURES = (
 
 
 @dataclass(frozen=True)
-class Errand:
+class DrivingTask:
     """Where an agent under policy C is going.
 
     Attributes:
@@ -75,12 +76,12 @@ class Errand:
     opponent: int = -1
 
     @classmethod
-    def of(cls, takeover: Takeover) -> Errand:
-        """Errand of an agent that was taken over."""
+    def of(cls, takeover: Takeover) -> DrivingTask:
+        """DrivingTask of an agent that was taken over."""
         due = takeover.detected_step + round(takeover.time_to_conflict / STEP_S)
         path = ReferencePath.of(takeover.reference_path)
         opponent = takeover.opponent if takeover.opponent != takeover.agent else -1
-        return cls(takeover.agent, path, takeover.goal_pose[:2], due, opponent)
+        return cls(takeover.agent, path, np.array(takeover.goal_pose[:2]), due, opponent)
 
 
 @dataclass(frozen=True)
@@ -115,10 +116,10 @@ class Observer:
         self._to_left = np.array([_beyond(lane_map, row, "left") for row in range(len(lanes))])
         self._to_right = np.array([_beyond(lane_map, row, "right") for row in range(len(lanes))])
 
-    def observe(self, table: AgentTable, errands: Sequence[Errand]) -> FloatArray:
-        """Features (m, size) of the agents with `errands` (m), all of which are in `table`."""
-        rows = table.rows(np.array([errand.agent for errand in errands], np.int64))
-        way = [self._way(table, row, errand) for row, errand in zip(rows.tolist(), errands, strict=True)]
+    def observe(self, table: AgentTable, tasks: Sequence[DrivingTask]) -> FloatArray:
+        """Features (m, size) of the agents with `tasks` (m), all of which are in `table`."""
+        rows = table.rows(np.array([task.agent for task in tasks], np.int64))
+        way = [self._way(table, row, task) for row, task in zip(rows.tolist(), tasks, strict=True)]
         groups = [
             _core(table, rows),
             self._surrounding(table, rows),
@@ -197,11 +198,11 @@ class Observer:
             ]
         )
 
-    def _way(self, table: AgentTable, row: int, errand: Errand) -> list[float]:
+    def _way(self, table: AgentTable, row: int, task: DrivingTask) -> list[float]:
         """(WAY,) features in the order of WAY_FEATURES."""
-        path, speed = errand.path, float(table.speed[row])
+        path, speed = task.path, float(table.speed[row])
         x, y, yaw = float(table.x[row]), float(table.y[row]), float(table.yaw[row])
-        s, d = path.project(np.array([x, errand.goal[0]]), np.array([y, errand.goal[1]]))
+        s, d = path.project(np.array([x, task.goal[0]]), np.array([y, task.goal[1]]))
         reach = pursuit_reach(speed)
         heading = wrap_angle(path.heading(s[0] + reach * np.array([0.0, 0.5, 1.5])) - yaw) / HEADING
         view = along_path(path, table, row)
@@ -210,7 +211,7 @@ class Observer:
         if len(leads):
             first = leads[np.argmin(view.gap[leads])]
             lead = [1.0, float(view.gap[first]) / DISTANCE, float(view.speed[first] - speed) / SPEED]
-        other, opponent = table.row(errand.opponent), [0.0, 0.0, 0.0, 0.0]
+        other, opponent = table.row(task.opponent), [0.0, 0.0, 0.0, 0.0]
         if other >= 0:
             ahead, left = to_body(table.x[other] - x, table.y[other] - y, table.yaw[row])
             along = float(table.speed[other]) * np.cos(float(table.yaw[other]) - yaw)
@@ -221,7 +222,7 @@ class Observer:
             pursuit_yaw_rate(path, x, y, yaw, speed) / YAW_RATE,
             *lead,
             float(s[1] - s[0]) / DISTANCE,
-            (errand.due_step - table.step) * STEP_S / TIME,
+            (task.due_step - table.step) * STEP_S / TIME,
             *opponent,
         ]
 

@@ -14,13 +14,13 @@ from typing import Literal, cast
 import numpy as np
 from safetensors import SafetensorError, safe_open
 
-from litsim_policy.conflict.takeover import State, TakeoverTable
 from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
-from litsim_policy.driving.observation import Errand, ObservationConfig, Observer
+from litsim_policy.driving.observation import DrivingTask, ObservationConfig, Observer
 from litsim_policy.driving.safety import SafetyConfig, SafetyLayer
 from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
+from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.scenario import Scenario
 
@@ -118,19 +118,19 @@ class Driver:
         self.safety = SafetyLayer(lane_map, safety)
         self._network = network
 
-    def drive(self, table: AgentTable, errands: list[Errand]) -> ControlTable:
-        """Controls of the agents with `errands`, whose ids ascend."""
-        if not errands:
+    def drive(self, table: AgentTable, tasks: list[DrivingTask]) -> ControlTable:
+        """Controls of the agents with `tasks`, whose ids ascend."""
+        if not tasks:
             return ControlTable.empty(table.step)
-        return command(table, errands, self._network.mean(self.observer.observe(table, errands)), self.safety)
+        return command(table, tasks, self._network.mean(self.observer.observe(table, tasks)), self.safety)
 
 
-def command(table: AgentTable, errands: list[Errand], action: FloatArray, safety: SafetyLayer) -> ControlTable:
+def command(table: AgentTable, tasks: list[DrivingTask], action: FloatArray, safety: SafetyLayer) -> ControlTable:
     """Controls of agents from actions (m, 3) in [-1, 1]: what training and driving have in common."""
-    ids = np.array([errand.agent for errand in errands], np.int64)
+    ids = np.array([task.agent for task in tasks], np.int64)
     speed = table.speed[table.rows(ids)]
     wanted = physical(action)
-    safe = safety.apply(table, errands, wanted[:, 0], executed_yaw_rate(wanted, speed))
+    safe = safety.apply(table, tasks, wanted[:, 0], executed_yaw_rate(wanted, speed))
     source = np.where(safe.guarded, ControlSource.GUARDED, ControlSource.POLICY).astype(np.uint8)
     return ControlTable(table.step, ids, safe.acceleration, speed * safe.yaw_rate, safe.yaw_rate, source)
 
@@ -146,9 +146,9 @@ class PolicyC:
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Controls of every agent that is held or handed back."""
-        held = [t for t in takeovers.takeovers if t.state == State.HELD]
-        others = tuple(t for t in takeovers.takeovers if t.state != State.HELD)
-        driven = self.driver.drive(table, [Errand.of(t) for t in held])
+        held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD]
+        others = tuple(t for t in takeovers.takeovers if t.state != TakeoverState.HELD)
+        driven = self.driver.drive(table, [DrivingTask.of(t) for t in held])
         returning = self._handback.act(table, TakeoverTable(takeovers.step, others))
         return merged(driven, returning)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from litsim_policy.conflict.takeover import TakeoverTable
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import Read
+from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.scene import AgentTable, ControlTable
+from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -43,7 +43,7 @@ def make_policy(
     return PolicyC(scenario, policy_c.network(), rules, policy_c.safety)
 
 
-def policy_stage(read: Read) -> Callable[[str, Scenario], Policy]:
+def policy_stage(read: ParameterReader) -> Callable[[str, Scenario], Policy]:
     """Read the parameters of the policy stage; what is returned builds the policy of a name once the run is known."""
     rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
     return lambda name, scenario: make_policy(name, scenario, rules, handback, policy_c)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_policy.driving.observation import Errand
+from litsim_policy.driving.observation import DrivingTask
 from litsim_policy.motion.car_following import along_path
 from litsim_policy.motion.reference_path import pursuit_reach, pursuit_yaw_rate
 from litsim_sim.core.geometry import boxes_overlap, to_body
@@ -104,29 +104,29 @@ class SafetyLayer:
         self._lane_map = lane_map
 
     def apply(
-        self, table: AgentTable, errands: Sequence[Errand], acceleration: FloatArray, yaw_rate: FloatArray
+        self, table: AgentTable, tasks: Sequence[DrivingTask], acceleration: FloatArray, yaw_rate: FloatArray
     ) -> SafeCommands:
-        """What the agents with `errands` (m) may do of what is asked for.
+        """What the agents with `tasks` (m) may do of what is asked for.
 
         Args:
             table: everybody.
-            errands: one for each agent.
+            tasks: one for each agent.
             acceleration, yaw_rate: (m,) as asked for [m/s2], [rad/s].
         """
         config = self.config
-        rows = table.rows(np.array([errand.agent for errand in errands], np.int64))
+        rows = table.rows(np.array([task.agent for task in tasks], np.int64))
         changed = np.zeros((len(rows), len(GUARDS)), np.bool_)
         limited_acceleration, limited_yaw_rate = self._limited(table.take(rows), acceleration, yaw_rate)
         changed[:, 0] = (np.abs(limited_acceleration - acceleration) > 1e-9) | (
             np.abs(limited_yaw_rate - yaw_rate) > 1e-9
         )
         safe = np.column_stack([limited_acceleration, limited_yaw_rate])
-        for k, (row, errand) in enumerate(zip(rows.tolist(), errands, strict=True)):
-            cap = self._following_cap(table, row, errand) if config.following else config.acceleration_max
+        for k, (row, task) in enumerate(zip(rows.tolist(), tasks, strict=True)):
+            cap = self._following_cap(table, row, task) if config.following else config.acceleration_max
             changed[k, 1] = cap < safe[k, 0]
             safe[k, 0] = min(safe[k, 0], cap)
             if config.contact or config.road:
-                safe[k], changed[k, 2], changed[k, 3] = self._guarded(table, row, errand, safe[k], cap)
+                safe[k], changed[k, 2], changed[k, 3] = self._guarded(table, row, task, safe[k], cap)
         self.agent_steps += len(rows)
         for name, count in zip(GUARDS, changed.sum(axis=0).tolist(), strict=True):
             self.interventions[name] += count
@@ -148,7 +148,7 @@ class SafetyLayer:
         bound = np.minimum(config.yaw_rate_max, config.lateral_acceleration_max / np.maximum(agents.speed, 1e-3))
         return acceleration, np.clip(yaw_rate, -bound, bound)
 
-    def _following_cap(self, table: AgentTable, row: int, errand: Errand) -> float:
+    def _following_cap(self, table: AgentTable, row: int, task: DrivingTask) -> float:
         """Acceleration [m/s2] above which the agent could not stop behind whoever is ahead on its path.
 
         The safe speed is that of Krauss (1997): should the leader brake as hard as it can, braking at `own_braking`
@@ -156,7 +156,7 @@ class SafetyLayer:
         for at once where it is more than `imminent`.
         """
         config, speed = self.config, float(table.speed[row])
-        view = along_path(errand.path, table, row)
+        view = along_path(task.path, table, row)
         leads = view.ahead & view.in_path & (view.gap > -0.5 * table.length[row])
         if not leads.any():
             return config.acceleration_max
@@ -176,7 +176,7 @@ class SafetyLayer:
         return float(np.clip(cap.min(), -config.braking_max, config.acceleration_max))
 
     def _guarded(
-        self, table: AgentTable, row: int, errand: Errand, command: FloatArray, cap: float
+        self, table: AgentTable, row: int, task: DrivingTask, command: FloatArray, cap: float
     ) -> tuple[FloatArray, bool, bool]:
         """The least change to `command` (2,) with which the agent touches nobody and stays on the road.
 
@@ -188,7 +188,7 @@ class SafetyLayer:
         leaves = self.config.road and not on_road[0]
         if not touches and not leaves:
             return command, False, False
-        choices = self._choices(table, row, errand, command, cap)
+        choices = self._choices(table, row, task, command, cap)
         touch, stays = self._look_ahead(table, row, choices)
         if not self.config.contact:
             touch[:] = np.inf
@@ -200,7 +200,7 @@ class SafetyLayer:
         moved = bool(np.abs(choices[best] - command).max() > 0.0)
         return choices[best], moved and bool(touches), moved and bool(leaves)
 
-    def _choices(self, table: AgentTable, row: int, errand: Errand, command: FloatArray, cap: float) -> FloatArray:
+    def _choices(self, table: AgentTable, row: int, task: DrivingTask, command: FloatArray, cap: float) -> FloatArray:
         """(15, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then with other speeds.
 
         The nearest to the commanded acceleration come first. Whoever is cut in on from behind is best off driving on.
@@ -210,7 +210,7 @@ class SafetyLayer:
         along_lane = 2.0 * speed / pursuit_reach(speed) * float(np.sin(at.heading[0] - yaw))
         bound = self.config.lateral_acceleration_max / max(speed, 1e-3)
         twist, now = self.config.yaw_acceleration_max * STEP_S, float(table.yaw_rate[row])
-        steering = np.array([command[1], pursuit_yaw_rate(errand.path, x, y, yaw, speed), along_lane])
+        steering = np.array([command[1], pursuit_yaw_rate(task.path, x, y, yaw, speed), along_lane])
         steering[1:] = np.clip(np.clip(steering[1:], now - twist, now + twist), -bound, bound)
         driving_on = max(min(self.config.acceleration_max, cap), command[0])
         accelerations = np.append(

@@ -6,19 +6,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from litsim_policy.conflict.takeover import State, Takeover, TakeoverTable
 from litsim_policy.driving.handback import HandbackConfig, catch_up
 from litsim_policy.motion.car_following import AlongPath, IdmConfig, along_path, idm_acceleration
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_reach, pursuit_yaw_rate
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ControlSource, ControlTable
+from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
 
 SOURCES = {
-    State.HELD: ControlSource.POLICY,
-    State.HANDBACK: ControlSource.HANDBACK,
-    State.RELEASED: ControlSource.LATE,
+    TakeoverState.HELD: ControlSource.POLICY,
+    TakeoverState.HANDBACK: ControlSource.HANDBACK,
+    TakeoverState.RELEASED: ControlSource.LATE,
 }
 
 
@@ -61,17 +61,17 @@ class YieldPolicy:
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Controls of every agent that is held or handed back, and who is released to a log that is late."""
-        listed = [t for t in takeovers.takeovers if t.state != State.RELEASED or t.time_shift > 0.0]
+        listed = [t for t in takeovers.takeovers if t.state != TakeoverState.RELEASED or t.time_shift > 0.0]
         if not listed:
             return ControlTable.empty(table.step)
         rows = table.rows(np.array([t.agent for t in listed], np.int64))
         acceleration, yaw_rate = np.zeros(len(listed)), np.zeros(len(listed))
         for k, (takeover, row) in enumerate(zip(listed, rows.tolist(), strict=True)):
-            if takeover.state == State.RELEASED:
+            if takeover.state == TakeoverState.RELEASED:
                 continue
             path = ReferencePath.of(takeover.reference_path)
             view = along_path(path, table, row)
-            if takeover.state == State.HELD:
+            if takeover.state == TakeoverState.HELD:
                 acceleration[k] = self._hold(table, row, takeover, path, view)
             else:
                 acceleration[k] = self._hand_back(table, row, takeover, path, view)

@@ -11,7 +11,7 @@ from litsim_policy.ego.log import LogEgo
 from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import Read
+from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.scenario.scenario import Scenario
 
@@ -46,7 +46,7 @@ def make_ego(
     raise InputError(f"ego: {name!r} is unknown, expected bat, idm, log or perturbed")
 
 
-def ego_stage(name: str, read: Read) -> Callable[[Scenario], Ego]:
+def ego_stage(name: str, read: ParameterReader) -> Callable[[Scenario], Ego]:
     """Read the parameters of the ego called `name`; what is returned builds it once the run is known."""
     idm = read(CAREFUL) if name == "idm" else CAREFUL
     perturbed = read(PerturbedConfig()) if name == "perturbed" else None

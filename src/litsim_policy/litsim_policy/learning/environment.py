@@ -16,9 +16,9 @@ import gymnasium
 import numpy as np
 
 from litsim_policy.conflict.detection import ConflictConfig
-from litsim_policy.conflict.takeover import State, TakeoverConfig, TakeoverManager, TakeoverTable
+from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
 from litsim_policy.driving.action import consistent, normalised
-from litsim_policy.driving.observation import LIMIT, Errand, ObservationConfig, Observer, window
+from litsim_policy.driving.observation import LIMIT, DrivingTask, ObservationConfig, Observer, window
 from litsim_policy.driving.policy_c import command, merged
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety import LIMITS_ONLY, SafetyConfig, SafetyLayer
@@ -29,6 +29,7 @@ from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.reference_path import ReferencePath, logged_path
 from litsim_predictor.models import make_predictor
 from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
+from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 
@@ -131,14 +132,14 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         self._manager = TakeoverManager(self.scenario, ConflictConfig(), TakeoverConfig())
         self._rule = make_policy("yield", self.scenario)
         self._end = min(self.scenario.total_steps, self.scenario.history_steps + self.config.steps_max)
-        self._drafted: dict[int, tuple[Errand, ReferencePath]] = {}
+        self._drafted: dict[int, tuple[DrivingTask, ReferencePath]] = {}
         self._see(self.world.reset())
         while self._table.step < self.scenario.history_steps:
             self._advance(ControlTable.empty(self._table.step))
         self._draft(random)
         self._choose()
         self._pass_by()
-        self._seen = self._observer.observe(self._table, self._errands)
+        self._seen = self._observer.observe(self._table, self._tasks)
         return self._observations(), self._info()
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -148,18 +149,18 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
             observation (slots, size), mean penalty of the driven agents, terminated, truncated, and info: `agents`
             (slots,), -1 where a slot is empty, and `outcome`.
         """
-        before, errands = self._table, self._errands
-        driven = np.array([errand.agent for errand in errands], np.int64)
-        wanted = np.asarray(action, np.float64)[: len(errands)]
-        guarded = command(before, errands, wanted, self._guards).source == ControlSource.GUARDED
-        controls = command(before, errands, wanted, self.safety)
+        before, tasks = self._table, self._tasks
+        driven = np.array([task.agent for task in tasks], np.int64)
+        wanted = np.asarray(action, np.float64)[: len(tasks)]
+        guarded = command(before, tasks, wanted, self._guards).source == ControlSource.GUARDED
+        controls = command(before, tasks, wanted, self.safety)
         self._advance(merged(controls, self._others_controls()))
         self._choose()
-        outcome = self._outcome(before, driven, errands, guarded)
+        outcome = self._outcome(before, driven, tasks, guarded)
         terminated = bool(outcome.terminated.any())
-        if not self._errands and not terminated:
+        if not self._tasks and not terminated:
             self._pass_by()
-            self._seen = self._observer.observe(self._table, self._errands)
+            self._seen = self._observer.observe(self._table, self._tasks)
         reward = float(outcome.penalty.mean()) if len(driven) else 0.0
         truncated = not terminated and self._table.step >= self._end
         return self._observations(), reward, terminated, truncated, self._info() | {"outcome": outcome}
@@ -168,7 +169,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         """Take in a new step: forecast, takeovers."""
         self._table = table
         self._takeovers = self._manager.update(table, self._predictor.forecast(table))
-        self._errands: list[Errand] = []
+        self._tasks: list[DrivingTask] = []
 
     def _advance(self, controls: ControlTable) -> None:
         self._see(self.world.step(controls, self._ego.plan(self._table)))
@@ -178,24 +179,24 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         table = self._table
         if table.step >= self.scenario.history_steps + self.config.draft_steps:
             self._drafted = {}
-        errands = {t.agent: Errand.of(t) for t in self._takeovers.takeovers if t.state == State.HELD}
-        for agent, (errand, path) in self._drafted.items():
+        tasks = {t.agent: DrivingTask.of(t) for t in self._takeovers.takeovers if t.state == TakeoverState.HELD}
+        for agent, (task, path) in self._drafted.items():
             row = table.row(agent)
             if row >= 0:
                 part = window(path, float(table.x[row]), float(table.y[row]))
-                held = errands.get(agent, errand)
-                errands[agent] = Errand(agent, part, errand.goal, errand.due_step, held.opponent)
-        self._errands = [errands[agent] for agent in sorted(errands)][: self.config.slots]
+                held = tasks.get(agent, task)
+                tasks[agent] = DrivingTask(agent, part, task.goal, task.due_step, held.opponent)
+        self._tasks = [tasks[agent] for agent in sorted(tasks)][: self.config.slots]
 
     def _pass_by(self) -> None:
         """Steps at which nobody is driven."""
-        while not self._errands and self._table.step < self._end:
+        while not self._tasks and self._table.step < self._end:
             self._advance(self._others_controls())
             self._choose()
 
     def _others_controls(self) -> ControlTable:
         """Of the agents that are off their log and in no slot."""
-        driven = {errand.agent for errand in self._errands}
+        driven = {task.agent for task in self._tasks}
         others = tuple(t for t in self._takeovers.takeovers if t.agent not in driven)
         return self._rule.act(self._table, TakeoverTable(self._table.step, others))
 
@@ -211,20 +212,20 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
             path, row = logged_path(log, self.scenario.lane_map, agent), log.row(agent)
             due = min(step + 50, int(log.last_step[row]))
             goal = np.array([log.x[row, due], log.y[row, due]])
-            self._drafted[agent] = (Errand(agent, path, goal, due), path)
+            self._drafted[agent] = (DrivingTask(agent, path, goal, due), path)
 
-    def _outcome(self, before: AgentTable, driven: IntArray, errands: list[Errand], guarded: BoolArray) -> Outcome:
+    def _outcome(self, before: AgentTable, driven: IntArray, tasks: list[DrivingTask], guarded: BoolArray) -> Outcome:
         """What the step from `before` to now did to the agents that were `driven`, some by commands to be `guarded`."""
         after = self._table
         rows = after.rows(driven)
         here = rows >= 0
-        now = {errand.agent: errand for errand in self._errands}
-        left = [e for e, is_here in zip(errands, here.tolist(), strict=True) if is_here and e.agent not in now]
-        seen = self._observer.observe(after, [*self._errands, *left])
+        now = {task.agent: task for task in self._tasks}
+        left = [e for e, is_here in zip(tasks, here.tolist(), strict=True) if is_here and e.agent not in now]
+        seen = self._observer.observe(after, [*self._tasks, *left])
         following = self._seen
-        at = {errand.agent: k for k, errand in enumerate([*self._errands, *left])}
+        at = {task.agent: k for k, task in enumerate([*self._tasks, *left])}
         following[here] = seen[[at[agent] for agent in driven[here].tolist()]]
-        self._seen = seen[: len(self._errands)]
+        self._seen = seen[: len(self._tasks)]
         executed = np.zeros((len(driven), 3))
         speed = 0.5 * (after.speed[rows] + before.speed[before.rows(driven)])
         moved = normalised(consistent(after.acceleration[rows], after.yaw_rate[rows], speed))
@@ -238,12 +239,12 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
     def _observations(self) -> Array:
         """(slots, size) of who is in the slots now."""
         observation = np.zeros(self.observation_space.shape or ())
-        observation[: len(self._errands)] = self._seen
+        observation[: len(self._tasks)] = self._seen
         return observation
 
     def _info(self) -> dict[str, Any]:
         agents = np.full(self.config.slots, NOBODY, np.int64)
-        agents[: len(self._errands)] = [errand.agent for errand in self._errands]
+        agents[: len(self._tasks)] = [task.agent for task in self._tasks]
         return {"agents": agents, "step": self._table.step, "scenario": self.scenario.name}
 
 

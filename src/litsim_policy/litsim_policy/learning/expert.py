@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from litsim_policy.driving.action import consistent, normalised
-from litsim_policy.driving.observation import Errand, ObservationConfig, Observer, window
+from litsim_policy.driving.observation import DrivingTask, ObservationConfig, Observer, window
 from litsim_policy.motion.reference_path import logged_path, pursuit_yaw_rate
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
@@ -85,7 +85,7 @@ def _of_scenario(
         chosen = np.flatnonzero(stays & _interacts(table, config))
         if not len(chosen):
             continue
-        errands = []
+        tasks = []
         for row in chosen.tolist():
             agent = int(table.id[row])
             if agent not in paths:
@@ -95,13 +95,13 @@ def _of_scenario(
             due = min(step + at, int(log.last_step[rows[row]]))
             goal = np.array([log.x[rows[row], due], log.y[rows[row], due]])
             late = round(float(random.normal(0.0, config.goal_jitter)) / STEP_S)
-            errands.append(Errand(agent, path, goal, due + late, _opponent(table, row)))
+            tasks.append(DrivingTask(agent, path, goal, due + late, _opponent(table, row)))
         acceleration, yaw_rate = _inverse_dynamics(log, rows[chosen], step, config.smooth)
         speed = table.speed[chosen]
-        seen.append(observer.observe(table, errands))
+        seen.append(observer.observe(table, tasks))
         done.append(normalised(consistent(acceleration, yaw_rate, speed)))
-        pushed, steering = _displaced(table, chosen, errands, config, random)
-        moved.append(np.concatenate([observer.observe(t, [e]) for t, e in zip(pushed, errands, strict=True)]))
+        pushed, steering = _displaced(table, chosen, tasks, config, random)
+        moved.append(np.concatenate([observer.observe(t, [e]) for t, e in zip(pushed, tasks, strict=True)]))
         back.append(normalised(consistent(acceleration, steering, speed)))
     size = observation.size
     if not seen:
@@ -134,11 +134,11 @@ def _inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tup
 
 
 def _displaced(
-    table: AgentTable, chosen: np.ndarray, errands: list[Errand], config: ExpertConfig, random: np.random.Generator
+    table: AgentTable, chosen: np.ndarray, tasks: list[DrivingTask], config: ExpertConfig, random: np.random.Generator
 ) -> tuple[list[AgentTable], FloatArray]:
     """Tables with one vehicle displaced each, and the yaw rates (m,) of a pursuit of its path from there [rad/s]."""
     tables, steering = [], []
-    for row, errand in zip(chosen.tolist(), errands, strict=True):
+    for row, task in zip(chosen.tolist(), tasks, strict=True):
         offset, turn = random.normal(0.0, config.offset), random.normal(0.0, config.turn)
         x, y, yaw = table.x.copy(), table.y.copy(), table.yaw.copy()
         x[row] -= offset * np.sin(yaw[row])
@@ -146,5 +146,5 @@ def _displaced(
         yaw[row] += turn
         tables.append(replace(table, x=x, y=y, yaw=yaw))
         pose = (float(x[row]), float(y[row]), float(yaw[row]))
-        steering.append(pursuit_yaw_rate(errand.path, *pose, float(table.speed[row])))
+        steering.append(pursuit_yaw_rate(task.path, *pose, float(table.speed[row])))
     return tables, np.array(steering)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
 from functools import cached_property
 from itertools import groupby, pairwise
 
@@ -23,13 +22,6 @@ KNOT_MIN = 6.0  # [m] a curve shorter than this may have to bend too much
 DETOUR = 2.0  # times the straight distance that a way may be long, beyond CHANGE_LENGTH
 MERGE_TIME = 2.0  # [s] within which the agent is to be on the centre line
 MERGE_SHARES = (1.0, 0.5, 1.5, 2.5, 4.0)  # of that, tried in this order
-
-
-class PathSource(IntEnum):
-    """How a reference path came about, numbered as in ``litsim_msgs/Takeover``."""
-
-    ROUTE = 0
-    LOGGED = 1
 
 
 class Router:

@@ -51,7 +51,7 @@ class Difference:
 
 
 @dataclass
-class Tally:
+class DiffSummary:
     """What comparing the messages of a run has found so far.
 
     Attributes:

@@ -14,7 +14,7 @@ from litsim_msgs.msg import StageStatus
 from rclpy.serialization import deserialize_message
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import Given
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.io.yaml_input import parse_yaml
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import NET_FILE, RECORDING_FILE, SCENARIO_FILE
@@ -49,9 +49,9 @@ class Record:
     parameters: dict[str, dict[str, Any]]
     notes: list[str] = field(default_factory=list)
 
-    def read(self, stage: str) -> Given:
+    def read(self, stage: str) -> ParameterOverrides:
         """What the stage has told of its parameters."""
-        return Given(stage, self.parameters.get(stage, {}))
+        return ParameterOverrides(stage, self.parameters.get(stage, {}))
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from litsim_policy.conflict.messages import takeovers_from_message, takeovers_to
 from litsim_policy.conflict.takeover import conflict_stage
 from litsim_policy.driving.registry import policy_stage
 from litsim_policy.ego.registry import ego_stage
-from litsim_policy.run.message_diff import Tally
+from litsim_policy.run.message_diff import DiffSummary
 from litsim_policy.run.recorded_run import Record
 from litsim_policy.run.runner import Runner
 from litsim_predictor.messages import forecast_from_message, forecast_to_message
@@ -36,7 +36,7 @@ from litsim_sim.scenario.run_info import RunPlan
 EXTERNAL = "external"
 
 
-def rerun_stage(record: Record, name: str) -> Tally:
+def rerun_stage(record: Record, name: str) -> DiffSummary:
     """Feed a stage its recorded inputs, step by step, and compare its answers with the recorded ones.
 
     Raises:
@@ -52,7 +52,7 @@ def rerun_stage(record: Record, name: str) -> Tally:
         raise InputError(f"{record.path}: the ego is external: its stage is not here to be run again")
     if name not in record.parameters:
         record.notes.append(f"the record does not tell the parameters of {name}: taking the defaults")
-    core, tally = stage.make(record), Tally()
+    core, tally = stage.make(record), DiffSummary()
     inputs = [record.messages[topic.name] for topic in stage.inputs]
     for step in sorted(set.intersection(*(set(messages) for messages in inputs))):
         try:
@@ -76,7 +76,7 @@ class Resimulated:
         recorded, computed: digests over those.
     """
 
-    tally: Tally
+    tally: DiffSummary
     steps: int
     recorded: str
     computed: str
@@ -88,7 +88,7 @@ def resimulate(record: Record) -> Resimulated:
     Raises:
         InputError: the record cannot be run again.
     """
-    info, messages, tally = record.info, record.messages, Tally()
+    info, messages, tally = record.info, record.messages, DiffSummary()
     if info.ego == EXTERNAL:
         record.notes.append("the ego is external: it answers as recorded")
     run_id, ego_id = info.run_id, info.ego_id
@@ -96,7 +96,7 @@ def resimulate(record: Record) -> Resimulated:
     last = min((max(found) for found in compared if found), default=-1)  # what is cut short may end amid a step
     digests = RunDigest(), RunDigest()
     steps = 0
-    for now in _again(record).rounds():
+    for now in _again(record).steps():
         step = now.table.step
         if step > last:
             break

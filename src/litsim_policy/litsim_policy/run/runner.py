@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from litsim_policy.conflict.takeover import Takeover, TakeoverTable, conflict_stage
+from litsim_policy.conflict.takeover import conflict_stage
 from litsim_policy.driving.registry import policy_stage
 from litsim_policy.ego.registry import Ego, ego_stage
 from litsim_predictor.models import predictor_stage
-from litsim_sim.core.parameters import Given, Parameters
+from litsim_sim.core.parameters import ParameterOverrides, Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
-from litsim_sim.record.run import Detection, RunInfo, StageState, Status, TakeoverReason, TakeoverState
+from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.record.run import Detection, RunInfo, StageState, Status
 from litsim_sim.record.run import Run as RecordedRun
-from litsim_sim.record.run import Takeover as RecordedTakeover
 from litsim_sim.scenario.run_info import POLICY_STAGES, RunPlan
 from litsim_sim.world.world import Mirror, World, WorldConfig
 
@@ -27,7 +27,7 @@ STAGES = (*POLICY_STAGES, "ego")
 
 
 @dataclass(frozen=True)
-class Round:
+class StepResult:
     """One step and the answers to it.
 
     Attributes:
@@ -48,8 +48,8 @@ def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str
     Raises:
         InputError: a parameter is unknown to its stage, or does not fit; or there is no such ego.
     """
-    given = {stage: Given(stage, values) for stage, values in parameters.items()}
-    read = {stage: given.setdefault(stage, Given(stage, {})) for stage in STAGES}
+    given = {stage: ParameterOverrides(stage, values) for stage, values in parameters.items()}
+    read = {stage: given.setdefault(stage, ParameterOverrides(stage, {})) for stage in STAGES}
     stages: dict[str, Callable[..., Any]] = {} if ego is None else {"ego": ego_stage(ego, read["ego"])}
     if policy != "replay":
         stages |= {"predictor": predictor_stage(read["predictor"]), "conflict": conflict_stage(read["conflict"])}
@@ -85,7 +85,7 @@ class Runner:
             self._predictor, self._manager = stages["predictor"](scenario), stages["conflict"](scenario)
             self._policy = stages["policy"](plan.policy, scenario)
 
-    def rounds(self) -> Iterator[Round]:
+    def steps(self) -> Iterator[StepResult]:
         """Every step of the run with its answers, in order."""
         begin = time.perf_counter()
         table = self.world.reset()
@@ -106,7 +106,7 @@ class Runner:
                 begin = time.perf_counter()
                 ego = self._ego.plan(table)
                 marks["ego"] = time.perf_counter() - begin
-                yield Round(table, takeovers, controls, ego, marks)
+                yield StepResult(table, takeovers, controls, ego, marks)
                 begin = time.perf_counter()
                 if step < self.plan.scenario.total_steps:
                     table = self.world.step(controls or ControlTable.empty(step), ego)
@@ -123,9 +123,9 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
     """
     plan, scenario = runner.plan, runner.plan.scenario
     begin = time.perf_counter()
-    rounds = []
-    for now in runner.rounds():
-        rounds.append(now)
+    results = []
+    for now in runner.steps():
+        results.append(now)
         progress()
     wall = time.perf_counter() - begin
     info = RunInfo(**plan.facts(), mode="in-process", topics=(), configuration="", versions="")
@@ -133,29 +133,21 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
     return RecordedRun(
         path=Path(plan.run_id),
         info=info,
-        tables=[r.table for r in rounds],
-        log=[scenario.log.table(r.table.step) for r in rounds],
-        controls={r.table.step: r.controls for r in rounds if r.controls is not None},
-        ego_commands={r.table.step: r.ego for r in rounds},
-        takeovers={
-            r.table.step: [_recorded(t) for t in r.takeovers.takeovers] for r in rounds if r.takeovers is not None
-        },
+        tables=[r.table for r in results],
+        log=[scenario.log.table(r.table.step) for r in results],
+        controls={r.table.step: r.controls for r in results if r.controls is not None},
+        ego_commands={r.table.step: r.ego for r in results},
+        takeovers={r.table.step: list(r.takeovers.takeovers) for r in results if r.takeovers is not None},
         detections={
             r.table.step: Detection(r.takeovers.iterations, r.takeovers.converged)
-            for r in rounds
+            for r in results
             if r.takeovers is not None
         },
         timing={
-            stage: {r.table.step: r.stage_s[stage] for r in rounds} for stage in (rounds[0].stage_s if rounds else ())
+            stage: {r.table.step: r.stage_s[stage] for r in results}
+            for stage in (results[0].stage_s if results else ())
         },
         statuses=[finished],
         scenario_yaml=info.scenario_yaml,
         net_xml=scenario.net_path.read_bytes(),
     )
-
-
-def _recorded(takeover: Takeover) -> RecordedTakeover:
-    values = {f.name: getattr(takeover, f.name) for f in fields(RecordedTakeover)}
-    poses = {name: tuple(float(v) for v in values[name]) for name in ("conflict_pose", "goal_pose")}
-    numbered = {"state": TakeoverState(takeover.state), "reason": TakeoverReason(takeover.reason)}
-    return RecordedTakeover(**(values | poses | numbered))

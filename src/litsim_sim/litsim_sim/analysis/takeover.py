@@ -11,7 +11,8 @@ import numpy as np
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import boxes_overlap, wrap_angle
 from litsim_sim.core.scene import AgentTable, Controller, FloatArray
-from litsim_sim.record.run import Run, Takeover, TakeoverReason, TakeoverState
+from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
+from litsim_sim.record.run import Run
 
 SETTLED = 1e-3  # [m] from the log, below which the return is over
 SETTLING_MAX = 100  # steps after a release that are looked at

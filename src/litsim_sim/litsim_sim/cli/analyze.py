@@ -15,8 +15,9 @@ from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics, write_met
 from litsim_sim.analysis.tables import SERIES_FILE, TAKEOVERS_FILE, write_tables
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.takeover import TakeoverReason
 from litsim_sim.io.files import replacing
-from litsim_sim.record.run import Run, TakeoverReason, read_run
+from litsim_sim.record.run import Run, read_run
 
 PLOT_FILE = "overview.png"
 FILES = (METRICS_FILE, SERIES_FILE, TAKEOVERS_FILE, PLOT_FILE)

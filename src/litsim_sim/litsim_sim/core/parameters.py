@@ -20,7 +20,7 @@ SET_HELP = "parameters of the stages, as their nodes declare them, such as confl
 """Of the command lines that take them."""
 
 
-class Read(Protocol):
+class ParameterReader(Protocol):
     """Where a stage's core has its parameters from: a node that declares them, or values that were given by name."""
 
     def __call__(self, default: Config, prefix: str = "") -> Config:
@@ -31,7 +31,7 @@ class Read(Protocol):
         """
 
 
-class Given:
+class ParameterOverrides:
     """Reads parameters of `stage` out of `values`."""
 
     def __init__(self, stage: str, values: Mapping[str, Any]) -> None:
@@ -39,7 +39,7 @@ class Given:
         self._known: list[str] = []
 
     def __call__(self, default: Config, prefix: str = "") -> Config:
-        """See :class:`Read`."""
+        """See :class:`ParameterReader`."""
         read: dict[str, Any] = {}
         for field in fields(default):  # type: ignore[arg-type]
             name, value = prefix + field.name, getattr(default, field.name)

@@ -18,7 +18,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ControlTable, EgoCommand, EgoMode, FloatArray
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ControlTable, EgoCommand, EgoMode
+from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.digest import CONTROL_FIELDS
@@ -52,21 +53,6 @@ class StageState(IntEnum):
     FAILED = 3
 
 
-class TakeoverState(IntEnum):
-    """Numbered as in ``litsim_msgs/Takeover``."""
-
-    HELD = 0
-    HANDBACK = 1
-    RELEASED = 2
-
-
-class TakeoverReason(IntEnum):
-    """Numbered as in ``litsim_msgs/Takeover``."""
-
-    CONFLICT = 0
-    BLOCKED_ENTRY = 1
-
-
 @dataclass(frozen=True)
 class RunInfo:
     """What was run; fields as in ``litsim_msgs/RunInfo``. Steps are numbered 0 .. `total_steps`, inclusive."""
@@ -86,31 +72,6 @@ class RunInfo:
     topics: tuple[str, ...]
     configuration: str
     versions: str
-
-
-@dataclass(frozen=True)
-class Takeover:
-    """Why one agent is off its log at one step; fields and units as in ``litsim_msgs/Takeover``.
-
-    Poses are (x [m], y [m], yaw [rad]) in frame map; `reference_path` is (m, 2) in frame map [m]. Fields with a default
-    are missing in older records.
-    """
-
-    agent: int
-    opponent: int
-    state: TakeoverState
-    reason: TakeoverReason
-    detected_step: int
-    time_to_conflict: float
-    overlap_probability: float
-    conflict_pose: tuple[float, float, float]
-    goal_pose: tuple[float, float, float]
-    reference_path: FloatArray
-    log_collision_predicted: bool
-    residual_position: float
-    residual_speed: float
-    path_source: int = 0
-    time_shift: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -347,6 +308,7 @@ def _takeover(message: Any) -> Takeover:
         message,
         state=TakeoverState(message.state),
         reason=TakeoverReason(message.reason),
+        path_source=PathSource(getattr(message, "path_source", PathSource.ROUTE)),
         conflict_pose=(conflict.x, conflict.y, conflict.theta),
         goal_pose=(goal.x, goal.y, goal.theta),
         reference_path=np.asarray(message.reference_path, np.float64).reshape(-1, 2),

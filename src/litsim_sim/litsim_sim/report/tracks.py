@@ -9,7 +9,8 @@ import numpy as np
 
 from litsim_sim.core.colours import Mode
 from litsim_sim.core.scene import AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
-from litsim_sim.record.run import Run, TakeoverState
+from litsim_sim.core.takeover import TakeoverState
+from litsim_sim.record.run import Run
 
 MOTION = ("x", "y", "yaw", "speed", "acceleration")
 

@@ -18,7 +18,7 @@ OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 def declare(node: Node, default: Config, prefix: str = "") -> Config:
     """Declare each field of the frozen dataclass `default` as a parameter, and return what the node was given.
 
-    A :class:`litsim_sim.core.parameters.Read`, once the node is bound. A tuple is an array.
+    A :class:`litsim_sim.core.parameters.ParameterReader`, once the node is bound. A tuple is an array.
     """
     values: dict[str, Any] = {}
     for field in fields(default):  # type: ignore[arg-type]

@@ -23,7 +23,7 @@ from litsim_sim.recordings.ngsim import tracks as ngsim_tracks
 from litsim_sim.recordings.ngsim.blocks import BlockReader
 from litsim_sim.recordings.ngsim.formats import Layout
 from litsim_sim.recordings.ngsim.periods import Clocks, Period
-from litsim_sim.recordings.ngsim.tracks import Mended
+from litsim_sim.recordings.ngsim.tracks import RepairCounts
 from litsim_sim.recordings.recording import HEADER_KEY, Recording, RecordingHeader
 
 LICENCE = "CC BY-SA"
@@ -49,7 +49,7 @@ class Converted:
     name: str
     rows: int
     vehicles: int
-    mended: Mended
+    mended: RepairCounts
     cleaning: str
 
     def text(self) -> str:
@@ -105,7 +105,7 @@ class Work:
         state = {name: getattr(self, name) for name in names}
         _write_json(self.folder / STATE_FILE, state | {"identity": self._identity, "clocks": self.clocks.to_json()})
 
-    def lay_aside(self, layout: Layout, *, progress: bool) -> None:
+    def spool(self, layout: Layout, *, progress: bool) -> None:
         """Read the rest of the file.
 
         Raises:
@@ -203,7 +203,7 @@ class Work:
 
 def recording_of(
     raw: pd.DataFrame, clocks: Clocks, period: Period, source: Path, options: Options, *, progress: bool = False
-) -> tuple[Recording, Mended, CleaningReport | None]:
+) -> tuple[Recording, RepairCounts, CleaningReport | None]:
     """One recording, what was mended in it, and how its cleaning went (None if it was not cleaned).
 
     Args:
@@ -249,7 +249,7 @@ def complete(source: Path, out: Path, options: Options) -> list[Converted] | Non
         if notes and {"file": source.name, "bytes": source.stat().st_size, **options.key()}.items() <= notes.items():
             table = pq.read_table(out, columns=["vehicle_id"])
             vehicles = table.column("vehicle_id").unique()
-            mended = Mended(**notes["mended"])
+            mended = RepairCounts(**notes["mended"])
             name = json.loads(pq.read_schema(out).metadata[HEADER_KEY])["name"]
             return [Converted(out, name, len(table), len(vehicles), mended, "")]
     return None
@@ -266,7 +266,7 @@ def _notes(path: Path) -> dict[str, Any]:
 
 
 def _from_report(values: dict[str, Any], path: Path) -> Converted:
-    return Converted(path, **{**values, "mended": Mended(**values["mended"])})
+    return Converted(path, **{**values, "mended": RepairCounts(**values["mended"])})
 
 
 def bar_over(path: Path, begin: int, *, progress: bool) -> tqdm[Any]:

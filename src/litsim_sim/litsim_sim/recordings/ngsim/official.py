@@ -153,7 +153,7 @@ def convert(
             return done
         work = Work(source, out, options)
         try:
-            work.lay_aside(layout, progress=progress)
+            work.spool(layout, progress=progress)
             return work.make(progress=progress)
         except Unwritable:
             raise  # what is laid aside is taken up by the next call

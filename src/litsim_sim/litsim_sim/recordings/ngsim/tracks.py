@@ -40,7 +40,7 @@ NEEDED = (
 
 
 @dataclass
-class Mended:
+class RepairCounts:
     """What was found and done to one recording.
 
     Attributes:
@@ -70,7 +70,7 @@ class Mended:
         )
 
 
-def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, Mended]:
+def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, RepairCounts]:
     """Tracks from the rows of one recording.
 
     Args:
@@ -81,24 +81,24 @@ def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, 
     Returns:
         vehicle_id, frame, x, y (FRONT centre, frame map [m]), length, width [m], kind, lane, speed, acceleration as
         published and `hint`, the usual heading [rad] of the row's Direction (NaN if unknown); sorted by vehicle and
-        frame, at 10 Hz without holes; and what was mended.
+        frame, at 10 Hz without holes; and what was repaired.
 
     Raises:
         InputError: too many rows contradict each other, too many sizes are implausible, or nothing is left.
     """
-    mended = Mended(rows=len(raw))
-    raw = _without_duplicates(raw, mended, where)
+    counts = RepairCounts(rows=len(raw))
+    raw = _without_duplicates(raw, counts, where)
     x, y = site.map_from_global(raw["global_x"].to_numpy(), raw["global_y"].to_numpy())
     table = raw.assign(x=x, y=y)
-    table = _without_contradictions(table, mended, where)
+    table = _without_contradictions(table, counts, where)
     if "total_frames" in table:
         counted = table.groupby("vehicle_id")["total_frames"].agg(["max", "size"])
-        mended.incomplete = int((counted["size"] < counted["max"]).sum())
-    table = _split(table, mended)
+        counts.incomplete = int((counted["size"] < counted["max"]).sum())
+    table = _split(table, counts)
     if table.empty:
-        raise InputError(f"{where}: no track of {TRACK_MIN} frames or more is left of {mended.rows} rows")
-    table = _sized(table, mended, where)
-    return _filled(table, site, mended), mended
+        raise InputError(f"{where}: no track of {TRACK_MIN} frames or more is left of {counts.rows} rows")
+    table = _sized(table, counts, where)
+    return _filled(table, site, counts), counts
 
 
 def neutral(
@@ -149,10 +149,10 @@ def direction_of_motion(vehicle: IntArray, x: FloatArray, y: FloatArray, hint: F
     return np.where(np.isnan(held), np.nan_to_num(hint), held)
 
 
-def _without_duplicates(raw: pd.DataFrame, mended: Mended, where: str) -> pd.DataFrame:
+def _without_duplicates(raw: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
     content = [name for name in raw.columns if name != "line"]
     kept = raw.drop_duplicates(content)
-    mended.duplicates = len(raw) - len(kept)
+    counts.duplicates = len(raw) - len(kept)
     if (kept["vehicle_id"].abs() >= PIECE).any():
         at = kept.loc[kept["vehicle_id"].abs() >= PIECE].iloc[0]
         raise InputError(
@@ -161,7 +161,7 @@ def _without_duplicates(raw: pd.DataFrame, mended: Mended, where: str) -> pd.Dat
     return kept.sort_values(["vehicle_id", "frame", "line"], ignore_index=True)
 
 
-def _without_contradictions(table: pd.DataFrame, mended: Mended, where: str) -> pd.DataFrame:
+def _without_contradictions(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
     """One row per vehicle and frame: rows at the same place become one, those elsewhere are all left out."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     again = np.r_[False, (vehicle[1:] == vehicle[:-1]) & (frame[1:] == frame[:-1])]
@@ -173,19 +173,19 @@ def _without_contradictions(table: pd.DataFrame, mended: Mended, where: str) -> 
     contradicted = np.zeros(group[-1] + 1, np.bool_)
     contradicted[group[apart > SAME_PLACE]] = True
     wrong = contradicted[group]
-    mended.contradictions = int(wrong.sum())
-    mended.duplicates += int((again & ~wrong).sum())
-    if mended.contradictions > CONTRADICTIONS_MAX * len(table):
+    counts.contradictions = int(wrong.sum())
+    counts.duplicates += int((again & ~wrong).sum())
+    if counts.contradictions > CONTRADICTIONS_MAX * len(table):
         at = int(np.argmax(wrong & again))
         lines = table["line"].to_numpy()[[first[at], at]]
         raise InputError(
             f"{where}: lines {lines[0]} and {lines[1]}: Vehicle_ID {vehicle[at]} is at two places at frame "
-            f"{frame[at]}, {apart[at]:.1f} m apart; {mended.contradictions} of {len(table)} rows contradict each other"
+            f"{frame[at]}, {apart[at]:.1f} m apart; {counts.contradictions} of {len(table)} rows contradict each other"
         )
     return table[~wrong & ~again].reset_index(drop=True)
 
 
-def _sized(table: pd.DataFrame, mended: Mended, where: str) -> pd.DataFrame:
+def _sized(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
     """Kinds, and one plausible size per vehicle: its median, or that of its class."""
     kind = table["vehicle_class"].map(KINDS).fillna(int(Kind.UNKNOWN)).astype("uint8")
     table = table.assign(kind=kind)
@@ -197,25 +197,25 @@ def _sized(table: pd.DataFrame, mended: Mended, where: str) -> pd.DataFrame:
         usual = vehicles["kind"].map(lambda k, column=column: USUAL_SIZE.get(k, USUAL_SIZE[Kind.UNKNOWN])[column])
         vehicles[name] = vehicles[name].where(~wrong, usual)
         bad |= wrong
-    mended.sizes = int(bad.sum())
-    if mended.sizes > max(1.0, SIZES_MAX * len(vehicles)):
+    counts.sizes = int(bad.sum())
+    if counts.sizes > max(1.0, SIZES_MAX * len(vehicles)):
         row = table[table["vehicle_id"] == bad.index[bad][0]].iloc[0]
         raise InputError(
             f"{where}: line {row['line']:.0f}: Vehicle_ID {row['vehicle_id']:.0f} is {row['length']:.2f} m long and "
-            f"{row['width']:.2f} m wide; {mended.sizes} of {len(vehicles)} vehicles have no plausible size"
+            f"{row['width']:.2f} m wide; {counts.sizes} of {len(vehicles)} vehicles have no plausible size"
         )
     sizes = vehicles[["length", "width"]].reindex(table["vehicle_id"])
     return table.assign(length=sizes["length"].to_numpy(), width=sizes["width"].to_numpy())
 
 
-def _split(table: pd.DataFrame, mended: Mended) -> pd.DataFrame:
+def _split(table: pd.DataFrame, counts: RepairCounts) -> pd.DataFrame:
     """Tracks cut at long holes and at jumps, pieces renumbered; short ones left out."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     same = vehicle[1:] == vehicle[:-1]
     step = np.diff(frame)
     moved = np.hypot(np.diff(table["x"].to_numpy()), np.diff(table["y"].to_numpy()))
     cut = same & ((step > HOLE_MAX + 1) | (moved > JUMP_MAX * np.maximum(step, 1)))
-    mended.splits = int(cut.sum())
+    counts.splits = int(cut.sum())
     begins = np.r_[True, ~same]  # of a vehicle
     cuts = np.cumsum(np.r_[False, cut])
     piece = cuts - cuts[np.flatnonzero(begins)][np.cumsum(begins) - 1]
@@ -226,11 +226,11 @@ def _split(table: pd.DataFrame, mended: Mended) -> pd.DataFrame:
     first = np.flatnonzero(np.diff(track, prepend=-1))
     span = span - frame[first] + 1
     keep = (span >= TRACK_MIN)[track]
-    mended.short_tracks = int((span < TRACK_MIN).sum())
+    counts.short_tracks = int((span < TRACK_MIN).sum())
     return table[keep].reset_index(drop=True)
 
 
-def _filled(table: pd.DataFrame, site: Site, mended: Mended) -> pd.DataFrame:
+def _filled(table: pd.DataFrame, site: Site, counts: RepairCounts) -> pd.DataFrame:
     """Short holes interpolated; only the columns of the result."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
@@ -239,7 +239,7 @@ def _filled(table: pd.DataFrame, site: Site, mended: Mended) -> pd.DataFrame:
     repeat = np.where(ends, 1, step)  # a row stands for itself and the missing frames after it
     source = np.repeat(np.arange(len(table)), repeat)
     offset = np.arange(len(source)) - np.repeat(np.cumsum(repeat) - repeat, repeat)
-    mended.filled = int((offset > 0).sum())
+    counts.filled = int((offset > 0).sum())
     share = offset / np.repeat(repeat, repeat)
     target = np.minimum(source + (offset > 0), len(table) - 1)
 

@@ -1,0 +1,82 @@
+"""A takeover: why an agent is off its log, and where it is going. One definition, for the loop and for the record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from litsim_sim.core.scene import FloatArray
+
+Pose = tuple[float, float, float]
+"""x [m], y [m], yaw [rad] in frame map."""
+
+
+class TakeoverState(IntEnum):
+    """Numbered as in ``litsim_msgs/Takeover``."""
+
+    HELD = 0
+    HANDBACK = 1
+    RELEASED = 2
+
+
+class TakeoverReason(IntEnum):
+    """Numbered as in ``litsim_msgs/Takeover``."""
+
+    CONFLICT = 0
+    BLOCKED_ENTRY = 1
+
+
+class PathSource(IntEnum):
+    """Where a reference path comes from; numbered as in ``litsim_msgs/Takeover``."""
+
+    ROUTE = 0
+    LOGGED = 1
+
+
+@dataclass(frozen=True)
+class Takeover:
+    """One agent off its log at one step; see ``litsim_msgs/Takeover``. Older records lack the fields with a default.
+
+    Attributes:
+        agent, opponent: ids.
+        detected_step: step at which the agent was taken over.
+        time_to_conflict: from then to the predicted overlap [s].
+        overlap_probability: largest within the horizon, at detection.
+        conflict_pose, goal_pose: of the agent at the predicted overlap, and where it is headed for.
+        reference_path: (m, 2) points in frame map [m], from a little behind the agent on.
+        log_collision_predicted: whether the agent's log itself leads into the opponent's forecast, at this step.
+        residual_position, residual_speed: from the log at this step [m], [m/s]; -1 and 0 where the log is over.
+        path_source: how the reference path came about.
+        time_shift: [s] by which the log that it goes back to is late.
+    """
+
+    agent: int
+    opponent: int
+    state: TakeoverState
+    reason: TakeoverReason
+    detected_step: int
+    time_to_conflict: float
+    overlap_probability: float
+    conflict_pose: Pose
+    goal_pose: Pose
+    reference_path: FloatArray
+    log_collision_predicted: bool
+    residual_position: float
+    residual_speed: float
+    path_source: PathSource = PathSource.ROUTE
+    time_shift: float = 0.0
+
+
+@dataclass(frozen=True)
+class TakeoverTable:
+    """Everybody who is off the log at `step`, agents ascending.
+
+    Attributes:
+        iterations: of detection, until nothing new was found.
+        converged: False where the bound on iterations was hit.
+    """
+
+    step: int
+    takeovers: tuple[Takeover, ...] = ()
+    iterations: int = 0
+    converged: bool = True
