@@ -1,7 +1,7 @@
 # The commands that people type. `make` alone lists them.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-.PHONY: help setup build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports format bench clean distclean
+.PHONY: help setup build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture architecture format bench clean distclean
 
 # Choices, also taken from the environment; see tools/bootstrap.sh --help.
 PYTHON ?=
@@ -13,6 +13,7 @@ export PYTHON LITSIM_TORCH TORCH_INDEX
 ARGS ?=
 
 BIN := .venv/bin
+SOURCES := src/litsim_sim:src/litsim_predictor:src/litsim_policy
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -31,7 +32,7 @@ demo: build ## the embedded scenario, closed loop; leaves bags/demo
 test: build ## every test
 	./litsim exec python -m pytest $(ARGS)
 
-lint: lint-rules lint-format lint-types lint-spelling lint-imports ## ruff, mypy, codespell, import-linter
+lint: lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture ## ruff, mypy, codespell, import-linter
 lint-rules: setup
 	$(BIN)/ruff check
 lint-format: setup
@@ -41,7 +42,12 @@ lint-types: setup
 lint-spelling: setup
 	$(BIN)/codespell
 lint-imports: setup
-	PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy $(BIN)/lint-imports
+	PYTHONPATH=$(SOURCES) $(BIN)/lint-imports
+lint-architecture: setup
+	PYTHONPATH=$(SOURCES) $(BIN)/python tools/architecture.py --check
+
+architecture: setup ## draw the imports between folders into ARCHITECTURE.md
+	PYTHONPATH=$(SOURCES) $(BIN)/python tools/architecture.py
 
 format: setup ## put the sources into the format that lint asks for
 	$(BIN)/ruff check --fix-only --quiet
