@@ -177,7 +177,7 @@ def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario,
     assert entry["overlap_probability"] >= 0.4 and entry["log_collision_predicted"] and not entry["false_alarm"]
     steps = entry["released_step"] - entry["detected_step"] + 1
     assert entry["held_s"] == pytest.approx(0.1 * steps)
-    assert entry["residual_m"] == pytest.approx(10.0 * entry["time_shift_s"], abs=0.6)
+    assert 0.0 < entry["residual_m"] <= 0.5, "from the log that it goes back to"
     assert entry["time_shift_s"] > 0.5 and abs(entry["residual_mps"]) <= 1.0
 
 

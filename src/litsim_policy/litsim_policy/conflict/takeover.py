@@ -253,9 +253,12 @@ class TakeoverManager:
         return bool(between.any())
 
     def _report(self, table: AgentTable, record: _Record) -> Takeover:
-        """The takeover as it is published: path from the agent on, residuals of this step."""
+        """The takeover as it is published: path from the agent on, residuals of this step.
+
+        Residuals are measured against the log that the agent goes back to, with its lag, as the release measures them.
+        """
         row = table.row(record.takeover.agent)
-        on_log = self.scenario.log.table(table.step)
+        on_log = self.scenario.log.table(table.step, self._lag)
         log_row = on_log.row(record.takeover.agent)
         position, speed, _ = _residual(table, row, on_log, log_row) if log_row >= 0 else (-1.0, 0.0, 0.0)
         lag = int(self._lag[self.scenario.log.row(record.takeover.agent)])

@@ -45,7 +45,8 @@ class Takeover:
         conflict_pose, goal_pose: of the agent at the predicted overlap, and where it is headed for.
         reference_path: (m, 2) points in frame map [m], from a little behind the agent on.
         log_collision_predicted: whether the agent's log itself leads into the opponent's forecast, at this step.
-        residual_position, residual_speed: from the log at this step [m], [m/s]; -1 and 0 where the log is over.
+        residual_position, residual_speed: from the log that it goes back to [m], [m/s]: the logged pose of `time_shift`
+            before this step. -1 and 0 where there is none.
         path_source: how the reference path came about.
         time_shift: [s] by which the log that it goes back to is late.
     """
