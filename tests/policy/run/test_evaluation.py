@@ -72,8 +72,14 @@ def test_largest_values_are_kept() -> None:
 
 
 def test_what_no_run_measures_is_none() -> None:
-    alone = metrics(collision={"rate_controlled": None}, ade_controlled_m={"5": None})
+    alone = metrics(
+        collision={"rate_controlled": None},
+        ade_controlled_m={"5": None},
+        handback={"max_residual_m": None},
+        replay_error_max_m=None,
+    )
     row = summarise([alone, alone])
+    assert row["max_residual_m"] is None and row["replay_error_max_m"] is None
     assert row["rate_controlled"] is None
     assert row["ade_controlled_m"] == dict.fromkeys(("5", "10", "15", "20", "25"))
     mixed = summarise([alone, metrics(collision={"rate_controlled": 0.5})])

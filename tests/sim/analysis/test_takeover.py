@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.analysis.takeover import handbacks, jump, ledger
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
@@ -143,6 +145,53 @@ def test_smooth_return_has_no_jump(table: Make, make_run: Make, moved: Make) -> 
     assert back.jump.position < 0.001
     assert (back.jump.speed, back.jump.yaw) == (0.0, 0.0)
     assert handbacks(make_run(log, log)) == []
+
+
+def released_late(table: Make, moved: Make, offset: float, after: float) -> tuple[list[Any], list[Any], Any]:
+    """Agent 2 comes back to its log 1.5 s late: `offset` behind it up to step 30, and off it by `after` from then on.
+
+    Agent 2's log makes a step of 0.5 m to the side between steps 20 and 21, which a late replay shows 15 steps later.
+    """
+    log = follower_log(table, 80)
+    log = [moved([each], 2, y=0.5)[0] if each.step > 20 else each for each in log]
+    run = []
+    for each in log:
+        past = log[max(0, each.step - 15)]
+        where = {name: getattr(past, name)[past.row(2)] - getattr(each, name)[each.row(2)] for name in ("x", "y")}
+        where["x"] -= offset if each.step <= 30 else after
+        controller = Controller.POLICY if each.step <= 30 else Controller.LOG
+        run.append(moved([each], 2, controller=controller, **where)[0])
+    records = episode(2, 5, 20, 30)
+    late = {k: [replace(r, time_shift=1.5) for r in each] for k, each in records.items()}
+    return run, log, late
+
+
+def test_a_return_to_a_late_log_is_measured_against_that(table: Make, make_run: Make, moved: Make) -> None:
+    run, log, takeovers = released_late(table, moved, 0.4, 0.0)
+    (back,) = handbacks(make_run(run, log, takeovers=takeovers))
+    assert (back.lag, back.residual) == (15, pytest.approx(0.4)), "15 m from where the log would be now"
+    assert back.jump.position == pytest.approx(0.4)
+    assert back.log_jump.tuple == pytest.approx((0.0, 0.0, 0.0), abs=1e-9), "the late log goes straight on at step 30"
+    (unknown,) = handbacks(make_run(run, log))
+    assert (unknown.lag, unknown.residual) == (0, pytest.approx(np.hypot(15.4, 0.5)))
+
+
+def test_the_noise_of_a_late_log_is_that_of_the_steps_it_replays(table: Make, make_run: Make, moved: Make) -> None:
+    """It is looked at until the agent is on its late log, which here it never is."""
+    run, log, takeovers = released_late(table, moved, 0.4, 0.3)
+    (back,) = handbacks(make_run(run, log, takeovers=takeovers))
+    assert back.log_jump.position == back.jump.position == pytest.approx(0.5), "at step 35, as logged at step 20"
+
+
+def test_a_residual_that_nobody_knows_is_not_nought(table: Make, make_run: Make, moved: Make) -> None:
+    run, log = handed_back(table, moved, 2.0)
+    over = [each.take(np.flatnonzero(each.id != 2)) if each.step == 20 else each for each in log]
+    (back,) = handbacks(make_run(run, over))
+    assert back.residual is None
+    found = compute_metrics(make_run(run, over))["handback"]
+    assert (found["count"], found["residual_m"], found["max_residual_m"]) == (1, None, None)
+    (early,) = handbacks(make_run(run, log, takeovers={20: [record(2, RELEASED, time_shift=9.0)]}))
+    assert early.residual is None, "the log of 90 steps before is not in the record"
 
 
 def test_jumps_of_speed_and_yaw_are_measured(table: Make, make_run: Make, moved: Make) -> None:

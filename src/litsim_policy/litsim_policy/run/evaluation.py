@@ -143,13 +143,15 @@ def summarise(runs: Iterable[dict[str, Any]]) -> dict[str, Any]:
         "relevant_ratio": _mean(r["relevant_ratio"] for r in runs),
         "ade_controlled_m": ade,
         "ade_all_m": {h: _mean(r["ade_all_m"].get(h) for r in runs) for h in ade},
-        "replay_error_max_m": max((r["replay_error_max_m"] or 0.0 for r in runs), default=None),
+        "replay_error_max_m": max((far for r in runs if (far := r["replay_error_max_m"]) is not None), default=None),
         "hard_brakes": sum(r["comfort"]["controlled"]["hard_brakes"] for r in runs),
         "guarded": _mean(r["comfort"]["controlled"]["guarded"]["share"] for r in runs),
         "off_road": _mean(r["off_road_controlled"] for r in runs),
         "progress_m": _mean(r["progress_m"] for r in runs),
         "max_position_jump_m": max((r["handback"]["max_position_jump_m"] for r in runs), default=None),
-        "max_residual_m": max((r["handback"]["max_residual_m"] or 0.0 for r in runs), default=None),
+        "max_residual_m": max(
+            (far for r in runs if (far := r["handback"]["max_residual_m"]) is not None), default=None
+        ),
         "realtime_factor": _mean(r["timing"]["realtime_factor"] for r in runs),
     }
 

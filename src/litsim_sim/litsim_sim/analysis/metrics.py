@@ -37,7 +37,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
 
     Measures cover the steps after the history. Rates are shares between 0 and 1; a measure without anything to measure
     is None. Agents are the background, without the ego, except in `collision` and in progress, where the ego is one of
-    them, as in the LitSim paper.
+    them.
     """
     hits, far, back = collisions(run, in_lane_of(run)), displacements(run), handbacks(run)
     entries, lock = ledger(run), lockstep(run)
@@ -202,7 +202,7 @@ def _handback(back: list[Handback]) -> dict[str, Any]:
     found, noise = Jump(), Jump()
     for each in back:
         found, noise = found.largest(each.jump), noise.largest(each.log_jump)
-    residuals = [each.residual for each in back]
+    residuals = [each.residual for each in back if each.residual is not None]
     return {
         "count": len(back),
         "max_position_jump_m": found.position,

@@ -43,9 +43,10 @@ class LedgerEntry:
         log_collision_predicted: whether the log itself led into the opponent's forecast.
         replay: first contact that pure replay of this agent would have had after the detection, with where the ego and
             the other agents off their logs really went; None where it would have had none.
-        residual_position: from the log at the last step of the takeover [m]; None where the log is over by then.
-        residual_speed: the same of the speed [m/s].
-        time_shift: by which the log that it went back to was late at the last step of the takeover [s].
+        residual_position: distance at the last step of the takeover from the log that the agent goes back to, which is
+            late by `time_shift` [m]; None where that log is over by then.
+        residual_speed: speed beyond that of the same log at the same step [m/s].
+        time_shift: by which the log that it goes back to is late at the last step of the takeover [s].
     """
 
     agent: int
@@ -95,21 +96,23 @@ class Jump:
 
 @dataclass(frozen=True)
 class Handback:
-    """One return to the log.
+    """One return to the log, which is replayed from then on with the lag of the takeover that ends.
 
     Attributes:
         agent: who returned.
         step: the last one under control.
-        residual: distance from the log at `step` [m].
+        residual: distance at `step` from the log with its lag [m]; None where it has no logged pose there.
         jump: largest ones of the steps from `step` until the agent is on its log again.
-        log_jump: the same of the logged motion over the same steps: the noise of the recording.
+        log_jump: the same of the logged motion over the same steps, with the lag: the noise of the recording.
+        lag: by which the log is replayed late [steps].
     """
 
     agent: int
     step: int
-    residual: float
+    residual: float | None
     jump: Jump
     log_jump: Jump
+    lag: int = 0
 
 
 def ledger(run: Run) -> list[LedgerEntry]:
@@ -208,7 +211,7 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayC
 
 def _handback(run: Run, index: int, agent: int) -> Handback:
     """The return of `agent`, which is under control for the last time in the table at `index`."""
-    residual = _from_log(run, index, agent)
+    lag = _lag(run, run.tables[index].step, agent)
     found, noise = Jump(), Jump()
     for k in range(index, min(index + SETTLING_MAX, len(run.tables) - 1)):
         before, after = run.tables[k], run.tables[k + 1]
@@ -216,18 +219,33 @@ def _handback(run: Run, index: int, agent: int) -> Handback:
         if row < 0 or after.controller[row] != Controller.LOG:
             break
         found = found.largest(jump(before, after, agent, run.info.dt))
-        if run.log and run.log[k].row(agent) >= 0 and run.log[k + 1].row(agent) >= 0:
-            noise = noise.largest(jump(run.log[k], run.log[k + 1], agent, run.info.dt))
-        apart = _from_log(run, k + 1, agent)
+        logged = _logged(run, k, agent, lag), _logged(run, k + 1, agent, lag)
+        if logged[0] is not None and logged[1] is not None:
+            noise = noise.largest(jump(logged[0], logged[1], agent, run.info.dt))
+        apart = _from_log(run, k + 1, agent, lag)
         if apart is not None and apart < SETTLED:
             break
-    return Handback(agent, run.tables[index].step, residual or 0.0, found, noise)
+    return Handback(agent, run.tables[index].step, _from_log(run, index, agent, lag), found, noise, lag)
 
 
-def _from_log(run: Run, index: int, agent: int) -> float | None:
-    """Distance [m] of `agent` from its log at the table at `index`; None where it has no logged pose there."""
-    if not run.log:
+def _lag(run: Run, step: int, agent: int) -> int:
+    """Steps by which the log is late that `agent` goes back to at `step`; 0 where no takeover of it was recorded."""
+    shift = next((t.time_shift for t in run.takeovers.get(step, ()) if t.agent == agent), 0.0)
+    return round(shift / run.info.dt)
+
+
+def _logged(run: Run, index: int, agent: int, lag: int) -> AgentTable | None:
+    """The log of `lag` steps before the table at `index`; None where it is not known or `agent` is not in it."""
+    at = index - lag
+    if not run.log or at < 0 or run.log[at].step != run.tables[index].step - lag:
         return None
-    table, logged = run.tables[index], run.log[index]
+    return run.log[at] if run.log[at].row(agent) >= 0 else None
+
+
+def _from_log(run: Run, index: int, agent: int, lag: int) -> float | None:
+    """Distance [m] of `agent`, in the table at `index`, from its log `lag` steps before; None where that is unknown."""
+    logged, table = _logged(run, index, agent, lag), run.tables[index]
+    if logged is None or table.row(agent) < 0:
+        return None
     i, j = table.row(agent), logged.row(agent)
-    return float(np.hypot(table.x[i] - logged.x[j], table.y[i] - logged.y[j])) if min(i, j) >= 0 else None
+    return float(np.hypot(table.x[i] - logged.x[j], table.y[i] - logged.y[j]))
