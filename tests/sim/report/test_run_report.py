@@ -19,8 +19,8 @@ from litsim_sim.record.run import Run
 from litsim_sim.report import run_report
 from litsim_sim.report.content import pack_run
 from litsim_sim.report.forecasts import Forecasts
-from litsim_sim.report.markup import asset
 from litsim_sim.report.packing import unpack
+from litsim_sim.report.pages import asset
 from litsim_sim.report.run_report import render, save
 
 Make = Callable[..., Any]
@@ -117,7 +117,7 @@ def test_guarded_commands_show(small_run: Run, without: Make, monkeypatch: pytes
         for k, source in enumerate(sources)
     }
     guarded = without(controls=answers)
-    assert "1 of the policy&#x27;s agent-steps (25.0 %)" in render(guarded, compute_metrics(guarded))
+    assert "1 of the policy&#39;s agent-steps (25.0 %)" in render(guarded, compute_metrics(guarded))
 
 
 def test_size_of_a_long_dense_run(small_run: Run, without: Make) -> None:
@@ -157,6 +157,7 @@ def test_less_is_shown_of_a_run_that_lacks_something(lacking: str, small_run: Ru
 
 
 def test_a_page_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "nowhere").write_text("a file, no folder")
     with pytest.raises(InputError, match="cannot be written"):
         save("", tmp_path / "nowhere/report.html")
 

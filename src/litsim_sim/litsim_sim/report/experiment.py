@@ -6,14 +6,14 @@ import json
 import os.path
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.report.markup import NOTHING, badge, number, page, percent
+from litsim_sim.report.pages import render_page
 from litsim_sim.report.run_report import REPORT_FILE, save
+from litsim_sim.report.wording import NOTHING, number, percent
 
 EVALUATION_FILE = "evaluation.json"
 EXPERIMENT_REPORT_FILE = "experiment.html"
@@ -119,86 +119,75 @@ def _render(content: dict[str, Any], source: Path, beside: Path) -> str:
     scenarios = sorted({str(m.get("scenario", NOTHING)) for m in every})
     egos = sorted({str(m.get("ego", NOTHING)) for m in every})
     invalid = sum(not m.get("valid", True) for m in every)
-    return page(
-        "experiment.html",
-        ("tables.js",),
-        title=escape(f"{', '.join(scenarios)}: {', '.join(summary)}"),
-        heading=escape(", ".join(scenarios) or source.parent.name),
-        subtitle=escape(f"ego by {', '.join(egos)} · {len(every)} runs · policies {', '.join(summary)}"),
-        badges=badge(not invalid, "every run valid", f"{invalid} runs not valid"),
-        summary=_summary(summary),
-        bars="".join(_bars(column, summary) for column in BARS),
-        displacement=_displacement(summary),
+    return render_page(
+        "experiment.html.j2",
+        title=f"{', '.join(scenarios)}: {', '.join(summary)}",
+        heading=", ".join(scenarios) or source.parent.name,
+        subtitle=f"ego by {', '.join(egos)} · {len(every)} runs · policies {', '.join(summary)}",
+        invalid=invalid,
+        policies=list(summary),
+        bars=[_chart(column, summary) for column in BARS],
+        summary=_side_by_side(summary, SUMMARY),
+        displacement=_side_by_side(summary, _displacement(summary)),
+        measures=[column.name for column in RUN],
         runs=_runs(runs, source.parent, beside),
-        footnote=escape(
-            f"Everything on this page comes from {source.name}; a dash stands where there is nothing to measure."
-        ),
+        footnote=f"Everything on this page comes from {source.name}; a dash stands where there is nothing to measure.",
     )
 
 
-def _summary(summary: dict[str, dict[str, Any]]) -> str:
-    return _side_by_side(summary, SUMMARY)
-
-
-def _displacement(summary: dict[str, dict[str, Any]]) -> str:
-    """Average displacement from the log by horizon, controlled agents and all."""
+def _displacement(summary: dict[str, dict[str, Any]]) -> list[Column]:
+    """Average displacement from the log by horizon, of controlled agents and of all."""
     horizons = list(next(iter(summary.values()), {}).get("ade_all_m") or {})
     kinds = (("controlled", "ade_controlled_m"), ("all", "ade_all_m"))
-    columns = [
+    return [
         Column(f"{name}, {horizon} s [m]", lambda row, f=field, h=horizon: row[f][h])  # type: ignore[misc]
         for name, field in kinds
         for horizon in horizons
     ]
-    return _side_by_side(summary, columns)
 
 
-def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> str:
-    """A row a measure, a column a policy; the best of several is marked where one end is the better one."""
-    head = "".join(f'<th scope="col" class="number">{escape(policy)}</th>' for policy in summary)
-    body = ""
+def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
+    """A row for each measure that any policy has, a cell for each policy; the best of several values is marked."""
+    rows = []
     for column in columns:
         values = [column.of(row) for row in summary.values()]
         known = [value for value in values if value is not None]
         best = column.better(known) if column.better and known and min(known) < max(known) else None
-        marks = [" best" if best is not None and value == best else "" for value in values]
-        texts = [escape(column.text(value)) for value in values]
-        cells = (f'<td class="number{mark}">{text}</td>' for mark, text in zip(marks, texts, strict=True))
-        body += f'<tr><th scope="row">{escape(column.name)}</th>{"".join(cells)}</tr>' if known else ""
-    return f'<div class="scroll"><table><thead><tr><td></td>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+        cells = [{"text": column.text(value), "best": best is not None and value == best} for value in values]
+        if known:
+            rows.append({"name": column.name, "cells": cells})
+    return rows
 
 
-def _bars(column: Column, summary: dict[str, dict[str, Any]]) -> str:
+def _chart(column: Column, summary: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """A bar for each policy, its length in percent of the highest value."""
     values = {policy: column.of(row) for policy, row in summary.items()}
     highest = max((value for value in values.values() if value), default=1.0)
-    rows = (
-        f'<div class="bar"><span>{escape(policy)}</span>'
-        f'<span><i style="width:{100.0 * (value or 0.0) / highest:.1f}%"></i></span>'
-        f"<span>{escape(column.text(value))}</span></div>"
+    bars = [
+        {"policy": policy, "percent": 100.0 * (value or 0.0) / highest, "text": column.text(value)}
         for policy, value in values.items()
-    )
-    return f"<figure><figcaption>{escape(column.name)}</figcaption>{''.join(rows)}</figure>"
+    ]
+    return {"name": column.name, "bars": bars}
 
 
-def _runs(runs: dict[str, dict[str, Any]], folder: Path, beside: Path) -> str:
-    """Every run in a table that can be sorted; one that has a report is linked."""
-    names = ("policy", "run", "valid", *(column.name for column in RUN), "report")
-    head = "".join(f'<th scope="col"><button type="button">{escape(name)}</button></th>' for name in names)
-    body = ""
-    for policy, by_name in runs.items():
-        for name, metrics in by_name.items():
-            valid = bool(metrics.get("valid", True))
-            cells = [escape(policy), escape(name), badge(valid, "yes", "no")]
-            cells += [escape(column.text(column.of(metrics))) for column in RUN]
-            recording = metrics.get("recording")  # of runs over DDS
-            cells.append(_link(folder / recording / REPORT_FILE, beside) if recording else NOTHING)
-            body += f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
-    return (
-        f'<div class="scroll"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
-    )
+def _runs(runs: dict[str, dict[str, Any]], folder: Path, beside: Path) -> list[dict[str, Any]]:
+    """Every run: policy, name, whether it is valid, its measures as text, and the address of its report, or None."""
+    return [
+        {
+            "policy": policy,
+            "name": name,
+            "valid": bool(metrics.get("valid", True)),
+            "measures": [column.text(column.of(metrics)) for column in RUN],
+            "report": _link(folder, metrics.get("recording"), beside),
+        }
+        for policy, by_name in runs.items()
+        for name, metrics in by_name.items()
+    ]
 
 
-def _link(report: Path, beside: Path) -> str:
-    if not report.is_file():
-        return NOTHING
-    relative = Path(os.path.relpath(report.resolve(), beside.resolve())).as_posix()
-    return f'<a href="{escape(quote(relative), quote=True)}">open</a>'
+def _link(folder: Path, recording: str | None, beside: Path) -> str | None:
+    """Address of a run's report as seen from `beside`; None without one. Only runs over DDS name a `recording`."""
+    report = folder / recording / REPORT_FILE if recording else None
+    if report is None or not report.is_file():
+        return None
+    return quote(Path(os.path.relpath(report.resolve(), beside.resolve())).as_posix())

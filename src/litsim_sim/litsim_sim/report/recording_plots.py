@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 import io
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.recording import Recording
+from litsim_sim.report.pages import render_page
 
 DPI = 100
 LANES_MAX = 12  # diagrams; the busiest lanes
@@ -50,18 +50,14 @@ def draw(recording: Recording, path: Path, text: str, lane_map: LaneMap | None =
     if path.suffix == ".png":
         path.write_bytes(_bytes(_overview(recording, lane_map)))
         return
-    diagrams, tracks = space_time(recording), track_map(recording, lane_map)
-    pictures = "\n".join(
-        f'<h2>{title}</h2>\n<img alt="{title}" src="data:image/png;base64,{base64.b64encode(_bytes(figure)).decode()}">'
-        for title, figure in (("Space and time, by lane", diagrams), ("Tracks", tracks))
+    pictures = {"Space and time, by lane": space_time(recording), "Tracks": track_map(recording, lane_map)}
+    page = render_page(
+        "recording.html.j2",
+        name=recording.header.name,
+        text=text,
+        pictures=[(title, base64.b64encode(_bytes(figure)).decode()) for title, figure in pictures.items()],
     )
-    name = html.escape(recording.header.name)
-    path.write_text(
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{name}</title>\n'
-        "<style>body{font:15px sans-serif;margin:2em auto;max-width:1400px;color:#30343b}img{max-width:100%}</style>"
-        f"</head>\n<body><h1>{name}</h1>\n<pre>{html.escape(text)}</pre>\n{pictures}\n</body></html>\n",
-        encoding="utf-8",
-    )
+    path.write_text(page, encoding="utf-8")
 
 
 def space_time(recording: Recording) -> Figure:

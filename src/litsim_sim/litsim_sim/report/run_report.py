@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +12,12 @@ from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.run import RUN_INFO, Run, read_run
 from litsim_sim.report.content import pack_run
+from litsim_sim.report.events import contact_table, takeover_table
 from litsim_sim.report.forecasts import read_forecasts
-from litsim_sim.report.markup import NOTHING, badge, contacts, definitions, ledger, number, page, percent, tree
+from litsim_sim.report.pages import render_page
+from litsim_sim.report.wording import NOTHING, number, percent
 
 REPORT_FILE = "report.html"
-SCRIPTS = ("data.js", "view.js", "charts.js", "app.js")
 DATA_MAX = 8_000_000  # characters of packed data; the page must stay below 10 MB
 THINNING = (1, 2, 5, 10)  # steps between forecasts, tried in this order until the data fit
 
@@ -53,26 +53,21 @@ def render(run: Run, metrics: dict[str, Any]) -> str:
     """The page of a run."""
     info = run.info
     data, every = _packed(run, metrics)
-    takeovers, collision = metrics["ledger"], metrics["collision"]["contacts"]
     thinned = "" if every == 1 else f" Forecasts are shown every {every * info.dt:.1f} s to keep this file small."
-    return page(
-        "report.html",
-        SCRIPTS,
-        title=escape(f"{info.scenario}, ego {info.ego_id} by {info.ego}, {info.policy}"),
-        scenario=escape(info.scenario),
-        subtitle=escape(f"ego {info.ego_id} by {info.ego} · background by {info.policy} · seed {info.seed}"),
-        badges=_badges(run, metrics),
-        problems=_problems(metrics),
-        ledger=ledger(takeovers, info.dt, info.ego_id),
-        ledger_count=str(len(takeovers)),
-        contacts=contacts(metrics, info.dt, info.ego_id),
-        contacts_count=str(len(collision)),
-        measures=definitions(_measures(metrics)),
-        every_measure=tree({k: v for k, v in metrics.items() if k != "ledger"}),
-        what_was_run=definitions(_what_was_run(run)),
-        scenario_yaml=escape(run.scenario_yaml.strip()),
-        configuration=escape(info.configuration.strip()),
-        footnote=escape(f"Everything on this page comes from {run.path.name}.{thinned}"),
+    return render_page(
+        "report.html.j2",
+        title=f"{info.scenario}, ego {info.ego_id} by {info.ego}, {info.policy}",
+        subtitle=f"ego {info.ego_id} by {info.ego} · background by {info.policy} · seed {info.seed}",
+        info=info,
+        complete=run.complete,
+        metrics=metrics,
+        takeovers=takeover_table(metrics["ledger"], info.dt, info.ego_id),
+        contacts=contact_table(metrics, info.dt, info.ego_id),
+        measures=_measures(metrics),
+        every_measure={name: value for name, value in metrics.items() if name != "ledger"},
+        what_was_run=_what_was_run(run),
+        scenario_yaml=run.scenario_yaml.strip(),
+        footnote=f"Everything on this page comes from {run.path.name}.{thinned}",
         data=data,
     )
 
@@ -88,15 +83,6 @@ def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:
     raise InputError(
         f"{run.path}: too long for one page: {len(data) / 1e6:.1f} MB of data, at most {DATA_MAX / 1e6:.1f}"
     )
-
-
-def _badges(run: Run, metrics: dict[str, Any]) -> str:
-    shown = [badge(metrics["valid"], "valid", "not valid"), badge(metrics["reactive"], "reactive", "collisions")]
-    return " ".join(shown if run.complete else [*shown, badge(run.complete, "complete", "cut short")])
-
-
-def _problems(metrics: dict[str, Any]) -> str:
-    return f'<p class="problem" role="alert">{escape(metrics["why"])}</p>' if metrics["why"] else ""
 
 
 def _measures(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -1,0 +1,99 @@
+"""The takeovers and contacts of `metrics.json` as tables of text, each row of which belongs to a step and an agent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from litsim_sim.report.wording import NOTHING, number
+
+
+@dataclass(frozen=True)
+class EventRow:
+    """One event: the step and the agent (id) that its row leads to, and a text for each column."""
+
+    step: int
+    agent: int
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class EventTable:
+    """Names of the columns, and the events in the order of `metrics.json`."""
+
+    head: tuple[str, ...]
+    rows: tuple[EventRow, ...]
+
+
+def takeover_table(entries: Sequence[dict[str, Any]], dt: float, ego: int) -> EventTable:
+    """The ledger of `metrics.json`, a row a takeover; it leads to the step of the detection.
+
+    Args:
+        entries: `ledger` of the metrics.
+        dt: length of a step [s].
+        ego: id of the ego.
+    """
+    head = "agent|opponent|why|at|predicted overlap|the log alone|off its log|back|left over"
+    return EventTable(tuple(head.split("|")), tuple(_takeover(entry, dt, ego) for entry in entries))
+
+
+def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
+    """The contacts of `metrics`, a row a pair of agents; it leads to the first step of the contact.
+
+    Args:
+        metrics: what `analyze` found; `collision` and `safety` of it are read.
+        dt: length of a step [s].
+        ego: id of the ego; contacts of it have a verdict.
+    """
+    verdicts = {(each["agent"], each["step"]): each for each in metrics["collision"]["ego_contacts"]}
+    avoided = {(each["agent"], each["step"]): each["avoided"] for each in metrics["safety"]["careful_driver"]}
+    rows = []
+    for each in metrics["collision"]["contacts"]:
+        pair, step = each["pair"], each["step"]
+        agent = pair[1] if pair[0] == ego else pair[0]
+        verdict = verdicts.get((agent, step)) if ego in pair else None
+        cells = (
+            *(_who(pair[0], ego), _who(pair[1], ego), f"{step * dt:.1f} s", "yes" if each["in_log"] else "no"),
+            _verdict(verdict, avoided[agent, step]) if verdict else NOTHING,
+            number(verdict["delta_v_mps"], 1, "m/s") if verdict else NOTHING,
+        )
+        rows.append(EventRow(step, agent, cells))
+    return EventTable(("agent", "and", "at", "also in the log", "verdict", "Δv of the ego"), tuple(rows))
+
+
+def _takeover(entry: dict[str, Any], dt: float, ego: int) -> EventRow:
+    detected = entry["detected_step"]
+    certainty = entry.get("overlap_probability")
+    in_time = number(entry.get("time_to_conflict_s"), 1, "s")
+    predicted = f"in {in_time}" + (f", p = {certainty:.2f}" if certainty else "")
+    back = entry.get("released_step")
+    cells = (
+        _who(entry["agent"], ego),
+        _who(entry["opponent"], ego),
+        str(entry["reason"]).replace("_", " "),
+        f"{detected * dt:.1f} s",
+        predicted,
+        _replay(entry, dt, ego),
+        number(entry.get("held_s"), 1, "s"),
+        NOTHING if back is None else f"{back * dt:.1f} s",
+        number(entry.get("residual_m"), 2, "m") if back is not None else NOTHING,
+    )
+    return EventRow(detected, entry["agent"], cells)
+
+
+def _replay(entry: dict[str, Any], dt: float, ego: int) -> str:
+    """What would have happened to the agent on its log alone."""
+    if not entry.get("replay_would_collide"):
+        return "false alarm: meets nobody" if entry.get("false_alarm") else "meets nobody"
+    return f"hits {_who(entry['replay_opponent'], ego)} at {entry['replay_step'] * dt:.1f} s"
+
+
+def _verdict(contact: dict[str, Any], avoided: bool) -> str:
+    kind = str(contact["verdict"]).replace("_", " ")
+    fault = "at fault" if contact["ego_at_fault"] else "not at fault"
+    return f"{kind}: ego {fault}; the careful driver {'avoids it' if avoided else 'hits too'}"
+
+
+def _who(agent: int, ego: int) -> str:
+    return f"ego {agent}" if agent == ego else str(agent)

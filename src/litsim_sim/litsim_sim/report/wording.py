@@ -1,0 +1,50 @@
+"""How values read on the pages: numbers, shares and nested measures as plain text, which the templates escape."""
+
+from __future__ import annotations
+
+from typing import Any
+
+NOTHING = "–"
+
+
+def number(value: Any, digits: int = 2, unit: str = "") -> str:
+    """`value` with `digits` after the point (none if it is an int) and its unit; a dash for None."""
+    if value is None:
+        return NOTHING
+    text = str(value) if isinstance(value, int) else f"{value:.{digits}f}"
+    return f"{text} {unit}".rstrip()
+
+
+def percent(value: float | None) -> str:
+    """A share from 0 to 1 as a percentage with one digit; a dash for None."""
+    return NOTHING if value is None else f"{100.0 * value:.1f} %"
+
+
+def branches(value: Any) -> list[tuple[str, Any]]:
+    """The names and values one level below `value`.
+
+    Returns:
+        (name, value) of a dict, (index, value) of a list that holds dicts or lists; [] for all that :func:`leaf` shows.
+    """
+    if isinstance(value, dict):
+        return [(str(name), each) for name, each in value.items()]
+    if isinstance(value, list) and any(isinstance(each, dict | list) for each in value):
+        return [(str(index), each) for index, each in enumerate(value)]
+    return []
+
+
+def is_nested(value: Any) -> bool:
+    """Whether `value` has at least two levels below it: a dict or list that holds a dict or list."""
+    inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return any(isinstance(each, dict | list) for each in inside)
+
+
+def leaf(value: Any) -> str:
+    """A value without further levels as text: floats with four digits, bools as yes or no, nothing as a dash."""
+    if value is None or value in ("", {}, []):
+        return NOTHING
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return ", ".join(leaf(each) for each in value) if isinstance(value, list) else str(value)

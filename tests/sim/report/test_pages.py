@@ -1,0 +1,120 @@
+"""What comes from data is text on every page, whatever it holds; and the templates are where the code finds them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import jinja2
+import numpy as np
+import pytest
+
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.record.run import Run
+from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.report import run_report
+from litsim_sim.report.experiment import write_experiment_report
+from litsim_sim.report.forecasts import Forecasts
+from litsim_sim.report.packing import unpack
+from litsim_sim.report.pages import asset, render_page
+from litsim_sim.report.recording_plots import draw
+
+HOSTILE = "a\"b'c</script></title></pre><script>alert(1)</script><img src=x onerror='alert(2)'>{{ 7 * 7 }}&amp;"
+
+
+class Page(HTMLParser):
+    """Tags with their attributes, and the text of a page as a browser reads it."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+    def count(self, tag: str) -> int:
+        return sum(name == tag for name, _ in self.tags)
+
+
+def expect_text(html: str, scripts: int, times: int) -> None:
+    """HOSTILE stands on the page as text, at least `times`, and nothing of it has become a tag."""
+    page = Page(html)
+    assert page.text.count(HOSTILE) >= times
+    assert page.count("script") == scripts
+    assert not any(attributes.get("src") == "x" or "onerror" in attributes for _, attributes in page.tags)
+    assert "<script>alert" not in html and "<img src=x" not in html
+
+
+def no_forecasts(run: Run) -> Forecasts:
+    none = np.zeros(0, np.int64)
+    return Forecasts(none, none, np.zeros(13), np.zeros((0, 13, 2)), np.zeros((0, 13, 3)))
+
+
+def test_hostile_text_of_a_run(small_run: Run, without: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_report, "read_forecasts", no_forecasts)
+    versions = json.dumps({HOSTILE: HOSTILE})
+    changes = dict.fromkeys(("run_id", "scenario", "ego", "policy", "mode", "configuration"), HOSTILE)
+    run = without(info=replace(small_run.info, versions=versions, **changes), scenario_yaml=HOSTILE)
+    metrics = compute_metrics(run) | {"why": HOSTILE, "digest": HOSTILE, HOSTILE: {HOSTILE: [HOSTILE]}}
+    html = run_report.render(run, metrics)
+    expect_text(html, scripts=2, times=12)
+    data = re.search(r'<script id="data" type="text/plain">([A-Za-z0-9+/=]*)</script>', html)
+    assert data  # of letters that cannot end a script, whatever is packed
+    assert unpack(data[1])[0]["run"]["id"] == HOSTILE
+
+
+def test_hostile_text_of_an_experiment(tmp_path: Path) -> None:
+    collision = {"excess": 0, "ego_contacts": []}
+    run = {"scenario": HOSTILE, "ego": HOSTILE, "valid": False, "collision": collision, "recording": "r\"'><b>"}
+    (tmp_path / run["recording"]).mkdir()  # type: ignore[operator]
+    (tmp_path / run["recording"] / "report.html").write_text("")  # type: ignore[operator]
+    summary = {HOSTILE: {"runs": 1, "reactive": 0.5, "ade_all_m": {HOSTILE: 1.0}, "ade_controlled_m": {HOSTILE: 1.0}}}
+    content = {"summary": summary, "runs": {HOSTILE: {HOSTILE: run}}}
+    (tmp_path / "evaluation.json").write_text(json.dumps(content))
+    html = write_experiment_report(tmp_path).read_text()
+    expect_text(html, scripts=1, times=10)
+    (link,) = [attributes["href"] for name, attributes in Page(html).tags if name == "a"]
+    assert link == "r%22%27%3E%3Cb%3E/report.html"
+
+
+def test_hostile_text_of_a_recording(tmp_path: Path, track: type) -> None:
+    rows = track(id=1, x=0.0, yaw=0.0).rows()
+    draw(Recording.from_table(RecordingHeader(HOSTILE), rows, "one"), tmp_path / "one.html", HOSTILE)
+    html = (tmp_path / "one.html").read_text()
+    expect_text(html, scripts=0, times=3)  # title, heading, text
+    assert [tag for tag, _ in Page(html).tags].count("img") == 2
+
+
+def test_style_and_scripts_are_as_they_are(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_report, "read_forecasts", no_forecasts)
+    html = run_report.render(small_run, compute_metrics(small_run))
+    for name in ("report.css", "data.js", "view.js", "charts.js", "app.js"):
+        assert asset(name).strip() in html
+        assert not re.search(r"</(script|style)", asset(name), re.IGNORECASE)  # would end the element that it stands in
+
+
+def test_a_value_that_a_template_lacks_is_an_error() -> None:
+    with pytest.raises(jinja2.UndefinedError, match="name"):
+        render_page("recording.html.j2", text="", pictures=[])
+
+
+def test_the_package_installs_the_templates() -> None:
+    source = Path(__file__).resolve().parents[3] / "src/litsim_sim"
+    (endings,) = re.findall(r"^ENDINGS = \((.*)\)$", (source / "setup.py").read_text(), re.MULTILINE)
+    used = {
+        path.suffix[1:]
+        for folder in ("assets", "templates")
+        for path in (source / "litsim_sim/report" / folder).iterdir()
+    }
+    assert used <= set(re.findall(r'"([\w.]+)"', endings))
+    assert used == {"css", "js", "j2"}
