@@ -53,9 +53,10 @@ format: setup ## put the sources into the format that lint asks for
 	$(BIN)/ruff check --fix-only --quiet
 	$(BIN)/ruff format
 
-bench: build ## how fast the predictors, the stages and the loop are on this machine
+bench: build ## what a step costs on this machine, by stage, beside highway-env
 	./litsim litsim_predictor bench
-	./litsim litsim_policy bench
+	@benchmarks/highway_env/setup.sh || echo "bench: without highway-env"
+	./litsim litsim_policy bench $(if $(wildcard benchmarks/highway_env/.venv/.ready),--highway-env benchmarks/highway_env) $(ARGS)
 
 clean: ## remove what build made
 	rm -rf build install log

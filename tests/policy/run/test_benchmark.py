@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import sys
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from litsim_policy.run.benchmark import Sample, measure, rows, write_scenario
+from litsim_policy.run.benchmark import (
+    execute,
+    straight_road,
+    table_rows,
+    time_highway_env,
+    time_in_process,
+    time_recording,
+    write_scenario,
+)
 from litsim_policy.run.conflict_benchmark import detection_rows, measure_detection
 from litsim_predictor.benchmark import LANES, SPACING, SPEED, columns_of_traffic
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import overlapping_pairs
+from litsim_sim.record.bag import BagReader, BagWriter
 from litsim_sim.scenario.scenario import Scenario
 
 
-@pytest.mark.parametrize("agents", [10, 50, 100, 250])
+@pytest.mark.parametrize("agents", [10, 50, 250, 1000])
 def test_columns_of_traffic_are_a_valid_scenario(tmp_path: Path, agents: int) -> None:
     scenario = Scenario.load(write_scenario(tmp_path, agents, seconds=13.0))
     log = scenario.log
@@ -48,20 +60,47 @@ def test_columns_can_be_generated_twice_the_same() -> None:
     assert columns_of_traffic(20, 5.0).table.equals(columns_of_traffic(20, 5.0).table)
 
 
-def test_samples_are_said_as_median_and_range() -> None:
-    samples = [Sample(2.0, 10.0, 3.0), Sample(1.0, 4.0, 5.0), Sample(4.0, 12.0, 4.0)]
-    said = dict(rows(samples))
-    assert said["in_process"] == "2.00 (1.00 to 4.00)"
-    assert said["ratio"] == "4.00 (3.00 to 5.00)", "of the pairs, not of the medians"
-    assert said["graph"] == "10.00 (4.00 to 12.00)" and said["realtime_factor"] == "4.00 (3.00 to 5.00)"
+def test_figures_are_said_as_median_and_range_of_the_repetitions() -> None:
+    samples = [{"in process": 2.0, "graph / in process": 5.0}, {"in process": 1.0, "graph / in process": 4.0}]
+    samples.append({"in process": 4.0, "graph / in process": 3.0})
+    rows = list(table_rows({50: samples, 150: [{"in process": 1.0}]}))
+    assert rows == [
+        ["in process, ms", "2.00 (1.00 to 4.00)", "1.00 (1.00 to 1.00)"],
+        ["graph / in process", "4.00 (3.00 to 5.00)", "-"],
+    ]
 
 
-def test_a_run_that_fails_is_an_input_error(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(
-        "litsim_policy.run.benchmark.NET", "us101"
-    )  # it lies elsewhere: the columns are not on its road
-    with pytest.raises(InputError, match="run ended with status"):
-        measure(tmp_path, 10, 5.0, 1, lambda: None)
+def test_a_step_in_process_is_told_apart_by_stage(tmp_path: Path) -> None:
+    """In a process of its own, as the benchmark does it: libsumo holds one simulation."""
+    scenario = write_scenario(tmp_path, 20, seconds=5.0)
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as process:
+        sample = process.submit(time_in_process, scenario).result()
+    parts = ("world", "SUMO", "predictor", "conflict", "policy", "ego")
+    assert set(sample) == {*parts, "in process"} and min(sample.values()) > 0.0
+
+
+def test_recording_is_timed_by_writing_the_messages_again(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", "bag", {}) as writer:
+        writer.add_topic("/made", "made_msgs/msg/Made", "uint8 value", "[]", "")
+        for step in range(10):
+            writer.write("/made", bytes([0, 1, 0, 0, step]), step * 10**8)
+    assert time_recording(tmp_path / "bag", tmp_path / "again")["recording"] > 0.0
+    both = [[m.data for m in BagReader(tmp_path / name).messages()] for name in ("bag", "again")]
+    assert both[0] == both[1] and len(both[0]) == 10
+
+
+def test_what_a_program_says_of_its_failure_is_passed_on(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="ended with status 3: it broke"):
+        execute(Path("/bin/sh"), "-c", "echo it broke >&2; exit 3")
+    with pytest.raises(InputError, match="nothing: cannot be run"):
+        time_highway_env(tmp_path / "nothing", tmp_path / "step_time.py", 50, 1)
+
+
+def test_the_straight_road_is_one_that_sumo_loads(tmp_path: Path) -> None:
+    net = tmp_path / "road.net.xml"
+    net.write_text(straight_road(2500.0))
+    program = "import libsumo, sys; libsumo.start(['sumo', '-n', sys.argv[1]]); print(libsumo.lane.getLength('road_4'))"
+    assert execute(Path(sys.executable), "-c", program, str(net)).split()[-1] == "2500.0"
 
 
 def test_conflict_detection_is_timed_on_traffic_in_which_there_are_conflicts() -> None:

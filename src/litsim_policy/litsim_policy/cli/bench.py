@@ -1,27 +1,26 @@
-"""`bench`: time per step in process and over the graph, or of conflict detection alone, by number of agents."""
+"""`bench`: what a step costs, by stage and number of agents, in process and over the graph; or detection alone."""
 
 from __future__ import annotations
 
 import argparse
 import os
+import platform
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from litsim_policy.run.benchmark import measure, rows
+from litsim_policy.run.benchmark import measure, table_rows, time_highway_env
 from litsim_policy.run.conflict_benchmark import detection_rows, measure_detection
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import EXIT_INPUT, InputError
+from litsim_sim.io.files import replacing
 
-TITLES = {
-    "in_process": "in process, ms/step",
-    "graph": "graph with recording, ms/step",
-    "ratio": "ratio",
-    "realtime_factor": "graph, x real time",
-}
+HIGHWAY_ENV_MOST = 250  # more vehicles take it minutes
+HIGHWAY_ENV_STEPS = 20
 DETECTION_TITLES = ("agents", "off their logs", "pairs", "conflicts", "wall ms, median (min to max)", "CPU ms")
 DETECTION_REPEATS = 200
 
@@ -31,9 +30,16 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="bench", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    p.add_argument("--agents", type=int, nargs="+", default=[10, 50, 100, 250], help="numbers of agents, at most 250")
+    p.add_argument("--agents", type=int, nargs="+", default=[50, 150, 250, 1000], help="numbers of agents")
     p.add_argument("--seconds", type=float, default=13.0, help="simulated time of a run, 3 s of history included")
-    p.add_argument("--repeats", type=int, default=3, help="pairs of runs for each number of agents")
+    p.add_argument("--repeats", type=int, default=5, help="of every run, one shell after the other")
+    p.add_argument("--markdown", type=Path, metavar="FILE", help="write the table to this file as well")
+    p.add_argument(
+        "--highway-env",
+        type=Path,
+        metavar="FOLDER",
+        help="of its step_time.py and the environment .venv: highway-env is stepped beside (`make bench` sets it up)",
+    )
     p.add_argument("--conflicts", action="store_true", help="conflict detection alone, over 50 steps of horizon")
     return p
 
@@ -41,37 +47,59 @@ def parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Entry point of ``ros2 run litsim_policy bench``."""
     arguments = parser().parse_args()
-    Console(width=120).print(detection_table(arguments.agents) if arguments.conflicts else run_table(arguments))
-
-
-def detection_table(numbers: list[int]) -> Table:
-    """Conflict detection by number of agents."""
-    table = Table(title=f"conflict detection, {DETECTION_REPEATS} times, {os.cpu_count()} CPU cores")
-    for title in DETECTION_TITLES:
-        table.add_column(title, justify="right")
-    for agents in numbers:
-        table.add_row(*detection_rows(measure_detection(agents, DETECTION_REPEATS)))
-    return table
-
-
-def run_table(arguments: argparse.Namespace) -> Table:
-    """Whole runs by number of agents."""
-    table = Table(title=f"median (min to max) of {arguments.repeats} pairs of runs, {os.cpu_count()} CPU cores")
-    table.add_column("agents", justify="right")
-    for title in TITLES.values():
-        table.add_column(title, justify="right")
     try:
-        with (
-            tempfile.TemporaryDirectory() as folder,
-            tqdm(total=2 * arguments.repeats * len(arguments.agents), unit="run", dynamic_ncols=True) as bar,
-        ):
-            for agents in arguments.agents:
-                samples = measure(Path(folder), agents, arguments.seconds, arguments.repeats, bar.update)
-                table.add_row(str(agents), *(text for _, text in rows(samples)))
+        if arguments.conflicts:
+            show(*detection_table(arguments.agents), None)
+        else:
+            show(*run_table(arguments), arguments.markdown)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    return table
+        sys.exit(EXIT_INPUT)
+
+
+def show(title: str, head: list[str], rows: list[list[str]], markdown: Path | None) -> None:
+    """Print a table; write it as Markdown where a file is named."""
+    table = Table(title=title, title_justify="left")
+    for k, each in enumerate(head):
+        table.add_column(each, justify="right" if k else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    Console(width=160).print(table)
+    if markdown is not None:
+        lines = [
+            title + ".",
+            "",
+            *(f"| {' | '.join(row)} |" for row in (head, ["---", *["---:"] * (len(head) - 1)], *rows)),
+        ]
+        with replacing(markdown) as new:
+            new.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def detection_table(numbers: list[int]) -> tuple[str, list[str], list[list[str]]]:
+    """Conflict detection by number of agents: title, head and rows."""
+    rows = [list(detection_rows(measure_detection(agents, DETECTION_REPEATS))) for agents in numbers]
+    return f"conflict detection, {DETECTION_REPEATS} times, {_machine()}", list(DETECTION_TITLES), rows
+
+
+def run_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[str]]]:
+    """Whole runs by number of agents: title, head and rows."""
+    found = {}
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tqdm(total=arguments.repeats * len(arguments.agents), unit="repetition", dynamic_ncols=True) as bar,
+    ):
+        for agents in arguments.agents:
+            beside = None
+            if arguments.highway_env is not None and agents <= HIGHWAY_ENV_MOST:
+                python, script = arguments.highway_env / ".venv/bin/python", arguments.highway_env / "step_time.py"
+                beside = partial(time_highway_env, python.absolute(), script, steps=HIGHWAY_ENV_STEPS)
+            found[agents] = measure(Path(folder), agents, arguments.seconds, arguments.repeats, beside, bar.update)
+    title = f"a step, median (minimum to maximum) of {arguments.repeats} repetitions, {_machine()}"
+    return title, ["", *(f"{agents} agents" for agents in found)], [list(row) for row in table_rows(found)]
+
+
+def _machine() -> str:
+    return f"{os.cpu_count()} CPU cores, Python {platform.python_version()}"
 
 
 if __name__ == "__main__":

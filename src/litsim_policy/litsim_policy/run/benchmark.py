@@ -1,64 +1,187 @@
-"""How long a step takes, in process and over the graph, with a given number of agents."""
+"""What a step costs and where it goes: each stage, SUMO, recording and transport, in process and over the graph.
+
+Every repetition measures all shells one after the other, so that they meet the same machine; what is compared are the
+ratios within a repetition.
+"""
 
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import statistics
 import subprocess
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import yaml
 
-from litsim_predictor.benchmark import columns_of_traffic
+from litsim_policy.run.runner import Runner
+from litsim_predictor.benchmark import LANE_WIDTH, LANES, columns_of_traffic
 from litsim_sim.analysis.metrics import METRICS_FILE
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
 from litsim_sim.launch.executables import find_executable
-from litsim_sim.scenario.scenario import packaged
+from litsim_sim.record.bag import BagReader, BagWriter
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.world.sumo import SumoMirror
 
-NET = "us101_like"
+EGO, POLICY = "idm", "litsim"
+LOOP = ("predictor", "conflict", "policy")  # stages that wait for each other; the ego answers meanwhile
+FREE_ROAD = 400.0  # [m] of road ahead of the foremost vehicle
+HISTORY_S = 3.0  # [s] in which nobody is driven
 
+IN_PROCESS, GRAPH, HIGHWAY_ENV = "in process", "graph with recording", "highway-env"
+WORLD, SUMO, EGO_STAGE, RECORDING, TRANSPORT = "world", "SUMO", "ego", "recording", "transport and waiting"
+PARTS = (WORLD, SUMO, *LOOP, EGO_STAGE, RECORDING, TRANSPORT)
+RATIOS = {
+    "graph / in process": (GRAPH, IN_PROCESS),
+    "highway-env / graph": (HIGHWAY_ENV, GRAPH),
+    "highway-env / in process": (HIGHWAY_ENV, IN_PROCESS),
+}
 
-@dataclass(frozen=True)
-class Sample:
-    """Time per step [ms] of one pair of runs, and what the graph makes of a second of wall time.
-
-    Attributes:
-        realtime_factor: of the graph, simulated time over wall time.
-    """
-
-    in_process: float
-    graph: float
-    realtime_factor: float
-
-    @property
-    def ratio(self) -> float:
-        """Graph over in process."""
-        return self.graph / self.in_process
+Sample = dict[str, float]
+"""Of one repetition: time of a step [ms] by what it was spent on: :data:`PARTS` (medians over the steps of the run, but
+for transport, which is what is left of a step) and the whole steps, of the run's wall time."""
 
 
 def write_scenario(folder: Path, agents: int, seconds: float) -> Path:
-    """A scenario on :func:`columns_of_traffic`; the ego is in the middle of the columns.
+    """A scenario on :func:`columns_of_traffic`, on a straight road that is long enough; the ego is in the middle.
 
     An ego that keeps a longer headway falls back in it, and those behind it are taken over.
     """
-    columns_of_traffic(agents, seconds).write(folder / f"{agents}.parquet")
+    recording = columns_of_traffic(agents, seconds)
+    recording.write(folder / f"{agents}.parquet")
+    net = folder / f"{agents}.net.xml"
+    net.write_text(straight_road(float(recording.table["x"].max()) + FREE_ROAD), encoding="utf-8")
     values = {
         "name": f"bench_{agents}",
         "recording": f"{agents}.parquet",
-        "net": str(packaged(f"nets/{NET}.net.xml")),
+        "net": str(net),
         "ego": agents // 2 + 1,
-        "simulation_s": seconds - 3.0,
+        "history_s": HISTORY_S,
+        "simulation_s": seconds - HISTORY_S,
     }
     path = folder / f"{agents}.yaml"
     path.write_text(yaml.safe_dump(values))
     return path
 
 
-def measure(folder: Path, agents: int, seconds: float, repeats: int, done: Callable[[], object]) -> list[Sample]:
-    """Pairs of runs, in process and over the graph with recording in turn, so that both meet the same machine.
+def straight_road(length: float) -> str:
+    """A SUMO net of one straight road along +x, `length` [m] long, whose leftmost lane has its left edge at y = 0."""
+    centres = [-LANE_WIDTH * (LANES - lane - 0.5) for lane in range(LANES)]  # SUMO counts from the right
+    lanes = "".join(
+        f'<lane id="road_{lane}" index="{lane}" speed="36.00" length="{length:.2f}" width="{LANE_WIDTH}" '
+        f'shape="0.00,{y:.2f} {length:.2f},{y:.2f}"/>'
+        for lane, y in enumerate(centres)
+    )
+    incoming = " ".join(f"road_{lane}" for lane in range(LANES))
+    width = LANES * LANE_WIDTH
+    return (
+        '<net version="1.20" junctionCornerDetail="5" limitTurnSpeed="5.50">'
+        f'<location netOffset="0.00,0.00" convBoundary="0.00,{-width:.2f},{length:.2f},0.00" '
+        f'origBoundary="0.00,{-width:.2f},{length:.2f},0.00" projParameter="!"/>'
+        f'<edge id="road" from="begin" to="end" priority="1">{lanes}</edge>'
+        f'<junction id="begin" type="dead_end" x="0.00" y="0.00" incLanes="" intLanes="" '
+        f'shape="0.00,0.00 0.00,{-width:.2f}"/>'
+        f'<junction id="end" type="dead_end" x="{length:.2f}" y="0.00" incLanes="{incoming}" intLanes="" '
+        f'shape="{length:.2f},{-width:.2f} {length:.2f},0.00"/>'
+        "</net>"
+    )
+
+
+class TimedMirror:
+    """SUMO, and the time that it takes in each step [s]."""
+
+    def __init__(self, mirror: SumoMirror) -> None:
+        self._mirror = mirror
+        self.seconds: list[float] = []
+
+    def show(self, table: AgentTable) -> None:
+        """See :class:`litsim_sim.world.world.Mirror`."""
+        begin = time.perf_counter()
+        self._mirror.show(table)
+        self.seconds.append(time.perf_counter() - begin)
+
+    def deviation(self, table: AgentTable) -> FloatArray:
+        """See :class:`litsim_sim.world.world.Mirror`; its time counts as well."""
+        begin = time.perf_counter()
+        deviation = self._mirror.deviation(table)
+        self.seconds[-1] += time.perf_counter() - begin
+        return deviation
+
+    def close(self) -> None:
+        """See :class:`litsim_sim.world.world.Mirror`."""
+        self._mirror.close()
+
+
+def time_in_process(scenario_file: Path) -> Sample:
+    """Run a scenario in this process, SUMO included; the steps after the history, in which agents are driven."""
+    scenario = Scenario.load(scenario_file)
+    mirror = TimedMirror(SumoMirror(scenario.net_path, scenario.seed))
+    runner = Runner(RunPlan(scenario, EGO, POLICY), mirror)
+    parts: dict[str, list[float]] = {}
+    begin = 0.0
+    for result in runner.steps():
+        if result.table.step < scenario.history_steps:
+            begin = time.perf_counter()
+            continue
+        sumo = mirror.seconds[-1]
+        for name, seconds in (result.stage_s | {WORLD: result.stage_s["bridge"] - sumo, SUMO: sumo}).items():
+            parts.setdefault(name, []).append(1e3 * seconds)
+    whole = 1e3 * (time.perf_counter() - begin) / (scenario.total_steps - scenario.history_steps + 1)
+    return {name: statistics.median(values) for name, values in parts.items() if name in PARTS} | {IN_PROCESS: whole}
+
+
+def time_graph(scenario_file: Path, bag: Path) -> Sample:
+    """Run a scenario over DDS, recorded to `bag`.
+
+    Raises:
+        InputError: the run failed.
+    """
+    command = ["--quiet", "--overwrite", "--out", str(bag), "--scenario", str(scenario_file)]
+    execute(find_executable("litsim_sim", "launch"), *command, "--ego", EGO, "--policy", POLICY)
+    metrics = json.loads((bag / METRICS_FILE).read_text())
+    whole = 1e3 * metrics["timing"]["wall_s"] / (metrics["steps"] + 1)
+    stages = {name: times["median"] for name, times in metrics["timing"]["stage_ms"].items()}
+    return {GRAPH: whole, TRANSPORT: whole - stages["bridge"] - sum(stages[name] for name in LOOP)}
+
+
+def time_recording(bag: Path, folder: Path) -> Sample:
+    """Write the messages of `bag` again; what the recorder's process spends on a step, but for receiving them."""
+    reader = BagReader(bag)
+    messages = list(reader.messages())
+    steps = 1 + round(max(message.log_time_ns for message in messages) * 1e-9 / STEP_S)
+    begin = time.perf_counter()
+    with BagWriter(folder, "again", {}, overwrite=True) as writer:
+        for topic in reader.topics.values():
+            writer.add_topic(topic.name, topic.type_name, topic.definition, topic.qos_yaml, topic.type_hash)
+        for message in messages:
+            writer.write(message.topic, message.data, message.log_time_ns)
+    return {RECORDING: 1e3 * (time.perf_counter() - begin) / steps}
+
+
+def time_highway_env(python: Path, script: Path, agents: int, steps: int) -> Sample:
+    """Step highway-env with as many vehicles, at the same 10 Hz, by the interpreter of its own environment.
+
+    Raises:
+        InputError: it cannot be run.
+    """
+    return {HIGHWAY_ENV: float(execute(python, str(script), str(agents), str(steps)))}
+
+
+def measure(
+    folder: Path,
+    agents: int,
+    seconds: float,
+    repeats: int,
+    highway_env: Callable[[int], Sample] | None,
+    done: Callable[[], object],
+) -> list[Sample]:
+    """Repetitions of everything with one number of agents; `highway_env` is called with it, where it is given.
 
     Raises:
         InputError: a run failed.
@@ -66,32 +189,43 @@ def measure(folder: Path, agents: int, seconds: float, repeats: int, done: Calla
     scenario = write_scenario(folder, agents, seconds)
     samples = []
     for _ in range(repeats):
-        out = folder / "bag"
-        walls = []
-        for command in (
-            ["litsim_policy", "run", "--json", str(folder / METRICS_FILE)],
-            ["litsim_sim", "launch", "--quiet", "--overwrite", "--out", str(out)],
-        ):
-            _execute([*command, "--scenario", str(scenario), "--ego", "idm", "--policy", "litsim"])
-            done()
-        for path in (folder / METRICS_FILE, out / METRICS_FILE):
-            metrics = json.loads(path.read_text())
-            walls.append((1e3 * metrics["timing"]["wall_s"] / (metrics["steps"] + 1), metrics["timing"]))
-        samples.append(Sample(walls[0][0], walls[1][0], walls[1][1]["realtime_factor"]))
+        context = multiprocessing.get_context("spawn")  # libsumo holds one simulation per process
+        with ProcessPoolExecutor(1, mp_context=context) as process:
+            sample = process.submit(time_in_process, scenario).result()
+        sample |= time_graph(scenario, folder / "bag")
+        sample |= time_recording(folder / "bag", folder / "again")
+        sample |= highway_env(agents) if highway_env else {}
+        samples.append(sample | {name: sample[a] / sample[b] for name, (a, b) in RATIOS.items() if a in sample})
+        done()
     return samples
 
 
-def rows(samples: list[Sample]) -> Iterator[tuple[str, str]]:
-    """Measures of one number of agents as `median (minimum to maximum)`."""
-    for name in ("in_process", "graph", "ratio", "realtime_factor"):
-        values = [getattr(sample, name) for sample in samples]
-        yield name, f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
+def spread(samples: Sequence[Sample], name: str) -> str:
+    """A figure of the repetitions as `median (minimum to maximum)`."""
+    values = [sample[name] for sample in samples]
+    return f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
 
 
-def _execute(command: list[str]) -> None:
-    package, executable, *arguments = command
-    path = find_executable(package, executable)
+def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
+    """Rows of the table: what, and its figure for each number of agents; a dash where it was not measured."""
+    for name in (*PARTS, IN_PROCESS, GRAPH, HIGHWAY_ENV, *RATIOS):
+        if any(name in samples[0] for samples in by_agents.values()):
+            cells = (spread(samples, name) if name in samples[0] else "-" for samples in by_agents.values())
+            yield [name if name in RATIOS else f"{name}, ms", *cells]
+
+
+def execute(program: Path, *arguments: str) -> str:
+    """What a program prints.
+
+    Raises:
+        InputError: it cannot be run, or fails.
+    """
     environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
-    ended = subprocess.run([str(path), *arguments], capture_output=True, text=True, check=False, env=environment)
+    try:
+        ended = subprocess.run([program, *arguments], capture_output=True, text=True, check=False, env=environment)
+    except OSError as error:
+        raise InputError(f"{program}: cannot be run: {error.strerror or error}") from error
     if ended.returncode != 0:
-        raise InputError(f"{executable} ended with status {ended.returncode}: {ended.stderr.strip()[-500:]}")
+        said = ended.stderr.strip()[-500:]
+        raise InputError(f"{program.name} ended with status {ended.returncode}: {said}")
+    return ended.stdout
