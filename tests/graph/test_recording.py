@@ -14,8 +14,9 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.core.stages import StageState
 from litsim_sim.record.bag import BagReader, find_mcap
-from litsim_sim.record.run import StageState, read_run
+from litsim_sim.record.run import read_run
 from litsim_sim.scenario.scenario import Scenario
 
 STEP_NS = 100_000_000

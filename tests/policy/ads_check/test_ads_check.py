@@ -15,10 +15,9 @@ from litsim_policy.ads_check.feasibility import is_clipped, motion
 from litsim_policy.ads_check.plot import plot_latency
 from litsim_policy.ads_check.requirements import Clause, Limits, Verdict, judge
 from litsim_policy.ads_check.trace import Ending, Endpoint, Evidence, Heard
-from litsim_sim.core.scene import EgoCommand
+from litsim_sim.core.scene import STEP_NS, EgoCommand
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import INPUTS, Answer, Interface
-from litsim_sim.ego_port.port import STEP_NS
 from litsim_sim.ego_port.tracking import EgoState, Trajectory, TwistTarget
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.scenario import packaged

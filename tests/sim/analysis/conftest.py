@@ -17,9 +17,10 @@ import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, Controller
+from litsim_sim.core.stages import StageState
 from litsim_sim.record.bag import BagWriter, qos_yaml
 from litsim_sim.record.digest import CONTROL_FIELDS
-from litsim_sim.record.run import Run, RunInfo, StageState, Status
+from litsim_sim.record.run import Run, RunInfo, Status
 from litsim_sim.recordings.recording import COLUMNS
 
 MESSAGES = Path(__file__).resolve().parents[3] / "src/litsim_msgs/msg"

@@ -18,7 +18,8 @@ from litsim_sim.analysis.plots import telling_moment
 from litsim_sim.analysis.timing import timing
 from litsim_sim.cli.analyze import FILES, analyze, main, print_ledger, print_metrics
 from litsim_sim.core.scene import Controller, ControlSource, ControlTable
-from litsim_sim.record.run import StageState, Status, TopicGaps
+from litsim_sim.core.stages import StageState
+from litsim_sim.record.run import Status, TopicGaps
 
 Make = Callable[..., Any]
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"

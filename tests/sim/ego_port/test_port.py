@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_sim.core.scene import EgoCommand, EgoMode
+from litsim_sim.core.scene import STEP_NS, EgoCommand, EgoMode
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface, problem
-from litsim_sim.ego_port.port import COUNTS, STEP_NS, AnswerInvalid, EgoPort, Level
+from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, Level
 from litsim_sim.ego_port.tracking import EgoState, Trajectory, TwistTarget
 
 

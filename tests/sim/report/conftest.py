@@ -18,8 +18,9 @@ import numpy as np
 import pytest
 
 from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.stages import StageState
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
-from litsim_sim.record.run import Run, RunInfo, StageState, Status
+from litsim_sim.record.run import Run, RunInfo, Status
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NET = Path(__file__).resolve().parents[3] / "src/litsim_sim/litsim_sim/nets/us101_like.net.xml"

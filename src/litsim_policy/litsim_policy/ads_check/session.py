@@ -10,20 +10,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from litsim_policy.ads_check.observer import Observer
+from litsim_policy.ads_check.bystander import Bystander
 from litsim_policy.ads_check.trace import FAILED, FINISHED, Ending, Evidence
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.stages import BRIDGE, RECORDER
+from litsim_sim.ego_port.answer import INPUTS
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import EgoState
 from litsim_sim.launch.executables import node_executable
 from litsim_sim.launch.processes import Child, Graph, GraphFailed
 from litsim_sim.record.run import read_run
-from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
 TICK_S = 0.1  # [s] between two looks at the graph
 LEASE_S = 25.0  # [s] after which DDS has noticed at the latest that a process died without a word
-MEETING_S = 15.0  # [s] for the observer to find the bridge
+MEETING_S = 15.0  # [s] for the bystander to find the bridge
 LAZY_S = 5.0  # [s] for a stack that makes its publisher when it first has something to answer
 GRACE_S = 3.0  # [s] that a process gets to end after each signal
 STACK = "stack"
@@ -58,44 +60,49 @@ def observe(check: Check) -> Evidence:
     Raises:
         InputError: the command cannot be started, or the workspace is not complete.
     """
-    plan = RunPlan(check.scenario, "external", "replay")
-    nodes = {name: node_executable(name, plan.ego) for name in ("recorder", "bridge")}
+    plan = RunPlan(check.scenario, EXTERNAL, "replay")
+    nodes = {name: node_executable(name, plan.ego) for name in (RECORDER, BRIDGE)}
     graph = Graph(check.out, check.domain_id)
     file = check.out / "scenario.yaml"
     file.write_text(check.scenario.to_yaml(), encoding="utf-8")
     stack: Child | None = None
-    with Observer(check.domain_id) as observer:
+    with Bystander(check.domain_id) as bystander:
         try:
-            graph.start("bridge", nodes["bridge"], _bridge(check, plan, file))
-            _meet(graph.children["bridge"], observer)
+            graph.start(BRIDGE, nodes[BRIDGE], _bridge(check, plan, file))
+            _meet(graph.children[BRIDGE], bystander)
             stack = _start(check) if check.command else None
-            _discover(check, observer, stack)
-            graph.start("recorder", nodes["recorder"], {"output": str(check.out), "overwrite": True})
-            left = _follow(graph.children["bridge"], observer, stack)
+            _discover(check, bystander, stack)
+            graph.start(RECORDER, nodes[RECORDER], {"output": str(check.out), "overwrite": True})
+            left = _follow(graph.children[BRIDGE], bystander, stack)
             failure = _failure(graph, left)
-            ending, left = _watch_end(check, observer, stack, left)
+            ending, left = _watch_end(check, bystander, stack, left)
         finally:
             graph.stop()
             if stack is not None:
                 _end(stack)
         return Evidence(
             wait_s=check.wait_s,
-            found=observer.found,
-            endpoints=observer.endpoints,
-            asked=observer.asked,
-            heard=tuple(observer.heard),
-            interface=observer.interface,
-            counts=observer.counts,
-            remarks=tuple(dict.fromkeys(text for text in observer.remarks if "/litsim/ego/" in text)),
+            found=bystander.found,
+            endpoints=bystander.endpoints,
+            asked=bystander.asked,
+            heard=tuple(bystander.heard),
+            interface=bystander.interface,
+            counts=bystander.counts,
+            remarks=tuple(dict.fromkeys(filter(_names_an_input, bystander.remarks))),
             states=_states(check),
             lane_map=check.scenario.lane_map,
             vehicle=check.scenario.vehicle,
             total_steps=check.scenario.total_steps,
-            state=observer.state,
+            state=bystander.state,
             failure=failure,
             left=left,
             ending=ending,
         )
+
+
+def _names_an_input(remark: str) -> bool:
+    """Whether a remark of the ego port is about one of the topics that a stack answers on."""
+    return any(topic in remark for topic in INPUTS.values())
 
 
 def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
@@ -113,30 +120,30 @@ def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
     }
 
 
-def _meet(bridge: Child, observer: Observer) -> None:
-    """Wait until the observer hears the bridge, which waits for its recorder meanwhile: not a step is to be missed.
+def _meet(bridge: Child, bystander: Bystander) -> None:
+    """Wait until the bystander hears the bridge, which waits for its recorder meanwhile: not a step is to be missed.
 
     Raises:
         InputError: they cannot find each other.
     """
     until = time.monotonic() + MEETING_S
-    while not observer.hears_bridge:
+    while not bystander.hears_bridge:
         if not bridge.running:
             raise InputError(f"the bridge cannot be started: {bridge.obituary()}")
         if time.monotonic() > until:
             raise InputError(f"the bridge was not discovered within {MEETING_S:g} s; is DDS blocked on this machine?")
-        observer.listen(TICK_S)
-    observer.listen(3 * TICK_S)  # for the bridge to find the observer, too
+        bystander.listen(TICK_S)
+    bystander.listen(3 * TICK_S)  # for the bridge to find the bystander, too
 
 
-def _discover(check: Check, observer: Observer, stack: Child | None) -> None:
+def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
     """Wait for a publisher of the stack. The run has not begun meanwhile: who is found is heard from step 0 on."""
-    observer.start()
+    bystander.start()
     until = time.monotonic() + check.wait_s
-    while not observer.found and time.monotonic() < until and (stack is None or stack.running):
-        observer.listen(TICK_S)
-    if observer.found:
-        observer.listen(3 * TICK_S)  # for the stack to find the observer, too
+    while not bystander.found and time.monotonic() < until and (stack is None or stack.running):
+        bystander.listen(TICK_S)
+    if bystander.found:
+        bystander.listen(3 * TICK_S)  # for the stack to find the bystander, too
 
 
 def _start(check: Check) -> Child:
@@ -159,25 +166,25 @@ def _start(check: Check) -> Child:
     return Child(STACK, process, log)
 
 
-def _follow(bridge: Child, observer: Observer, stack: Child | None) -> int | None:
+def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | None:
     """Listen until the bridge has ended, the stack has left, or there is none; returns at which step it left, if so."""
     hopeless = time.monotonic() + LAZY_S
     while bridge.running:
-        observer.listen(TICK_S)
-        if not observer.found and time.monotonic() > hopeless:
+        bystander.listen(TICK_S)
+        if not bystander.found and time.monotonic() > hopeless:
             break
-        gone = (stack is not None and not stack.running) or (bool(observer.found) and not observer.present)
-        if gone and not observer.over:
-            observer.listen(5 * TICK_S)  # it may have heard of the end before this program has
-            if not observer.over:
-                return max(observer.asked, default=0)
-    observer.listen(TICK_S)
+        gone = (stack is not None and not stack.running) or (bool(bystander.found) and not bystander.present)
+        if gone and not bystander.over:
+            bystander.listen(5 * TICK_S)  # it may have heard of the end before this program has
+            if not bystander.over:
+                return max(bystander.asked, default=0)
+    bystander.listen(TICK_S)
     return None
 
 
 def _failure(graph: Graph, left: int | None) -> str:
     """Why the run failed; empty where it did not."""
-    if left is not None or graph.children["bridge"].running:
+    if left is not None or graph.children[BRIDGE].running:
         graph.stop()
         return "nobody answers" if left is None else "the stack left"
     try:
@@ -187,28 +194,28 @@ def _failure(graph: Graph, left: int | None) -> str:
     return ""
 
 
-def _watch_end(check: Check, observer: Observer, stack: Child | None, left: int | None) -> tuple[Ending, int | None]:
+def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: int | None) -> tuple[Ending, int | None]:
     """Watch the stack after the run.
 
     One that fell silent and was started by somebody else is watched until DDS would have noticed its death.
     """
     began_ns, began = time.time_ns(), time.monotonic()
-    silent = observer.state != FINISHED and left is None and stack is None and bool(observer.found)
+    silent = bystander.state != FINISHED and left is None and stack is None and bool(bystander.found)
     watch = max(check.end_wait_s, LEASE_S) if silent else check.end_wait_s
     while (watched := time.monotonic() - began) < watch:
-        observer.listen(TICK_S)
-        if not observer.present and (stack is None or not stack.running):
+        bystander.listen(TICK_S)
+        if not bystander.present and (stack is None or not stack.running):
             break
-    if silent and not observer.present and observer.state in (FAILED, ""):
-        left = max(observer.asked, default=0)
-    after = [each.received_ns for each in observer.heard if each.received_ns > began_ns]
+    if silent and not bystander.present and bystander.state in (FAILED, ""):
+        left = max(bystander.asked, default=0)
+    after = [each.received_ns for each in bystander.heard if each.received_ns > began_ns]
     last_s = 1e-9 * (after[-1] - began_ns) if after else None
     gone = stack is not None and not stack.running
     return (
         Ending(
             watched_s=watched,
             last_s=last_s,
-            present=observer.present,
+            present=bystander.present,
             exit_status=stack.process.returncode if stack is not None and gone else None,
             obituary=stack.obituary().removeprefix("node ") if stack is not None and gone else "",
         ),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface
-from litsim_sim.ego_port.port import STEP_NS
 from litsim_sim.ego_port.tracking import EgoState
 from litsim_sim.maps.lane_map import LaneMap
 

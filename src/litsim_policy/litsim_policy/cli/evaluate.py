@@ -17,7 +17,8 @@ from litsim_policy.run.evaluation import Job, run_batch, summarise
 from litsim_policy.run.runner import configured
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import SET_HELP, by_stage, setting
-from litsim_sim.scenario.run_info import EGOS, POLICIES, POLICY_STAGES
+from litsim_sim.core.stages import POLICY_STAGES
+from litsim_sim.scenario.run_info import EGOS, POLICIES
 from litsim_sim.scenario.scenario import Scenario
 
 COLUMNS = {

@@ -31,9 +31,7 @@ from litsim_sim.ros.messages import (
     ego_to_message,
 )
 from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_CONTROL, FORECASTS, TAKEOVERS, Topic
-from litsim_sim.scenario.run_info import RunPlan
-
-EXTERNAL = "external"
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
 
 def rerun_stage(record: Record, name: str) -> DiffSummary:

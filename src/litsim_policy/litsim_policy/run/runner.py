@@ -16,13 +16,14 @@ from litsim_policy.ego.registry import Ego, ego_stage
 from litsim_predictor.models import predictor_stage
 from litsim_sim.core.parameters import ParameterOverrides, Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, StageState
 from litsim_sim.core.takeover import TakeoverTable
-from litsim_sim.record.run import Detection, RunInfo, StageState, Status
+from litsim_sim.record.run import Detection, RunInfo, Status
 from litsim_sim.record.run import Run as RecordedRun
-from litsim_sim.scenario.run_info import POLICY_STAGES, RunPlan
+from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.world.world import Mirror, World, WorldConfig
 
-STAGES = (*POLICY_STAGES, "ego")
+STAGES = (*POLICY_STAGES, EGO)
 """Stages that have a core here."""
 
 
@@ -91,7 +92,7 @@ class Runner:
         table = self.world.reset()
         try:
             for step in range(self.plan.scenario.total_steps + 1):
-                marks = {"bridge": time.perf_counter() - begin}
+                marks = {BRIDGE: time.perf_counter() - begin}
                 takeovers, controls = None, None
                 if self._reacts:
                     begin = time.perf_counter()
@@ -129,7 +130,7 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
         progress()
     wall = time.perf_counter() - begin
     info = RunInfo(**plan.facts(), mode="in-process", topics=(), configuration="", versions="")
-    finished = Status(scenario.total_steps, "bridge", StageState.FINISHED, wall, yaml.safe_dump(runner.world.summary()))
+    finished = Status(scenario.total_steps, BRIDGE, StageState.FINISHED, wall, yaml.safe_dump(runner.world.summary()))
     return RecordedRun(
         path=Path(plan.run_id),
         info=info,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from litsim_sim.record.run import Run, StageState, TopicGaps
+from litsim_sim.core.stages import StageState
+from litsim_sim.record.run import Run, TopicGaps
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+RECORDER_WINDOW = 50
+"""Steps by which the bridge may be ahead of what the recorder has confirmed."""
+
 
 @dataclass
 class Gate:

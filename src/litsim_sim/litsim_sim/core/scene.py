@@ -18,6 +18,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 STEP_S = 0.1  # [s] of one step: LitSim runs at NGSIM's 10 Hz
 RATE_HZ = 10.0
+STEP_NS = round(STEP_S * 1e9)  # [ns] of one step: stamps are whole numbers of nanoseconds
 
 
 class Kind(IntEnum):

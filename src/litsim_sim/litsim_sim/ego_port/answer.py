@@ -10,6 +10,7 @@ from math import isfinite
 
 import numpy as np
 
+from litsim_sim.core import topic_names
 from litsim_sim.core.scene import EgoCommand
 from litsim_sim.ego_port.tracking import Trajectory, TwistTarget
 
@@ -25,7 +26,11 @@ class Interface(StrEnum):
     TRAJECTORY = "trajectory"
 
 
-INPUTS: dict[Interface, str] = {each: f"/litsim/ego/{each}" for each in Interface}
+INPUTS = {
+    Interface.CONTROL: topic_names.EGO_CONTROL,
+    Interface.TWIST: topic_names.EGO_TWIST,
+    Interface.TRAJECTORY: topic_names.EGO_TRAJECTORY,
+}
 """Topic of each interface."""
 
 AUTO = "auto"

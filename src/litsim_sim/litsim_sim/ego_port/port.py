@@ -10,12 +10,11 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand
+from litsim_sim.core.scene import STEP_NS, STEP_S, AgentTable, EgoCommand
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import AUTO, INPUTS, Answer, Interface, problem
 from litsim_sim.ego_port.tracking import EgoState, Reference, Trajectory, TwistTarget, follow_twist
 
-STEP_NS = round(STEP_S * 1e9)
 STAMP_TOLERANCE_NS = 1_000_000  # by which a stamp may miss its step, rounding of floating-point seconds
 COUNTS = ("answered", "late", "stale", "future", "surplus", "invalid", "refused")
 SAY_AGAIN = 10  # steps for which the same thing is not said again

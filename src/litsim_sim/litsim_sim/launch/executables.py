@@ -7,13 +7,14 @@ from pathlib import Path
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, PREDICTOR, RECORDER
 
 EXECUTABLES = {
-    "recorder": ("litsim_sim", "recorder"),
-    "predictor": ("litsim_predictor", "predictor"),
-    "conflict": ("litsim_policy", "conflict"),
-    "policy": ("litsim_policy", "policy"),
-    "bridge": ("litsim_sim", "bridge"),
+    RECORDER: ("litsim_sim", "recorder"),
+    PREDICTOR: ("litsim_predictor", "predictor"),
+    CONFLICT: ("litsim_policy", "conflict"),
+    POLICY: ("litsim_policy", "policy"),
+    BRIDGE: ("litsim_sim", "bridge"),
 }
 """Package and executable of every node but the ego."""
 
@@ -35,4 +36,4 @@ def find_executable(package: str, executable: str) -> Path:
 
 def node_executable(node: str, ego: str) -> Path:
     """The file of a node of the graph by the name of its stage; that of the stage `ego` depends on who drives it."""
-    return find_executable(*(("litsim_policy", f"ego_{ego}") if node == "ego" else EXECUTABLES[node]))
+    return find_executable(*(("litsim_policy", f"ego_{ego}") if node == EGO else EXECUTABLES[node]))

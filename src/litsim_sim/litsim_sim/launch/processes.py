@@ -19,6 +19,7 @@ from typing import IO
 from tqdm import tqdm
 
 from litsim_sim.core.errors import EXIT_FAILED
+from litsim_sim.core.stages import BRIDGE, RECORDER
 
 GRACE_S = 8.0  # [s] that the bridge and the recorder get to end a run in good order
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
@@ -98,7 +99,7 @@ class Graph:
                 arguments,
                 env=self._environment,
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE if name == "bridge" else stream,
+                stdout=subprocess.PIPE if name == BRIDGE else stream,
                 stderr=stream,
                 text=True,
                 start_new_session=True,
@@ -112,7 +113,7 @@ class Graph:
         Raises:
             GraphFailed: a node died before the run was over, or the bridge says that the run failed.
         """
-        bridge, recorder = self.children["bridge"], self.children["recorder"]
+        bridge, recorder = self.children[BRIDGE], self.children[RECORDER]
         assert bridge.process.stdout is not None
         self._progress = threading.Thread(target=_show_progress, args=(bridge.process.stdout, quiet), daemon=True)
         self._progress.start()
@@ -134,7 +135,7 @@ class Graph:
 
     def stop(self) -> None:
         """End what still runs: first the bridge, which tells the recorder to close its file, then the rest."""
-        bridge, recorder = self.children.get("bridge"), self.children.get("recorder")
+        bridge, recorder = self.children.get(BRIDGE), self.children.get(RECORDER)
         if bridge and bridge.running:
             bridge.signal(signal.SIGINT)
             _wait([bridge], GRACE_S if recorder and recorder.running else 0.5)

@@ -15,8 +15,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from tqdm import tqdm
 
-from litsim_sim.core.lockstep import Gate
+from litsim_sim.core.lockstep import RECORDER_WINDOW, Gate
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.stages import BRIDGE as STAGE
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, Level, ego_state
 from litsim_sim.nodes import diagnostics
@@ -26,12 +27,11 @@ from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.ros import messages
 from litsim_sim.ros.ego_port import subscribe
 from litsim_sim.ros.stage import process, reason, serve
-from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, RECORDER_WINDOW, STATUS, TIMING
+from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, STATUS, TIMING
 from litsim_sim.scenario.run_info import EXTERNAL
 from litsim_sim.world.sumo import SumoMirror
 from litsim_sim.world.world import World, WorldConfig
 
-STAGE = "bridge"
 HELLO_PERIOD = 0.1  # [s] between the greetings of the handshake
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
 FAREWELL_S = 5.0  # [s] that the recorder gets to close its file

@@ -9,9 +9,10 @@ from typing import Any
 from rclpy.node import Node
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.vehicle import VEHICLE_FIELDS
 from litsim_sim.ego_port.answer import INTERFACES
-from litsim_sim.ros.stage import BRIDGE, check_parameters
+from litsim_sim.ros.stage import check_parameters
 from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan
 from litsim_sim.scenario.scenario import Scenario
 

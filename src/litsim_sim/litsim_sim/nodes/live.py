@@ -9,7 +9,6 @@ looks at, and it leaves the processor to the others.
 from __future__ import annotations
 
 import os
-import struct
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -22,7 +21,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from litsim_sim.nodes.live_server import LiveServer
 from litsim_sim.record.bag import BagTopic
-from litsim_sim.ros import messages
+from litsim_sim.ros import cdr, messages
 from litsim_sim.ros.definitions import definition, type_name
 from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
 from litsim_sim.ros.stage import check_parameters, process, serve
@@ -90,7 +89,7 @@ class LiveNode(Node):
                 self._newest[topic] = data
                 self._fresh = True
             if self._server is not None:
-                stamp_ns = _stamp_ns(data) if ours else self._time_ns
+                stamp_ns = cdr.stamp_ns(data) if ours else self._time_ns
                 if topic == CLOCK:
                     self._time_ns = stamp_ns
                     self._server.time(stamp_ns)
@@ -150,9 +149,3 @@ def _unacknowledged(topic: Topic) -> QoSProfile:
 def _described(topic: Topic) -> BagTopic:
     name = type_name(topic.type)
     return BagTopic(topic.name, name, definition(name))
-
-
-def _stamp_ns(data: bytes) -> int:
-    """Of a serialised message that begins with a header, or as Clock with its stamp [ns]."""
-    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
-    return int(seconds) * 10**9 + int(nanoseconds)

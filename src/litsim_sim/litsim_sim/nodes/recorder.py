@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import sys
 import time
 from collections import Counter
@@ -16,11 +15,15 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.lockstep import RECORDER_WINDOW
+from litsim_sim.core.scene import STEP_NS
+from litsim_sim.core.stages import BRIDGE
+from litsim_sim.core.stages import RECORDER as STAGE
 from litsim_sim.record.bag import BagWriter, qos_yaml
 from litsim_sim.ros import messages
-from litsim_sim.ros.cdr import without_padding
+from litsim_sim.ros.cdr import stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
-from litsim_sim.ros.stage import BRIDGE, SIGNAL_PERIOD, check_parameters, process, reason, spin
+from litsim_sim.ros.stage import SIGNAL_PERIOD, check_parameters, process, reason, spin
 from litsim_sim.ros.topics import (
     AGENTS,
     CLOCK,
@@ -32,14 +35,12 @@ from litsim_sim.ros.topics import (
     LANES,
     RECORDED,
     RECORDED_TOPICS,
-    RECORDER_WINDOW,
     RUN_INFO,
     STATUS,
     Topic,
 )
 from litsim_sim.scenario.scenario import Scenario
 
-STAGE = "recorder"
 CONFIRM_EVERY = 10  # steps
 LAG = 2  # steps by which writing follows, so that timings, which nobody waits for, find their step
 OF_THE_BRIDGE = (CLOCK.name, AGENTS.name, EGO_STATE.name)  # there at every step, whoever has missed an answer
@@ -288,9 +289,7 @@ class RecorderNode(Node):
 
 
 def _step(data: bytes) -> int:
-    """Step of a serialised message that begins with a header, or as Clock with its stamp: of all but the lanes."""
-    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
-    return round((seconds * 10**9 + nanoseconds) / messages.nanoseconds(1))
+    return round(stamp_ns(data) / STEP_NS)
 
 
 def main() -> None:

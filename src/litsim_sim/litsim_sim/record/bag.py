@@ -33,6 +33,9 @@ ROSBAG2_RECORD = "rosbag2"
 CHUNK_BYTES = 256 * 1024  # before compression
 CHUNK_SPAN_NS = 1_000_000_000  # of simulation time that a chunk may hold
 RECORD_BYTES = 31  # of an MCAP message record around its data
+DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, IndexError, KeyError)
+"""What the mcap library raises on bytes that are missing or wrong."""
+
 DERIVED_FILES = ("metrics.json", "series.parquet", "takeovers.parquet", "overview.png", "report.html")
 """What is computed from a bag and is out of date once the bag is overwritten."""
 
@@ -334,7 +337,7 @@ class BagReader:
                     raise InputError(f"{self.path}: not an MCAP file")
                 stream.seek(0)
                 reader = SeekingReader(stream)
-                with suppress(*_DAMAGE, OSError):  # OSError: the footer would begin before the file
+                with suppress(*DAMAGE, OSError):  # OSError: the footer would begin before the file
                     summary = reader.get_summary()
                     for record in (*reader.iter_attachments(), *reader.iter_metadata()):
                         self._note(record)
@@ -366,17 +369,13 @@ class BagReader:
                     inside = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
                 except StopIteration:
                     return
-                except _DAMAGE as error:
+                except DAMAGE as error:
                     self.complete = False
                     self.problem = f"cut short or damaged at byte {stream.tell()} ({type(error).__name__})"
                     return
                 yield from inside
                 if isinstance(record, Footer):
                     return
-
-
-_DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, IndexError, KeyError)
-"""What the library raises on bytes that are missing or wrong."""
 
 
 def find_mcap(path: Path) -> Path:

@@ -12,11 +12,12 @@ from collections.abc import Collection, Iterable, Sequence
 from math import inf, isfinite
 from typing import Any
 
+from litsim_sim.core import topic_names
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.bag import BagMessage, BagReader, BagTopic, qos_yaml
 
-CLOCK = BagTopic("/clock", "rosgraph_msgs/msg/Clock", "", qos_yaml(10))
+CLOCK = BagTopic(topic_names.CLOCK, "rosgraph_msgs/msg/Clock", "", qos_yaml(10))
 SECOND_NS = 1_000_000_000
 RATE_MIN, RATE_MAX = 0.01, 100.0
 FRAME_NS = 100_000_000  # for which the last step of a loop stands, where a bag holds no other to go by

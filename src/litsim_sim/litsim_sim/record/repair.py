@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
-from zstandard import ZstdError
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.record.bag import ROSBAG2_RECORD, BagReader, BagTopic, BagWriter, find_mcap
+from litsim_sim.record.bag import DAMAGE, ROSBAG2_RECORD, BagReader, BagTopic, BagWriter, find_mcap
 from litsim_sim.record.player import offered_qos
 from litsim_sim.record.run import read_run
 
 NO_QOS = "[]"  # profiles of a topic of which nothing is known
 REPAIR_RECORD = "repair"  # name of the metadata record that says what was lost
-_DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, IndexError, KeyError)
 _SECOND_NS = 1e9
 
 
@@ -100,7 +96,7 @@ def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
         while True:
             try:
                 record = next(records)
-            except (StopIteration, *_DAMAGE):
+            except (StopIteration, *DAMAGE):
                 rest = f": its last {size - whole} bytes hold no whole record" if size > whole else ""
                 lost.append(f"what was not written yet: the file breaks off{rest}")
                 return
@@ -117,7 +113,7 @@ def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
 def _opened(chunk: Chunk, lost: list[str]) -> list[McapRecord]:
     try:
         return list(breakup_chunk(chunk, validate_crc=True))
-    except _DAMAGE:
+    except DAMAGE:
         first, last = chunk.message_start_time / _SECOND_NS, chunk.message_end_time / _SECOND_NS
         lost.append(f"a damaged chunk with the messages of {first:.1f} to {last:.1f} s")
         return []

@@ -6,7 +6,6 @@ import json
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
-from enum import IntEnum
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -19,21 +18,24 @@ from rosbags.typesys.store import Typestore
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ControlTable, EgoCommand, EgoMode
+from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
+from litsim_sim.core.topic_names import (
+    AGENTS,
+    CONTROLS,
+    EGO_APPLIED,
+    EGO_CONTROL,
+    RUN_INFO,
+    STATUS,
+    TAKEOVERS,
+    TIMING,
+)
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.digest import CONTROL_FIELDS
 from litsim_sim.recordings.recording import HEADER_KEY, Recording, RecordingHeader
 from litsim_sim.scenario.log import Log
 
-RUN_INFO = "/litsim/run_info"
-AGENTS = "/litsim/agents"
-TAKEOVERS = "/litsim/takeovers"
-CONTROLS = "/litsim/controls"
-EGO_CONTROL = "/litsim/ego/control"
-EGO_APPLIED = "/litsim/ego/applied"
-STATUS = "/litsim/status"
-TIMING = "/litsim/timing"
 DECODED = (RUN_INFO, AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
 """Topics whose messages are decoded; of all others only the log times are used."""
 
@@ -41,16 +43,6 @@ RECORDING_FILE = "recording.parquet"
 SCENARIO_FILE = "scenario.yaml"
 NET_FILE = "net.xml"
 START_FIELD = "start_frame"  # of the scenario: frame of the recording at step 0
-BRIDGE = "bridge"
-
-
-class StageState(IntEnum):
-    """Numbered as in ``litsim_msgs/StageStatus``."""
-
-    READY = 0
-    RUNNING = 1
-    FINISHED = 2
-    FAILED = 3
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.core.topic_names import FORECASTS
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import Run
 
-FORECASTS = "/litsim/forecasts"
 POINTS_MAX = 13  # of one forecast: 5 s every 0.4 s
 
 

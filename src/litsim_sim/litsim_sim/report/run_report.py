@@ -8,9 +8,10 @@ from typing import Any
 
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.topic_names import RUN_INFO
 from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import load_yaml
-from litsim_sim.record.run import RUN_INFO, Run, read_run
+from litsim_sim.record.run import Run, read_run
 from litsim_sim.report.content import pack_run
 from litsim_sim.report.events import contact_table, takeover_table
 from litsim_sim.report.forecasts import read_forecasts

@@ -1,4 +1,4 @@
-"""Serialised messages that are equal where their content is.
+"""Serialised messages: their stamp, and how they become equal where their content is.
 
 In the bytes between fields that are there for alignment alone, Fast CDR leaves what was in memory. Recorded as they
 come, equal runs would give unequal files, and those files a little of the writers' memory.
@@ -25,6 +25,16 @@ _SIZES = {
 
 _Walk = Callable[[bytearray, int], int]
 """Steps over a value that begins at an offset, clears the padding on the way, and returns where the value ends."""
+
+
+def stamp_ns(data: bytes) -> int:
+    """The stamp of a serialised message that begins with a ``std_msgs/Header``, or is a ``rosgraph_msgs/Clock`` [ns].
+
+    Raises:
+        struct.error: the data end before the stamp does.
+    """
+    seconds, nanoseconds = struct.unpack_from("<iI", data, _HEADER)
+    return int(seconds) * 10**9 + int(nanoseconds)
 
 
 def without_padding(message_type: Any) -> Callable[[bytes], bytes]:

@@ -22,7 +22,7 @@ from litsim_sim.ros.topics import EGO_INPUTS
 def subscribe(node: Node, port: EgoPort, interfaces: tuple[Interface, ...]) -> None:
     """Offer what comes on the topics of `interfaces` to `port`; say so where a publisher's QoS does not match."""
     for interface in interfaces:
-        topic, convert = EGO_INPUTS[interface], _CONVERT[interface]
+        topic, convert = EGO_INPUTS[interface], CONVERT[interface]
 
         def receive(message: Any, convert: Callable[[Any], Answer] = convert) -> None:
             port.offer(convert(message))
@@ -72,8 +72,9 @@ def _nanoseconds(stamp: Any) -> int:
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
-_CONVERT: dict[Interface, Callable[[Any], Answer]] = {
+CONVERT: dict[Interface, Callable[[Any], Answer]] = {
     Interface.CONTROL: from_control,
     Interface.TWIST: from_twist,
     Interface.TRAJECTORY: from_path,
 }
+"""From a message on each interface's topic to an :class:`litsim_sim.ego_port.answer.Answer`."""

@@ -16,23 +16,22 @@ from litsim_msgs.msg import AgentStates, Controls, EgoControl, StageStatus
 from nav_msgs.msg import Odometry, Path
 from std_msgs.msg import Header
 
-from litsim_sim.core.scene import ARRAY_FIELDS, STEP_S, AgentTable, ControlTable, EgoCommand, EgoMode, FloatArray
+from litsim_sim.core.scene import ARRAY_FIELDS, STEP_NS, AgentTable, ControlTable, EgoCommand, EgoMode, FloatArray
 
 FRAME = "map"
-_NANOSECONDS_PER_STEP = round(STEP_S * 1e9)
 _TYPECODES = {"f8": "d", "f4": "f", "i8": "q", "u1": "B"}
 _CONTROL_FIELDS = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source")
 
 
 def stamp(step: int) -> Time:
     """Simulation time of a step."""
-    seconds, nanoseconds = divmod(step * _NANOSECONDS_PER_STEP, 10**9)
+    seconds, nanoseconds = divmod(step * STEP_NS, 10**9)
     return Time(sec=seconds, nanosec=nanoseconds)
 
 
 def nanoseconds(step: int) -> int:
     """Simulation time of a step in nanoseconds."""
-    return step * _NANOSECONDS_PER_STEP
+    return step * STEP_NS
 
 
 def header(step: int) -> Header:

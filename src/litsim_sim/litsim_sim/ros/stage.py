@@ -25,12 +25,12 @@ from rclpy.utilities import remove_ros_args
 
 from litsim_sim.core.errors import EXIT_INPUT, EXIT_INTERRUPTED, InputError
 from litsim_sim.core.lockstep import Joiner
+from litsim_sim.core.stages import BRIDGE
 from litsim_sim.ros import messages
 from litsim_sim.ros.parameters import OF_EVERY_NODE, parameters_yaml
 from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario.scenario import Scenario
 
-BRIDGE = "bridge"
 SIGNAL_PERIOD = 0.2  # [s] for which Ctrl-C may go unnoticed: waiting for DDS does not wake up for signals
 
 

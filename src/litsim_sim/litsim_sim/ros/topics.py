@@ -1,4 +1,4 @@
-"""Topic names and their QoS: the one place where they are written down.
+"""Topics with their types and QoS: the one place where these are written down; names are those of the core.
 
 All topics are RELIABLE. Those of the loop are VOLATILE with a depth that outlasts the window by which the bridge
 may run ahead of the recorder; run information, route and lanes are latched (TRANSIENT_LOCAL).
@@ -18,10 +18,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from litsim_sim.ego_port.answer import INPUTS, Interface
-
-RECORDER_WINDOW = 50
-"""Steps by which the bridge may be ahead of what the recorder has confirmed."""
+from litsim_sim.core import topic_names
+from litsim_sim.core.lockstep import RECORDER_WINDOW
+from litsim_sim.ego_port.answer import Interface
 
 
 @dataclass(frozen=True)
@@ -51,29 +50,29 @@ class Topic:
         )
 
 
-RUN_INFO = Topic("/litsim/run_info", RunInfo, latched=True)
-HELLO = Topic("/litsim/hello", Hello)
-STATUS = Topic("/litsim/status", StageStatus)
-RECORDED = Topic("/litsim/recorded", StageStatus)
-CLOCK = Topic("/clock", Clock, per_step=True)
-AGENTS = Topic("/litsim/agents", AgentStates, per_step=True)
-EGO_STATE = Topic("/litsim/ego/state", Odometry, per_step=True)
-EGO_ROUTE = Topic("/litsim/ego/route", Path, latched=True)
-FORECASTS = Topic("/litsim/forecasts", JointForecast, per_step=True)
-TAKEOVERS = Topic("/litsim/takeovers", Takeovers, per_step=True)
-CONTROLS = Topic("/litsim/controls", Controls, per_step=True)
-EGO_CONTROL = Topic(INPUTS[Interface.CONTROL], EgoControl, per_step=True)
-TIMING = Topic("/litsim/timing", StageStatus)
+RUN_INFO = Topic(topic_names.RUN_INFO, RunInfo, latched=True)
+HELLO = Topic(topic_names.HELLO, Hello)
+STATUS = Topic(topic_names.STATUS, StageStatus)
+RECORDED = Topic(topic_names.RECORDED, StageStatus)
+CLOCK = Topic(topic_names.CLOCK, Clock, per_step=True)
+AGENTS = Topic(topic_names.AGENTS, AgentStates, per_step=True)
+EGO_STATE = Topic(topic_names.EGO_STATE, Odometry, per_step=True)
+EGO_ROUTE = Topic(topic_names.EGO_ROUTE, Path, latched=True)
+FORECASTS = Topic(topic_names.FORECASTS, JointForecast, per_step=True)
+TAKEOVERS = Topic(topic_names.TAKEOVERS, Takeovers, per_step=True)
+CONTROLS = Topic(topic_names.CONTROLS, Controls, per_step=True)
+EGO_CONTROL = Topic(topic_names.EGO_CONTROL, EgoControl, per_step=True)
+TIMING = Topic(topic_names.TIMING, StageStatus)
 
-OBJECTS = Topic("/litsim/objects", PointCloud2, per_step=True)
-LANES = Topic("/litsim/lanes", MarkerArray, latched=True)
-EGO_TWIST = Topic(INPUTS[Interface.TWIST], TwistStamped)
-EGO_TRAJECTORY = Topic(INPUTS[Interface.TRAJECTORY], Path)
-EGO_APPLIED = Topic("/litsim/ego/applied", EgoControl, per_step=True)
-DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray)
-MARKERS_AGENTS = Topic("/litsim/markers/agents", MarkerArray)
-MARKERS_FORECASTS = Topic("/litsim/markers/forecasts", MarkerArray)
-MARKERS_CONFLICTS = Topic("/litsim/markers/conflicts", MarkerArray)
+OBJECTS = Topic(topic_names.OBJECTS, PointCloud2, per_step=True)
+LANES = Topic(topic_names.LANES, MarkerArray, latched=True)
+EGO_TWIST = Topic(topic_names.EGO_TWIST, TwistStamped)
+EGO_TRAJECTORY = Topic(topic_names.EGO_TRAJECTORY, Path)
+EGO_APPLIED = Topic(topic_names.EGO_APPLIED, EgoControl, per_step=True)
+DIAGNOSTICS = Topic(topic_names.DIAGNOSTICS, DiagnosticArray)
+MARKERS_AGENTS = Topic(topic_names.MARKERS_AGENTS, MarkerArray)
+MARKERS_FORECASTS = Topic(topic_names.MARKERS_FORECASTS, MarkerArray)
+MARKERS_CONFLICTS = Topic(topic_names.MARKERS_CONFLICTS, MarkerArray)
 MARKERS = (MARKERS_AGENTS, MARKERS_FORECASTS, MARKERS_CONFLICTS)
 """What the live view publishes; it is never recorded."""
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.stages import EGO, POLICY_STAGES, RECORDER
 from litsim_sim.scenario.scenario import Scenario
 
 EXTERNAL = "external"  # whoever answers on the ego port
@@ -20,7 +21,6 @@ EGOS = ("bat", "idm", "log", "perturbed", EXTERNAL)
 POLICIES = ("litsim", "yield", "replay")
 """What moves the background: `replay` is policy L alone. `litsim` takes over with the best policy that there is."""
 
-POLICY_STAGES = ("predictor", "conflict", "policy")
 VERSIONED = ("litsim_sim", "numpy", "libsumo", "torch", "mcap")
 
 
@@ -42,7 +42,7 @@ class RunPlan:
     def stages(self) -> tuple[str, ...]:
         """Stages that the bridge waits for before step 0; an external ego is met at step 0."""
         driven = () if self.policy == "replay" else POLICY_STAGES
-        return (*driven, *(() if self.ego == EXTERNAL else ("ego",)), "recorder")
+        return (*driven, *(() if self.ego == EXTERNAL else (EGO,)), RECORDER)
 
     @property
     def run_id(self) -> str:

@@ -8,9 +8,11 @@ import pytest
 from litsim_msgs.msg import AgentStates, RunInfo, StageStatus
 from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
-from litsim_sim.ros.cdr import without_padding
+from litsim_sim.ros import messages
+from litsim_sim.ros.cdr import stamp_ns, without_padding
 
 SOIL = b"\xaa\xbb\xcc\xdd\xee\xff\x99"
 AFTER_FRAME = 4 + 8 + 4 + 2  # encapsulation, stamp, length of the frame's name, "a" and its NUL
@@ -56,3 +58,9 @@ def test_what_is_not_understood_stays_as_it_is() -> None:
     clear, data = without_padding(StageStatus), serialize_message(StageStatus(stage="ego", text="abc"))
     for odd in (b"\x00\x00" + data[2:], data[:-8], data[:30], b""):
         assert clear(odd) == odd
+
+
+@pytest.mark.parametrize("step", [0, 7, 123])
+def test_the_stamp_is_read_without_the_rest(step: int) -> None:
+    told = (messages.status("run", "ego", 1, step), Clock(clock=messages.stamp(step)))
+    assert [stamp_ns(serialize_message(each)) for each in told] == [step * 100_000_000] * 2

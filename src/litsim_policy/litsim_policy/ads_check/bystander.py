@@ -1,9 +1,8 @@
-"""A bystander on the graph: what the bridge publishes, what the stack answers, and how their endpoints match."""
+"""A bystander on the graph notes what the bridge publishes, what the stack answers, and how endpoints match."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import rclpy
@@ -21,10 +20,11 @@ from rclpy.qos import (
 from rclpy.signals import SignalHandlerOptions
 
 from litsim_policy.ads_check.trace import FAILED, FINISHED, Endpoint, Heard
-from litsim_sim.ego_port.answer import Answer, Interface
-from litsim_sim.ego_port.port import STEP_NS
+from litsim_sim.core.scene import STEP_NS
+from litsim_sim.core.stages import BRIDGE, RECORDER
+from litsim_sim.ego_port.answer import Interface
 from litsim_sim.nodes.diagnostics import BRIDGE_NAME, PORT_NAME
-from litsim_sim.ros.ego_port import from_control, from_path, from_twist
+from litsim_sim.ros.ego_port import CONVERT
 from litsim_sim.ros.topics import (
     AGENTS,
     CLOCK,
@@ -39,18 +39,13 @@ from litsim_sim.ros.topics import (
 )
 
 NAME = "litsim_check_ads"
-OURS = {f"/{name}" for name in (NAME, "bridge", "recorder")}
+OURS = {f"/{name}" for name in (NAME, BRIDGE, RECORDER)}
 OUTPUTS = (EGO_STATE, OBJECTS, EGO_ROUTE, LANES, CLOCK, DIAGNOSTICS, AGENTS, RUN_INFO)
-CONVERT: dict[Interface, Callable[[Any], Answer]] = {
-    Interface.CONTROL: from_control,
-    Interface.TWIST: from_twist,
-    Interface.TRAJECTORY: from_path,
-}
 ANY_PUBLISHER = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=2000)
 UNKNOWN = "_UNKNOWN_"  # in the name of a node that has not been discovered yet
 
 
-class Observer:
+class Bystander:
     """Listens in a domain, in a context of its own; for use in a ``with`` statement.
 
     Attributes:
@@ -87,7 +82,7 @@ class Observer:
         self._node.create_subscription(EGO_STATE.type, EGO_STATE.name, self._on_state, EGO_STATE.qos)
         self._node.create_subscription(DIAGNOSTICS.type, DIAGNOSTICS.name, self._on_diagnostics, DIAGNOSTICS.qos)
 
-    def __enter__(self) -> Observer:
+    def __enter__(self) -> Bystander:
         return self
 
     def __exit__(self, *_: object) -> None:

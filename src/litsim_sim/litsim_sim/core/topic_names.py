@@ -1,0 +1,33 @@
+"""Names of the topics: the one place where they are written down, for nodes and for what reads bags without ROS.
+
+Types and QoS stand in :mod:`litsim_sim.ros.topics`.
+"""
+
+from __future__ import annotations
+
+RUN_INFO = "/litsim/run_info"
+HELLO = "/litsim/hello"
+STATUS = "/litsim/status"
+RECORDED = "/litsim/recorded"
+TIMING = "/litsim/timing"
+
+CLOCK = "/clock"
+AGENTS = "/litsim/agents"
+OBJECTS = "/litsim/objects"
+LANES = "/litsim/lanes"
+EGO_STATE = "/litsim/ego/state"
+EGO_ROUTE = "/litsim/ego/route"
+
+FORECASTS = "/litsim/forecasts"
+TAKEOVERS = "/litsim/takeovers"
+CONTROLS = "/litsim/controls"
+
+EGO_CONTROL = "/litsim/ego/control"
+EGO_TWIST = "/litsim/ego/twist"
+EGO_TRAJECTORY = "/litsim/ego/trajectory"
+EGO_APPLIED = "/litsim/ego/applied"
+
+DIAGNOSTICS = "/diagnostics"
+MARKERS_AGENTS = "/litsim/markers/agents"
+MARKERS_FORECASTS = "/litsim/markers/forecasts"
+MARKERS_CONFLICTS = "/litsim/markers/conflicts"
