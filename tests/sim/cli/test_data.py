@@ -15,18 +15,18 @@ import pandas as pd
 import pytest
 import yaml
 
+import made_ngsim
 from litsim_sim.analysis import trajectories as export
 from litsim_sim.cli import data
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller
 from litsim_sim.record.run import Run, RunInfo
 from litsim_sim.recordings.ngsim import download as fetching
-from litsim_sim.recordings.ngsim import made as ngsim_made
 from litsim_sim.recordings.ngsim.download import COUNT_PATH, DATASET, EXPORT_PATH, download
-from litsim_sim.recordings.ngsim.made import Traffic, table, write_portal, write_text
 from litsim_sim.recordings.ngsim.sites import I80, US101
 from litsim_sim.recordings.recording import COLUMNS, Recording
 from litsim_sim.scenario.scenario import packaged
+from made_ngsim import Traffic, table, write_portal, write_text
 
 EMBEDDED = packaged("scenarios/us101_like.parquet")
 
@@ -306,7 +306,7 @@ def test_exported_lanes_count_from_the_left(agent_table: object) -> None:
 
 
 def test_made_files_have_everything(tmp_path: Path) -> None:
-    ngsim_made.main([str(tmp_path / "made.csv"), "--rows", "3000"])
+    made_ngsim.main([str(tmp_path / "made.csv"), "--rows", "3000"])
     lines = (tmp_path / "made.csv").read_text().splitlines()
     assert 2900 <= len(lines) <= 3100
     assert all(site in "".join(lines) for site in ("us-101", "i-80", "lankershim", "peachtree"))

@@ -32,6 +32,14 @@ def test_after_an_error_everything_is_as_it_was(tmp_path: Path) -> None:
 
 
 def test_what_the_system_refuses_names_the_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no/a\.txt: cannot be written: No such file or directory"):  # noqa: SIM117
-        with replacing(tmp_path / "no/a.txt") as new:
-            new.write_text("new")
+    (tmp_path / "no").write_text("a file where a folder is expected")
+    for name, why in (("no/a.txt", "File exists"), ("no/no/a.txt", "Not a directory")):
+        with pytest.raises(InputError, match=rf"{name}: cannot be written: {why}"):  # noqa: SIM117
+            with replacing(tmp_path / name) as new:
+                new.write_text("new")
+
+
+def test_the_folder_is_made(tmp_path: Path) -> None:
+    with replacing(tmp_path / "a/b.txt") as new:
+        new.write_text("new")
+    assert (tmp_path / "a/b.txt").read_text() == "new"

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import made_ngsim
 from litsim_sim.cli.data import main
 from litsim_sim.core.errors import InputError
 from litsim_sim.maps.cad import CenterLine, distance_to_lines, read_center_lines
@@ -18,7 +19,6 @@ from litsim_sim.maps.highway import HighwayPlan, i80_plan, us101_like_plan, writ
 from litsim_sim.maps.lane_map import Lane, LaneMap
 from litsim_sim.maps.netconvert import find_netconvert
 from litsim_sim.maps.positions import for_checking, for_fitting
-from litsim_sim.recordings.ngsim import made as ngsim_made
 from litsim_sim.recordings.ngsim.sites import FOOT, SITES
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged
@@ -135,8 +135,8 @@ def test_the_packaged_i80_net_is_what_the_code_builds(tmp_path: Path) -> None:
 
 
 def test_official_files_are_fitted_by_their_raw_columns(tmp_path: Path) -> None:
-    made = ngsim_made.table(ngsim_made.Traffic(SITES["i80"], "1600", rows=20_000))
-    ngsim_made.write_text(made, tmp_path / "made.txt")
+    made = made_ngsim.table(made_ngsim.Traffic(SITES["i80"], "1600", rows=20_000))
+    made_ngsim.write_text(made, tmp_path / "made.txt")
     found = for_fitting(tmp_path / "made.txt")
     assert found.site == "i80"
     lanes = int(found.table["lane"].max())

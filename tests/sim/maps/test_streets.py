@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import made_ngsim
 from litsim_sim.cli.data import main
 from litsim_sim.core.errors import InputError
 from litsim_sim.maps.check import connectivity, load_warnings, placement
@@ -16,7 +17,6 @@ from litsim_sim.maps.intersections import LEFT, RIGHT, THROUGH, fit_streets, wri
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.lanelets import Lanelet
 from litsim_sim.maps.netconvert import find_netconvert
-from litsim_sim.recordings.ngsim import made as ngsim_made
 from litsim_sim.recordings.ngsim.sites import FOOT, SITES
 
 CROSSINGS = {1: -100.0, 2: 100.0}  # x of intersections on a street along x
@@ -177,7 +177,7 @@ def test_movements_that_contradict_the_column_do_not_count(table: pd.DataFrame) 
 
 def test_an_official_file_through_the_command(table: pd.DataFrame, lanelets: list[Lanelet], net: Path) -> None:
     site = SITES["lankershim"]
-    like = ngsim_made.table(ngsim_made.Traffic(site, "0830", rows=500)).iloc[[0]]
+    like = made_ngsim.table(made_ngsim.Traffic(site, "0830", rows=500)).iloc[[0]]
     made = like.loc[like.index.repeat(len(table))].reset_index(drop=True)
     x, y = site.global_from_map(table["x"].to_numpy(), table["y"].to_numpy())
     made["global_x"], made["global_y"] = x / FOOT, y / FOOT
@@ -186,7 +186,7 @@ def test_an_official_file_through_the_command(table: pd.DataFrame, lanelets: lis
         made[name] = table[name]
     made["vehicle_id"] += 1
     source, again = net.parent / "made.csv", net.parent / "again.net.xml"
-    ngsim_made.write_portal(made, source)
+    made_ngsim.write_portal(made, source)
     main(["map", "--recording", str(source), "--out", str(again)])
     one, other = LaneMap.from_net(net), LaneMap.from_net(again)
     assert [lane.id for lane in one.lanes] == [lane.id for lane in other.lanes]

@@ -17,7 +17,7 @@ from litsim_sim.maps.highway import find_netconvert
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.recordings.segments import Manifest
-from litsim_sim.scenario.scenario import Scenario, packaged_nets
+from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets
 from litsim_sim.traffic.comparison import Sample, generated, report, wasserstein
 from litsim_sim.traffic.drivers import SUMO_DEFAULT, calibrated, vehicle_type
 from litsim_sim.traffic.motion import Smoothness, smooth, smooth_motion
@@ -134,6 +134,15 @@ def test_everybody_is_on_the_road_and_in_the_window(made: Recording) -> None:
     assert LaneMap.from_net(site.net).inside_road(x, y).mean() > 0.999
     x_min, y_min, x_max, y_max = site.window
     assert x.min() >= x_min - 1e-6 and x.max() <= x_max + 1e-6 and y.min() >= y_min - 1e-6 and y.max() <= y_max + 1e-6
+
+
+def test_the_packaged_recording_says_of_itself_what_the_generator_writes() -> None:
+    embedded = Recording.read(packaged("scenarios/us101_like.parquet")).header
+    made = synthesize(embedded.notes["seed"], 10.0, US101_LIKE).header  # type: ignore[arg-type]
+    assert embedded.source == made.source
+    assert "." not in made.source  # a module's path would not outlive the next move
+    assert embedded.notes["traffic"] == made.notes["traffic"]
+    assert (embedded.name, embedded.licence, embedded.net) == (made.name, made.licence, made.net)
 
 
 def test_urban_traffic_queues_and_turns() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
@@ -31,4 +31,5 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise Unwritable(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
-        new.unlink(missing_ok=True)
+        with suppress(OSError):  # a folder that is none: said above
+            new.unlink()

@@ -20,12 +20,12 @@ from litsim_sim.recordings.ngsim import blocks as ngsim_blocks
 from litsim_sim.recordings.ngsim import convert as ngsim_conversion
 from litsim_sim.recordings.ngsim import official as ngsim
 from litsim_sim.recordings.ngsim import windows as ngsim_windows
-from litsim_sim.recordings.ngsim.made import Traffic, table, write_portal, write_text
 from litsim_sim.recordings.ngsim.periods import Clocks
 from litsim_sim.recordings.ngsim.sites import FOOT, I80, LANKERSHIM, PEACHTREE, SITES, US101, site_at, site_of
 from litsim_sim.recordings.ngsim.summary import summary
 from litsim_sim.recordings.ngsim.tracks import PIECE
 from litsim_sim.recordings.recording import Recording
+from made_ngsim import Traffic, table, write_portal, write_text
 
 DATA = Path(os.environ.get("LITSIM_DATA") or Path(__file__).parents[4] / ".." / "shared" / "data")
 WINDOWS = DATA / "ngsim/us101_0750_frames_0126_1149.parquet"

@@ -1,8 +1,8 @@
 """Made-up traffic in NGSIM's official formats: for tests, and for measuring conversions of the real size.
 
-``python -m litsim_sim.recordings.ngsim.made --rows 12000000 FILE.csv`` writes what the portal would: all four sites and
-ten periods, ids that begin at 1 in each, rows out of order, a few of them twice, a few frames missing, thousands
-commas.
+``./litsim exec python tests/helpers/made_ngsim.py --rows 12000000 FILE.csv`` writes what the portal would: all four
+sites and ten periods, ids that begin at 1 in each, rows out of order, a few of them twice, a few frames missing,
+thousands commas.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Traffic:
 
 
 def table(traffic: Traffic) -> pd.DataFrame:
-    """Rows by the names of ``ngsim_format.NAMES``, in the units and axes of the files (feet, State Plane).
+    """Rows by the names of ``ngsim.formats.NAMES``, in the units and axes of the files (feet, State Plane).
 
     Vehicles of a lane share their speed at any time, a slow wave, and so never touch.
     """
