@@ -371,11 +371,11 @@ def test_an_entry_where_the_ego_stands_is_late_and_adopted(make_scenario, track,
     scenario = make_scenario(track(1, x=150.0, last=200), track(3, x=160.0, first=20, last=200))
     run = drive(scenario, stop_and_go)
     first = run.takeovers(3)[min(run.takeovers(3))]
-    assert run.world.late_entries == {3} and run.world.contacts == {}
+    assert run.world.entries.late == {3} and run.world.contacts == {}
     assert (first.reason, first.opponent, first.state) == (TakeoverReason.BLOCKED_ENTRY, 1, TakeoverState.HELD)
     assert first.detected_step > 40 and first.overlap_probability == 1.0
     on_time = drive(scenario, "log")
-    assert on_time.world.late_entries == set() and on_time.takeovers(3) == {}
+    assert on_time.world.entries.late == set() and on_time.takeovers(3) == {}
 
 
 def test_an_agent_drives_on_under_control_when_its_log_is_over(make_scenario, track, drive) -> None:

@@ -74,7 +74,7 @@ def test_exactly_those_with_an_answer_are_under_control_at_the_next_step(litsim)
     for now, then in zip(litsim.results, litsim.results[1:], strict=False):
         driven = set(then.table.id[then.table.controller == Controller.POLICY].tolist())
         gone = set(now.table.id.tolist()) - set(then.table.id.tolist())
-        assert driven - litsim.world.late_entries == set(now.controls.id.tolist()) - gone - litsim.world.late_entries
+        assert driven - litsim.world.entries.late == set(now.controls.id.tolist()) - gone - litsim.world.entries.late
 
 
 def test_a_run_can_be_shown_while_it_goes(demo: Scenario) -> None:

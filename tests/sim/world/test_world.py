@@ -309,7 +309,7 @@ def test_a_blocked_agent_waits_and_enters_late_under_policy(blocked: Scenario) -
     tables += advance(world, tables[-1], 27, ego=(-8.0, 0.0))
     assert value(tables[-1], EGO, "speed") == 0.0
     assert tables[-1].row(OTHER) < 0
-    assert world.waiting == {OTHER: 20}
+    assert world.entries.waiting == {OTHER: 20}
     assert world.summary()["never_entered"] == [OTHER]
     tables += advance(world, tables[-1], 40, {OTHER: (-8.0, 0.0)}, ego=(4.0, 0.0))
     entered = next(table for table in tables if table.row(OTHER) >= 0)
@@ -319,9 +319,9 @@ def test_a_blocked_agent_waits_and_enters_late_under_policy(blocked: Scenario) -
     assert value(entered, OTHER, "x") == 109.0
     assert 0.0 < value(entered, OTHER, "speed") <= 10.0
     assert value(entered, OTHER, "acceleration") == value(entered, OTHER, "yaw_rate") == 0.0
-    assert value(entered, EGO, "x") - value(entered, OTHER, "x") >= 4.5 + world.config.entry_gap
+    assert value(entered, EGO, "x") - value(entered, OTHER, "x") >= 4.5 + world.config.entry.gap
     assert world.contacts == {}
-    assert world.waiting == {}
+    assert world.entries.waiting == {}
     assert (world.summary()["late_entries"], world.summary()["never_entered"]) == ([OTHER], [])
 
 
@@ -332,7 +332,7 @@ def test_unguarded_it_appears_on_top_as_pure_replay_has_it(blocked: Scenario) ->
     for table in tables[19:]:
         assert_as_logged(table, blocked, OTHER)
     assert world.contacts == {(EGO, OTHER): 20}
-    assert world.late_entries == set()
+    assert world.entries.late == set()
 
 
 def test_a_guarded_entry_onto_a_free_road_is_as_logged(blocked: Scenario) -> None:
@@ -341,7 +341,7 @@ def test_a_guarded_entry_onto_a_free_road_is_as_logged(blocked: Scenario) -> Non
     for table in tables[19:]:
         assert_as_logged(table, blocked, OTHER)
         assert value(table, OTHER, "controller") == Controller.LOG
-    assert (world.waiting, world.late_entries) == ({}, set())
+    assert (world.entries.waiting, world.entries.late) == ({}, set())
 
 
 def test_a_log_that_begins_at_a_standstill_waits_as_well(entry: Callable[..., Scenario]) -> None:
@@ -349,9 +349,9 @@ def test_a_log_that_begins_at_a_standstill_waits_as_well(entry: Callable[..., Sc
     world = World(entry(speed=0.0))
     tables = advance(world, world.reset(), 30, ego=(-8.0, 0.0))
     assert world.contacts == {}
-    assert world.waiting == {OTHER: 20}
+    assert world.entries.waiting == {OTHER: 20}
     tables += advance(world, tables[-1], 30, {OTHER: (0.0, 0.0)}, ego=(4.0, 0.0))
-    assert world.late_entries == {OTHER}
+    assert world.entries.late == {OTHER}
     assert (value(tables[-1], OTHER, "x"), value(tables[-1], OTHER, "speed")) == (109.0, 0.0)
     assert world.contacts == {}
 
@@ -364,8 +364,8 @@ def test_who_follows_closer_than_it_can_brake_enters_late_and_slower(entry: Call
     tables += advance(world, tables[-1], 40, {OTHER: (-2.0, 0.0)}, ego=(0.4, 0.0))
     entered = next(table for table in tables if table.row(OTHER) >= 0)
     assert entered.step > 14
-    lead, gap = value(entered, EGO, "speed"), value(entered, EGO, "x") - 100.0 - 4.5 - world.config.entry_gap
-    allowed = np.sqrt(lead**2 + 2.0 * world.config.entry_deceleration * gap)
+    lead, gap = value(entered, EGO, "speed"), value(entered, EGO, "x") - 100.0 - 4.5 - world.config.entry.gap
+    allowed = np.sqrt(lead**2 + 2.0 * world.config.entry.deceleration * gap)
     assert value(entered, OTHER, "speed") == pytest.approx(min(10.0, allowed))
     assert value(entered, OTHER, "speed") < 10.0
     assert world.contacts == {}
@@ -381,7 +381,7 @@ def test_who_would_be_run_into_from_behind_waits_until_it_is_passed(
     world = World(scenario)
     tables = advance(world, world.reset(), 20, ego=(0.0, 0.0))
     assert value(tables[-1], EGO, "x") == pytest.approx(100.0)
-    assert world.waiting == {OTHER: 20}
+    assert world.entries.waiting == {OTHER: 20}
     tables += advance(world, tables[-1], 30, {OTHER: (0.0, 0.0)}, ego=(0.0, 0.0))
     entered = next(table for table in tables if table.row(OTHER) >= 0)
     assert value(entered, EGO, "x") > 109.0 + 4.5
@@ -393,7 +393,7 @@ def test_the_neighbouring_lane_blocks_nobody(entry: Callable[..., Scenario], lan
     world = World(scenario)
     tables = advance(world, world.reset(), 25, ego=(-8.0, 0.0))
     assert_as_logged(tables[-1], scenario, OTHER)
-    assert world.waiting == {}
+    assert world.entries.waiting == {}
 
 
 def test_who_waits_beyond_its_log_never_enters_and_is_counted(entry: Callable[..., Scenario]) -> None:
@@ -412,12 +412,12 @@ def test_two_that_wait_for_one_place_enter_one_after_the_other(make_scenario: An
     )
     world = World(scenario)
     tables = advance(world, world.reset(), 30, ego=(-8.0, 0.0))
-    assert world.waiting == {OTHER: 20, THIRD: 25}
+    assert world.entries.waiting == {OTHER: 20, THIRD: 25}
     tables += advance(world, tables[-1], 69, {OTHER: (1.0, 0.0), THIRD: (-2.0, 0.0)}, ego=(4.0, 0.0))
     first, second = (next(t.step for t in tables if t.row(agent) >= 0) for agent in (OTHER, THIRD))
     assert 30 < first < second
     assert world.contacts == {}
-    assert world.late_entries == {OTHER, THIRD}
+    assert world.entries.late == {OTHER, THIRD}
 
 
 def test_who_has_entered_late_and_is_not_listed_goes_back_to_its_log(blocked: Scenario) -> None:
@@ -524,8 +524,8 @@ def test_a_reset_knows_nothing_of_the_runs_before(blocked: Scenario, entry: Call
     advance(guarded, guarded.reset(), 25, ego=(-8.0, 0.0))
     advance(outwaited, outwaited.reset(), 50, ego=(-8.0, 0.0))
     assert unguarded.contacts
-    assert guarded.waiting
-    assert outwaited.never_entered
+    assert guarded.entries.waiting
+    assert outwaited.entries.never_entered
     nothing = {"contacts": 0, "late_entries": [], "never_entered": [], "sumo_deviation_m": 0.0}
     for world in (unguarded, guarded, outwaited):
         tables = [world.reset()]
@@ -594,7 +594,7 @@ def test_invariants_under_any_answers(three: Scenario, given_answers: list[Any])
         assert (np.diff(table.id) > 0).all()
         assert all(np.isfinite(getattr(table, field)).all() for field in ("x", "y", "yaw", "speed"))
         assert (table.speed >= 0).all()
-        ever_off |= {agent for agent in commands if before.row(agent) >= 0} | world.late_entries
+        ever_off |= {agent for agent in commands if before.row(agent) >= 0} | world.entries.late
         for agent in table.id.tolist():
             if agent in commands and before.row(agent) >= 0:
                 assert_moved(before, table, agent, *commands[agent])

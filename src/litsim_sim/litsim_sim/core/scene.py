@@ -94,6 +94,13 @@ class AgentTable:
         return self.controller != Controller.LOG
 
     @classmethod
+    def merged(cls, step: int, tables: Sequence[AgentTable]) -> AgentTable:
+        """The agents of several tables, no two of which hold the same one, as one table of `step`."""
+        columns = {f: np.concatenate([getattr(t, f) for t in tables]) for f in ARRAY_FIELDS}
+        order = np.argsort(columns["id"], kind="stable")
+        return cls(step, **{f: values[order] for f, values in columns.items()})
+
+    @classmethod
     def empty(cls, step: int) -> AgentTable:
         """A road without agents."""
         return cls(step, *(np.empty(0, DTYPES[f]) for f in ARRAY_FIELDS))
