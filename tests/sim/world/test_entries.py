@@ -1,0 +1,73 @@
+"""Who enters when its log begins, who waits, and who never gets onto the road."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.scenario.log import Log
+from litsim_sim.world.entries import Entries, EntryConfig
+
+NEW, OTHER, BEGINS, ENDS = 7, 2, 20, 40
+PLACE = {"x": 100.0, "y": -5.49}  # where the log of NEW begins
+
+
+@pytest.fixture(scope="module")
+def log(make_scenario: Callable[..., Any], track: type) -> Log:
+    entering = track(id=NEW, first=BEGINS, last=ENDS, **PLACE)
+    return make_scenario(track(id=1, x=400.0), track(id=OTHER, x=60.0), entering).log  # type: ignore[no-any-return]
+
+
+@pytest.fixture
+def standing(agent_table: Callable[..., AgentTable]) -> Callable[[float], AgentTable]:
+    """OTHER, which stands `ahead` of the place of the entry [m, between the centres]."""
+    return lambda ahead: agent_table(BEGINS, {"id": OTHER, "speed": 0.0} | PLACE | {"x": PLACE["x"] + ahead})
+
+
+def begin(entries: Entries, log: Log, driven: AgentTable) -> bool:
+    """Whether NEW may follow its log from its first step on."""
+    logged = log.table(BEGINS)
+    may = entries.may_follow(logged, log.table(BEGINS - 1), driven)
+    assert may[logged.row(1)], "who was on the road stays on it"
+    return bool(may[logged.row(NEW)])
+
+
+def test_the_free_road_and_the_one_that_is_not(log: Log, standing: Callable[[float], AgentTable]) -> None:
+    for ahead, free in ((60.0, True), (4.0, False), (0.0, False)):
+        entries = Entries(log, EntryConfig())
+        assert begin(entries, log, standing(ahead)) is free
+        assert entries.waiting == ({} if free else {NEW: BEGINS})
+
+
+def test_without_a_guard_nobody_waits(log: Log, standing: Callable[[float], AgentTable]) -> None:
+    entries = Entries(log, None)
+    assert begin(entries, log, standing(0.0))
+    assert entries.waiting == {}
+
+
+def test_who_waits_enters_as_fast_as_the_room_allows(log: Log, standing: Callable[[float], AgentTable]) -> None:
+    config = EntryConfig(gap=1.0, deceleration=2.0)
+    entries = Entries(log, config)
+    assert not begin(entries, log, standing(4.0))
+    after = log.table(BEGINS + 1).take(np.array([0]))
+    road = AgentTable.merged(BEGINS + 1, (after, standing(15.0)))
+    table = entries.admit(road, log.table(BEGINS + 1))
+    row = table.row(NEW)
+    assert table.speed[row] == pytest.approx(np.sqrt(2.0 * config.deceleration * (15.0 - 4.5 - config.gap)))
+    assert (table.x[row], table.acceleration[row], table.controller[row]) == (PLACE["x"], 0.0, Controller.POLICY)
+    assert table.id.tolist() == [1, OTHER, NEW]
+    assert (entries.waiting, entries.late, entries.never_entered) == ({}, {NEW}, set())
+
+
+def test_who_waits_until_its_log_ends_never_enters(log: Log, standing: Callable[[float], AgentTable]) -> None:
+    entries = Entries(log, EntryConfig())
+    assert not begin(entries, log, standing(4.0))
+    still = entries.admit(standing(4.0), log.table(BEGINS + 1))
+    assert still.row(NEW) < 0 and entries.waiting
+    gone = entries.admit(standing(60.0), log.table(ENDS + 1))
+    assert gone.row(NEW) < 0
+    assert (entries.waiting, entries.late, entries.never_entered) == ({}, set(), {NEW})
