@@ -97,6 +97,21 @@ def test_leaving_the_road_ends_episodes(make_scenario, track, lane_centres) -> N
     assert last[2] and last[4]["outcome"].terms.off_road.any()
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_road_that_empties_is_no_failure(make_scenario, track, seed: int) -> None:
+    """The ego and the driven agent leave the net at 640 m; the recording goes on, as somebody enters later."""
+    tracks = track(1, x=560.0, speed=20.0, last=30), track(2, x=540.0, speed=20.0, last=30)
+    scenario = make_scenario(*tracks, track(3, x=100.0, first=120, last=130))
+    environment = PolicyEnvironment([scenario], EnvironmentConfig(slots=2, drafted=2))
+    steps = episode(environment, seed, action=0.9)
+    driven = [end[4]["outcome"] for end in steps]
+    assert [outcome.agents.tolist() for outcome in driven[:-1]] == [[2]] * (len(driven) - 1)
+    left = driven[-1]
+    assert (left.following == driven[-2].following).all(), "the last observation that there is"
+    assert not left.driven_on.any() and not left.terminated.any() and left.penalty.tolist() == [0.0]
+    assert steps[-1][3] and steps[-1][4]["step"] == scenario.total_steps
+
+
 def test_outcomes_say_what_was_driven(environment) -> None:
     environment.reset(seed=0)
     action = np.tile([-0.2, 0.0, 0.0], (SMALL.slots, 1))

@@ -12,10 +12,12 @@ import torch
 import yaml
 
 from litsim_policy.driving.policy_c import PolicyNetwork
-from litsim_policy.learning import train
-from litsim_policy.learning.data import REPORTED, RealWindow
-from litsim_policy.learning.environment import PolicyEnvironment
+from litsim_policy.learning import checkpoint, train
+from litsim_policy.learning.config import TrainConfig, WarmStart
+from litsim_policy.learning.data import REPORTED, DataConfig, Generated, RealWindow, prepare
+from litsim_policy.learning.expert import expert_pairs
 from litsim_policy.learning.network import GaussianPolicy
+from litsim_policy.learning.ppo import tensor
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
 
@@ -31,13 +33,14 @@ def file(make_scenario, track, lane_centres, tmp_path_factory) -> Path:
         for k in range(3)
     ]
     folder = tmp_path_factory.mktemp("train")
-    (folder / "scenario.yaml").write_text(make_scenario(*tracks).to_yaml())
+    for name in ("scenario", "validation"):
+        (folder / f"{name}.yaml").write_text(make_scenario(*tracks).to_yaml())
     values = {
         "iterations": 2,
         "transitions": 40,
         "validate_every": 1,
         "validation_episodes": 1,
-        "data": {"scenarios": [str(folder / "scenario.yaml")]},
+        "data": {"scenarios": [str(folder / "scenario.yaml")], "validation": [str(folder / "validation.yaml")]},
         "environment": {"steps_max": 20, "slots": 4, "drafted": 3},
         "warm_start": {"epochs": 2},
         "critic": {"updates": 2, "batch": 32},
@@ -47,11 +50,11 @@ def file(make_scenario, track, lane_centres, tmp_path_factory) -> Path:
     return folder / "config.yaml"
 
 
-def with_iterations(file: Path, count: int) -> train.TrainConfig:
-    return read_yaml(file, train.TrainConfig).model_copy(update={"iterations": count})
+def with_iterations(file: Path, count: int) -> TrainConfig:
+    return read_yaml(file, TrainConfig).model_copy(update={"iterations": count})
 
 
-def weights(training: train.Training) -> list[torch.Tensor]:
+def weights(training: checkpoint.Training) -> list[torch.Tensor]:
     return [value for part in (training.policy, training.critic, training.value) for value in part.parameters()]
 
 
@@ -61,10 +64,10 @@ def test_a_run_that_is_resumed_ends_where_a_whole_one_does(file: Path, tmp_path:
     resumed = train.run(with_iterations(file, 3), tmp_path / "parts", resume=True, progress=False)
     assert all(torch.equal(a, b) for a, b in zip(weights(whole), weights(resumed), strict=True))
     drop = lambda entries: [{k: v for k, v in e.items() if k != "seconds"} for e in entries]  # noqa: E731
-    history = json.loads((tmp_path / "parts" / train.HISTORY).read_text())
+    history = json.loads((tmp_path / "parts" / checkpoint.HISTORY).read_text())
     assert drop(history) == drop(whole.history) and len(history) == 3
-    assert (tmp_path / "parts" / train.CURVES).read_bytes().startswith(b"\x89PNG")
-    for name in (train.LAST, train.BEST):
+    assert (tmp_path / "parts" / checkpoint.CURVES).read_bytes().startswith(b"\x89PNG")
+    for name in (checkpoint.LAST, checkpoint.BEST):
         PolicyNetwork.load(tmp_path / "parts" / name)
 
 
@@ -75,41 +78,29 @@ def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
     train.run(config, tmp_path, progress=False)
     with pytest.raises(InputError, match="fields seed of the configuration have changed"):
         train.run(config.model_copy(update={"seed": 5}), tmp_path, resume=True, progress=False)
-    (tmp_path / train.CHECKPOINT).write_bytes(b"nothing")
+    (tmp_path / checkpoint.CHECKPOINT).write_bytes(b"nothing")
     with pytest.raises(InputError, match="not a readable checkpoint"):
         train.run(config, tmp_path, resume=True, progress=False)
 
 
 def test_drivers_are_imitated(file: Path) -> None:
     """After the warm start the policy does in the recordings what the drivers did, better than nothing would."""
-    config = read_yaml(file, train.TrainConfig)
-    data = train.prepare(config.data, file.parent / "data")
+    config = read_yaml(file, TrainConfig)
+    data = prepare(config.data, file.parent / "data")
     random = np.random.default_rng(0)
-    experts = train.expert_pairs(data.train, config.observation, config.expert, random)
+    experts = expert_pairs(data.train, config.observation, config.expert, random)
     torch.manual_seed(0)
     policy = GaussianPolicy(config.observation)
 
     def error() -> float:
         with torch.no_grad():
-            said = torch.tanh(policy(train.tensor(experts.displaced))).numpy()
+            said = torch.tanh(policy(tensor(experts.displaced))).numpy()
         return float(np.abs(said - experts.correction)[:, 1:].mean())
 
     before = error()
-    longer = config.model_copy(update={"warm_start": train.WarmStart(epochs=40)})
+    longer = config.model_copy(update={"warm_start": WarmStart(epochs=40)})
     train._warm_start(policy, train.demonstrations(experts), longer)
     assert error() < 0.5 * before
-
-
-def test_tracks_are_whole(file: Path) -> None:
-    config = read_yaml(file, train.TrainConfig)
-    data = train.prepare(config.data, file.parent / "data")
-    environment = PolicyEnvironment(data.train, config.environment)
-    policy = GaussianPolicy(config.observation)
-    tracks, rates = train.collect(environment, policy, config, 0, torch.Generator().manual_seed(0))
-    assert sum(len(track) for track in tracks) == rates["transitions"] >= config.transitions
-    for track in tracks:
-        assert len(track.observation) == len(track) + 1 and track.raw.shape == (len(track), 3)
-        assert np.abs(track.executed).max() <= 1.0 and track.penalty.max() <= 0.0
 
 
 @pytest.mark.parametrize(
@@ -126,10 +117,10 @@ def test_configurations_that_are_wrong(tmp_path: Path, text: str, said: str) -> 
     path = tmp_path / "wrong.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=said) as error:
-        read_yaml(path, train.TrainConfig)
+        read_yaml(path, TrainConfig)
     assert str(path) in str(error.value)
     with pytest.raises(InputError, match="cannot be read"):
-        read_yaml(tmp_path / "missing.yaml", train.TrainConfig)
+        read_yaml(tmp_path / "missing.yaml", TrainConfig)
 
 
 def test_nothing_to_train_on(tmp_path: Path, monkeypatch, capsys) -> None:
@@ -139,6 +130,18 @@ def test_nothing_to_train_on(tmp_path: Path, monkeypatch, capsys) -> None:
     with pytest.raises(SystemExit) as exit_:
         train.main()
     assert exit_.value.code == 2 and "nothing to train on" in capsys.readouterr().err
+
+
+def test_training_scenarios_never_stand_in_for_missing_ones_to_validate_on(file: Path, tmp_path: Path) -> None:
+    data = read_yaml(file, TrainConfig).data
+    with pytest.raises(InputError, match="nothing to validate on"):
+        prepare(data.model_copy(update={"validation": ()}), tmp_path)
+    with pytest.raises(InputError, match="nothing to validate on"):
+        prepare(DataConfig(generated=(Generated(net="us101_like", segments=1, seed=4000),)), tmp_path)
+    with pytest.raises(ValueError, match="in scenarios and in validation"):
+        DataConfig(scenarios=("demo",), validation=("demo",))
+    apart = prepare(data, tmp_path)
+    assert len(apart.train) == len(apart.validation) == 1 and not set(apart.train) & set(apart.validation)
 
 
 @pytest.mark.parametrize(("frames", "fits"), [((748, 828), True), ((126, 315), True), ((126, 316), False)])
@@ -152,7 +155,7 @@ def test_what_is_reported_on_is_never_learned_from(frames: tuple[int, int], *, f
 
 
 def test_packaged_configurations_differ_in_what_the_paper_says_only() -> None:
-    usual, paper = (read_yaml(CONFIG / name, train.TrainConfig) for name in ("policy_c.yaml", "policy_c_paper.yaml"))
+    usual, paper = (read_yaml(CONFIG / name, TrainConfig) for name in ("policy_c.yaml", "policy_c_paper.yaml"))
     assert (paper.ppo.learning_rate, paper.ppo.batch) == (0.03, 32)
     same = {"ppo": usual.ppo, "iterations": usual.iterations}
     assert paper.model_copy(update=same) == usual

@@ -11,13 +11,15 @@ import pytest
 import torch
 import yaml
 
-from litsim_policy.learning import train
+from litsim_policy.learning import checkpoint, train
+from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.network import GaussianPolicy
+from litsim_policy.learning.ppo import tensor
 from litsim_sim.io.yaml_input import read_yaml
 
 
 @pytest.fixture(scope="module")
-def config(make_scenario, track, lane_centres, tmp_path_factory) -> train.TrainConfig:
+def config(make_scenario, track, lane_centres, tmp_path_factory) -> TrainConfig:
     """A training that takes a second."""
     tracks = [
         track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=9.0 + lane, last=45)
@@ -25,34 +27,35 @@ def config(make_scenario, track, lane_centres, tmp_path_factory) -> train.TrainC
         for k in range(3)
     ]
     folder = tmp_path_factory.mktemp("train_loop")
-    (folder / "scenario.yaml").write_text(make_scenario(*tracks).to_yaml())
+    for name in ("scenario", "validation"):
+        (folder / f"{name}.yaml").write_text(make_scenario(*tracks).to_yaml())
     values = {
         "iterations": 3,
         "transitions": 30,
         "validate_every": 1,
         "validation_episodes": 1,
-        "data": {"scenarios": [str(folder / "scenario.yaml")]},
+        "data": {"scenarios": [str(folder / "scenario.yaml")], "validation": [str(folder / "validation.yaml")]},
         "environment": {"steps_max": 15, "slots": 4, "drafted": 3},
         "warm_start": {"epochs": 1},
         "critic": {"updates": 2, "batch": 16},
         "ppo": {"epochs": 1, "batch": 16, "value_first": 1},
     }
     (folder / "config.yaml").write_text(yaml.safe_dump(values))
-    return read_yaml(folder / "config.yaml", train.TrainConfig)
+    return read_yaml(folder / "config.yaml", TrainConfig)
 
 
-def weights(training: train.Training) -> list[torch.Tensor]:
+def weights(training: checkpoint.Training) -> list[torch.Tensor]:
     return [value for part in (training.policy, training.critic, training.value) for value in part.parameters()]
 
 
-def count(config: train.TrainConfig, iterations: int, **changes: Any) -> train.TrainConfig:
+def count(config: TrainConfig, iterations: int, **changes: Any) -> TrainConfig:
     return config.model_copy(update={"iterations": iterations, **changes})
 
 
 @pytest.fixture(autouse=True)
 def _no_curves(monkeypatch) -> None:
     """They take longer than the rest."""
-    monkeypatch.setattr(train, "plot_curves", lambda *_: None)
+    monkeypatch.setattr(checkpoint, "plot_curves", lambda *_: None)
 
 
 # Interruptions
@@ -80,7 +83,7 @@ def test_a_run_that_was_interrupted_ends_where_a_whole_one_does(config, tmp_path
 
 def test_a_run_that_dies_while_it_writes_can_be_resumed(config, tmp_path: Path, monkeypatch) -> None:
     train.run(count(config, 1), tmp_path, progress=False)
-    whole = (tmp_path / train.CHECKPOINT).read_bytes()
+    whole = (tmp_path / checkpoint.CHECKPOINT).read_bytes()
 
     def dies(_: Any, path: Path) -> None:
         Path(path).write_bytes(whole[: len(whole) // 2])
@@ -90,7 +93,7 @@ def test_a_run_that_dies_while_it_writes_can_be_resumed(config, tmp_path: Path, 
     with pytest.raises(KeyboardInterrupt):
         train.run(count(config, 2), tmp_path, resume=True, progress=False)
     monkeypatch.undo()
-    monkeypatch.setattr(train, "plot_curves", lambda *_: None)
+    monkeypatch.setattr(checkpoint, "plot_curves", lambda *_: None)
     assert len(train.run(count(config, 2), tmp_path, resume=True, progress=False).history) == 2
 
 
@@ -100,7 +103,7 @@ def test_the_best_weights_are_those_of_the_best_validation_before_and_after_an_i
     def trained(iterations: int, score: float) -> bytes:
         monkeypatch.setattr(train, "validate", lambda *_: {"validation_score": score})
         train.run(count(config, iterations), tmp_path, resume=iterations > 1, progress=False)
-        return (tmp_path / train.BEST).read_bytes()
+        return (tmp_path / checkpoint.BEST).read_bytes()
 
     first = trained(1, -1.0)
     assert trained(2, -2.0) == first, "worse"
@@ -163,9 +166,9 @@ def test_iterations_are_not_each_others_repetitions(config, tmp_path: Path, monk
     assert not np.allclose(noise[0], noise[1], atol=1e-4), "the draws"
 
 
-def _mean(config: train.TrainConfig, out: Path, observation: np.ndarray) -> np.ndarray:
+def _mean(config: TrainConfig, out: Path, observation: np.ndarray) -> np.ndarray:
     """What the policy of the run in `out` would do before tanh."""
     policy = GaussianPolicy(config.observation)
-    policy.load_state_dict(torch.load(out / train.CHECKPOINT, weights_only=True)["policy"])
+    policy.load_state_dict(torch.load(out / checkpoint.CHECKPOINT, weights_only=True)["policy"])
     with torch.no_grad():
-        return policy(train.tensor(observation))[0].numpy()
+        return policy(tensor(observation))[0].numpy()

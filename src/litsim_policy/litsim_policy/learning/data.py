@@ -64,7 +64,8 @@ class DataConfig(BaseModel):
     Attributes:
         generated, real: see there.
         real_weight: times that each real window counts when an episode draws its scenario: they are few.
-        scenarios: names or files of further ones.
+        scenarios: names or files of further ones to train on.
+        validation: names or files of further ones to validate on.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -73,11 +74,18 @@ class DataConfig(BaseModel):
     real: tuple[RealWindow, ...] = ()
     real_weight: int = Field(1, gt=0)
     scenarios: tuple[str, ...] = ()
+    validation: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _is_apart(self) -> DataConfig:
+        if both := sorted(set(self.scenarios) & set(self.validation)):
+            raise ValueError(f"{', '.join(both)} in scenarios and in validation, expected in one of them")
+        return self
 
 
 @dataclass(frozen=True)
 class TrainingData:
-    """Scenarios to train and to validate on; none is in both."""
+    """Scenarios to train and to validate on, at least one each; none is in both."""
 
     train: tuple[Scenario, ...]
     validation: tuple[Scenario, ...]
@@ -101,9 +109,14 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
             (train if segment.part == "train" else validation).append(Scenario.load(where / f"{segment.name}.yaml"))
     train += [_real(window, folder) for window in config.real] * config.real_weight
     train += [Scenario.load(name) for name in config.scenarios]
+    validation += [Scenario.load(name) for name in config.validation]
     if not train:
         raise InputError("data: nothing to train on: expected generated, real or scenarios")
-    return TrainingData(tuple(train), tuple(validation or train))
+    if not validation:
+        raise InputError(
+            "data: nothing to validate on: expected validation, or generated segments enough to leave some"
+        )
+    return TrainingData(tuple(train), tuple(validation))
 
 
 def _real(window: RealWindow, folder: Path) -> Scenario:

@@ -139,7 +139,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         self._draft(random)
         self._choose()
         self._pass_by()
-        self._seen = self._observer.observe(self._table, self._tasks)
+        self._seen = self._observe(self._tasks)
         return self._observations(), self._info()
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -160,7 +160,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         terminated = bool(outcome.terminated.any())
         if not self._tasks and not terminated:
             self._pass_by()
-            self._seen = self._observer.observe(self._table, self._tasks)
+            self._seen = self._observe(self._tasks)
         reward = float(outcome.penalty.mean()) if len(driven) else 0.0
         truncated = not terminated and self._table.step >= self._end
         return self._observations(), reward, terminated, truncated, self._info() | {"outcome": outcome}
@@ -221,20 +221,26 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         here = rows >= 0
         now = {task.agent: task for task in self._tasks}
         left = [e for e, is_here in zip(tasks, here.tolist(), strict=True) if is_here and e.agent not in now]
-        seen = self._observer.observe(after, [*self._tasks, *left])
+        seen = self._observe([*self._tasks, *left])
         following = self._seen
         at = {task.agent: k for k, task in enumerate([*self._tasks, *left])}
         following[here] = seen[[at[agent] for agent in driven[here].tolist()]]
         self._seen = seen[: len(self._tasks)]
         executed = np.zeros((len(driven), 3))
-        speed = 0.5 * (after.speed[rows] + before.speed[before.rows(driven)])
-        moved = normalised(consistent(after.acceleration[rows], after.yaw_rate[rows], speed))
-        executed[here] = moved[here]
+        rows = rows[here]
+        speed = 0.5 * (after.speed[rows] + before.speed[before.rows(driven[here])])
+        executed[here] = normalised(consistent(after.acceleration[rows], after.yaw_rate[rows], speed))
         terms = penalties(before, after, driven[here], self.scenario.lane_map, guarded[here])
         penalty, terminated = np.zeros(len(driven)), np.zeros(len(driven), np.bool_)
         penalty[here], terminated[here] = terms.total(self._penalty), terms.collision | terms.off_road
         driven_on = here & np.isin(driven, list(now)) & (after.step < self._end) & ~terminated.any()
         return Outcome(driven, following, executed, penalty, terms, terminated, driven_on)
+
+    def _observe(self, tasks: list[DrivingTask]) -> FloatArray:
+        """(m, size) features of the agents with `tasks` (m); the road may be empty where there are none."""
+        if not tasks:
+            return np.empty((0, self._observation.size))
+        return self._observer.observe(self._table, tasks)
 
     def _observations(self) -> Array:
         """(slots, size) of who is in the slots now."""

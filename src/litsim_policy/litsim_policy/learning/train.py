@@ -13,146 +13,26 @@ had not been interrupted. `--out` gets checkpoint.pt, history.json, curves.png, 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
-from collections import defaultdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 from tqdm import tqdm
 
-from litsim_policy.driving.observation import ObservationConfig
-from litsim_policy.learning.critic import Critic, CriticConfig, update_critic
-from litsim_policy.learning.data import DataConfig, prepare
-from litsim_policy.learning.environment import NOBODY, EnvironmentConfig, PolicyEnvironment
-from litsim_policy.learning.expert import ExpertConfig, ExpertPairs, expert_pairs
-from litsim_policy.learning.network import GaussianPolicy, driving_network, multilayer, save
-from litsim_policy.learning.plots import plot_curves
-from litsim_policy.learning.ppo import (
-    Demonstrations,
-    PpoConfig,
-    Track,
-    executed_pairs,
-    make_batch,
-    tensor,
-    update_policy,
-)
-from litsim_policy.learning.reward import PenaltyConfig
+from litsim_policy.learning.checkpoint import BEST, CHECKPOINT, CURVES, Training
+from litsim_policy.learning.config import TrainConfig
+from litsim_policy.learning.critic import update_critic
+from litsim_policy.learning.data import prepare
+from litsim_policy.learning.environment import PolicyEnvironment
+from litsim_policy.learning.expert import ExpertPairs, expert_pairs
+from litsim_policy.learning.network import GaussianPolicy, driving_network, save
+from litsim_policy.learning.ppo import Demonstrations, executed_pairs, make_batch, tensor, update_policy
+from litsim_policy.learning.rollout import collect, validate
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
-
-CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
-    "checkpoint.pt",
-    "history.json",
-    "curves.png",
-    "last.safetensors",
-    "best.safetensors",
-)
-
-
-class WarmStart(BaseModel):
-    """Behaviour cloning before the first iteration; no epochs leave it out."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    epochs: int = Field(30, ge=0)
-    batch: int = Field(256, gt=0)
-    learning_rate: float = Field(1e-3, gt=0)
-
-
-class TrainConfig(BaseModel):
-    """A training run; the YAML file has these fields, and those of the parts in sections of their names.
-
-    Attributes:
-        seed: of everything random.
-        iterations: updates of the policy.
-        transitions: agent-steps that an iteration collects at least.
-        critic_reward: weight of the critic's reward, which is brought to mean 0 and standard deviation 1.
-        validate_every: iterations between validations.
-        validation_episodes: episodes of one.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    seed: int = Field(0, ge=0)
-    iterations: int = Field(200, gt=0)
-    transitions: int = Field(3072, gt=0)
-    critic_reward: float = Field(0.3, ge=0)
-    validate_every: int = Field(20, gt=0)
-    validation_episodes: int = Field(20, gt=0)
-    data: DataConfig
-    observation: ObservationConfig = ObservationConfig()
-    environment: EnvironmentConfig = EnvironmentConfig()
-    penalty: PenaltyConfig = PenaltyConfig()
-    expert: ExpertConfig = ExpertConfig()
-    warm_start: WarmStart = WarmStart()  # type: ignore[call-arg]
-    critic: CriticConfig = CriticConfig()
-    ppo: PpoConfig = PpoConfig()
-
-
-class Training:
-    """Networks, optimisers and history of a run."""
-
-    def __init__(self, config: TrainConfig) -> None:
-        torch.manual_seed(config.seed)
-        size = config.observation.size
-        self.config = config
-        self.policy, self.value, self.critic = GaussianPolicy(config.observation), multilayer(size, 1), Critic(size)
-        parameters = [*self.policy.parameters(), *self.value.parameters()]
-        self.policy_optimiser = torch.optim.Adam(parameters, config.ppo.learning_rate)
-        self.critic_optimiser = torch.optim.Adam(self.critic.parameters(), config.critic.learning_rate)
-        self.history: list[dict[str, float]] = []
-        self.best = -np.inf
-
-    @property
-    def _parts(self) -> dict[str, Any]:
-        names = ("policy", "value", "critic", "policy_optimiser", "critic_optimiser")
-        return {name: getattr(self, name) for name in names}
-
-    def keep(self, out: Path) -> None:
-        """Write a checkpoint, to go on from here."""
-        state = {name: part.state_dict() for name, part in self._parts.items()}
-        described = json.dumps(self.config.model_dump(mode="json"))
-        fresh = out / f"{CHECKPOINT}.new"
-        torch.save({**state, "history": self.history, "best": float(self.best), "config": described}, fresh)
-        fresh.replace(out / CHECKPOINT)  # a run that is killed while it writes leaves the checkpoint before
-
-    def write(self, out: Path) -> None:
-        """History, curves and weights."""
-        (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
-        save(self.policy, out / LAST, self.about)
-        plot_curves(self.history, out / CURVES)
-
-    def read(self, path: Path) -> None:
-        """Go on from a checkpoint.
-
-        Raises:
-            InputError: there is none, or it is of a run with another configuration.
-        """
-        if not path.is_file():
-            raise InputError(f"{path}: no checkpoint to resume from")
-        try:
-            state = torch.load(path, weights_only=True)
-        except Exception as error:
-            raise InputError(f"{path}: not a readable checkpoint: {error}") from error
-        then, now = json.loads(state["config"]), self.config.model_dump(mode="json")
-        changed = [key for key in now if key != "iterations" and then.get(key) != now[key]]
-        if changed:
-            raise InputError(f"{path}: fields {', '.join(changed)} of the configuration have changed since")
-        for name, part in self._parts.items():
-            part.load_state_dict(state[name])
-        self.history, self.best = state["history"], state["best"]
-
-    @property
-    def about(self) -> dict[str, str]:
-        """Where weights come from, for their metadata."""
-        config = self.config.model_dump_json()
-        return {"seed": str(self.config.seed), "iterations": str(len(self.history)), "config": config}
 
 
 def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool = True) -> Training:
@@ -231,98 +111,6 @@ def _iterate(
         "clipped": step.clipped,
         "deviation": float(torch.exp(training.policy.log_std.detach()).mean()),
     }
-
-
-def collect(
-    environment: PolicyEnvironment,
-    policy: GaussianPolicy,
-    config: TrainConfig,
-    iteration: int,
-    generator: torch.Generator,
-) -> tuple[list[Track], dict[str, float]]:
-    """Whole episodes until there are enough transitions: the tracks of all agents, and how often what happened."""
-    tracks: list[Track] = []
-    sums: dict[str, float] = defaultdict(float)
-    episode = 0
-    while sums["transitions"] < config.transitions:
-        seed = int(np.random.SeedSequence([config.seed, iteration, episode]).generate_state(1)[0])
-        tracks += drive(environment, policy, seed, sums, generator)
-        episode += 1
-    return tracks, _rates(sums, episode)
-
-
-def drive(
-    environment: PolicyEnvironment,
-    policy: GaussianPolicy,
-    seed: int,
-    sums: dict[str, float],
-    generator: torch.Generator | None,
-) -> list[Track]:
-    """One episode; what happens is added to `sums`. Without a generator the policy drives by its mean."""
-    tracks: list[Track] = []
-    open_tracks: dict[int, list[tuple[np.ndarray, ...]]] = defaultdict(list)
-    observation, info = environment.reset(seed=seed)
-    over = not (info["agents"] != NOBODY).any()
-    while not over:
-        present = info["agents"] != NOBODY
-        seen = tensor(observation[present])
-        if generator is None:
-            with torch.no_grad():
-                raw = policy(seen)
-                density = policy.log_probability(seen, raw)
-        else:
-            raw, density = policy.sample(seen, generator)
-        action = np.zeros(environment.action_space.shape or ())
-        action[present] = torch.tanh(raw).double().numpy()
-        before = observation[present]
-        observation, _, terminated, truncated, info = environment.step(action)
-        outcome = info["outcome"]
-        for k, agent in enumerate(outcome.agents.tolist()):
-            step = (before[k], raw[k].numpy(), density[k].numpy(), outcome.executed[k], outcome.penalty[k])
-            open_tracks[agent].append(step)
-            if not outcome.driven_on[k]:
-                ended = bool(outcome.terminated[k])
-                tracks.append(_track(open_tracks.pop(agent), outcome.following[k], terminated=ended))
-        terms = outcome.terms
-        sums["transitions"] += len(outcome.agents)
-        sums["penalty"] += float(outcome.penalty.sum())
-        for name in ("collision", "off_road", "edge", "proximity", "hard_brake", "guard"):
-            sums[name] += float(getattr(terms, name).sum())
-        over = terminated or truncated or not (info["agents"] != NOBODY).any()
-    return tracks
-
-
-def validate(policy: GaussianPolicy, environment: PolicyEnvironment, config: TrainConfig) -> dict[str, float]:
-    """Episodes that are the same each time, driven by the mean; the score is the mean penalty of an agent-step."""
-    sums: dict[str, float] = defaultdict(float)
-    for episode in range(config.validation_episodes):
-        drive(environment, policy, 10_000_019 + episode, sums, None)
-    rates = _rates(sums, config.validation_episodes)
-    wanted = ("penalty", "collisions", "off_road", "hard_brake", "guard", "collided_share")
-    found = {f"validation_{name}": rates[name] for name in wanted}
-    return found | {"validation_score": rates["penalty"]}
-
-
-def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
-    """Per agent-step, events per 1000 of them, and the share of episodes that ended in a collision."""
-    count = max(sums["transitions"], 1.0)
-    return {
-        "transitions": sums["transitions"],
-        "episodes": float(episodes),
-        "penalty": sums["penalty"] / count,
-        "collisions": 1000.0 * sums["collision"] / count,
-        "collided_share": sums["collision"] / episodes,
-        "off_road": 1000.0 * sums["off_road"] / count,
-        "edge": sums["edge"] / count,
-        "proximity": sums["proximity"] / count,
-        "hard_brake": sums["hard_brake"] / count,
-        "guard": sums["guard"] / count,
-    }
-
-
-def _track(steps: list[tuple[np.ndarray, ...]], following: np.ndarray, *, terminated: bool) -> Track:
-    observation, raw, density, executed, penalty = (np.array(column) for column in zip(*steps, strict=True))
-    return Track(np.concatenate([observation, following[None]]), raw, density, executed, penalty, terminated)
 
 
 def demonstrations(experts: ExpertPairs) -> Demonstrations:

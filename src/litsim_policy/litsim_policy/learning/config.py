@@ -1,0 +1,53 @@
+"""The configuration of a training of policy C: one YAML file, a section for each part."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.learning.critic import CriticConfig
+from litsim_policy.learning.data import DataConfig
+from litsim_policy.learning.environment import EnvironmentConfig
+from litsim_policy.learning.expert import ExpertConfig
+from litsim_policy.learning.ppo import PpoConfig
+from litsim_policy.learning.reward import PenaltyConfig
+
+
+class WarmStart(BaseModel):
+    """Behaviour cloning before the first iteration; no epochs leave it out."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    epochs: int = Field(30, ge=0)
+    batch: int = Field(256, gt=0)
+    learning_rate: float = Field(1e-3, gt=0)
+
+
+class TrainConfig(BaseModel):
+    """A training run; the YAML file has these fields, and those of the parts in sections of their names.
+
+    Attributes:
+        seed: of everything random.
+        iterations: updates of the policy.
+        transitions: agent-steps that an iteration collects at least.
+        critic_reward: weight of the critic's reward, which is brought to mean 0 and standard deviation 1.
+        validate_every: iterations between validations.
+        validation_episodes: episodes of one.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    seed: int = Field(0, ge=0)
+    iterations: int = Field(200, gt=0)
+    transitions: int = Field(3072, gt=0)
+    critic_reward: float = Field(0.3, ge=0)
+    validate_every: int = Field(20, gt=0)
+    validation_episodes: int = Field(20, gt=0)
+    data: DataConfig
+    observation: ObservationConfig = ObservationConfig()
+    environment: EnvironmentConfig = EnvironmentConfig()
+    penalty: PenaltyConfig = PenaltyConfig()
+    expert: ExpertConfig = ExpertConfig()
+    warm_start: WarmStart = WarmStart()  # type: ignore[call-arg]
+    critic: CriticConfig = CriticConfig()
+    ppo: PpoConfig = PpoConfig()
