@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from litsim_sim.nodes import recorder as recorder_node
-from litsim_sim.ros.topics import EGO_STATE
+from litsim_sim.nodes import recorder
+from litsim_sim.ros.topics import EGO_STATE, Topic
 
 
-class DeafRecorder(recorder_node.RecorderNode):
-    def _take(self, name: str, data: bytes) -> None:
-        if (name, recorder_node._step(data)) != (EGO_STATE.name, 7):
-            super()._take(name, data)
+class DeafRecorder(recorder.RecorderNode):
+    def _take(self, topic: Topic, data: bytes) -> None:
+        if topic != EGO_STATE or recorder.step_of(topic, data) != 7:
+            super()._take(topic, data)
 
 
 if __name__ == "__main__":
-    recorder_node.RecorderNode = DeafRecorder
-    recorder_node.main()
+    recorder.RecorderNode = DeafRecorder
+    recorder.main()
