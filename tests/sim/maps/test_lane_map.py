@@ -14,7 +14,8 @@ from shapely import LineString, points
 from litsim_sim.core.errors import InputError
 from litsim_sim.maps.fitting import fit_lanes, fit_us101_plan
 from litsim_sim.maps.highway import HighwayPlan, Ramp, find_netconvert, plain_xml, us101_like_plan, write_net
-from litsim_sim.maps.lane_map import Lane, LaneMap
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.scenario.scenario import packaged, packaged_nets
 
 # The others have other layouts: i80 in test_maps_motorway.py, urban_like with its traffic.
@@ -229,20 +230,7 @@ def test_no_points() -> None:
     assert LIKE.inside_lane(none, none, none, none, none).tolist() == []
 
 
-# Reading and building nets
-
-
-def test_nets_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"absent\.net\.xml: no such net"):
-        LaneMap.from_net(tmp_path / "absent.net.xml")
-    bad = tmp_path / "bad.net.xml"
-    for text in ("no XML", "<net><edge", '<net><edge id="a" from="x" to="y"><lane/></edge></net>'):
-        bad.write_text(text)
-        with pytest.raises(InputError, match=r"bad\.net\.xml: not a readable SUMO net"):
-            LaneMap.from_net(bad)
-    bad.write_text('<net version="1.20"></net>')
-    with pytest.raises(InputError, match="holds no lanes"):
-        LaneMap.from_net(bad)
+# Building nets
 
 
 def test_plan_with_gores_out_of_order() -> None:

@@ -16,7 +16,8 @@ from litsim_sim.maps.cad import CenterLine, distance_to_lines, read_center_lines
 from litsim_sim.maps.check import NetCheck, cad_distance, check_net, connectivity, lane_numbers, placement
 from litsim_sim.maps.fitting import LAYOUTS, Layout, fit_generic_plan, fit_lanes, fit_plan, lane_widths
 from litsim_sim.maps.highway import HighwayPlan, i80_plan, us101_like_plan, write_net
-from litsim_sim.maps.lane_map import Lane, LaneMap
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.maps.netconvert import find_netconvert
 from litsim_sim.maps.positions import for_checking, for_fitting
 from litsim_sim.recordings.ngsim.sites import FOOT, SITES

@@ -11,7 +11,7 @@ from litsim_policy.motion.reference_path import ReferencePath, lane_change_path,
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, EgoMode
-from litsim_sim.maps.lane_map import Lane
+from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.scenario.scenario import Scenario
 
 KINDS = ("brake", "lane_change", "mixed", "keep_speed")

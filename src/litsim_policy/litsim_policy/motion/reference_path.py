@@ -9,7 +9,8 @@ import numpy as np
 
 from litsim_policy.motion import bezier
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.maps.lane_map import Lane, LaneMap
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.scenario.log import Log
 
 SPACING = 1.0  # [m] between points; recorded positions jitter at shorter distances

@@ -24,7 +24,8 @@ import pandas as pd
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.maps.cad import CenterLine, distance_to_lines
-from litsim_sim.maps.lane_map import Lane, LaneMap
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.net_lanes import Lane
 
 SAMPLE = 2.0  # [m] between the points of a centre line that are compared
 COVERED = 20.0  # [m] side of the cells in which a vehicle makes the road count as recorded

@@ -9,52 +9,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
-from xml.sax import SAXException
+from typing import cast
 
 import numpy as np
-import sumolib
 
-from litsim_sim.core.errors import InputError
-from litsim_sim.core.geometry import box_corners, wrap_angle
+from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.maps.lane_graph import directly_linked, straightest_successors
+from litsim_sim.maps.net_lanes import TOLERANCE, Lane, read_lanes
+from litsim_sim.maps.segment_grid import REACH, SegmentGrid
 
 DIRECTION_PENALTY = 4.0  # [m] times 1 - cos of the angle between a pose and a lane: opposite lanes are 8 m further
 INTERNAL_PENALTY = 1.0  # [m] by which a lane inside a junction must be nearer to win
-CELL = 16.0  # [m] of the lookup grid
-REACH = 12.0  # [m] around a cell within which its candidates are complete; farther poses search the whole net
-TOLERANCE = 1e-3  # [m] coordinates of a net are rounded to this
-
-
-@dataclass(frozen=True)
-class Lane:
-    """One lane.
-
-    Attributes:
-        id, edge_id: SUMO's names.
-        index: position in its edge, 0 is the rightmost.
-        width: [m].
-        speed_limit: [m/s].
-        centerline: (k, 2) in driving direction [m].
-        s: (k,) arc length of the vertices, from 0 [m].
-        length: [m].
-        successors: ids of the lanes that follow directly; where a junction has internal lanes, those.
-        left, right: ids of the neighbours in the same edge, None at its borders.
-        is_internal: inside a junction.
-    """
-
-    id: str
-    edge_id: str
-    index: int
-    width: float
-    speed_limit: float
-    centerline: FloatArray
-    s: FloatArray
-    length: float
-    successors: tuple[str, ...]
-    left: str | None
-    right: str | None
-    is_internal: bool
 
 
 @dataclass(frozen=True)
@@ -85,29 +51,15 @@ class LaneMap:
     def __init__(self, lanes: Sequence[Lane]) -> None:
         self.lanes: tuple[Lane, ...] = tuple(sorted(lanes, key=lambda lane: lane.id))
         self._row = {lane.id: row for row, lane in enumerate(self.lanes)}
-        counts = [len(lane.s) - 1 for lane in self.lanes]
-        self._first_segment = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        self._segment_lane = np.repeat(np.arange(len(self.lanes)), counts)
-        starts = np.concatenate([lane.centerline[:-1] for lane in self.lanes])
-        step = np.concatenate([np.diff(lane.centerline, axis=0) for lane in self.lanes])
-        size = np.hypot(step[:, 0], step[:, 1])
-        self._start_x, self._start_y, self._size = starts[:, 0], starts[:, 1], size
-        self._cos, self._sin = step[:, 0] / size, step[:, 1] / size
-        self._heading = np.arctan2(step[:, 1], step[:, 0])
-        self._start_s = np.concatenate([lane.s[:-1] for lane in self.lanes])
-        self._length = np.array([lane.length for lane in self.lanes])
-        # One ascending key for all lanes, so that one search finds the segment of any (lane, s).
-        self._lane_key = np.concatenate([[0.0], np.cumsum(self._length + 1.0)])
-        self._start_key = self._lane_key[self._segment_lane] + self._start_s
-        self._half_width = 0.5 * np.array([lane.width for lane in self.lanes])[self._segment_lane]
-        internal = np.array([lane.is_internal for lane in self.lanes])[self._segment_lane]
-        self._penalty = np.where(internal, INTERNAL_PENALTY, 0.0)
         points = np.concatenate([lane.centerline for lane in self.lanes])
         (x_min, y_min), (x_max, y_max) = points.min(axis=0) + 0.0, points.max(axis=0) + 0.0  # no -0
         self.bounds: tuple[float, float, float, float] = (float(x_min), float(y_min), float(x_max), float(y_max))
-        self._straightest = [self._straightest_successor(lane) for lane in self.lanes]
-        self._near = self._neighbourhoods()
-        self._grid, self._grid_shape = self._make_grid()
+        self._segments = SegmentGrid(self.lanes, self.bounds)
+        self._half_width = 0.5 * np.array([lane.width for lane in self.lanes])[self._segments.lane]
+        internal = np.array([lane.is_internal for lane in self.lanes])[self._segments.lane]
+        self._penalty = np.where(internal, INTERNAL_PENALTY, 0.0)
+        self._straightest = straightest_successors(self.lanes)
+        self._near = directly_linked(self.lanes)
 
     @classmethod
     def from_net(cls, path: Path) -> LaneMap:
@@ -116,22 +68,7 @@ class LaneMap:
         Raises:
             InputError: the file is missing, is no SUMO net, or holds no lanes.
         """
-        if not path.is_file():
-            raise InputError(f"{path}: no such net")
-        try:
-            net: Any = sumolib.net.readNet(str(path), withInternal=True, lxml=False)
-            edges = net.getEdges(withInternal=True)
-            lanes = [_lane(lane) for edge in edges for lane in edge.getLanes() if _drivable(lane)]
-        except (SAXException, OSError, KeyError, ValueError, AttributeError, TypeError, IndexError) as error:
-            raise InputError(f"{path}: not a readable SUMO net: {error!r}") from error
-        if not lanes:
-            raise InputError(f"{path}: the net holds no lanes")
-        known = {lane.id for lane in lanes}
-        for lane in lanes:
-            lost = [name for name in lane.successors if name not in known]
-            if lost:
-                raise InputError(f"{path}: lane {lane.id} leads to unknown lanes {lost}")
-        return cls(lanes)
+        return cls(read_lanes(path))
 
     def row(self, lane_id: str) -> int:
         """Position in `lanes` of the lane named `lane_id`; KeyError where there is none."""
@@ -149,19 +86,19 @@ class LaneMap:
         """
         x, y = np.atleast_1d(np.asarray(x, np.float64)), np.atleast_1d(np.asarray(y, np.float64))
         yaw = None if yaw is None else np.atleast_1d(np.asarray(yaw, np.float64))
-        segments = self._candidates(x, y)
+        segments = self._segments.candidates(x, y)
         cost = self._cost(x, y, yaw, segments)
         best = np.argmin(cost, axis=1)
         rows = np.arange(len(x))
         segment = segments[rows, best]
         far = np.flatnonzero(~(cost[rows, best] <= REACH))
         if len(far):
-            every = np.broadcast_to(np.arange(len(self._size)), (len(far), len(self._size)))
+            every = np.broadcast_to(np.arange(len(self._segments)), (len(far), len(self._segments)))
             cost = self._cost(x[far], y[far], None if yaw is None else yaw[far], every)
             segment[far] = np.argmin(cost, axis=1)
-        along, d = self._project(x, y, segment)
-        s = self._start_s[segment] + np.clip(along, 0.0, self._size[segment])
-        return LanePosition(self._segment_lane[segment], s, d, self._heading[segment])
+        along, d = self._segments.project(x, y, segment)
+        s = self._segments.start_s[segment] + np.clip(along, 0.0, self._segments.size[segment])
+        return LanePosition(self._segments.lane[segment], s, d, self._segments.heading[segment])
 
     def pose_at(self, lane: int | IntArray, s: float | FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """x, y [m] and heading [rad] at arc length(s) `s` of the lane(s) at position(s) `lane`; shapes broadcast.
@@ -169,13 +106,7 @@ class LaneMap:
         Beyond its ends a lane is continued straight.
         """
         lane, s = np.asarray(lane, np.int64), np.asarray(s, np.float64)
-        within = np.clip(s, 0.0, self._length[lane])
-        segment = np.searchsorted(self._start_key, self._lane_key[lane] + within, side="right") - 1
-        segment = np.clip(segment, self._first_segment[lane], self._first_segment[lane + 1] - 1)
-        along = s - self._start_s[segment]
-        x = self._start_x[segment] + along * self._cos[segment]
-        y = self._start_y[segment] + along * self._sin[segment]
-        return x, y, self._heading[segment]
+        return self._segments.pose_at(lane, s)
 
     def path_from(self, lane_index: int, s: float, length: float) -> FloatArray:
         """The centre line from `s` on the lane at position `lane_index` for `length` metres, as points (m, 2).
@@ -209,8 +140,8 @@ class LaneMap:
     def inside_road(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """(n,) whether points lie within half a lane width of some lane's centre line."""
         x, y = np.atleast_1d(np.asarray(x, np.float64)), np.atleast_1d(np.asarray(y, np.float64))
-        segments = self._candidates(x, y)
-        distance = self._distance(x[:, None], y[:, None], segments)
+        segments = self._segments.candidates(x, y)
+        distance = self._segments.distance(x[:, None], y[:, None], segments)
         return cast(BoolArray, ((distance <= self._half_width[segments] + TOLERANCE) & (segments >= 0)).any(axis=1))
 
     def inside_lane(
@@ -223,120 +154,19 @@ class LaneMap:
         at = self.nearest(x, y, yaw)
         corners = box_corners(x, y, yaw, length, width)
         corner_x, corner_y = corners[..., 0].ravel(), corners[..., 1].ravel()
-        segments = self._candidates(corner_x, corner_y)
-        same = self._near[np.repeat(at.lane, 4)[:, None], self._segment_lane[segments]] & (segments >= 0)
-        distance = self._distance(corner_x[:, None], corner_y[:, None], segments)
+        segments = self._segments.candidates(corner_x, corner_y)
+        same = self._near[np.repeat(at.lane, 4)[:, None], self._segments.lane[segments]] & (segments >= 0)
+        distance = self._segments.distance(corner_x[:, None], corner_y[:, None], segments)
         inside = ((distance <= self._half_width[segments] + TOLERANCE) & same).any(axis=1)
         return cast(BoolArray, inside.reshape(-1, 4).all(axis=1))
 
     def _cost(self, x: FloatArray, y: FloatArray, yaw: FloatArray | None, segments: IntArray) -> FloatArray:
         """(n, k) distance plus handicaps of candidate `segments` (n, k); infinite where a candidate is -1."""
-        cost = self._distance(x[:, None], y[:, None], segments) + self._penalty[segments]
+        cost = self._segments.distance(x[:, None], y[:, None], segments) + self._penalty[segments]
         if yaw is not None:
-            facing = np.cos(yaw)[:, None] * self._cos[segments] + np.sin(yaw)[:, None] * self._sin[segments]
+            facing = (
+                np.cos(yaw)[:, None] * self._segments.cos[segments]
+                + np.sin(yaw)[:, None] * self._segments.sin[segments]
+            )
             cost += DIRECTION_PENALTY * (1.0 - facing)
         return np.where(segments >= 0, cost, np.inf)
-
-    def _project(self, x: FloatArray, y: FloatArray, segment: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Along and left of segments, from their starts [m]; shapes broadcast."""
-        dx, dy = x - self._start_x[segment], y - self._start_y[segment]
-        cos, sin = self._cos[segment], self._sin[segment]
-        return dx * cos + dy * sin, dy * cos - dx * sin
-
-    def _distance(self, x: FloatArray, y: FloatArray, segment: IntArray) -> FloatArray:
-        """Distance of points to segments [m]; shapes broadcast."""
-        along, d = self._project(x, y, segment)
-        over = np.maximum(np.maximum(-along, along - self._size[segment]), 0.0)
-        return cast(FloatArray, np.hypot(over, d))
-
-    def _candidates(self, x: FloatArray, y: FloatArray) -> IntArray:
-        """(n, k) segments that can be within REACH of each point, padded with -1; all -1 off the grid."""
-        columns, rows = self._grid_shape
-        column = np.floor((x - self.bounds[0] + REACH) / CELL)
-        row = np.floor((y - self.bounds[1] + REACH) / CELL)
-        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        cell = np.where(inside, row * columns + column, columns * rows).astype(np.int64)
-        return self._grid[cell]
-
-    def _make_grid(self) -> tuple[IntArray, tuple[int, int]]:
-        """Candidates (cells + 1, k) by cell; the last row serves all points outside of the grid."""
-        x_min, y_min, x_max, y_max = self.bounds
-        columns = int((x_max - x_min + 2 * REACH) // CELL) + 1
-        rows = int((y_max - y_min + 2 * REACH) // CELL) + 1
-        lists: list[list[int]] = [[] for _ in range(columns * rows + 1)]
-        for segment in range(len(self._size)):
-            # A cell's candidates are complete for its own points: centre of the cell, half its diagonal, and REACH.
-            margin = REACH + CELL
-            ends_x = self._start_x[segment] + np.array([0.0, self._size[segment] * self._cos[segment]])
-            ends_y = self._start_y[segment] + np.array([0.0, self._size[segment] * self._sin[segment]])
-            from_column = max(int((ends_x.min() - margin - x_min + REACH) // CELL), 0)
-            to_column = min(int((ends_x.max() + margin - x_min + REACH) // CELL), columns - 1)
-            from_row = max(int((ends_y.min() - margin - y_min + REACH) // CELL), 0)
-            to_row = min(int((ends_y.max() + margin - y_min + REACH) // CELL), rows - 1)
-            column, row = np.meshgrid(np.arange(from_column, to_column + 1), np.arange(from_row, to_row + 1))
-            centre_x = x_min - REACH + (column.astype(np.float64) + 0.5) * CELL
-            centre_y = y_min - REACH + (row.astype(np.float64) + 0.5) * CELL
-            near = self._distance(centre_x, centre_y, np.array(segment)) <= REACH + CELL * np.sqrt(0.5)
-            for cell in (row * columns + column)[near]:
-                lists[cell].append(segment)
-        grid = np.full((len(lists), max(len(entry) for entry in lists)), -1, np.int64)
-        for cell, entry in enumerate(lists):
-            grid[cell, : len(entry)] = entry
-        return grid, (columns, rows)
-
-    def _neighbourhoods(self) -> BoolArray:
-        """(lanes, lanes) whether the second is the first itself, or directly precedes or follows it."""
-        near = np.eye(len(self.lanes), dtype=np.bool_)
-        for row, lane in enumerate(self.lanes):
-            for name in lane.successors:
-                near[row, self._row[name]] = near[self._row[name], row] = True
-        return near
-
-    def _straightest_successor(self, lane: Lane) -> int | None:
-        """Position of the successor that turns least, None where the net ends."""
-        if not lane.successors:
-            return None
-
-        def turn(name: str) -> tuple[float, str]:
-            start = self._first_segment[self._row[name]]
-            end = self._first_segment[self._row[lane.id] + 1] - 1
-            # The net's rounding must not decide between lanes that go on in the same direction.
-            return round(abs(float(wrap_angle(self._heading[start] - self._heading[end]))), 3), name
-
-        return self._row[min(lane.successors, key=turn)]
-
-
-def _drivable(lane: Any) -> bool:
-    """Whether cars may use a lane: no footpaths, crossings or rails."""
-    return bool(lane.allows("passenger"))
-
-
-def _lane(lane: Any) -> Lane:
-    """A lane as sumolib has read it."""
-    centerline = np.array([point[:2] for point in lane.getShape()], np.float64)
-    steps = np.hypot(*np.diff(centerline, axis=0).T)
-    keep = np.concatenate([[True], steps > TOLERANCE])
-    closed = np.array([centerline[0], centerline[0] + [2 * TOLERANCE, 0.0]])  # by rounding, in a very short junction
-    centerline = centerline[keep] if keep.sum() > 1 else closed
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
-    edge, index = lane.getEdge(), int(lane.getIndex())
-    beside = {int(other.getIndex()): other.getID() for other in edge.getLanes() if _drivable(other)}
-    following = []
-    for connection in lane.getOutgoing():
-        name = connection.getViaLaneID() or connection.getToLane().getID()
-        if connection.getToLane().allows("passenger"):
-            following.append(name)
-    return Lane(
-        id=lane.getID(),
-        edge_id=edge.getID(),
-        index=index,
-        width=float(lane.getWidth()),
-        speed_limit=float(lane.getSpeed()),
-        centerline=centerline,
-        s=s,
-        length=float(s[-1]),
-        successors=tuple(sorted(set(following))),
-        left=beside.get(index + 1),
-        right=beside.get(index - 1),
-        is_internal=lane.getID().startswith(":"),
-    )

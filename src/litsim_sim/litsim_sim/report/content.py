@@ -11,7 +11,7 @@ from litsim_sim.analysis.lanes import lane_map_of
 from litsim_sim.core.colours import Mode
 from litsim_sim.core.scene import FloatArray, Kind
 from litsim_sim.core.takeover import Takeover
-from litsim_sim.maps.lane_map import Lane
+from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.record.run import Run
 from litsim_sim.report.forecasts import Forecasts
 from litsim_sim.report.packing import Packer

@@ -11,7 +11,8 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from litsim_sim.core.scene import AgentTable, FloatArray
-from litsim_sim.maps.lane_map import Lane, LaneMap
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.ros.messages import header
 
 _FLOATS = ("x", "y", "z", "yaw", "speed", "vx", "vy", "length", "width")

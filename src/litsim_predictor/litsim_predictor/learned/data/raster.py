@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from litsim_sim.core.scene import ByteArray, FloatArray
-from litsim_sim.maps.lane_map import Lane, LaneMap
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.net_lanes import Lane
 
 CHANNELS = 4
 ROWS, COLUMNS = 24, 24

@@ -1,0 +1,107 @@
+"""The lanes of a SUMO net as plain data, in frame map: metres of the net, x right, y up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.sax import SAXException
+
+import numpy as np
+import sumolib
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
+
+TOLERANCE = 1e-3  # [m] coordinates of a net are rounded to this
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One lane.
+
+    Attributes:
+        id, edge_id: SUMO's names.
+        index: position in its edge, 0 is the rightmost.
+        width: [m].
+        speed_limit: [m/s].
+        centerline: (k, 2) in driving direction [m].
+        s: (k,) arc length of the vertices, from 0 [m].
+        length: [m].
+        successors: ids of the lanes that follow directly; where a junction has internal lanes, those.
+        left, right: ids of the neighbours in the same edge, None at its borders.
+        is_internal: inside a junction.
+    """
+
+    id: str
+    edge_id: str
+    index: int
+    width: float
+    speed_limit: float
+    centerline: FloatArray
+    s: FloatArray
+    length: float
+    successors: tuple[str, ...]
+    left: str | None
+    right: str | None
+    is_internal: bool
+
+
+def read_lanes(path: Path) -> list[Lane]:
+    """The lanes of a SUMO net that cars may use, those inside junctions included.
+
+    Raises:
+        InputError: the file is missing, is no SUMO net, or holds no lanes.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such net")
+    try:
+        net: Any = sumolib.net.readNet(str(path), withInternal=True, lxml=False)
+        edges = net.getEdges(withInternal=True)
+        lanes = [_lane(lane) for edge in edges for lane in edge.getLanes() if _drivable(lane)]
+    except (SAXException, OSError, KeyError, ValueError, AttributeError, TypeError, IndexError) as error:
+        raise InputError(f"{path}: not a readable SUMO net: {error!r}") from error
+    if not lanes:
+        raise InputError(f"{path}: the net holds no lanes")
+    known = {lane.id for lane in lanes}
+    for lane in lanes:
+        lost = [name for name in lane.successors if name not in known]
+        if lost:
+            raise InputError(f"{path}: lane {lane.id} leads to unknown lanes {lost}")
+    return lanes
+
+
+def _drivable(lane: Any) -> bool:
+    """Whether cars may use a lane: no footpaths, crossings or rails."""
+    return bool(lane.allows("passenger"))
+
+
+def _lane(lane: Any) -> Lane:
+    """A lane as sumolib has read it."""
+    centerline = np.array([point[:2] for point in lane.getShape()], np.float64)
+    steps = np.hypot(*np.diff(centerline, axis=0).T)
+    keep = np.concatenate([[True], steps > TOLERANCE])
+    closed = np.array([centerline[0], centerline[0] + [2 * TOLERANCE, 0.0]])  # by rounding, in a very short junction
+    centerline = centerline[keep] if keep.sum() > 1 else closed
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
+    edge, index = lane.getEdge(), int(lane.getIndex())
+    beside = {int(other.getIndex()): other.getID() for other in edge.getLanes() if _drivable(other)}
+    following = []
+    for connection in lane.getOutgoing():
+        name = connection.getViaLaneID() or connection.getToLane().getID()
+        if connection.getToLane().allows("passenger"):
+            following.append(name)
+    return Lane(
+        id=lane.getID(),
+        edge_id=edge.getID(),
+        index=index,
+        width=float(lane.getWidth()),
+        speed_limit=float(lane.getSpeed()),
+        centerline=centerline,
+        s=s,
+        length=float(s[-1]),
+        successors=tuple(sorted(set(following))),
+        left=beside.get(index + 1),
+        right=beside.get(index - 1),
+        is_internal=lane.getID().startswith(":"),
+    )

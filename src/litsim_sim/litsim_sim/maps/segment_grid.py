@@ -1,0 +1,108 @@
+"""The straight segments of all lanes as arrays, and a grid that finds those near a point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.maps.net_lanes import Lane
+
+CELL = 16.0  # [m] of the lookup grid
+REACH = 12.0  # [m] around a cell within which its candidates are complete; farther poses search the whole net
+
+
+class SegmentGrid:
+    """The k segments between neighbouring vertices of centre lines, lane after lane.
+
+    Attributes:
+        lane: (k,) position of each segment's lane among the lanes given.
+        start_x, start_y: (k,) where a segment begins, in frame map [m].
+        start_s: (k,) arc length of the lane there [m].
+        size: (k,) length of a segment [m].
+        cos, sin, heading: (k,) direction of a segment, and the same as an angle [rad].
+    """
+
+    def __init__(self, lanes: Sequence[Lane], bounds: tuple[float, float, float, float]) -> None:
+        """`bounds` of all centre lines: x min, y min, x max, y max [m]."""
+        counts = [len(lane.s) - 1 for lane in lanes]
+        self.lane = np.repeat(np.arange(len(lanes)), counts)
+        starts = np.concatenate([lane.centerline[:-1] for lane in lanes])
+        step = np.concatenate([np.diff(lane.centerline, axis=0) for lane in lanes])
+        self.size: FloatArray = np.hypot(step[:, 0], step[:, 1])
+        self.start_x, self.start_y = starts[:, 0], starts[:, 1]
+        self.cos, self.sin = step[:, 0] / self.size, step[:, 1] / self.size
+        self.heading: FloatArray = np.arctan2(step[:, 1], step[:, 0])
+        self.start_s = np.concatenate([lane.s[:-1] for lane in lanes])
+        self._first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)  # segment of each lane
+        self._length = np.array([lane.length for lane in lanes])
+        # One ascending key for all lanes, so that one search finds the segment of any (lane, s).
+        self._lane_key = np.concatenate([[0.0], np.cumsum(self._length + 1.0)])
+        self._start_key = self._lane_key[self.lane] + self.start_s
+        self._bounds = bounds
+        self._cells, self._shape = self._make_grid()
+
+    def __len__(self) -> int:
+        return len(self.size)
+
+    def project(self, x: FloatArray, y: FloatArray, segment: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Along and left of segments, from their starts [m]; shapes broadcast."""
+        dx, dy = x - self.start_x[segment], y - self.start_y[segment]
+        cos, sin = self.cos[segment], self.sin[segment]
+        return dx * cos + dy * sin, dy * cos - dx * sin
+
+    def distance(self, x: FloatArray, y: FloatArray, segment: IntArray) -> FloatArray:
+        """Distance of points to segments [m]; shapes broadcast."""
+        along, d = self.project(x, y, segment)
+        over = np.maximum(np.maximum(-along, along - self.size[segment]), 0.0)
+        return cast(FloatArray, np.hypot(over, d))
+
+    def pose_at(self, lane: IntArray, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """x, y [m] and heading [rad] at arc lengths `s` [m] of the lanes at positions `lane`; shapes broadcast.
+
+        Beyond its ends a lane is continued straight.
+        """
+        within = np.clip(s, 0.0, self._length[lane])
+        segment = np.searchsorted(self._start_key, self._lane_key[lane] + within, side="right") - 1
+        segment = np.clip(segment, self._first[lane], self._first[lane + 1] - 1)
+        along = s - self.start_s[segment]
+        x = self.start_x[segment] + along * self.cos[segment]
+        y = self.start_y[segment] + along * self.sin[segment]
+        return x, y, self.heading[segment]
+
+    def candidates(self, x: FloatArray, y: FloatArray) -> IntArray:
+        """(n, k) segments that can be within REACH of each point, padded with -1; all -1 off the grid."""
+        columns, rows = self._shape
+        column = np.floor((x - self._bounds[0] + REACH) / CELL)
+        row = np.floor((y - self._bounds[1] + REACH) / CELL)
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        cell = np.where(inside, row * columns + column, columns * rows).astype(np.int64)
+        return self._cells[cell]
+
+    def _make_grid(self) -> tuple[IntArray, tuple[int, int]]:
+        """Candidates (cells + 1, k) by cell; the last row serves all points outside of the grid."""
+        x_min, y_min, x_max, y_max = self._bounds
+        columns = int((x_max - x_min + 2 * REACH) // CELL) + 1
+        rows = int((y_max - y_min + 2 * REACH) // CELL) + 1
+        lists: list[list[int]] = [[] for _ in range(columns * rows + 1)]
+        for segment in range(len(self.size)):
+            # A cell's candidates are complete for its own points: centre of the cell, half its diagonal, and REACH.
+            margin = REACH + CELL
+            ends_x = self.start_x[segment] + np.array([0.0, self.size[segment] * self.cos[segment]])
+            ends_y = self.start_y[segment] + np.array([0.0, self.size[segment] * self.sin[segment]])
+            from_column = max(int((ends_x.min() - margin - x_min + REACH) // CELL), 0)
+            to_column = min(int((ends_x.max() + margin - x_min + REACH) // CELL), columns - 1)
+            from_row = max(int((ends_y.min() - margin - y_min + REACH) // CELL), 0)
+            to_row = min(int((ends_y.max() + margin - y_min + REACH) // CELL), rows - 1)
+            column, row = np.meshgrid(np.arange(from_column, to_column + 1), np.arange(from_row, to_row + 1))
+            centre_x = x_min - REACH + (column.astype(np.float64) + 0.5) * CELL
+            centre_y = y_min - REACH + (row.astype(np.float64) + 0.5) * CELL
+            near = self.distance(centre_x, centre_y, np.array(segment)) <= REACH + CELL * np.sqrt(0.5)
+            for cell in (row * columns + column)[near]:
+                lists[cell].append(segment)
+        grid = np.full((len(lists), max(len(entry) for entry in lists)), -1, np.int64)
+        for cell, entry in enumerate(lists):
+            grid[cell, : len(entry)] = entry
+        return grid, (columns, rows)
