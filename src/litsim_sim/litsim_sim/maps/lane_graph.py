@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import BoolArray
+from litsim_sim.core.scene import BoolArray, FloatArray
 from litsim_sim.maps.net_lanes import Lane
 
 DECIMALS = 3  # of an angle [rad]: the net's rounding must not decide between lanes that go on in the same direction
@@ -38,7 +38,7 @@ def straightest_successors(lanes: Sequence[Lane]) -> list[int | None]:
     return [successor(lane) for lane in lanes]
 
 
-def _heading(lane: Lane, segment: int) -> np.float64:
+def _heading(lane: Lane, segment: int) -> FloatArray:
     """Direction [rad] of a segment of the centre line."""
     step = np.diff(lane.centerline, axis=0)[segment]
-    return np.float64(np.arctan2(step[1], step[0]))
+    return np.asarray(np.arctan2(step[1], step[0]))
