@@ -91,12 +91,12 @@ class Bystander:
         rclpy.shutdown(context=self._context)
 
     def start(self) -> None:
-        """Count time from now."""
+        """Take this moment for the start, from which times are counted."""
         self._began = time.monotonic()
 
     @property
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """Of the stack, as far as found."""
+        """The publishers and subscriptions of the stack that have been found so far, by topic."""
         named = {each for each in self._endpoints.values() if each.node not in OURS and UNKNOWN not in each.node}
         return tuple(sorted(named, key=lambda e: (e.topic, e.node, e.publishes)))
 
@@ -118,7 +118,7 @@ class Bystander:
         self._look()
 
     def _look(self) -> None:
-        """Note who is there. A publisher on a topic of the port is the stack's, whatever its node is called."""
+        """Note the endpoints. A publisher on a topic of the port is the stack's, whatever its node is called."""
         present = False
         for interface, topic in EGO_INPUTS.items():
             for info in self._node.get_publishers_info_by_topic(topic.name):

@@ -258,12 +258,15 @@ def _frame_is_right(answer: Answer) -> bool:
 
 
 def _in_frame(answer: Answer) -> Answer:
-    """The same answer in the right frame: whether that is wrong is another clause."""
+    """`answer` as if its frame were the right one: whether that is wrong is judged by another clause."""
     return replace(answer, frame=MAP_FRAME if answer.interface == Interface.TRAJECTORY else BODY_FRAMES[0])
 
 
 def _offset(heard: Heard, seen: Evidence) -> float | None:
-    """From the ego to a trajectory at the time of its step [m]; None where there is none that covers it."""
+    """Distance [m] from the ego to the trajectory of `heard` at the time of the step that it answers.
+
+    None where the answer is no trajectory, or one that does not cover that time.
+    """
     target, ego = heard.answer.target, seen.states.get(heard.step)
     if not isinstance(target, Trajectory) or ego is None or problem(_in_frame(heard.answer)):
         return None
@@ -274,7 +277,7 @@ def _offset(heard: Heard, seen: Evidence) -> float | None:
 
 
 def _stray(answer: Answer, seen: Evidence) -> float | None:
-    """Share of a trajectory's headings that do not follow the lane there; None where it does not move."""
+    """Share (0 to 1) of the segments of a trajectory that do not lead along their lane; None where it does not move."""
     target = answer.target
     if not isinstance(target, Trajectory) or len(target.time) < 2:
         return None

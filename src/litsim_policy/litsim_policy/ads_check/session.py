@@ -33,7 +33,7 @@ STACK = "stack"
 
 @dataclass(frozen=True)
 class Check:
-    """What to do.
+    """What is checked, and how.
 
     Attributes:
         scenario: of the run.
@@ -235,7 +235,7 @@ def _end(stack: Child) -> None:
 
 
 def _states(check: Check) -> dict[int, EgoState]:
-    """Of the ego, by step, from the record; none where the run did not come so far."""
+    """States of the ego by step, from the record; an empty mapping where the run has left none."""
     try:
         run = read_run(check.out)
     except InputError:

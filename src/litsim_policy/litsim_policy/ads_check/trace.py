@@ -66,7 +66,7 @@ class Ending:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Everything that was seen.
+    """Everything that was seen of a stack in one run.
 
     Attributes:
         wait_s: for which a publisher was waited for.

@@ -113,7 +113,7 @@ def _rows(arguments: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def print_table(title: str, summary: dict[str, dict[str, Any]]) -> None:
-    """Policies side by side."""
+    """Print `summary`, measures by row of the table, with the policies side by side."""
     table = Table(title=title, title_justify="left")
     table.add_column("")
     for policy in summary:
@@ -131,7 +131,7 @@ def print_table(title: str, summary: dict[str, dict[str, Any]]) -> None:
 
 
 def _at_least_one(text: str) -> int:
-    """Of processes.
+    """A number of processes from the text of an option.
 
     Raises:
         argparse.ArgumentTypeError: the text is no such number.

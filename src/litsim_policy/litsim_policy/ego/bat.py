@@ -75,7 +75,7 @@ class BatEgo:
         return EgoCommand(table.step, acceleration, yaw_rate)
 
     def _road(self, point: FloatArray, heading: FloatArray) -> LaneMap:
-        """The lanes that lead on from the one at `point` (1, 2), `heading` (1,): no ramp on the far side of a gore."""
+        """Map of the lanes that lead on from `point` (1, 2), `heading` (1,) [rad]: no ramp beyond a gore."""
         lane_map = self._scenario.lane_map
         rows = lanes_ahead(lane_map, int(lane_map.nearest(point[:, 0], point[:, 1], heading).lane[0]))
         if rows not in self._reachable:
@@ -102,7 +102,7 @@ def onward(points: FloatArray, yaw: float) -> FloatArray:
 
 
 def travelled(points: FloatArray) -> FloatArray:
-    """(k,) length [m] of the way from the first of `points` (k + 1, 2) to each other."""
+    """Length (k,) [m] of the way along `points` (k + 1, 2) from the first to each of the others."""
     return np.cumsum(np.hypot(*np.diff(points, axis=0).T))
 
 

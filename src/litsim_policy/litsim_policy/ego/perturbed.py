@@ -82,7 +82,7 @@ class PerturbedEgo:
         self.first_step = scenario.history_steps + round(drawn / STEP_S)
         """Step from which on the ego is off its log, at the earliest."""
         self.kind = ("brake", "lane_change")[changes_lane] if self._config.kind == "mixed" else self._config.kind
-        """What it does then."""
+        """What it does from then on: brake, lane_change, or another of KINDS."""
 
     def plan(self, table: AgentTable) -> EgoCommand:
         """See :class:`litsim_policy.ego.registry.Ego`."""

@@ -1,4 +1,7 @@
-"""The critic: tells what human drivers did from what the policy does, and so rewards the policy for doing the same."""
+"""The critic: tells what recorded drivers did from what the policy does, and so rewards the policy for doing the same.
+
+The drivers of NGSIM are people, those of generated segments are SUMO's models: the critic is shown both.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ class CriticConfig:
 
 
 class Critic(nn.Module):
-    """A logit for observation and executed action: positive where it takes the driver for human."""
+    """A logit for observation and executed action: positive where it takes the pair for a recorded driver's."""
 
     def __init__(self, observations: int) -> None:
         super().__init__()
@@ -76,7 +79,15 @@ def update_critic(
     config: CriticConfig,
     generator: torch.Generator,
 ) -> CriticStep:
-    """Some steps of logistic regression with gradient penalty on expert and policy pairs (m, observations + 3)."""
+    """Take `config.updates` steps of logistic regression with gradient penalty, and return what they found.
+
+    Args:
+        critic: to teach.
+        optimiser: of its parameters.
+        expert, policy: pairs (m, observations + 3) of recorded drivers and of the policy.
+        config: of the update.
+        generator: of the draws.
+    """
     entropy = nn.functional.binary_cross_entropy_with_logits
     losses, right = 0.0, 0.0
     for _ in range(config.updates):

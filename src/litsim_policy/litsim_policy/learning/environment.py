@@ -39,10 +39,11 @@ NOBODY = -1
 
 @dataclass(frozen=True)
 class EnvironmentConfig:
-    """An episode.
+    """How long an episode lasts, and who is driven in it.
 
     Attributes:
-        steps_max: simulated steps of 0.1 s after the history; the paper has 300.
+        steps_max: simulated steps of 0.1 s after the history, fewer where the scenario ends before: the default is the
+            paper's, but segments of 28 s have 250.
         slots: agents under the policy at a time; further ones yield by rule.
         drafted: agents near the ego that are put under the policy at the start, conflict or not.
         draft_radius: [m] around the ego within which they are drawn.
@@ -166,7 +167,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         return self._observations(), reward, terminated, truncated, self._info() | {"outcome": outcome}
 
     def _see(self, table: AgentTable) -> None:
-        """Take in a new step: forecast, takeovers."""
+        """Make `table` the current step: forecast it and see who is off the log; nobody is in a slot yet."""
         self._table = table
         self._takeovers = self._manager.update(table, self._predictor.forecast(table))
         self._tasks: list[DrivingTask] = []
@@ -175,7 +176,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         self._see(self.world.step(controls, self._ego.plan(self._table)))
 
     def _choose(self) -> None:
-        """Who is in the slots now: who is held, and who is drafted; ids ascend."""
+        """Fill the slots for the current step, ids ascending, with who is held and who is drafted."""
         table = self._table
         if table.step >= self.scenario.history_steps + self.config.draft_steps:
             self._drafted = {}
@@ -189,13 +190,13 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         self._tasks = [tasks[agent] for agent in sorted(tasks)][: self.config.slots]
 
     def _pass_by(self) -> None:
-        """Steps at which nobody is driven."""
+        """Let steps pass until somebody is in a slot or the episode's time is up."""
         while not self._tasks and self._table.step < self._end:
             self._advance(self._others_controls())
             self._choose()
 
     def _others_controls(self) -> ControlTable:
-        """Of the agents that are off their log and in no slot."""
+        """The rules' answer to the current step, for the agents that are off their log and in no slot."""
         driven = {task.agent for task in self._tasks}
         others = tuple(t for t in self._takeovers.takeovers if t.agent not in driven)
         return self._rule.act(self._table, TakeoverTable(self._table.step, others))
@@ -237,13 +238,13 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         return Outcome(driven, following, executed, penalty, terms, terminated, driven_on)
 
     def _observe(self, tasks: list[DrivingTask]) -> FloatArray:
-        """(m, size) features of the agents with `tasks` (m); the road may be empty where there are none."""
+        """Features (m, size) of the agents with `tasks` (m) now; where there are none, the road may be empty."""
         if not tasks:
             return np.empty((0, self._observation.size))
         return self._observer.observe(self._table, tasks)
 
     def _observations(self) -> Array:
-        """(slots, size) of who is in the slots now."""
+        """Observations (slots, size) of who is in the slots now; zeros where a slot is empty."""
         observation = np.zeros(self.observation_space.shape or ())
         observation[: len(self._tasks)] = self._seen
         return observation

@@ -1,4 +1,7 @@
-"""What human drivers did: observations and actions of recorded vehicles that interact, for warm start and critic."""
+"""What recorded drivers did: observations and actions of vehicles that interact, for warm start and critic.
+
+Of NGSIM these are people, of generated segments SUMO's driver models.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,7 @@ class ExpertConfig:
 
 @dataclass(frozen=True)
 class ExpertPairs:
-    """n pairs.
+    """Observations and what was done about them, n pairs in an order that has no meaning.
 
     Attributes:
         observation: (n, size).
@@ -110,7 +113,7 @@ def _of_scenario(
 
 
 def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
-    """(n,) who moves and has somebody ahead or beside."""
+    """Mask (n,) of the agents of `table` that move and have somebody ahead or beside, as near as `config` says."""
     dx, dy = table.x[None] - table.x[:, None], table.y[None] - table.y[:, None]
     ahead, left = to_body(dx, dy, table.yaw[:, None])
     leads = (ahead > 0) & (ahead < config.ahead) & (np.abs(left) < 0.5 * (table.width[None] + table.width[:, None]))
@@ -119,7 +122,7 @@ def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
 
 
 def _opponent(table: AgentTable, row: int) -> int:
-    """Whoever is nearest."""
+    """Id of the agent whose box centre is nearest to that of the agent in `row`."""
     distance = np.hypot(table.x - table.x[row], table.y - table.y[row])
     distance[row] = np.inf
     return int(table.id[np.argmin(distance)])
@@ -136,7 +139,11 @@ def _inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tup
 def _displaced(
     table: AgentTable, chosen: np.ndarray, tasks: list[DrivingTask], config: ExpertConfig, random: np.random.Generator
 ) -> tuple[list[AgentTable], FloatArray]:
-    """Tables with one vehicle displaced each, and the yaw rates (m,) of a pursuit of its path from there [rad/s]."""
+    """Displace the vehicles in the rows `chosen` (m,), one at a time.
+
+    Returns:
+        m tables with one vehicle displaced each, and the yaw rates (m,) [rad/s] of a pursuit of its path from there.
+    """
     tables, steering = [], []
     for row, task in zip(chosen.tolist(), tasks, strict=True):
         offset, turn = random.normal(0.0, config.offset), random.normal(0.0, config.turn)

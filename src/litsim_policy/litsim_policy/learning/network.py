@@ -33,13 +33,17 @@ class GaussianPolicy(nn.Module):
             nn.init.zeros_(layer.bias)
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Means (m, 3) before tanh."""
+        """Means (m, 3) of the Gaussians before tanh, for observations (m, size)."""
         hidden = torch.tanh(self.hidden1(torch.tanh(self.hidden0(observation))))
         values: Tensor = self.mean(hidden)
         return values
 
     def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Actions before tanh (m, 3), and the logarithm of their density (m,) after it."""
+        """Draw actions for observations (m, size).
+
+        Returns:
+            the actions before tanh (m, 3), and the logarithm of the density of what tanh makes of them (m,).
+        """
         with torch.no_grad():
             mean = self(observation)
             raw = mean + self._std() * torch.randn(mean.shape, generator=generator)
@@ -50,7 +54,7 @@ class GaussianPolicy(nn.Module):
         return self._log_density(self(observation), raw)
 
     def entropy(self) -> Tensor:
-        """Of the Gaussian before tanh, a scalar; that of the squashed one has no closed form."""
+        """Entropy of the Gaussian before tanh, a scalar in nats; that of the squashed one has no closed form."""
         return (torch.log(self._std()) + 0.5 * np.log(2.0 * np.pi * np.e)).sum()
 
     def _std(self) -> Tensor:
@@ -62,13 +66,13 @@ class GaussianPolicy(nn.Module):
 
 
 def multilayer(inputs: int, outputs: int) -> nn.Sequential:
-    """Two hidden layers of the policy's size, for value and critic."""
+    """A fresh network from (m, `inputs`) to (m, `outputs`), for value and critic: two hidden layers as the policy's."""
     layers = [nn.Linear(inputs, HIDDEN), nn.Tanh(), nn.Linear(HIDDEN, HIDDEN), nn.Tanh(), nn.Linear(HIDDEN, outputs)]
     return nn.Sequential(*layers)
 
 
 def driving_network(policy: GaussianPolicy) -> PolicyNetwork:
-    """The same means, after tanh, in numpy."""
+    """The network that drives by the means of `policy` after tanh: its weights as numpy arrays, float64."""
     layers = (policy.hidden0, policy.hidden1, policy.mean)
     arrays = [(layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in layers]
     return PolicyNetwork(

@@ -1,4 +1,4 @@
-"""Learning curves of policy C."""
+"""The learning curves of policy C as a picture."""
 
 from __future__ import annotations
 

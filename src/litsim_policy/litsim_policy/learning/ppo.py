@@ -14,7 +14,7 @@ from litsim_sim.core.scene import BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class PpoConfig:
-    """The update; the paper gives learning rate 0.03 and batch 32.
+    """Parameters of the update; of these the paper gives a learning rate of 0.03 and batches of 32.
 
     Attributes:
         learning_rate: of Adam.
@@ -52,7 +52,7 @@ class Track:
     Attributes:
         observation: (T + 1, size), the last one after the last step.
         raw: (T, 3) actions before tanh.
-        log_probability: (T,) of them.
+        log_probability: (T,) logarithm of the density with which the policy drew them, after tanh.
         executed: (T, 3) what the vehicle did, as actions in [-1, 1].
         penalty: (T,) of the augmented reward, at most 0.
         terminated: whether it ended in a collision or off the road; otherwise the agent went on in other hands, or the
@@ -72,7 +72,15 @@ class Track:
 
 @dataclass(frozen=True)
 class Batch:
-    """Transitions of an iteration; tensors (m, ...)."""
+    """The m agent-steps of an iteration, of all tracks one after another.
+
+    Attributes:
+        observation: (m, size) before the step.
+        raw: (m, 3) actions before tanh.
+        log_probability: (m,) of them, by the policy that drove.
+        advantage: (m,) of mean 0 and standard deviation 1.
+        target: (m,) that the value is to learn.
+    """
 
     observation: Tensor
     raw: Tensor
@@ -102,7 +110,14 @@ class Demonstrations:
 
 @dataclass(frozen=True)
 class PpoStep:
-    """Means over an update."""
+    """Means over the minibatches of an update.
+
+    Attributes:
+        policy_loss: clipped surrogate, negated.
+        value_loss: squared error of the value.
+        divergence: Kullback-Leibler divergence from the policy that drove.
+        clipped: share of agent-steps whose probability ratio was clipped.
+    """
 
     policy_loss: float
     value_loss: float
@@ -134,7 +149,14 @@ def advantages(
 
 
 def make_batch(tracks: list[Track], rewards: list[FloatArray], value: nn.Module, config: PpoConfig) -> Batch:
-    """Transitions of all tracks with their advantages, brought to mean 0 and standard deviation 1."""
+    """The agent-steps of all `tracks`, with advantages that have mean 0 and standard deviation 1 over all of them.
+
+    Args:
+        tracks: what the policy drove.
+        rewards: (T,) of each track.
+        value: network of the value of observations.
+        config: discount and smoothing.
+    """
     found = []
     with torch.no_grad():
         for track, reward in zip(tracks, rewards, strict=True):
@@ -162,7 +184,7 @@ def update_policy(
     *,
     value_only: bool = False,
 ) -> PpoStep:
-    """Passes over `batch` in random order; whole minibatches, the rest of a pass is left out.
+    """Make passes over `batch` in random order and in whole minibatches (the rest of a pass is left out).
 
     Args:
         policy, value: to update.
@@ -217,5 +239,5 @@ def executed_pairs(tracks: list[Track]) -> Tensor:
 
 
 def tensor(values: np.ndarray | BoolArray) -> Tensor:
-    """float32, as the networks compute."""
+    """`values` as a tensor of the same shape, float32, in which the networks compute."""
     return torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32)

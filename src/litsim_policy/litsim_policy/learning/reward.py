@@ -22,7 +22,7 @@ NEAR_ALONG, NEAR_ACROSS = 1.5, 0.4  # [m] between boxes, along and across, below
 
 @dataclass(frozen=True)
 class PenaltyConfig:
-    """Weights; the critic's reward is at most a few units a step.
+    """Weights of the penalties; beside them, the critic's reward is at most a few units a step.
 
     Attributes:
         collision: once, when it happens; the episode ends there.
@@ -43,10 +43,11 @@ class PenaltyConfig:
 
 @dataclass(frozen=True)
 class Penalties:
-    """How bad it is, each in [0, 1]; arrays (m,).
+    """What each of m agents is punished for in one step, before weights; arrays (m,).
 
     Attributes:
         collision, off_road: whether it happened in this step.
+        edge, proximity, hard_brake: how bad it is, from 0 to 1.
         guard: whether a guard would have changed the command.
     """
 
@@ -58,7 +59,7 @@ class Penalties:
     guard: BoolArray
 
     def total(self, config: PenaltyConfig) -> FloatArray:
-        """(m,) at most 0. Of the terms that last, only the worst counts, as in RAIL."""
+        """Weighted sum of the penalties (m,), at most 0; of the terms that last, only the worst counts, as in RAIL."""
         lasting = np.maximum.reduce(
             [
                 config.edge * self.edge,
@@ -73,7 +74,7 @@ class Penalties:
 def penalties(
     before: AgentTable, after: AgentTable, agents: IntArray, lane_map: LaneMap, guarded: BoolArray
 ) -> Penalties:
-    """Of `agents` (m,), who are on the road in both tables, over the step between them.
+    """The penalties of `agents` (m,), who are on the road in both tables, for the step between them.
 
     `guarded` (m,) tells whose command a guard would have changed.
 

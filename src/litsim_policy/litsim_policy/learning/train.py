@@ -81,14 +81,18 @@ def _iterate(
     shown: Demonstrations,
     iteration: int,
 ) -> dict[str, float]:
-    """Drive, teach the critic, reward, update the policy; returns what was seen."""
+    """Make one iteration: drive, teach the critic, reward, update the policy.
+
+    Returns:
+        its entry of the history: rates of :func:`litsim_policy.learning.rollout.collect`, means of critic and update.
+    """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
     tracks, counts = collect(environment, training.policy, config, iteration, generator)
     pairs = executed_pairs(tracks)
     critic = update_critic(training.critic, training.critic_optimiser, expert, pairs, config.critic, generator)
-    human = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
-    scaled = config.critic_reward * (human - human.mean()) / (human.std() + 1e-6)
+    passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
+    scaled = config.critic_reward * (passing - passing.mean()) / (passing.std() + 1e-6)
     ends = np.cumsum([len(track) for track in tracks])
     rewards = [part + track.penalty for part, track in zip(np.split(scaled, ends[:-1]), tracks, strict=True)]
     batch = make_batch(tracks, rewards, training.value, config.ppo)
@@ -103,7 +107,7 @@ def _iterate(
         value_only=iteration < config.ppo.value_first,
     )
     return counts | {
-        "critic_reward": float(human.mean()),
+        "critic_reward": float(passing.mean()),
         "critic_accuracy": critic.accuracy,
         "critic_loss": critic.loss,
         "value_loss": step.value_loss,
@@ -114,7 +118,7 @@ def _iterate(
 
 
 def demonstrations(experts: ExpertPairs) -> Demonstrations:
-    """What drivers did, and how displaced vehicles come back to their paths."""
+    """What the policy is shown (2 n pairs): what drivers did, and how displaced vehicles come back to their paths."""
     return Demonstrations(
         tensor(np.concatenate([experts.observation, experts.displaced])),
         tensor(np.concatenate([experts.action, experts.correction])),
@@ -122,7 +126,7 @@ def demonstrations(experts: ExpertPairs) -> Demonstrations:
 
 
 def _warm_start(policy: GaussianPolicy, shown: Demonstrations, config: TrainConfig) -> None:
-    """Behaviour cloning of the mean action."""
+    """Teach `policy` the pairs that it is `shown`, by the squared error of its mean action; changes it in place."""
     generator = torch.Generator().manual_seed(config.seed)
     optimiser = torch.optim.Adam(policy.parameters(), config.warm_start.learning_rate)
     for _ in range(config.warm_start.epochs):

@@ -22,7 +22,7 @@ EVERY = 10  # one agent in this many is off its log
 
 @dataclass(frozen=True)
 class Timing:
-    """One number of agents.
+    """What detection took with one number of agents.
 
     Attributes:
         agents: on the road.
@@ -65,7 +65,7 @@ def measure_detection(agents: int, repeats: int) -> Timing:
 
 
 def detection_rows(timing: Timing) -> Iterator[str]:
-    """A row of the table."""
+    """The cells of the row of `timing` in the printed table."""
     yield from map(str, (timing.agents, timing.off_log, timing.pairs, timing.conflicts))
     for values in (timing.wall, timing.cpu):
         yield f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"

@@ -49,12 +49,12 @@ class Job:
 
     @property
     def row(self) -> str:
-        """Name of the row of the table that it belongs to."""
+        """Name of the row of the table that the run is counted in: policy and label."""
         return ", ".join(part for part in (self.policy, self.label) if part)
 
     @property
     def name(self) -> str:
-        """Which run of its row it is."""
+        """Name of the run within its row: scenario and ego, and the seed where one was asked for."""
         run = f"{Path(self.scenario).stem}/{self.ego_id}"
         return run if self.seed is None else f"{run}/{self.seed}"
 

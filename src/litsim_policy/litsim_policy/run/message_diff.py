@@ -158,7 +158,7 @@ def _keys(records: list[Any]) -> list[int]:
 
 
 def _one_sided(name: str, a: list[int], b: list[int], place: _Place) -> list[Difference]:
-    """Who is in one of two lists only; where both hold the same, they are in another order."""
+    """Differences of two lists of agents that are not equal: who is in one only, else that the order is another."""
     alone = sorted(set(a) ^ set(b))
     if not alone:
         return [place.at(f"order of {name}", str(a), str(b))]

@@ -50,7 +50,7 @@ class Record:
     notes: list[str] = field(default_factory=list)
 
     def read(self, stage: str) -> ParameterOverrides:
-        """What the stage has told of its parameters."""
+        """The parameters of `stage` as it has told them in the record, to configure its core with."""
         return ParameterOverrides(stage, self.parameters.get(stage, {}))
 
 

@@ -114,7 +114,7 @@ def resimulate(record: Record) -> Resimulated:
 
 
 def _again(record: Record) -> Runner:
-    """The runner with the stages as they were configured."""
+    """A runner of the recorded plan, its stages configured as they were."""
     info = record.info
     external = info.ego == EXTERNAL
     silent = [name for name in STAGES if name in info.stages and name not in record.parameters]
@@ -126,7 +126,7 @@ def _again(record: Record) -> Runner:
 
 
 class _RecordedEgo:
-    """An ego that answers as recorded; where it has not, as before."""
+    """An ego that answers every step as recorded, and where no answer is recorded, as at the step before."""
 
     def __init__(self, commands: dict[int, Any]) -> None:
         self._commands, self._last = commands, EgoCommand(0)
@@ -140,7 +140,7 @@ class _RecordedEgo:
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage as its node shows it.
+    """What a stage reads and publishes, and how its core answers a record.
 
     Attributes:
         inputs, output: topics.
@@ -185,7 +185,7 @@ STAGES = {
 
 
 def _digest(digest: RunDigest, messages: dict[str, dict[int, Any]], step: int) -> None:
-    """Take in a step as it is recorded."""
+    """Add the recorded messages of `step` to `digest`."""
     agents, controls, ego = (messages[topic.name].get(step) for topic in (AGENTS, CONTROLS, EGO_CONTROL))
     if agents is not None:
         digest.update(

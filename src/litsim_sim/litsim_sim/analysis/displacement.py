@@ -10,7 +10,7 @@ import numpy as np
 from litsim_sim.core.scene import AgentTable, Controller, FloatArray, IntArray
 from litsim_sim.record.run import Run
 
-HORIZONS_S = (5, 10, 15, 20, 25)  # of simulation, as in the LitSim paper's table I
+HORIZONS_S = (5, 10, 15, 20, 25)  # of simulation, as in the LitSim paper's table II
 
 _CONTROLLED = (Controller.POLICY, Controller.BASELINE)
 

@@ -21,7 +21,7 @@ def trajectories(run: Run) -> pd.DataFrame:
     """One row per agent and step, sorted so: the columns of the neutral schema and EXTRA.
 
     `frame` is the recording's, `lane` that of the net in the bag, counted from the left of its edge (-1: inside a
-    junction, or no net), `controller` who moved the agent: log, policy, ego or baseline.
+    junction, or no net), `controller` who moved the agent: log, policy or ego.
 
     Raises:
         InputError: the net or the scenario in the bag cannot be read.

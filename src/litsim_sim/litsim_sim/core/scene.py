@@ -31,7 +31,7 @@ class Kind(IntEnum):
 
 
 class Controller(IntEnum):
-    """Who moves an agent, numbered as in ``litsim_msgs/AgentStates``."""
+    """Who moves an agent, numbered as in ``litsim_msgs/AgentStates``; BASELINE is reserved, nobody produces it."""
 
     LOG = 0
     POLICY = 1
@@ -191,7 +191,7 @@ class ControlTable:
 
 
 class ControlSource(IntEnum):
-    """Numbered as in ``litsim_msgs/Controls``."""
+    """Where a command comes from, numbered as in ``litsim_msgs/Controls``; BASELINE is reserved as in Controller."""
 
     POLICY = 1
     HANDBACK = 2

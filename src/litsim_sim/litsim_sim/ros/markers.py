@@ -103,7 +103,7 @@ class ConflictLayer(Layer):
     """Why agents are off their logs: of each that is held, four namespaces.
 
     `conflicts`: its box at the predicted overlap. `opponents`: a line from it to its opponent. `paths`: the reference
-    path. `goals`: the point that ends the takeover once passed.
+    path. `goals`: the crossing point that the path leads to.
     """
 
     def draw(self, message: Takeovers, table: AgentTable | None) -> MarkerArray:

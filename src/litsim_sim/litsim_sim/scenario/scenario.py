@@ -41,7 +41,8 @@ class ScenarioFile(BaseModel):
         ego: id of the vehicle that the driving system under test moves.
         egos: ids that experiments take as ego, one run each.
         tuning: ids for tuning a system before such an experiment; disjoint from `egos`.
-        roi_m: radius around the ego within which agents may be taken over [m].
+        roi_m: radius around the ego, and around every other agent off its log, within which agents are forecast and may
+            be taken over [m].
         seed: of everything random.
         vehicle: of the ego, by the fields of :class:`litsim_sim.core.vehicle.VehicleModel` that are not the default.
     """
@@ -188,7 +189,7 @@ class Scenario:
 
     @property
     def roi_m(self) -> float:
-        """Radius around the ego within which agents may be taken over [m]."""
+        """Radius around each agent off its log within which others are forecast and may be taken over [m]."""
         return self.file.roi_m
 
     @property
