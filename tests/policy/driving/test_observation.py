@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from litsim_policy.driving import observation as o
-from litsim_policy.driving.observation import DrivingTask, ObservationConfig, Observer, window
-from litsim_policy.motion.reference_path import ReferencePath
+from litsim_policy.driving.observation import ObservationConfig, Observer
+from litsim_policy.driving.task import DrivingTask
+from litsim_policy.motion.reference_path import ReferencePath, window
 from litsim_sim.scenario.scenario import Scenario
 
 NOW = 20

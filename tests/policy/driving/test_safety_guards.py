@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.observation import DrivingTask
 from litsim_policy.driving.safety import GUARDS, SafeCommands, SafetyConfig, SafetyLayer
+from litsim_policy.driving.task import DrivingTask
 from litsim_policy.motion.reference_path import lane_path
 from litsim_sim.core.scene import STEP_S, AgentTable
 

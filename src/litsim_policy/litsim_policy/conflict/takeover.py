@@ -9,7 +9,7 @@ import numpy as np
 
 from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector, PredictedMotion
 from litsim_policy.motion.car_following import along_path
-from litsim_policy.motion.reference_path import ReferencePath, logged_path
+from litsim_policy.motion.reference_path import ReferencePath, logged_path, window_of
 from litsim_policy.motion.route import Router
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.errors import InputError
@@ -18,8 +18,6 @@ from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, IntArray
 from litsim_sim.core.takeover import PathSource, Pose, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
-
-PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of the reference path that the policy is given
 
 HANDBACKS = ("catch_up", "time_shift")
 
@@ -263,8 +261,7 @@ class TakeoverManager:
         position, speed, _ = _residual(table, row, on_log, log_row) if log_row >= 0 else (-1.0, 0.0, 0.0)
         lag = int(self._lag[self.scenario.log.row(record.takeover.agent)])
         s, _ = record.path.project(table.x[row : row + 1], table.y[row : row + 1])
-        kept = (record.path.s >= s[0] - PATH_BEHIND) & (record.path.s <= s[0] + PATH_AHEAD)
-        points = record.path.points[kept] if kept.sum() >= 2 else record.path.points[-2:]
+        points = record.path.points[window_of(record.path.s, float(s[0]))]
         return replace(
             record.takeover,
             reference_path=points,

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from litsim_sim.core.scene import FloatArray
+
 
 @dataclass(frozen=True)
 class HandbackConfig:
@@ -32,8 +34,21 @@ class HandbackConfig:
     speed_gain: float = 1.2
 
 
-def catch_up(config: HandbackConfig, lag: float, speed: float, log_speed: float, log_acceleration: float) -> float:
-    """Acceleration [m/s2] that closes `lag`, the distance [m] along the path by which the log is ahead."""
+def catch_up(
+    config: HandbackConfig,
+    lag: float | FloatArray,
+    speed: float | FloatArray,
+    log_speed: float | FloatArray,
+    log_acceleration: float | FloatArray,
+) -> FloatArray:
+    """Accelerations (...) [m/s2] that close `lag` (...), the distance [m] along the path by which the log is ahead.
+
+    Args:
+        config: bounds and gains.
+        lag: [m].
+        speed: of the agents [m/s].
+        log_speed, log_acceleration: of their logs [m/s], [m/s2].
+    """
     approach = np.clip(config.position_gain * lag / config.speed_gain, -config.speed_excess, config.speed_excess)
     wanted = log_acceleration + config.speed_gain * (log_speed + approach - speed)
-    return float(np.clip(wanted, -config.deceleration_max, config.acceleration_max))
+    return np.asarray(np.clip(wanted, -config.deceleration_max, config.acceleration_max))

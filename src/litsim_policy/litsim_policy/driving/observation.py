@@ -18,12 +18,10 @@ from typing import Literal
 
 import numpy as np
 
-from litsim_policy.conflict.takeover import PATH_AHEAD, PATH_BEHIND
-from litsim_policy.motion.car_following import along_path
-from litsim_policy.motion.reference_path import ReferencePath, pursuit_reach, pursuit_yaw_rate
+from litsim_policy.driving.task import DrivingScene, DrivingTask
+from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.core.takeover import Takeover
 from litsim_sim.maps.lane_map import LaneMap
 
 LIMIT = 3.0  # features are cut to +-LIMIT after scaling
@@ -55,33 +53,6 @@ WAY_FEATURES = (
     "opponent to the left",
     "speed of the opponent less the own",
 )
-
-
-@dataclass(frozen=True)
-class DrivingTask:
-    """Where an agent under policy C is going.
-
-    Attributes:
-        agent: id.
-        path: reference path.
-        goal: (2,) the conflict's crossing point, x and y in frame map [m].
-        due_step: step at which the agent, had it followed its log, was expected there.
-        opponent: id of the agent that it is in conflict with; -1 is nobody.
-    """
-
-    agent: int
-    path: ReferencePath
-    goal: FloatArray
-    due_step: int
-    opponent: int = -1
-
-    @classmethod
-    def of(cls, takeover: Takeover) -> DrivingTask:
-        """DrivingTask of an agent that was taken over."""
-        due = takeover.detected_step + round(takeover.time_to_conflict / STEP_S)
-        path = ReferencePath.of(takeover.reference_path)
-        opponent = takeover.opponent if takeover.opponent != takeover.agent else -1
-        return cls(takeover.agent, path, np.array(takeover.goal_pose[:2]), due, opponent)
 
 
 @dataclass(frozen=True)
@@ -118,47 +89,43 @@ class Observer:
 
     def observe(self, table: AgentTable, tasks: Sequence[DrivingTask]) -> FloatArray:
         """Features (m, size) of the agents with `tasks` (m), all of which are in `table`."""
-        rows = table.rows(np.array([task.agent for task in tasks], np.int64))
-        way = [self._way(table, row, task) for row, task in zip(rows.tolist(), tasks, strict=True)]
-        groups = [
-            _core(table, rows),
-            self._surrounding(table, rows),
-            self._road(table, rows),
-            np.array(way).reshape(len(rows), WAY),
-        ]
+        return self.features(DrivingScene.of(self._lane_map, table, tasks))
+
+    def features(self, scene: DrivingScene) -> FloatArray:
+        """Features (m, size) of the m agents of `scene`."""
+        if not len(scene):
+            return np.empty((0, self.config.size))
+        table, rows = scene.agents.table, scene.agents.rows
+        groups = [_core(table, rows), self._surrounding(table, rows), self._road(scene.agents), self._way(scene)]
         return np.clip(np.concatenate(groups, axis=1), -LIMIT, LIMIT)
 
-    def road_clearance(self, table: AgentTable, rows: IntArray) -> FloatArray:
-        """(m,) distance [m] from the agents' sides to the nearer edge of the road; negative beyond it."""
-        at = self._lane_map.nearest(table.x[rows], table.y[rows], table.yaw[rows])
-        half = self._half_width[at.lane]
-        left = half + self._to_left[at.lane] - at.d
-        right = half + self._to_right[at.lane] + at.d
-        return np.minimum(left, right) - 0.5 * table.width[rows]
-
     def _surrounding(self, table: AgentTable, rows: IntArray) -> FloatArray:
-        """(m, slots * SLOT)."""
-        dx, dy = table.x[None] - table.x[rows, None], table.y[None] - table.y[rows, None]
-        ahead, left = to_body(dx, dy, table.yaw[rows, None])
-        turn = table.yaw[None] - table.yaw[rows, None]
-        front = 0.5 * table.length
-        apart = np.hypot(ahead + front[None] * np.cos(turn) - front[rows, None], left + front[None] * np.sin(turn))
-        seen = np.hypot(dx, dy) <= self.config.sight
+        """Features (m, slots * SLOT) of those around the agents in `rows` (m,)."""
+        seen = np.hypot(table.x - table.x[rows, None], table.y - table.y[rows, None]) <= self.config.sight
         seen[np.arange(len(rows)), rows] = False
+        columns = np.flatnonzero(seen.any(axis=0))
+        seen = seen[:, columns]
+        dx, dy = table.x[columns] - table.x[rows, None], table.y[columns] - table.y[rows, None]
+        ahead, left = to_body(dx, dy, table.yaw[rows, None])
+        turn = table.yaw[columns] - table.yaw[rows, None]
+        cos, sin, front = np.cos(turn), np.sin(turn), 0.5 * table.length
+        apart = np.hypot(ahead + front[columns] * cos - front[rows, None], left + front[columns] * sin)
         bearing = np.arctan2(left, ahead)
         chosen = self._chosen(apart, bearing, seen)
         present = chosen >= 0
+        if not present.any():
+            return np.zeros((len(rows), self.config.slots * SLOT))
         at = np.where(present, chosen, 0)
         line = np.arange(len(rows))[:, None]
         features = np.stack(
             [
                 np.ones(at.shape),
                 apart[line, at] / DISTANCE,
-                table.speed[at] / SPEED,
+                table.speed[columns][at] / SPEED,
                 np.sin(bearing[line, at]),
                 np.cos(bearing[line, at]),
-                np.sin(turn[line, at]),
-                np.cos(turn[line, at]),
+                sin[line, at],
+                cos[line, at],
             ],
             axis=-1,
         )
@@ -167,6 +134,8 @@ class Observer:
     def _chosen(self, apart: FloatArray, bearing: FloatArray, seen: BoolArray) -> IntArray:
         """(m, slots) columns of the agents that fill the slots, -1 where nobody does; ties go to the lower id."""
         slots = self.config.slots
+        if not seen.shape[1]:
+            return np.full((len(seen), slots), -1)
         distance = np.where(seen, apart, np.inf)
         if self.config.arrange == "distance":
             order = np.argsort(distance, axis=1, kind="stable")[:, :slots]
@@ -179,9 +148,9 @@ class Observer:
         nearest = np.argmin(by_sector, axis=2)
         return np.where(np.isfinite(by_sector.min(axis=2)), nearest, -1)
 
-    def _road(self, table: AgentTable, rows: IntArray) -> FloatArray:
-        """(m, ROAD)."""
-        at = self._lane_map.nearest(table.x[rows], table.y[rows], table.yaw[rows])
+    def _road(self, agents: PathFollowers) -> FloatArray:
+        """Features (m, ROAD) of the road under the agents."""
+        at = agents.lane
         half = self._half_width[at.lane]
         marker_left, marker_right = half - at.d, half + at.d
         _, _, behind = self._lane_map.pose_at(at.lane, at.s - 5.0)
@@ -194,41 +163,40 @@ class Observer:
                 (marker_right + self._to_right[at.lane]) / EDGE,
                 at.d / LATERAL,
                 wrap_angle(before - behind) / 10.0 / CURVATURE,
-                wrap_angle(table.yaw[rows] - at.heading) / HEADING,
+                wrap_angle(agents.yaw - at.heading) / HEADING,
             ]
         )
 
-    def _way(self, table: AgentTable, row: int, task: DrivingTask) -> list[float]:
-        """(WAY,) features in the order of WAY_FEATURES."""
-        path, speed = task.path, float(table.speed[row])
-        x, y, yaw = float(table.x[row]), float(table.y[row]), float(table.yaw[row])
-        s, d = path.project(np.array([x, task.goal[0]]), np.array([y, task.goal[1]]))
-        reach = pursuit_reach(speed)
-        heading = wrap_angle(path.heading(s[0] + reach * np.array([0.0, 0.5, 1.5])) - yaw) / HEADING
-        view = along_path(path, table, row)
-        leads = np.flatnonzero(view.ahead & view.in_path & (view.gap < self.config.sight))
-        lead = [0.0, 0.0, 0.0]
-        if len(leads):
-            first = leads[np.argmin(view.gap[leads])]
-            lead = [1.0, float(view.gap[first]) / DISTANCE, float(view.speed[first] - speed) / SPEED]
-        other, opponent = table.row(task.opponent), [0.0, 0.0, 0.0, 0.0]
-        if other >= 0:
-            ahead, left = to_body(table.x[other] - x, table.y[other] - y, table.yaw[row])
-            along = float(table.speed[other]) * np.cos(float(table.yaw[other]) - yaw)
-            opponent = [1.0, float(ahead) / DISTANCE, float(left) / LATERAL, (along - speed) / SPEED]
-        return [
-            float(d[0]) / LATERAL,
-            *heading.tolist(),
-            pursuit_yaw_rate(path, x, y, yaw, speed) / YAW_RATE,
-            *lead,
-            float(s[1] - s[0]) / DISTANCE,
-            (task.due_step - table.step) * STEP_S / TIME,
-            *opponent,
-        ]
+    def _way(self, scene: DrivingScene) -> FloatArray:
+        """Features (m, WAY) of the ways to the goals, in the order of WAY_FEATURES."""
+        agents, table = scene.agents, scene.agents.table
+        view, each = agents.view, np.arange(len(agents))
+        ahead = agents.s[:, None] + agents.reach[:, None] * np.array([0.0, 0.5, 1.5])
+        heading = agents.paths.heading(each[:, None], agents.paths.segment(ahead))
+        gap = np.where(view.ahead & view.in_path & (view.gap < self.config.sight), view.gap, np.inf)
+        first = np.argmin(gap, axis=1)
+        led = np.isfinite(gap[each, first])
+        lead = [led, view.gap[each, first] / DISTANCE, (view.speed[each, first] - agents.speed) / SPEED]
+        other = table.rows(scene.opponent)
+        there = other >= 0
+        to_opponent = to_body(table.x[other] - agents.x, table.y[other] - agents.y, agents.yaw)
+        along = table.speed[other] * np.cos(table.yaw[other] - agents.yaw)
+        opponent = [there, to_opponent[0] / DISTANCE, to_opponent[1] / LATERAL, (along - agents.speed) / SPEED]
+        return np.column_stack(
+            [
+                agents.d / LATERAL,
+                wrap_angle(heading - agents.yaw[:, None]) / HEADING,
+                agents.path_yaw_rate / YAW_RATE,
+                *(np.where(led, values, 0.0) for values in lead),
+                agents.to_goal(scene.goal[:, 0], scene.goal[:, 1]) / DISTANCE,
+                (scene.due_step - table.step) * STEP_S / TIME,
+                *(np.where(there, values, 0.0) for values in opponent),
+            ]
+        )
 
 
 def _core(table: AgentTable, rows: IntArray) -> FloatArray:
-    """(m, CORE)."""
+    """Features (m, CORE) of the agents in `rows` (m,) themselves."""
     return np.column_stack(
         [
             table.length[rows] / LENGTH,
@@ -246,10 +214,3 @@ def _beyond(lane_map: LaneMap, row: int, side: Literal["left", "right"]) -> floa
         lane = lane_map.lanes[lane_map.row(beside)]
         width, beside = width + lane.width, getattr(lane, side)
     return width
-
-
-def window(path: ReferencePath, x: float, y: float) -> ReferencePath:
-    """The part of `path` from a little behind a place on it, as takeovers carry it."""
-    s, _ = path.project(np.array([x]), np.array([y]))
-    kept = (path.s >= s[0] - PATH_BEHIND) & (path.s <= s[0] + PATH_AHEAD)
-    return ReferencePath.of(path.points[kept] if kept.sum() >= 2 else path.points[-2:])

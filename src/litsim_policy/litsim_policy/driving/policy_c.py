@@ -15,8 +15,9 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 
 from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
-from litsim_policy.driving.observation import DrivingTask, ObservationConfig, Observer
+from litsim_policy.driving.observation import ObservationConfig, Observer
 from litsim_policy.driving.safety import SafetyConfig, SafetyLayer
+from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
@@ -79,8 +80,8 @@ class PolicyNetwork:
         """Mean actions (m, 3) in [-1, 1] for observations (m, size)."""
         values = observation
         for weight, bias in zip(self.weights, self.biases, strict=True):
-            # one row at a time: the blocking of a matrix product must not let agents change each other's last bits
-            values = np.tanh(np.array([row @ weight for row in values]).reshape(-1, weight.shape[1]) + bias)
+            # a stack of single rows: the blocking of a matrix product must not let agents change each other's last bits
+            values = np.tanh(np.matmul(values[:, None, :], weight)[:, 0] + bias)
         return values
 
 
@@ -116,23 +117,30 @@ class Driver:
     def __init__(self, lane_map: LaneMap, network: PolicyNetwork, safety: SafetyConfig | None = None) -> None:
         self.observer = Observer(lane_map, network.observation)
         self.safety = SafetyLayer(lane_map, safety)
-        self._network = network
+        self._network, self._lane_map = network, lane_map
 
     def drive(self, table: AgentTable, tasks: list[DrivingTask]) -> ControlTable:
         """Controls of the agents with `tasks`, whose ids ascend."""
-        if not tasks:
-            return ControlTable.empty(table.step)
-        return command(table, tasks, self._network.mean(self.observer.observe(table, tasks)), self.safety)
+        return self.drive_scene(DrivingScene.of(self._lane_map, table, tasks))
+
+    def drive_scene(self, scene: DrivingScene) -> ControlTable:
+        """Controls of the agents of `scene`, whose ids ascend."""
+        if not len(scene):
+            return ControlTable.empty(scene.agents.table.step)
+        return _commanded(scene, self._network.mean(self.observer.features(scene)), self.safety)
 
 
 def command(table: AgentTable, tasks: list[DrivingTask], action: FloatArray, safety: SafetyLayer) -> ControlTable:
     """Controls of agents from actions (m, 3) in [-1, 1]: what training and driving have in common."""
-    ids = np.array([task.agent for task in tasks], np.int64)
-    speed = table.speed[table.rows(ids)]
-    wanted = physical(action)
-    safe = safety.apply(table, tasks, wanted[:, 0], executed_yaw_rate(wanted, speed))
+    return _commanded(DrivingScene.of(safety.lane_map, table, tasks), action, safety)
+
+
+def _commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> ControlTable:
+    speed, wanted = scene.agents.speed, physical(action)
+    safe = safety.guard(scene, wanted[:, 0], executed_yaw_rate(wanted, speed))
     source = np.where(safe.guarded, ControlSource.GUARDED, ControlSource.POLICY).astype(np.uint8)
-    return ControlTable(table.step, ids, safe.acceleration, speed * safe.yaw_rate, safe.yaw_rate, source)
+    step = scene.agents.table.step
+    return ControlTable(step, scene.id, safe.acceleration, speed * safe.yaw_rate, safe.yaw_rate, source)
 
 
 class PolicyC:
@@ -142,13 +150,13 @@ class PolicyC:
         self, scenario: Scenario, network: PolicyNetwork, handback: YieldPolicy, safety: SafetyConfig | None = None
     ) -> None:
         self.driver = Driver(scenario.lane_map, network, safety)
-        self._handback = handback
+        self._handback, self._lane_map = handback, scenario.lane_map
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Controls of every agent that is held or handed back."""
         held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD]
         others = tuple(t for t in takeovers.takeovers if t.state != TakeoverState.HELD)
-        driven = self.driver.drive(table, [DrivingTask.of(t) for t in held])
+        driven = self.driver.drive_scene(DrivingScene.of_takeovers(self._lane_map, table, held))
         returning = self._handback.act(table, TakeoverTable(takeovers.step, others))
         return merged(driven, returning)
 

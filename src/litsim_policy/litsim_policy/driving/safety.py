@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_policy.driving.observation import DrivingTask
-from litsim_policy.motion.car_following import along_path
-from litsim_policy.motion.reference_path import pursuit_reach, pursuit_yaw_rate
+from litsim_policy.driving.task import DrivingScene, DrivingTask
+from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.geometry import boxes_overlap, to_body
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
 GUARDS = ("limits", "following", "contact", "road")
@@ -101,33 +100,31 @@ class SafetyLayer:
         self.config = config or SafetyConfig()
         self.interventions = dict.fromkeys(GUARDS, 0)
         self.agent_steps = 0
-        self._lane_map = lane_map
+        self.lane_map = lane_map
 
     def apply(
         self, table: AgentTable, tasks: Sequence[DrivingTask], acceleration: FloatArray, yaw_rate: FloatArray
     ) -> SafeCommands:
-        """What the agents with `tasks` (m) may do of what is asked for.
+        """What the agents with `tasks` (m) may do of what is asked for; see :meth:`guard`."""
+        return self.guard(DrivingScene.of(self.lane_map, table, tasks), acceleration, yaw_rate)
+
+    def guard(self, scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray) -> SafeCommands:
+        """What the m agents of `scene` may do of what is asked for.
 
         Args:
-            table: everybody.
-            tasks: one for each agent.
+            scene: the agents, their paths, and everybody else.
             acceleration, yaw_rate: (m,) as asked for [m/s2], [rad/s].
         """
-        config = self.config
-        rows = table.rows(np.array([task.agent for task in tasks], np.int64))
-        changed = np.zeros((len(rows), len(GUARDS)), np.bool_)
-        limited_acceleration, limited_yaw_rate = self._limited(table.take(rows), acceleration, yaw_rate)
-        changed[:, 0] = (np.abs(limited_acceleration - acceleration) > 1e-9) | (
-            np.abs(limited_yaw_rate - yaw_rate) > 1e-9
-        )
-        safe = np.column_stack([limited_acceleration, limited_yaw_rate])
-        for k, (row, task) in enumerate(zip(rows.tolist(), tasks, strict=True)):
-            cap = self._following_cap(table, row, task) if config.following else config.acceleration_max
-            changed[k, 1] = cap < safe[k, 0]
-            safe[k, 0] = min(safe[k, 0], cap)
-            if config.contact or config.road:
-                safe[k], changed[k, 2], changed[k, 3] = self._guarded(table, row, task, safe[k], cap)
-        self.agent_steps += len(rows)
+        config, agents = self.config, scene.agents
+        changed = np.zeros((len(scene), len(GUARDS)), np.bool_)
+        limited = self._limited(agents.table.take(agents.rows), acceleration, yaw_rate)
+        changed[:, 0] = (np.abs(limited[0] - acceleration) > 1e-9) | (np.abs(limited[1] - yaw_rate) > 1e-9)
+        cap = following_cap(config, agents) if config.following else np.full(len(scene), config.acceleration_max)
+        changed[:, 1] = cap < limited[0]
+        safe = np.column_stack([np.minimum(limited[0], cap), limited[1]])
+        if (config.contact or config.road) and len(scene):
+            safe, changed[:, 2], changed[:, 3] = self._guarded(agents, safe, cap)
+        self.agent_steps += len(scene)
         for name, count in zip(GUARDS, changed.sum(axis=0).tolist(), strict=True):
             self.interventions[name] += count
         return SafeCommands(safe[:, 0], safe[:, 1], changed)
@@ -148,138 +145,205 @@ class SafetyLayer:
         bound = np.minimum(config.yaw_rate_max, config.lateral_acceleration_max / np.maximum(agents.speed, 1e-3))
         return acceleration, np.clip(yaw_rate, -bound, bound)
 
-    def _following_cap(self, table: AgentTable, row: int, task: DrivingTask) -> float:
-        """Acceleration [m/s2] above which the agent could not stop behind whoever is ahead on its path.
-
-        The safe speed is that of Krauss (1997): should the leader brake as hard as it can, braking at `own_braking`
-        suffices. It is approached with `relax`. What the approach needs, the leader going on as it does now, is braked
-        for at once where it is more than `imminent`.
-        """
-        config, speed = self.config, float(table.speed[row])
-        view = along_path(task.path, table, row)
-        leads = view.ahead & view.in_path & (view.gap > -0.5 * table.length[row])
-        if not leads.any():
-            return config.acceleration_max
-        room = view.gap[leads] - config.standstill_gap
-        lead_speed = np.maximum(view.speed[leads], 0.0)
-        stop = 2.0 * config.own_braking * np.maximum(room, 0.0)
-        stop += lead_speed**2 * config.own_braking / config.leader_braking
-        lag = config.own_braking * STEP_S
-        safe_speed = -lag + np.sqrt(lag**2 + stop)
-        cap = (safe_speed - speed) / config.relax
-        closing = np.maximum(speed - lead_speed, 0.0)
-        needed = closing**2 / (2.0 * np.maximum(room, 0.1))
-        braking = np.maximum(-table.acceleration[leads], 0.1)
-        stopped = np.where(braking > config.leader_brakes, lead_speed**2 / (2.0 * braking), np.inf)
-        needed = np.maximum(needed, speed**2 / (2.0 * np.maximum(room + stopped, 0.1)))
-        cap = np.where(needed > config.imminent, np.minimum(cap, -needed), cap)
-        return float(np.clip(cap.min(), -config.braking_max, config.acceleration_max))
-
     def _guarded(
-        self, table: AgentTable, row: int, task: DrivingTask, command: FloatArray, cap: float
-    ) -> tuple[FloatArray, bool, bool]:
-        """The least change to `command` (2,) with which the agent touches nobody and stays on the road.
+        self, agents: PathFollowers, commands: FloatArray, cap: FloatArray
+    ) -> tuple[FloatArray, BoolArray, BoolArray]:
+        """The least changes to `commands` (m, 2) with which agents touch nobody and stay on the road.
 
-        Where there is none, the one that touches latest, and of those the one that brakes hardest. `cap` is the
-        acceleration that whoever is ahead allows [m/s2].
+        Where there is none, the one that touches latest, and of those the one that brakes hardest.
+
+        Args:
+            agents: m agents.
+            commands: accelerations [m/s2] and yaw rates [rad/s].
+            cap: (m,) acceleration that whoever is ahead allows [m/s2].
+
+        Returns:
+            the commands (m, 2), and which of them (m,) were changed for contact, and for the road.
         """
-        first_touch, on_road = self._look_ahead(table, row, command[None])
-        touches = self.config.contact and first_touch[0] < np.inf
-        leaves = self.config.road and not on_road[0]
-        if not touches and not leaves:
-            return command, False, False
-        choices = self._choices(table, row, task, command, cap)
-        touch, stays = self._look_ahead(table, row, choices)
-        if not self.config.contact:
+        config, table = self.config, agents.table
+        first_touch, on_road = self._look_ahead(table, agents.rows, commands[:, None])
+        touches = config.contact & (first_touch[:, 0] < np.inf)
+        leaves = config.road & ~on_road[:, 0]
+        at = np.flatnonzero(touches | leaves)
+        if not len(at):
+            return commands, touches, leaves
+        choices = self._choices(agents, at, commands, cap)
+        touch, stays = self._look_ahead(table, agents.rows[at], choices)
+        if not config.contact:
             touch[:] = np.inf
-        if not self.config.road or not stays.any():
-            stays[:] = True
-        good = np.flatnonzero((touch == np.inf) & stays)
-        order = good if len(good) else np.lexsort((choices[:, 0], -np.where(stays, touch, -1.0)))
-        best = int(order[0])
-        moved = bool(np.abs(choices[best] - command).max() > 0.0)
-        return choices[best], moved and bool(touches), moved and bool(leaves)
+        stays |= not config.road or ~stays.any(axis=1, keepdims=True)
+        good = (touch == np.inf) & stays
+        late = np.where(stays, touch, -1.0)
+        least_bad = np.where(late == late.max(axis=1, keepdims=True), choices[..., 0], np.inf)
+        best = np.where(good.any(axis=1), np.argmax(good, axis=1), np.argmin(least_bad, axis=1))
+        chosen = commands.copy()
+        chosen[at] = choices[np.arange(len(at)), best]
+        moved = (chosen != commands).any(axis=1)
+        return chosen, moved & touches, moved & leaves
 
-    def _choices(self, table: AgentTable, row: int, task: DrivingTask, command: FloatArray, cap: float) -> FloatArray:
-        """(15, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then with other speeds.
+    def _choices(self, agents: PathFollowers, at: IntArray, commands: FloatArray, cap: FloatArray) -> FloatArray:
+        """What the agents at positions `at` (k,) could do instead, nearest to the commanded acceleration first.
 
-        The nearest to the commanded acceleration come first. Whoever is cut in on from behind is best off driving on.
+        Whoever is cut in on from behind is best off driving on.
+
+        Returns:
+            (k, 15, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then at other speeds.
         """
-        x, y, yaw, speed = (float(getattr(table, f)[row]) for f in ("x", "y", "yaw", "speed"))
-        at = self._lane_map.nearest(table.x[row : row + 1], table.y[row : row + 1], table.yaw[row : row + 1])
-        along_lane = 2.0 * speed / pursuit_reach(speed) * float(np.sin(at.heading[0] - yaw))
-        bound = self.config.lateral_acceleration_max / max(speed, 1e-3)
-        twist, now = self.config.yaw_acceleration_max * STEP_S, float(table.yaw_rate[row])
-        steering = np.array([command[1], pursuit_yaw_rate(task.path, x, y, yaw, speed), along_lane])
-        steering[1:] = np.clip(np.clip(steering[1:], now - twist, now + twist), -bound, bound)
-        driving_on = max(min(self.config.acceleration_max, cap), command[0])
-        accelerations = np.append(
-            np.minimum(command[0], [command[0], -2.0, -4.0, -self.config.braking_max]), driving_on
-        )
-        accelerations = accelerations[np.argsort(np.abs(accelerations - command[0]), kind="stable")]
-        return np.array([[a, rate] for a in accelerations for rate in steering])
+        config, wanted = self.config, commands[at, 0]
+        bound = (config.lateral_acceleration_max / np.maximum(agents.speed[at], 1e-3))[:, None]
+        twist, now = config.yaw_acceleration_max * STEP_S, agents.table.yaw_rate[agents.rows[at], None]
+        along = np.column_stack([agents.path_yaw_rate[at], agents.lane_yaw_rate[at]])
+        along = np.clip(np.clip(along, now - twist, now + twist), -bound, bound)
+        steering = np.column_stack([commands[at, 1], along])
+        driving_on = np.maximum(np.minimum(config.acceleration_max, cap[at]), wanted)
+        braking = (np.minimum(wanted, limit) for limit in (-2.0, -4.0, -config.braking_max))
+        accelerations = np.column_stack([wanted, *braking, driving_on])
+        order = np.argsort(np.abs(accelerations - wanted[:, None]), axis=1, kind="stable")
+        accelerations = np.take_along_axis(accelerations, order, axis=1)
+        shape = (len(at), accelerations.shape[1], steering.shape[1])
+        pairs = [np.broadcast_to(values, shape) for values in (accelerations[:, :, None], steering[:, None, :])]
+        return np.stack(pairs, axis=-1).reshape(len(at), -1, 2)
 
-    def _look_ahead(self, table: AgentTable, row: int, commands: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Time of the first touch (c,) [s], infinite where there is none, and whether the agent stays on the road (c,).
+    def _look_ahead(self, table: AgentTable, rows: IntArray, commands: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """What commands (m, c, 2) of the agents in `rows` (m,) lead to.
 
-        The agent keeps the commanded acceleration and ends its turn with `settle`; the others go straight on, and those
-        that brake go on braking. Boxes that touch already and followers in the own lane do not count.
+        The agents keep the commanded acceleration and end their turn with `settle`; the others go straight on, and
+        those that brake go on braking. Boxes that touch already and followers in the own lane do not count.
+
+        Returns:
+            time of the first touch (m, c) [s], infinite where there is none, and whether the agent stays on the road
+            (m, c).
         """
         config = self.config
-        t: FloatArray = STEP_S * np.arange(1, round(config.horizon / STEP_S) + 1, dtype=np.float64)
-        speed = np.maximum(table.speed[row] + commands[:, :1] * t, 0.0)
-        yaw = table.yaw[row] + commands[:, 1:] * config.settle * (1.0 - np.exp(-t / config.settle))
-        x = table.x[row] + STEP_S * np.cumsum(speed * np.cos(yaw), axis=1)
-        y = table.y[row] + STEP_S * np.cumsum(speed * np.sin(yaw), axis=1)
-        return self._first_touch(table, row, (x, y, yaw), t), self._stays_on_road(table, row, (x, y, yaw))
+        instants, road = _steps(config.horizon), _steps(config.road_horizon)
+        t: FloatArray = STEP_S * np.arange(1, max(instants, road) + 1, dtype=np.float64)
+        now = [values[rows, None, None] for values in (table.x, table.y, table.yaw, table.speed)]
+        speed = np.maximum(now[3] + commands[..., :1] * t, 0.0)
+        yaw = now[2] + commands[..., 1:] * config.settle * (1.0 - np.exp(-t / config.settle))
+        x = now[0] + STEP_S * np.cumsum(speed * np.cos(yaw), axis=-1)
+        y = now[1] + STEP_S * np.cumsum(speed * np.sin(yaw), axis=-1)
+        poses = np.stack([x, y, yaw])
+        touch = first_touch(table, rows, poses[..., :instants], config.margin)
+        return touch, self._stays_on_road(table, rows, poses[..., road - 1])
 
-    def _first_touch(
-        self, table: AgentTable, row: int, own: tuple[FloatArray, FloatArray, FloatArray], t: FloatArray
-    ) -> FloatArray:
-        """Time of the first touch (c,) of poses `own` (c, T) at times `t` (T,), infinite where there is none."""
-        x, y, yaw = own
-        ahead, left = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
-        half_length, half_width = 0.5 * (table.length + table.length[row]), 0.5 * (table.width + table.width[row])
-        behind = (ahead < -half_length) & (np.abs(left) < half_width)
-        reach = 2.0 * half_length + (table.speed + table.speed[row]) * self.config.horizon
-        near = ~behind & (np.hypot(ahead, left) < reach)
-        near[row] = False
-        others = table.take(np.flatnonzero(near))
-        if not len(others):
-            return np.full(len(x), np.inf)
-        grown = 2.0 * self.config.margin
-        size = (others.length + grown, others.width + grown)
-        mine = (table.length[row], table.width[row])
-        touching = boxes_overlap(
-            others.x - table.x[row], others.y - table.y[row], table.yaw[row], others.yaw, mine, size
-        )
-        braking = np.minimum(others.acceleration, 0.0)[:, None]
-        going = np.where(braking < 0.0, -others.speed[:, None] / np.minimum(braking, -1e-3), np.inf)
-        time = np.minimum(t, going)
-        gone = others.speed[:, None] * time + 0.5 * braking * time**2
-        other_x = others.x[:, None] + gone * np.cos(others.yaw)[:, None]
-        other_y = others.y[:, None] + gone * np.sin(others.yaw)[:, None]
-        hit = boxes_overlap(
-            other_x[None] - x[:, None],
-            other_y[None] - y[:, None],
-            yaw[:, None],
-            others.yaw[None, :, None],
-            mine,
-            (size[0][None, :, None], size[1][None, :, None]),
-        )
-        any_hit = np.asarray((hit & ~touching[None, :, None]).any(axis=1))
-        return np.where(any_hit.any(axis=1), t[np.argmax(any_hit, axis=1)], np.inf)
-
-    def _stays_on_road(self, table: AgentTable, row: int, own: tuple[FloatArray, FloatArray, FloatArray]) -> BoolArray:
-        """(c,) whether both sides of the agent are on the road at `road_horizon`; an agent that is off it may be."""
-        at = round(self.config.road_horizon / STEP_S) - 1
-        x, y, yaw = (np.append(values[:, at], now[row]) for values, now in zip(own, _poses(table), strict=True))
-        half = 0.5 * table.width[row]
-        sides_x = np.concatenate([x - half * np.sin(yaw), x + half * np.sin(yaw)])
-        sides_y = np.concatenate([y + half * np.cos(yaw), y - half * np.cos(yaw)])
-        inside = np.asarray(self._lane_map.inside_road(sides_x, sides_y).reshape(2, -1).all(axis=0))
-        return inside[:-1] | ~inside[-1]
+    def _stays_on_road(self, table: AgentTable, rows: IntArray, poses: FloatArray) -> BoolArray:
+        """(m, c) whether both sides of agents at `poses` (3, m, c) are on the road; one that is off it now may be."""
+        now = np.stack([table.x[rows], table.y[rows], table.yaw[rows]])
+        x, y, yaw = np.concatenate([poses, now[..., None]], axis=-1)
+        half = 0.5 * table.width[rows, None]
+        side_x, side_y = half * np.sin(yaw), half * np.cos(yaw)
+        sides = np.stack([x - side_x, x + side_x]), np.stack([y + side_y, y - side_y])
+        on_road = self.lane_map.inside_road(sides[0].ravel(), sides[1].ravel())
+        inside = np.asarray(on_road.reshape(2, *x.shape).all(axis=0))
+        return np.asarray(inside[:, :-1] | ~inside[:, -1:])
 
 
-def _poses(table: AgentTable) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return table.x, table.y, table.yaw
+def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
+    """Accelerations (m,) [m/s2] above which agents could not stop behind whoever is ahead on their paths.
+
+    The safe speed is that of Krauss (1997): should the leader brake as hard as it can, braking at `own_braking`
+    suffices. It is approached with `relax`. What the approach needs, the leader going on as it does now, is braked
+    for at once where it is more than `imminent`.
+    """
+    view, table, rows = agents.view, agents.table, agents.rows
+    own, lead = np.nonzero(view.ahead & view.in_path & (view.gap > -0.5 * table.length[rows, None]))
+    speed = agents.speed[own]
+    room = view.gap[own, lead] - config.standstill_gap
+    lead_speed = np.maximum(view.speed[own, lead], 0.0)
+    stop = 2.0 * config.own_braking * np.maximum(room, 0.0)
+    stop += lead_speed**2 * config.own_braking / config.leader_braking
+    lag = config.own_braking * STEP_S
+    safe_speed = -lag + np.sqrt(lag**2 + stop)
+    cap = (safe_speed - speed) / config.relax
+    closing = np.maximum(speed - lead_speed, 0.0)
+    needed = closing**2 / (2.0 * np.maximum(room, 0.1))
+    braking = np.maximum(-table.acceleration[lead], 0.1)
+    stopped = np.where(braking > config.leader_brakes, lead_speed**2 / (2.0 * braking), np.inf)
+    needed = np.maximum(needed, speed**2 / (2.0 * np.maximum(room + stopped, 0.1)))
+    cap = np.where(needed > config.imminent, np.minimum(cap, -needed), cap)
+    caps = np.full(len(agents), np.inf)
+    np.minimum.at(caps, own, cap)
+    return np.clip(caps, -config.braking_max, config.acceleration_max)
+
+
+def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, margin: float) -> FloatArray:
+    """When boxes of agents first touch somebody else's.
+
+    Args:
+        table: everybody; those not looked at go straight on, and those that brake go on braking.
+        rows: (m,) of the agents.
+        poses: (3, m, c, T) x, y [m] and yaw [rad] of the agents at T instants of 0.1 s, under c commands each.
+        margin: [m] kept around other boxes.
+
+    Returns:
+        (m, c) time [s], infinite where nobody is touched.
+    """
+    commands, instants = poses.shape[2:]
+    t: FloatArray = STEP_S * np.arange(1, instants + 1, dtype=np.float64)
+    one, other, touching = _within_reach(table, rows, float(t[-1]) if instants else 0.0, margin)
+    found = np.full((len(rows), commands), np.inf)
+    one, other = one[~touching], other[~touching]
+    if not len(one):
+        return found
+    braking = np.minimum(table.acceleration[other], 0.0)[:, None]
+    speed = table.speed[other][:, None]
+    going = np.where(braking < 0.0, -speed / np.minimum(braking, -1e-3), np.inf)
+    time = np.minimum(t, going)
+    gone = speed * time + 0.5 * braking * time**2
+    yaw = table.yaw[other]
+    other_x = table.x[other][:, None] + gone * np.cos(yaw)[:, None]
+    other_y = table.y[other][:, None] + gone * np.sin(yaw)[:, None]
+    grown = table.length[other] + 2.0 * margin, table.width[other] + 2.0 * margin
+    mine = table.length[rows[one]], table.width[rows[one]]
+    radius = 0.5 * (np.hypot(*grown) + np.hypot(*mine)) + 1e-9
+    dx, dy = other_x[:, None] - poses[0, one], other_y[:, None] - poses[1, one]
+    pair, command, instant = np.nonzero(dx * dx + dy * dy < (radius**2)[:, None, None])
+    hit = boxes_overlap(
+        dx[pair, command, instant],
+        dy[pair, command, instant],
+        poses[2, one[pair], command, instant],
+        yaw[pair],
+        (mine[0][pair], mine[1][pair]),
+        (grown[0][pair], grown[1][pair]),
+    )
+    np.minimum.at(found, (one[pair[hit]], command[hit]), t[instant[hit]])
+    return found
+
+
+def _within_reach(
+    table: AgentTable, rows: IntArray, horizon: float, margin: float
+) -> tuple[IntArray, IntArray, BoolArray]:
+    """Pairs of agents and others that may come near within `horizon` [s].
+
+    Followers in the own lane are not among them.
+
+    Returns:
+        positions in `rows`, rows of the others, and whether the boxes of a pair touch already; arrays (k,).
+    """
+    dx, dy = table.x - table.x[rows, None], table.y - table.y[rows, None]
+    reach = table.length + table.length[rows, None] + (table.speed + table.speed[rows, None]) * horizon
+    near = dx * dx + dy * dy < reach * reach
+    near[np.arange(len(rows)), rows] = False
+    one, other = np.nonzero(near)
+    own = rows[one]
+    ahead, left = to_body(dx[one, other], dy[one, other], table.yaw[own])
+    half_length, half_width = (
+        0.5 * (table.length[other] + table.length[own]),
+        0.5 * (table.width[other] + table.width[own]),
+    )
+    kept = ~((ahead < -half_length) & (np.abs(left) < half_width))
+    one, other, own = one[kept], other[kept], own[kept]
+    touching = boxes_overlap(
+        dx[one, other],
+        dy[one, other],
+        table.yaw[own],
+        table.yaw[other],
+        (table.length[own], table.width[own]),
+        (table.length[other] + 2.0 * margin, table.width[other] + 2.0 * margin),
+    )
+    return one, other, touching
+
+
+def _steps(seconds: float) -> int:
+    """Steps of a look ahead of `seconds`, at least one."""
+    return max(1, round(seconds / STEP_S))

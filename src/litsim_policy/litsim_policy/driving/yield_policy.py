@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from litsim_policy.driving.handback import HandbackConfig, catch_up
-from litsim_policy.motion.car_following import AlongPath, IdmConfig, along_path, idm_acceleration
-from litsim_policy.motion.reference_path import ReferencePath, pursuit_reach, pursuit_yaw_rate
+from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
+from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.geometry import to_body
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ControlSource, ControlTable
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
@@ -65,17 +67,15 @@ class YieldPolicy:
         if not listed:
             return ControlTable.empty(table.step)
         rows = table.rows(np.array([t.agent for t in listed], np.int64))
+        state = np.array([t.state for t in listed])
         acceleration, yaw_rate = np.zeros(len(listed)), np.zeros(len(listed))
-        for k, (takeover, row) in enumerate(zip(listed, rows.tolist(), strict=True)):
-            if takeover.state == TakeoverState.RELEASED:
-                continue
-            path = ReferencePath.of(takeover.reference_path)
-            view = along_path(path, table, row)
-            if takeover.state == TakeoverState.HELD:
-                acceleration[k] = self._hold(table, row, takeover, path, view)
-            else:
-                acceleration[k] = self._hand_back(table, row, takeover, path, view)
-            yaw_rate[k] = self._steer(table, row, path)
+        for which, rule in ((TakeoverState.HELD, self._hold), (TakeoverState.HANDBACK, self._hand_back)):
+            at = np.flatnonzero(state == which)
+            if len(at):
+                paths = PathBatch([listed[k].reference_path for k in at])
+                agents = PathFollowers(self._lane_map, table, rows[at], paths)
+                acceleration[at] = rule(agents, [listed[k] for k in at])
+                yaw_rate[at] = self._steer(agents)
         return ControlTable(
             table.step,
             table.id[rows],
@@ -85,82 +85,81 @@ class YieldPolicy:
             np.array([SOURCES[t.state] for t in listed], np.uint8),
         )
 
-    def _hold(self, table: AgentTable, row: int, takeover: Takeover, path: ReferencePath, view: AlongPath) -> float:
-        """Follow whatever is on the path, and give way to the opponent and to those alongside that are ahead."""
-        speed, wanted = float(table.speed[row]), self._wanted_speed(table, row)
+    def _hold(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
+        """Accelerations (m,) [m/s2] of agents that follow whatever is on their paths, and give way.
+
+        They give way to their opponents and to those alongside that are ahead.
+        """
+        view, table, idm = agents.view, agents.table, self._config.idm
+        wanted = self._wanted_speed(agents)
         leads = view.ahead & view.in_path & (view.gap > 0)
-        follow = idm_acceleration(self._config.idm, speed, wanted, view.gap[leads], view.speed[leads])
-        courted = view.ahead & (view.in_path | (table.id == takeover.opponent)) & ~leads
-        courted &= (view.gap > 0) | _goes_first(table, row)
-        if not courted.any():
-            return follow
-        courtesy = idm_acceleration(self._config.idm, speed, wanted, view.gap[courted], view.speed[courted])
-        in_the_way = courted & along_path(path, table, row, margin=0.0).in_path & (view.speed < speed)
-        return min(follow, courtesy if in_the_way.any() else max(courtesy, -self._config.courtesy_deceleration))
+        follow = idm_acceleration(idm, agents.speed, wanted, view.gap, view.speed, leads)
+        opponent = np.array([t.opponent for t in takeovers])[:, None]
+        courted = view.ahead & (view.in_path | (table.id == opponent)) & ~leads
+        courted &= (view.gap > 0) | _goes_first(agents)
+        courtesy = idm_acceleration(idm, agents.speed, wanted, view.gap, view.speed, courted)
+        in_the_way = (courted & (view.aside < 0.0) & (view.speed < agents.speed[:, None])).any(axis=1)
+        courtesy = np.where(in_the_way, courtesy, np.maximum(courtesy, -self._config.courtesy_deceleration))
+        return np.where(courted.any(axis=1), np.minimum(follow, courtesy), follow)
 
-    def _hand_back(
-        self, table: AgentTable, row: int, takeover: Takeover, path: ReferencePath, view: AlongPath
-    ) -> float:
-        """Close the distance to the log that it goes back to, but never into whatever is on the path."""
-        log_row, step = self._log_row(table, row), table.step - round(takeover.time_shift / STEP_S)
-        x = np.array([table.x[row], self._log.x[log_row, step]])
-        y = np.array([table.y[row], self._log.y[log_row, step]])
-        s, _ = path.project(x, y)
-        log_speed = float(self._log.speed[log_row, step])
-        wanted = catch_up(
-            self._handback,
-            float(s[1] - s[0]),
-            float(table.speed[row]),
-            log_speed,
-            float(self._log.acceleration[log_row, step]),
-        )
-        leads = view.ahead & view.in_path
+    def _hand_back(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
+        """Accelerations (m,) [m/s2] that close the distance to the log, but never into whatever is on the path."""
+        log, view = self._log, agents.view
+        shift = np.array([round(t.time_shift / STEP_S) for t in takeovers])
+        at = self._log_rows(agents), agents.table.step - shift
+        log_speed = log.speed[at]
+        behind = agents.to_goal(log.x[at], log.y[at])
+        wanted = catch_up(self._handback, behind, agents.speed, log_speed, log.acceleration[at])
         free = log_speed + 2.0 * self._handback.speed_excess
-        follow = idm_acceleration(self._config.idm, float(table.speed[row]), free, view.gap[leads], view.speed[leads])
-        return min(wanted, follow)
+        leads = view.ahead & view.in_path
+        follow = idm_acceleration(self._config.idm, agents.speed, free, view.gap, view.speed, leads)
+        return np.minimum(wanted, follow)
 
-    def _steer(self, table: AgentTable, row: int, path: ReferencePath) -> float:
-        """Yaw rate [rad/s] along the path, or along the lane while the way to the side is taken."""
-        x, y, yaw, speed = (float(getattr(table, f)[row]) for f in ("x", "y", "yaw", "speed"))
-        at = self._lane_map.nearest(table.x[row : row + 1], table.y[row : row + 1], table.yaw[row : row + 1])
-        lane_heading = float(at.heading[0])
-        s, _ = path.project(table.x[row : row + 1], table.y[row : row + 1])
-        target = path.point(float(s[0]) + pursuit_reach(speed)) - np.array([x, y])
-        sideways = -np.sin(lane_heading) * target[0] + np.cos(lane_heading) * target[1]
-        if not self._side_taken(table, row, lane_heading, float(sideways)):
-            return pursuit_yaw_rate(path, x, y, yaw, speed)
-        return 2.0 * speed / pursuit_reach(speed) * float(np.sin(lane_heading - yaw))
+    def _steer(self, agents: PathFollowers) -> FloatArray:
+        """Yaw rates (m,) [rad/s] along the paths, or along the lanes while the way to the side is taken."""
+        heading = agents.lane.heading
+        target = agents.target - np.column_stack([agents.x, agents.y])
+        sideways = -np.sin(heading) * target[:, 0] + np.cos(heading) * target[:, 1]
+        return np.where(self._side_taken(agents, sideways), agents.lane_yaw_rate, agents.path_yaw_rate)
 
-    def _side_taken(self, table: AgentTable, row: int, lane_heading: float, sideways: float) -> bool:
-        """Whether somebody is alongside, or will be soon, where a move by `sideways` [m] to the left would lead."""
-        heading = np.full(len(table), lane_heading)
-        ahead, left = to_body(table.x - table.x[row], table.y - table.y[row], heading)
-        clearance = np.abs(left) - 0.5 * (table.width + table.width[row])
-        closing = np.abs(table.speed - table.speed[row]) * self._config.side_horizon
-        approaching = np.sign(ahead) * (table.speed - table.speed[row]) < 0
-        reach = 0.5 * (table.length + table.length[row]) + self._config.side_gap + np.where(approaching, closing, 0.0)
-        taken = (np.abs(ahead) < reach) & (left * sideways > 0) & (clearance < abs(sideways) + self._config.side_margin)
-        taken[row] = False
-        return abs(sideways) > self._config.side_drift and bool(taken.any())
+    def _side_taken(self, agents: PathFollowers, sideways: FloatArray) -> BoolArray:
+        """(m,) whether somebody is alongside, or will be soon, where moves by `sideways` (m,) [m] to the left lead."""
+        table, rows, config = agents.table, agents.rows, self._config
+        dx, dy = table.x - agents.x[:, None], table.y - agents.y[:, None]
+        ahead, left = to_body(dx, dy, agents.lane.heading[:, None])
+        clearance = np.abs(left) - 0.5 * (table.width + table.width[rows, None])
+        faster = table.speed - agents.speed[:, None]
+        approaching = np.sign(ahead) * faster < 0
+        reach = 0.5 * (table.length + table.length[rows, None]) + config.side_gap
+        reach += np.where(approaching, np.abs(faster) * config.side_horizon, 0.0)
+        move = sideways[:, None]
+        taken = (np.abs(ahead) < reach) & (left * move > 0) & (clearance < np.abs(move) + config.side_margin)
+        taken[np.arange(len(agents)), rows] = False
+        return np.asarray((np.abs(sideways) > config.side_drift) & taken.any(axis=1))
 
-    def _wanted_speed(self, table: AgentTable, row: int) -> float:
-        """Speed [m/s] of the agent's own log where it is now and at this time, whichever is faster, and a reserve."""
-        log_row = self._log_row(table, row)
-        valid = np.flatnonzero(self._log.valid[log_row])
-        distance = np.hypot(self._log.x[log_row, valid] - table.x[row], self._log.y[log_row, valid] - table.y[row])
-        here = self._log.speed[log_row, valid[np.argmin(distance)]]
-        now = self._log.speed[log_row, min(table.step, valid[-1])]
-        return max(float(max(here, now)) + self._config.speed_reserve, self._config.speed_min)
+    def _wanted_speed(self, agents: PathFollowers) -> FloatArray:
+        """(m,) speeds [m/s] of the agents' own logs where they are now and at this time.
 
-    def _log_row(self, table: AgentTable, row: int) -> int:
-        return int(np.searchsorted(self._log.ids, table.id[row]))
+        Of both, the faster, and a reserve.
+        """
+        log, rows = self._log, self._log_rows(agents)
+        distance = np.hypot(log.x[rows] - agents.x[:, None], log.y[rows] - agents.y[:, None])
+        here = np.argmin(np.where(log.valid[rows], distance, np.inf), axis=1)
+        now = np.minimum(agents.table.step, log.last_step[rows])
+        logged = np.maximum(log.speed[rows, here], log.speed[rows, now])
+        return np.maximum(logged + self._config.speed_reserve, self._config.speed_min)
+
+    def _log_rows(self, agents: PathFollowers) -> IntArray:
+        """(m,) rows of the agents in the log."""
+        return np.searchsorted(self._log.ids, agents.table.id[agents.rows])
 
 
-def _goes_first(table: AgentTable, row: int) -> BoolArray:
-    """(n,) who goes before the agent in `row` where both are alongside; never each before the other.
+def _goes_first(agents: PathFollowers) -> BoolArray:
+    """(m, n) who goes before each agent where both are alongside; never each before the other.
 
     Where paths cross, each agent can be ahead on the other's: along the direction between both headings only one is.
     """
-    along = (table.x - table.x[row]) * (np.cos(table.yaw) + np.cos(table.yaw[row]))
-    along += (table.y - table.y[row]) * (np.sin(table.yaw) + np.sin(table.yaw[row]))
-    return (along > 0) | ((along == 0) & (table.id < table.id[row]))
+    table, yaw = agents.table, agents.yaw[:, None]
+    along = (table.x - agents.x[:, None]) * (np.cos(table.yaw) + np.cos(yaw))
+    along += (table.y - agents.y[:, None]) * (np.sin(table.yaw) + np.sin(yaw))
+    return np.asarray((along > 0) | ((along == 0) & (table.id < table.id[agents.rows, None])))

@@ -32,4 +32,4 @@ class IdmEgo:
         acceleration = idm_acceleration(
             self._config, speed, self._config.desired_speed, view.gap[leads], view.speed[leads]
         )
-        return EgoCommand(table.step, acceleration, pursuit_yaw_rate(self._path, x, y, yaw, speed))
+        return EgoCommand(table.step, float(acceleration), pursuit_yaw_rate(self._path, x, y, yaw, speed))

@@ -143,7 +143,8 @@ class PerturbedEgo:
         wanted = config.speed_gain * (self._logged_speed(table, row) - speed)
         wanted = float(np.clip(wanted, -FOLLOWING.deceleration, FOLLOWING.acceleration))
         # alone on the road the model would speed up: only what it says of leaders is of interest
-        return min(wanted, idm_acceleration(FOLLOWING, speed, 2.0 * speed + 10.0, view.gap[leads], view.speed[leads]))
+        follow = idm_acceleration(FOLLOWING, speed, 2.0 * speed + 10.0, view.gap, view.speed, leads)
+        return min(wanted, float(follow))
 
     def _logged_speed(self, table: AgentTable, row: int) -> float:
         """Speed [m/s] that the log had nearest to where the ego is now; beyond its end, at its end."""

@@ -18,15 +18,16 @@ import numpy as np
 from litsim_policy.conflict.detection import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
 from litsim_policy.driving.action import consistent, normalised
-from litsim_policy.driving.observation import LIMIT, DrivingTask, ObservationConfig, Observer, window
+from litsim_policy.driving.observation import LIMIT, ObservationConfig, Observer
 from litsim_policy.driving.policy_c import command, merged
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety import LIMITS_ONLY, SafetyConfig, SafetyLayer
+from litsim_policy.driving.task import DrivingTask
 from litsim_policy.ego.perturbed import PerturbedConfig
 from litsim_policy.ego.registry import Ego, make_ego
 from litsim_policy.learning.reward import Penalties, PenaltyConfig, penalties
 from litsim_policy.motion.car_following import IdmConfig
-from litsim_policy.motion.reference_path import ReferencePath, logged_path
+from litsim_policy.motion.reference_path import ReferencePath, logged_path, window
 from litsim_predictor.models import make_predictor
 from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverState, TakeoverTable

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from litsim_policy.driving.action import consistent, normalised
-from litsim_policy.driving.observation import DrivingTask, ObservationConfig, Observer, window
-from litsim_policy.motion.reference_path import logged_path, pursuit_yaw_rate
+from litsim_policy.driving.observation import ObservationConfig, Observer
+from litsim_policy.driving.task import DrivingTask
+from litsim_policy.motion.reference_path import logged_path, pursuit_yaw_rate, window
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
 from litsim_sim.scenario.log import Log

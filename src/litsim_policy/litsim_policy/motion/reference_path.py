@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from litsim_policy.motion import bezier
+from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
@@ -16,6 +18,7 @@ from litsim_sim.scenario.log import Log
 SPACING = 1.0  # [m] between points; recorded positions jitter at shorter distances
 LANE_LENGTH = 2000.0  # [m] of lane that a path along it covers: more than any run drives
 CHANGE_MIN = 10.0  # [m] that a change of lane takes at least, also for a vehicle that stands
+PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of a path before and beyond an agent that a policy is given
 BEYOND = 300.0  # [m] by which a logged path goes on along its lane, for vehicles whose log ends
 
 
@@ -34,13 +37,14 @@ class ReferencePath:
     @classmethod
     def through(cls, points: FloatArray) -> ReferencePath:
         """Path through `points` (m, 2); points closer than half the spacing to their predecessor are dropped."""
-        kept = [points[0]]
-        for point in points[1:]:
-            if np.hypot(*(point - kept[-1])) >= 0.5 * SPACING:
-                kept.append(point)
+        (x, y), kept = points[0].tolist(), [0]
+        for row, (next_x, next_y) in enumerate(points.tolist()):  # plain floats: numpy costs more than one hypot
+            if math.hypot(next_x - x, next_y - y) >= 0.5 * SPACING:
+                kept.append(row)
+                x, y = next_x, next_y
         if len(kept) < 2:
             raise ValueError("a path needs two points that differ")
-        return cls.of(np.array(kept))
+        return cls.of(points[kept])
 
     @classmethod
     def of(cls, points: FloatArray) -> ReferencePath:
@@ -82,6 +86,11 @@ class ReferencePath:
         """This path, and from its end on `other`, onto which it leads."""
         s, _ = other.project(self.points[-1:, 0], self.points[-1:, 1])
         return ReferencePath.of(np.concatenate([self.points, other.points[other.s > s[0] + 0.5 * SPACING]]))
+
+    @cached_property
+    def batch(self) -> PathBatch:
+        """This path alone, as a batch of one."""
+        return PathBatch([self.points])
 
     @cached_property
     def _segments(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -135,14 +144,40 @@ def _shifted(points: FloatArray, left: float) -> FloatArray:
     return points + (left * (1.0 - travelled / travelled[-1]))[:, None] * normal
 
 
-def pursuit_reach(speed: float) -> float:
-    """Distance [m] to the point that is pursued at `speed` [m/s]: a second ahead, but at least 4 m."""
-    return max(4.0, speed)
+def pursuit_reach(speed: FloatArray) -> FloatArray:
+    """Distance (...) [m] to the point that is pursued at `speed` (...) [m/s]: a second ahead, but at least 4 m."""
+    return np.maximum(4.0, speed)
 
 
 def pursuit_yaw_rate(path: ReferencePath, x: float, y: float, yaw: float, speed: float) -> float:
     """Yaw rate [rad/s] of a pure pursuit of `path` (Coulter 1992) from a pose, at `speed` [m/s]."""
     s, _ = path.project(np.array([x]), np.array([y]))
-    target = path.point(float(s[0]) + pursuit_reach(speed))
-    bearing = np.arctan2(target[1] - y, target[0] - x) - yaw
-    return float(2.0 * speed * np.sin(bearing) / np.hypot(target[0] - x, target[1] - y))
+    pose = np.array([x, y, yaw, speed])
+    target = path.point(float(s[0] + pursuit_reach(pose[3:])[0]))
+    return float(towards(target[None], pose[:1], pose[1:2], pose[2:3], pose[3:])[0])
+
+
+def towards(target: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray, speed: FloatArray) -> FloatArray:
+    """Yaw rate (...) [rad/s] of the arc from poses (...) through `target` (..., 2) at `speed` (...) [m/s]."""
+    dx, dy = target[..., 0] - x, target[..., 1] - y
+    return np.asarray(2.0 * speed * np.sin(np.arctan2(dy, dx) - yaw) / np.hypot(dx, dy))
+
+
+def window(path: ReferencePath, x: float, y: float) -> ReferencePath:
+    """The part of `path` from a little behind a place on it, as takeovers carry it."""
+    s, _ = path.project(np.array([x]), np.array([y]))
+    return ReferencePath.of(path.points[window_of(path.s, float(s[0]))])
+
+
+def window_of(arc_length: FloatArray, s: float) -> slice:
+    """Which points of a path are given to a policy whose agent is at arc length `s` [m].
+
+    Args:
+        arc_length: (m,) of the points [m].
+        s: of the agent [m].
+
+    Returns:
+        those from PATH_BEHIND to PATH_AHEAD; the last two points, where fewer than two are.
+    """
+    begin, end = np.searchsorted(arc_length, s - PATH_BEHIND), np.searchsorted(arc_length, s + PATH_AHEAD, "right")
+    return slice(int(begin), int(end)) if end - begin >= 2 else slice(len(arc_length) - 2, len(arc_length))

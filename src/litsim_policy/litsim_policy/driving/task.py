@@ -1,0 +1,110 @@
+"""What an agent under policy C is to do, and all of them together on one table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
+from litsim_sim.core.takeover import Takeover
+from litsim_sim.maps.lane_map import LaneMap
+
+NOBODY = -1  # in place of an opponent's id
+
+
+@dataclass(frozen=True)
+class DrivingTask:
+    """Where an agent under policy C is going.
+
+    Attributes:
+        agent: id.
+        path: reference path.
+        goal: (2,) the conflict's crossing point, x and y in frame map [m].
+        due_step: step at which the agent, had it followed its log, was expected there.
+        opponent: id of the agent that it is in conflict with; NOBODY where there is none.
+    """
+
+    agent: int
+    path: ReferencePath
+    goal: FloatArray
+    due_step: int
+    opponent: int = NOBODY
+
+    @classmethod
+    def of(cls, takeover: Takeover) -> DrivingTask:
+        """Return the task of an agent that was taken over."""
+        path = ReferencePath.of(takeover.reference_path)
+        goal = np.array(takeover.goal_pose[:2])
+        return cls(takeover.agent, path, goal, due_step(takeover), opponent_of(takeover))
+
+
+@dataclass(frozen=True)
+class DrivingScene:
+    """The m agents with a task among all agents of a step.
+
+    Attributes:
+        id: (m,) of the agents.
+        agents: where they are on their paths.
+        goal: (m, 2) as in :class:`DrivingTask`, likewise the others.
+        due_step: (m,).
+        opponent: (m,).
+    """
+
+    id: IntArray
+    agents: PathFollowers
+    goal: FloatArray
+    due_step: IntArray
+    opponent: IntArray
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    @classmethod
+    def of(cls, lane_map: LaneMap, table: AgentTable, tasks: Sequence[DrivingTask]) -> DrivingScene:
+        """Return the scene of `tasks`, whose agents are all in `table`."""
+        return cls._made(
+            lane_map,
+            table,
+            [task.path.points for task in tasks],
+            [task.goal for task in tasks],
+            [(task.agent, task.due_step, task.opponent) for task in tasks],
+        )
+
+    @classmethod
+    def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> DrivingScene:
+        """Return the scene of agents that were taken over, all of which are in `table`."""
+        return cls._made(
+            lane_map,
+            table,
+            [t.reference_path for t in takeovers],
+            [t.goal_pose[:2] for t in takeovers],
+            [(t.agent, due_step(t), opponent_of(t)) for t in takeovers],
+        )
+
+    @classmethod
+    def _made(
+        cls,
+        lane_map: LaneMap,
+        table: AgentTable,
+        points: Sequence[FloatArray],
+        goals: Sequence[FloatArray] | Sequence[tuple[float, float]],
+        numbers: Sequence[tuple[int, int, int]],
+    ) -> DrivingScene:
+        ids, due, opponent = np.array(numbers, np.int64).reshape(-1, 3).T
+        agents = PathFollowers(lane_map, table, table.rows(ids), PathBatch(points))
+        return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent)
+
+
+def due_step(takeover: Takeover) -> int:
+    """Step at which the agent of `takeover`, had it followed its log, was expected at the conflict."""
+    return takeover.detected_step + round(takeover.time_to_conflict / STEP_S)
+
+
+def opponent_of(takeover: Takeover) -> int:
+    """Id of the other agent of the conflict; NOBODY where an agent has entered late and alone."""
+    return takeover.opponent if takeover.opponent != takeover.agent else NOBODY

@@ -1,0 +1,76 @@
+"""Vehicles that follow reference paths: what several rules ask of them, each answered once and for all of them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from litsim_policy.motion.car_following import AlongPath, along_paths
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.reference_path import pursuit_reach, towards
+from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
+from litsim_sim.maps.lane_map import LaneMap, LanePosition
+
+
+class PathFollowers:
+    """m of the n agents of a table, each with a path of its own. Arrays are (m,) unless said otherwise.
+
+    Attributes:
+        table: everybody.
+        rows: of the followers in `table`.
+        paths: m paths.
+        x, y, yaw, speed: of the followers [m], [rad], [m/s].
+    """
+
+    def __init__(self, lane_map: LaneMap, table: AgentTable, rows: IntArray, paths: PathBatch) -> None:
+        self.table, self.rows, self.paths = table, rows, paths
+        self.x, self.y, self.yaw, self.speed = (getattr(table, f)[rows] for f in ("x", "y", "yaw", "speed"))
+        self._lane_map = lane_map
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @cached_property
+    def view(self) -> AlongPath:
+        """Everybody as the followers see them, (m, n)."""
+        return along_paths(self.paths, self.table, self.rows)
+
+    @cached_property
+    def s(self) -> FloatArray:
+        """Arc length of the followers on their paths [m]."""
+        return self.view.s[np.arange(len(self)), self.rows]
+
+    @cached_property
+    def d(self) -> FloatArray:
+        """Offset of the followers from their paths, to the left [m]."""
+        return self.view.d[np.arange(len(self)), self.rows]
+
+    @cached_property
+    def lane(self) -> LanePosition:
+        """The lanes that the followers are on."""
+        return self._lane_map.nearest(self.x, self.y, self.yaw)
+
+    @cached_property
+    def reach(self) -> FloatArray:
+        """Distance along the path to what is pursued [m]."""
+        return pursuit_reach(self.speed)
+
+    @cached_property
+    def target(self) -> FloatArray:
+        """(m, 2) points that are pursued, frame map [m]."""
+        return self.paths.point(self.s + self.reach)
+
+    @cached_property
+    def path_yaw_rate(self) -> FloatArray:
+        """Yaw rate of a pure pursuit of the path [rad/s]."""
+        return towards(self.target, self.x, self.y, self.yaw, self.speed)
+
+    @cached_property
+    def lane_yaw_rate(self) -> FloatArray:
+        """Yaw rate that turns the followers along their lanes, wherever in them they are [rad/s]."""
+        return 2.0 * self.speed / self.reach * np.sin(self.lane.heading - self.yaw)
+
+    def to_goal(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Distance along the paths from the followers to places `x`, `y`, one for each [m]."""
+        return self.paths.project(np.arange(len(self)), x, y).s - self.s
