@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,6 +13,7 @@ from litsim_policy.motion.car_following import AlongPath, along_path, along_path
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import CHUNK, PathBatch
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_yaw_rate
+from litsim_sim.maps.lane_map import LaneMap
 
 
 @st.composite
@@ -86,8 +88,13 @@ def test_every_vehicle_sees_what_it_would_see_alone(
         assert (alone.s[row], alone.d[row]) == (s[0], d[0])
 
 
+@pytest.fixture(scope="module")
+def lane_map(make_scenario, track) -> LaneMap:
+    return make_scenario(track(1, x=60.0)).lane_map
+
+
 @given(several_paths(), st.integers(0, 2**32))
-def test_pursuits_are_those_of_each_vehicle_alone(make_scenario, track, agent_table, paths, seed: int) -> None:
+def test_pursuits_are_those_of_each_vehicle_alone(lane_map, agent_table, paths, seed: int) -> None:
     random = np.random.default_rng(seed)
     agents = [
         {"id": k, "x": x, "y": y, "yaw": yaw, "speed": abs(speed)}
@@ -95,7 +102,6 @@ def test_pursuits_are_those_of_each_vehicle_alone(make_scenario, track, agent_ta
     ]
     table = agent_table(0, *agents)
     batch = PathBatch([path.points for path in paths])
-    lane_map = make_scenario(track(1, x=60.0)).lane_map
     together = PathFollowers(lane_map, table, np.arange(len(paths)), batch)
     for row, path in enumerate(paths):
         pose = (float(values[row]) for values in (table.x, table.y, table.yaw, table.speed))
