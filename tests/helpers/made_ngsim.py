@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 
-from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.recordings.ngsim.formats import MOTORWAY_COLUMNS, STREET_COLUMNS, URBAN
 from litsim_sim.recordings.ngsim.sites import FOOT, SITES, Site
 
@@ -90,7 +90,7 @@ def table(traffic: Traffic) -> pd.DataFrame:
     aside = -LANE_WIDTH * (lane.to_numpy() - 0.5) + wobble[:, 1]
     x = np.where(back, STRETCH - along, along)
     y = np.where(back, -aside + 2.0, aside)
-    global_x, global_y = site.global_from_map(x, y)
+    global_x, global_y = global_from_map(site, x, y)
     day = datetime.strptime(f"{site.date} {traffic.period}", "%Y-%m-%d %H%M").replace(tzinfo=UTC)
     origin = int(day.timestamp() * 1000) - site.utc_offset_h * 3_600_000 - LEAD_IN_MS
     frame = rows["frame"].to_numpy() + LEAD_IN_MS // 100 + 1
@@ -129,6 +129,13 @@ def table(traffic: Traffic) -> pd.DataFrame:
     made = made[rng.random(len(made)) >= traffic.missing]
     again = made[rng.random(len(made)) < traffic.duplicated]
     return pd.concat([made, again], ignore_index=True)
+
+
+def global_from_map(site: Site, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Frame map (n,) [m] to State Plane metres (n,): the inverse of ``Site.map_from_global``."""
+    cos, sin = np.cos(site.yaw), np.sin(site.yaw)
+    dx, dy = x - site.map_anchor[0], y - site.map_anchor[1]
+    return site.global_anchor[0] + cos * dx + sin * dy, site.global_anchor[1] - sin * dx + cos * dy
 
 
 def _shares(rows: int, lanes: int) -> list[int]:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from shapely import LineString, points
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.maps.fitting import fit_lanes, fit_us101_plan
+from litsim_sim.maps.fitting import LAYOUTS, fit_lanes, fit_plan
 from litsim_sim.maps.highway import HighwayPlan, Ramp, find_netconvert, plain_xml, us101_like_plan, write_net
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
@@ -267,4 +267,4 @@ def test_fit_refuses_too_few_rows() -> None:
 
     table = pd.DataFrame({"x": np.arange(50.0), "y": 0.0, "lane": 1})
     with pytest.raises(InputError, match="cannot fit lanes 1 to 5"):
-        fit_us101_plan(table)
+        fit_plan(table, LAYOUTS["us101"])

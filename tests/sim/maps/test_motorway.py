@@ -244,7 +244,7 @@ def test_lanes_that_lead_nowhere() -> None:
 def test_cad_files(tmp_path: Path) -> None:
     site = SITES["us101"]
     corners = np.array([[100.0, -1.0], [300.0, -1.0]])
-    feet = np.column_stack(site.global_from_map(*corners.T)) / FOOT
+    feet = np.column_stack(made_ngsim.global_from_map(site, *corners.T)) / FOOT
     text = "CENTERLINES\n1\nCENTERLINE\ncenterline1\n2\n" + "\n".join(f" {x:.6f}   {y:.6f}" for x, y in feet)
     (tmp_path / "cad.txt").write_text(text)
     lines, found = read_center_lines(tmp_path / "cad.txt")

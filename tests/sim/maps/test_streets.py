@@ -179,7 +179,7 @@ def test_an_official_file_through_the_command(table: pd.DataFrame, lanelets: lis
     site = SITES["lankershim"]
     like = made_ngsim.table(made_ngsim.Traffic(site, "0830", rows=500)).iloc[[0]]
     made = like.loc[like.index.repeat(len(table))].reset_index(drop=True)
-    x, y = site.global_from_map(table["x"].to_numpy(), table["y"].to_numpy())
+    x, y = made_ngsim.global_from_map(site, table["x"].to_numpy(), table["y"].to_numpy())
     made["global_x"], made["global_y"] = x / FOOT, y / FOOT
     made["time_ms"] += 100 * (table["frame"] - made["frame"])
     for name in ("vehicle_id", "frame", "lane", "intersection", "section", "direction", "movement"):

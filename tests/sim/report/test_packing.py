@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_sim.report.packing import Packer, unpack
+from litsim_sim.report.packing import Packer
+from packed import unpack
 
 
 @given(

@@ -19,9 +19,9 @@ from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.report import run_report
 from litsim_sim.report.experiment import write_experiment_report
 from litsim_sim.report.forecasts import Forecasts
-from litsim_sim.report.packing import unpack
 from litsim_sim.report.pages import asset, render_page
 from litsim_sim.report.recording_plots import draw
+from packed import unpack
 
 HOSTILE = "a\"b'c</script></title></pre><script>alert(1)</script><img src=x onerror='alert(2)'>{{ 7 * 7 }}&amp;"
 

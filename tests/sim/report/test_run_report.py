@@ -19,9 +19,9 @@ from litsim_sim.record.run import Run
 from litsim_sim.report import run_report
 from litsim_sim.report.content import pack_run
 from litsim_sim.report.forecasts import Forecasts
-from litsim_sim.report.packing import unpack
 from litsim_sim.report.pages import asset
 from litsim_sim.report.run_report import render, save
+from packed import unpack
 
 Make = Callable[..., Any]
 VOID = {"meta", "link", "input", "br"}

@@ -63,11 +63,6 @@ LAYOUTS = {
 }
 
 
-def fit_us101_plan(table: pd.DataFrame) -> HighwayPlan:
-    """The plan of the US-101 section under a recording of it; see :func:`fit_plan`."""
-    return fit_plan(table, LAYOUTS["us101"])
-
-
 def fit_plan(table: pd.DataFrame, layout: Layout) -> HighwayPlan:
     """The plan of a carriageway that runs roughly along +x.
 

@@ -59,18 +59,3 @@ class Packer:
         header += b" " * (-len(header) % ALIGNMENT)
         whole = b"".join([len(header).to_bytes(4, "little"), header, *self._data])
         return base64.b64encode(gzip.compress(whole, 9, mtime=0)).decode()
-
-
-def unpack(text: str) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.float64]]]:
-    """Content and arrays of a container, as the page reads them."""
-    data = gzip.decompress(base64.b64decode(text))
-    start = 4 + int.from_bytes(data[:4], "little")
-    content = json.loads(data[4:start])
-    arrays: dict[str, npt.NDArray[np.float64]] = {}
-    for each in content.pop("arrays"):
-        kind, count = np.dtype(each["kind"]).newbyteorder("<"), int(np.prod(each["shape"]))
-        whole = np.frombuffer(data, kind, count, start + each["offset"]).reshape(each["shape"]).astype(WHOLE)
-        for _ in range(each["differences"]):
-            whole = np.cumsum(whole, axis=-1, dtype=WHOLE)
-        arrays[each["name"]] = whole.astype(np.float64) * each["resolution"]
-    return content, arrays

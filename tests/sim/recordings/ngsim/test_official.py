@@ -25,7 +25,7 @@ from litsim_sim.recordings.ngsim.sites import FOOT, I80, LANKERSHIM, PEACHTREE, 
 from litsim_sim.recordings.ngsim.summary import summary
 from litsim_sim.recordings.ngsim.tracks import PIECE
 from litsim_sim.recordings.recording import Recording
-from made_ngsim import Traffic, table, write_portal, write_text
+from made_ngsim import Traffic, global_from_map, table, write_portal, write_text
 
 DATA = Path(os.environ.get("LITSIM_DATA") or Path(__file__).parents[4] / ".." / "shared" / "data")
 WINDOWS = DATA / "ngsim/us101_0750_frames_0126_1149.parquet"
@@ -76,7 +76,7 @@ def put(line: int, column: int, value: str) -> Callable[[list[str]], None]:
 def test_map_frames_are_rigid_and_invertible(site: Any) -> None:
     rng = np.random.default_rng(1)
     x, y = rng.uniform(-300, 300, 20), rng.uniform(-300, 300, 20)
-    global_x, global_y = site.global_from_map(x, y)
+    global_x, global_y = global_from_map(site, x, y)
     np.testing.assert_allclose(site.map_from_global(global_x, global_y), (x, y), atol=1e-6)
     np.testing.assert_allclose(np.hypot(np.diff(x), np.diff(y)), np.hypot(np.diff(global_x), np.diff(global_y)))
     assert site.holds(global_x, global_y).all()

@@ -28,7 +28,6 @@ TIMEOUT_S = 20.0  # [s] without an answer
 RETRIES = 5  # broken connections in a row before giving up
 PAUSE_S = 2.0  # [s] before the next try
 BLOCK = 1 << 20  # [bytes]
-ROOM = 3 << 30  # [bytes] that the whole file may need
 
 
 @dataclass(frozen=True)

@@ -64,12 +64,6 @@ class Site:
         dx, dy = x - self.global_anchor[0], y - self.global_anchor[1]
         return self.map_anchor[0] + cos * dx - sin * dy, self.map_anchor[1] + sin * dx + cos * dy
 
-    def global_from_map(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Frame map (n,) [m] to State Plane metres (n,)."""
-        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
-        dx, dy = x - self.map_anchor[0], y - self.map_anchor[1]
-        return self.global_anchor[0] + cos * dx + sin * dy, self.global_anchor[1] - sin * dx + cos * dy
-
     def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """Which of the State Plane positions [m] (n,) can be on this site at all (n,)."""
         return (np.abs(x - self.global_anchor[0]) < EXTENT) & (np.abs(y - self.global_anchor[1]) < EXTENT)
