@@ -42,5 +42,13 @@ setup(
             "train = litsim_policy.learning.train:main",
             "check_ads = litsim_policy.cli.check_ads:main",
         ],
+        "litsim.stages": [  # what reads the parameters of each, see litsim_sim.core.stage_registry
+            "conflict = litsim_policy.conflict.takeover:conflict_stage",
+            "policy = litsim_policy.driving.registry:policy_stage",
+            "ego_bat = litsim_policy.ego.registry:bat_stage",
+            "ego_idm = litsim_policy.ego.registry:idm_stage",
+            "ego_log = litsim_policy.ego.registry:log_stage",
+            "ego_perturbed = litsim_policy.ego.registry:perturbed_stage",
+        ],
     },
 )

@@ -34,5 +34,7 @@ setup(
             "evaluate = litsim_predictor.cli.evaluate:main",
             "bench = litsim_predictor.cli.bench:main",
         ],
+        # what reads the parameters of the stage, see litsim_sim.core.stage_registry
+        "litsim.stages": ["predictor = litsim_predictor.models:predictor_stage"],
     },
 )

@@ -39,5 +39,9 @@ setup(
             "live = litsim_sim.cli.live:main",
             "data = litsim_sim.cli.data:main",
         ],
+        "litsim.stages": [  # what reads the parameters of each, see litsim_sim.core.stage_registry
+            "bridge = litsim_sim.nodes.bridge_options:bridge_stage",
+            "recorder = litsim_sim.nodes.recorder_options:recorder_stage",
+        ],
     },
 )

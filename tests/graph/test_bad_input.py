@@ -103,14 +103,32 @@ def test_choices_of_the_command_line(graph: Any) -> None:
 @pytest.mark.parametrize(
     ("program", "arguments", "expected"),
     [
-        (("litsim_policy", "conflict"), ("-p", "rio:=3.0"), "conflict: unknown parameter rio; expected braking_hard, "),
-        (("litsim_sim", "recorder"), ("-p", "output:=5"), "parameter 'output' to '5' of type 'INTEGER'"),
+        (
+            ("litsim_policy", "conflict"),
+            ("-p", "rio:=3.0"),
+            "conflict: unknown parameter rio (near: horizon); expected braking_hard, ",
+        ),
+        (
+            ("litsim_policy", "conflict"),
+            ("-p", "horizon:=-1"),
+            "conflict: parameter horizon is -1, expected a number of at least 0.1 [s]",
+        ),
+        (
+            ("litsim_policy", "ego_perturbed"),
+            ("-p", "time:=[2, 1]"),
+            "ego: parameter time is (2.0, 1.0), expected the earliest before the latest",
+        ),
+        (("litsim_sim", "recorder"), ("-p", "output:=5"), "recorder: parameter output is 5, expected a text"),
         (
             ("litsim_sim", "bridge"),
             ("-p", "mode:=fast"),
             "bridge: parameter mode is 'fast', expected one of lockstep, ",
         ),
-        (("litsim_sim", "bridge"), ("-p", "answer_timeout_s:=-1.0"), "answer_timeout_s is -1.0, expected seconds > 0"),
+        (
+            ("litsim_sim", "bridge"),
+            ("-p", "answer_timeout_s:=-1.0"),
+            "answer_timeout_s is -1.0, expected a number of m",
+        ),
         (("litsim_policy", "ego_idm"), ("--fast",), "ego_idm: unknown argument"),
     ],
 )

@@ -2,37 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from litsim_predictor.forecast import Forecast, agents_of_interest
+from litsim_sim.core.quantities import (
+    Acceleration,
+    AngularRate,
+    Duration,
+    Horizon,
+    Length,
+    NonNegative,
+    Positive,
+    Speed,
+    Steps,
+    configuration,
+)
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, History
 
 
-@dataclass(frozen=True)
+@configuration
 class KinematicConfig:
     """Parameters of :class:`KinematicPredictor`.
 
     Attributes:
-        horizon: [s].
-        dt: [s] between future steps.
+        horizon: of the forecast.
+        dt: time between future steps.
         rate_window: steps over which the turn rate is averaged; recorded headings are noisy.
-        rate_dead_band: turn rates [rad/s] below are noise, and taken as none.
-        rate_decay: time constant [s] with which drivers are expected to end a turn.
-        sigma_along, sigma_across: growth of the standard deviations, linear [m/s] and quadratic [m/s2] terms; the
+        rate_dead_band: turn rates below are noise, and taken as none.
+        rate_decay: time constant with which drivers are expected to end a turn.
+        sigma_along, sigma_across: growth of the standard deviations, linear and quadratic terms; the
             defaults follow the published error of constant velocity on NGSIM, 0.7 m at 1 s to 6.7 m at 5 s.
-        sigma_start: standard deviation at the start [m].
+        sigma_start: standard deviation at the start.
     """
 
-    horizon: float = 5.0
-    dt: float = 0.2
-    rate_window: int = 10
-    rate_dead_band: float = 0.03
-    rate_decay: float = 1.5
-    sigma_along: tuple[float, float] = (0.55, 0.16)
-    sigma_across: tuple[float, float] = (0.15, 0.02)
-    sigma_start: float = 0.1
+    horizon: Horizon = 5.0
+    dt: Positive[Duration] = 0.2
+    rate_window: Positive[Steps] = 10
+    rate_dead_band: NonNegative[AngularRate] = 0.03
+    rate_decay: Positive[Duration] = 1.5
+    sigma_along: tuple[NonNegative[Speed], NonNegative[Acceleration]] = (0.55, 0.16)
+    sigma_across: tuple[NonNegative[Speed], NonNegative[Acceleration]] = (0.15, 0.02)
+    sigma_start: NonNegative[Length] = 0.1
 
 
 class KinematicPredictor:

@@ -3,17 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib.util import find_spec
+from typing import Annotated
+
+from pydantic import AfterValidator
 
 from litsim_predictor.forecast import Predictor
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
 from litsim_predictor.learned import SHIPPED
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.quantities import configuration
 from litsim_sim.scenario.scenario import Scenario
 
 MODELS = ("kinematic", *SHIPPED)
+
+
+def known_model(name: str) -> str:
+    """Check that `name` is one of :data:`MODELS`, or that of a file of weights; returns it.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    if name not in MODELS and not name.endswith(".safetensors"):
+        raise ValueError(f"expected one of {', '.join(MODELS)}, or a file *.safetensors")
+    return name
+
+
+ModelName = Annotated[str, AfterValidator(known_model)]
+"""Type of a field that names a predictor."""
 
 
 def default_model() -> str:
@@ -21,7 +40,7 @@ def default_model() -> str:
     return "default" if find_spec("torch") else "kinematic"
 
 
-@dataclass(frozen=True)
+@configuration
 class PredictorConfig:
     """Parameters of the predictor stage.
 
@@ -30,7 +49,7 @@ class PredictorConfig:
         kinematic: of the model of that name.
     """
 
-    model: str = field(default_factory=default_model)
+    model: ModelName = field(default_factory=default_model)
     kinematic: KinematicConfig = KinematicConfig()
 
 
@@ -53,10 +72,10 @@ def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | 
     """
     if model == "kinematic":
         return KinematicPredictor(scenario.ego_id, scenario.roi_m, kinematic)
-    if model not in SHIPPED and not model.endswith(".safetensors"):
-        raise InputError(
-            f"predictor: parameter model is {model!r}, expected one of {', '.join(MODELS)}, or a file *.safetensors"
-        )
+    try:
+        known_model(model)
+    except ValueError as error:
+        raise InputError(f"predictor: parameter model is {model!r}, {error}") from error
     # torch takes seconds to import, and is not needed for the kinematic model.
     if not find_spec("torch"):
         raise InputError(f"predictor: model {model} needs torch, which is not installed here; kinematic does not")

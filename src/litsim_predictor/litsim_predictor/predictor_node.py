@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 from litsim_msgs.msg import RunInfo
@@ -12,7 +11,7 @@ from litsim_predictor.forecast import Predictor
 from litsim_predictor.messages import forecast_to_message
 from litsim_predictor.models import predictor_stage
 from litsim_sim.ros.messages import agents_from_message
-from litsim_sim.ros.parameters import declare
+from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, FORECASTS
 from litsim_sim.scenario.scenario import Scenario
@@ -27,7 +26,7 @@ class PredictorNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._make = predictor_stage(partial(declare, self))
+        self._make = read_parameters(self, predictor_stage)
         self._run_id = ""
         self._predictor: Predictor
 

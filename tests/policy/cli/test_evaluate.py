@@ -32,8 +32,11 @@ def refused(monkeypatch, capsys, *words: str) -> str:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--policy", "replay", "--set", "conflct.horizon=2"], "conflct: unknown parameter horizon"),
-        (["--policy", "yield", "--set", "conflict.horizon=2,-1"], "parameter horizon is -1.0"),
+        (["--policy", "replay", "--set", "conflct.horizon=2"], "no stage of this run: conflct; expected ego"),
+        (
+            ["--policy", "yield", "--set", "conflict.horizon=2,-1"],
+            "conflict: parameter horizon is -1, expected a number of at least 0.1 [s]",
+        ),
         (["--egos", "2,99999"], "--egos 2,99999: 99999"),
         (["--processes", "0"], "'0', expected a whole number of at least 1"),
     ],

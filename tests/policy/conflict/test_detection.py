@@ -16,6 +16,7 @@ from litsim_policy.conflict.overlap import Strips
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller
 from litsim_sim.scenario.log import Log
 
@@ -416,16 +417,19 @@ def test_whoever_is_off_its_log_stays_in_conflict_down_to_the_lower_threshold(lo
 @pytest.mark.parametrize(
     ("config", "problem"),
     [
-        ({"horizon": 0.0}, "horizon"),
-        ({"probability_threshold": 1.0}, "threshold"),
-        ({"probability_clear": 0.5, "probability_threshold": 0.4}, "clear"),
-        ({"probability_clear": 0.0}, "clear"),
-        ({"sigma_scale": -1.0}, "sigma_scale"),
+        ({"horizon": 0.0}, r"horizon is 0.0, expected a number of at least 0.1 \[s\]"),
+        ({"probability_threshold": 1.0}, "threshold is 1.0, expected a number of more than 0 and less than 1"),
+        (
+            {"probability_clear": 0.5, "probability_threshold": 0.4},
+            "clear is 0.5, expected at most probability_threshold, which is 0.4",
+        ),
+        ({"probability_clear": 0.0}, "clear is 0.0, expected a number of more than 0 and less than 1"),
+        ({"sigma_scale": -1.0}, "sigma_scale is -1.0, expected a number of at least 0"),
     ],
 )
 def test_parameters_out_of_range_are_input_errors(config: dict[str, float], problem: str) -> None:
     with pytest.raises(InputError, match=problem):
-        ConflictConfig(**config)
+        ParameterOverrides("conflict", config)(ConflictConfig())
 
 
 @settings(max_examples=40)

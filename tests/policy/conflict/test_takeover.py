@@ -13,6 +13,7 @@ from litsim_policy.conflict.detection import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import AgentTable, Controller
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
@@ -473,14 +474,14 @@ def test_every_takeover_says_all_that_explains_it(lag_then_go) -> None:
 @pytest.mark.parametrize(
     ("config", "problem"),
     [
-        ({"handback": "jump"}, "handback"),
-        ({"iterations_max": 0}, "iterations_max"),
-        ({"confirm_steps": 0}, "confirm_steps"),
+        ({"handback": "jump"}, "handback is 'jump', expected one of catch_up, time_shift"),
+        ({"iterations_max": 0}, "iterations_max is 0, expected a whole number of more than 0"),
+        ({"confirm_steps": 0}, r"confirm_steps is 0, expected a whole number of more than 0 \[steps\]"),
     ],
 )
 def test_parameters_out_of_range_are_input_errors(config: dict[str, Any], problem: str) -> None:
     with pytest.raises(InputError, match=problem):
-        TakeoverConfig(**config)
+        ParameterOverrides("conflict", config)(TakeoverConfig())
 
 
 def test_with_the_ego_on_its_log_nobody_is_taken_over(make_scenario, track, drive, lane_centres) -> None:

@@ -15,6 +15,7 @@ from litsim_policy.ego.registry import make_ego
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller
 from litsim_sim.scenario.scenario import Scenario
 
@@ -132,12 +133,13 @@ def test_a_ramp_beyond_a_gore_is_no_road_ahead(make_scenario, track) -> None:
 def test_it_has_a_name_and_parameters_that_are_checked(make_scenario, track) -> None:
     scenario = make_scenario(track(1, x=100.0))
     assert isinstance(make_ego("bat", scenario, bat=KINEMATIC), BatEgo)
-    with pytest.raises(InputError, match="crystal ball"):
-        make_ego("bat", scenario, bat=BatConfig(predictor="crystal ball"))
-    with pytest.raises(InputError, match="preview"):
-        BatConfig(preview=0.0)
-    with pytest.raises(InputError, match="edge_margin"):
-        BatConfig(edge_margin=float("nan"))
+    for name, value, problem in (
+        ("predictor", "crystal ball", "predictor is 'crystal ball', expected one of kinematic, "),
+        ("preview", 0.0, "preview is 0.0, expected a number of at least 0.1"),
+        ("edge_margin", float("nan"), "edge_margin is nan, expected a number of at least 0"),
+    ):
+        with pytest.raises(InputError, match=f"ego: parameter {problem}"):
+            ParameterOverrides("ego", {name: value})(BatConfig())
 
 
 def test_during_the_history_and_off_the_road_it_says_nothing(make_scenario, track) -> None:

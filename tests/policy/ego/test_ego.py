@@ -9,6 +9,7 @@ from litsim_policy.ego.perturbed import PerturbedConfig, PerturbedEgo
 from litsim_policy.ego.registry import CAREFUL, IdmEgo, LogEgo, make_ego
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import EgoMode
 from litsim_sim.scenario.scenario import Scenario
 
@@ -200,7 +201,7 @@ def test_the_seed_and_the_ego_decide_what_and_when(make_scenario, track) -> None
 )
 def test_perturbations_that_cannot_be_are_input_errors(config) -> None:
     with pytest.raises(InputError, match=next(iter(config))):
-        PerturbedConfig(**config)
+        ParameterOverrides("ego", config)(PerturbedConfig())
 
 
 def test_yielding_copes_with_perturbed_egos_where_replay_does_not(make_scenario, track, perturbed) -> None:

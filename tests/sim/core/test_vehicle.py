@@ -67,11 +67,11 @@ def test_reset_forgets() -> None:
     ("values", "error"),
     [
         ({"wheels": 4.0}, "wheels is unknown, expected some of acceleration_max, "),
-        ({"curvature_max": 0.0}, "curvature_max is 0, expected more than 0"),
-        ({"lag_s": -0.1}, "lag_s is -0.1, expected 0 or more"),
-        ({"speed_max": inf}, "speed_max is inf, expected more than 0"),
-        ({"jerk_max": nan}, "jerk_max is nan, expected more than 0"),
-        ({"rear_axle": 0.6}, "rear_axle is 0.6, expected a share of the length, 0 to 0.5"),
+        ({"curvature_max": 0.0}, r"curvature_max is 0.0, expected a number of more than 0 \[1/m\]"),
+        ({"lag_s": -0.1}, r"lag_s is -0.1, expected a number of at least 0 \[s\]"),
+        ({"speed_max": inf}, "speed_max is inf, expected a number of more than 0"),
+        ({"jerk_max": nan}, "jerk_max is nan, expected a number of more than 0"),
+        ({"rear_axle": 0.6}, "rear_axle is 0.6, expected a number of at least 0 and at most 0.5"),
         ({"delay_s": 0.25}, "delay_s is 0.25, expected a multiple of 0.1 s"),
     ],
 )

@@ -5,19 +5,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import model_validator
 from scipy.special import ndtri
 
 from litsim_policy.conflict.overlap import Strips
 from litsim_predictor.forecast import Forecast
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body, wrap_angle
+from litsim_sim.core.quantities import (
+    Acceleration,
+    Duration,
+    Horizon,
+    Length,
+    NonNegative,
+    Number,
+    OpenShare,
+    at_most,
+    configuration,
+)
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray, IntArray
 from litsim_sim.scenario.log import Log
 
 FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer, nobody follows anybody
 
 
-@dataclass(frozen=True)
+@configuration
 class ConflictConfig:
     """When two futures count as a conflict.
 
@@ -27,40 +38,29 @@ class ConflictConfig:
     probability is a half where the mean boxes touch. Lower thresholds see a conflict sooner.
 
     Attributes:
-        horizon: [s] of the future that is compared; a forecast is trusted no longer.
-        margin: [m] by which boxes are lengthened; positive takes over earlier.
+        horizon: of the future that is compared; a forecast is trusted no longer.
+        margin: by which boxes are lengthened; positive takes over earlier.
         probability_threshold: of an overlap at some instant, from which on it is a conflict.
         probability_clear: below which, at every instant, there is none any more; for agents that are off their log
             already. Lower than the threshold, it keeps takeovers from flickering.
         sigma_scale: by which the standard deviations of the forecast are multiplied.
-        braking_time: [s] for which an ego that brakes hard is taken to go on doing so, where its forecast does not
+        braking_time: for which an ego that brakes hard is taken to go on doing so, where its forecast does not
             expect as much; 0 leaves forecasts as they are.
-        braking_hard: [m/s2] from which on braking is hard.
+        braking_hard: from which on braking is hard.
     """
 
-    horizon: float = 3.0
-    margin: float = 0.0
-    probability_threshold: float = 0.4
-    probability_clear: float = 0.2
-    sigma_scale: float = 1.0
-    braking_time: float = 1.0
-    braking_hard: float = 2.0
+    horizon: Horizon = 3.0
+    margin: Length = 0.0
+    probability_threshold: OpenShare = 0.4
+    probability_clear: OpenShare = 0.2
+    sigma_scale: NonNegative[Number] = 1.0
+    braking_time: NonNegative[Duration] = 1.0
+    braking_hard: NonNegative[Acceleration] = 2.0
 
-    def __post_init__(self) -> None:
-        """Refuse what makes no sense.
-
-        Raises:
-            InputError: a parameter is out of range.
-        """
-        if not self.horizon >= STEP_S:
-            raise InputError(f"conflict: parameter horizon is {self.horizon}, expected at least {STEP_S} [s]")
-        if not 0.0 < self.probability_clear <= self.probability_threshold < 1.0:
-            raise InputError(
-                f"conflict: parameters probability_clear and probability_threshold are {self.probability_clear} and "
-                f"{self.probability_threshold}, expected 0 < clear <= threshold < 1"
-            )
-        if not self.sigma_scale >= 0.0:
-            raise InputError(f"conflict: parameter sigma_scale is {self.sigma_scale}, expected at least 0")
+    @model_validator(mode="after")
+    def _check(self) -> ConflictConfig:
+        at_most(self, "probability_clear", "probability_threshold")
+        return self
 
 
 @dataclass(frozen=True)

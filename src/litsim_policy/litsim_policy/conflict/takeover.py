@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -12,55 +13,51 @@ from litsim_policy.motion.car_following import along_path
 from litsim_policy.motion.reference_path import ReferencePath, logged_path, window_of
 from litsim_policy.motion.route import Router
 from litsim_predictor.forecast import Forecast
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.quantities import (
+    Angle,
+    Duration,
+    Length,
+    NonNegative,
+    Positive,
+    Speed,
+    Steps,
+    Whole,
+    configuration,
+)
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, IntArray
 from litsim_sim.core.takeover import PathSource, Pose, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 
-HANDBACKS = ("catch_up", "time_shift")
 
-
-@dataclass(frozen=True)
+@configuration
 class TakeoverConfig:
     """When an agent is taken over, handed back and released.
 
     Attributes:
         confirm_steps: steps in a row that predict a conflict before it is believed.
-        urgent_time: [s] to a conflict within which it is believed at once.
+        urgent_time: to a conflict within which it is believed at once.
         held_steps_min: steps for which an agent is held at least.
         clear_steps: steps in a row without conflict before the hand-back begins, once the goal is passed; twice as
             many before.
         iterations_max: bound on the iterations of detection within a step.
-        release_position: residual [m] within which the hand-back is over.
-        release_speed: residual [m/s] likewise.
-        release_yaw: residual [rad] likewise.
+        release_position: residual within which the hand-back is over.
+        release_speed: residual likewise.
+        release_yaw: residual likewise.
         handback: how an agent comes back: catch_up, to where its log has it at the time; or time_shift, to where its
             log was nearest to it, the log going on late from then on.
     """
 
-    confirm_steps: int = 3
-    urgent_time: float = 1.0
-    held_steps_min: int = 5
-    clear_steps: int = 5
-    iterations_max: int = 10
-    release_position: float = 0.5
-    release_speed: float = 1.0
-    release_yaw: float = 0.1
-    handback: str = "time_shift"
-
-    def __post_init__(self) -> None:
-        """Refuse what makes no sense.
-
-        Raises:
-            InputError: a parameter is out of range.
-        """
-        if self.handback not in HANDBACKS:
-            raise InputError(f"conflict: parameter handback is {self.handback!r}, expected one of {HANDBACKS}")
-        for name in ("confirm_steps", "iterations_max"):
-            if getattr(self, name) < 1:
-                raise InputError(f"conflict: parameter {name} is {getattr(self, name)}, expected at least 1")
+    confirm_steps: Positive[Steps] = 3
+    urgent_time: NonNegative[Duration] = 1.0
+    held_steps_min: NonNegative[Steps] = 5
+    clear_steps: NonNegative[Steps] = 5
+    iterations_max: Positive[Whole] = 10
+    release_position: NonNegative[Length] = 0.5
+    release_speed: NonNegative[Speed] = 1.0
+    release_yaw: NonNegative[Angle] = 0.1
+    handback: Literal["catch_up", "time_shift"] = "time_shift"
 
 
 @dataclass

@@ -9,29 +9,29 @@ Two ways, told apart by how late the log is that it goes back to (`Takeover.time
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from litsim_sim.core.quantities import Acceleration, Positive, Rate, Speed, SquaredRate, configuration
 from litsim_sim.core.scene import FloatArray
 
 
-@dataclass(frozen=True)
+@configuration
 class HandbackConfig:
     """Bounded catch-up.
 
     Attributes:
-        acceleration_max, deceleration_max: comfort bounds [m/s2]; those of nuPlan are 2.40 and 4.05.
-        speed_excess: faster than the log by no more than this [m/s].
-        position_gain: [1/s2].
-        speed_gain: [1/s]; critically damped at twice the root of `position_gain`.
+        acceleration_max, deceleration_max: comfort bounds; those of nuPlan are 2.40 and 4.05.
+        speed_excess: faster than the log by no more than this.
+        position_gain: of the acceleration on the distance to make up for.
+        speed_gain: of the acceleration on the difference in speed; critically damped at twice the root of
+            `position_gain`.
     """
 
-    acceleration_max: float = 2.0
-    deceleration_max: float = 3.0
-    speed_excess: float = 4.0
-    position_gain: float = 0.36
-    speed_gain: float = 1.2
+    acceleration_max: Positive[Acceleration] = 2.0
+    deceleration_max: Positive[Acceleration] = 3.0
+    speed_excess: Positive[Speed] = 4.0
+    position_gain: Positive[SquaredRate] = 0.36
+    speed_gain: Positive[Rate] = 1.2
 
 
 def catch_up(

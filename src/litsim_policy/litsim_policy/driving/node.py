@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 from litsim_msgs.msg import RunInfo
@@ -11,7 +10,7 @@ from litsim_msgs.msg import RunInfo
 from litsim_policy.conflict.messages import takeovers_from_message
 from litsim_policy.driving.registry import Policy, policy_stage
 from litsim_sim.ros.messages import agents_from_message, controls_to_message
-from litsim_sim.ros.parameters import declare
+from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, CONTROLS, TAKEOVERS
 from litsim_sim.scenario.scenario import Scenario
@@ -26,7 +25,7 @@ class PolicyNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._make = policy_stage(partial(declare, self))
+        self._make = read_parameters(self, policy_stage)
         self._run_id = ""
         self._policy: Policy
 

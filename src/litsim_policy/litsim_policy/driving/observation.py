@@ -13,7 +13,6 @@ Everything is seen from the agents' box centres, divided by fixed scales and cut
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -21,6 +20,7 @@ import numpy as np
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.geometry import to_body, wrap_angle
+from litsim_sim.core.quantities import Length, Positive, Whole, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
@@ -55,7 +55,7 @@ WAY_FEATURES = (
 )
 
 
-@dataclass(frozen=True)
+@configuration
 class ObservationConfig:
     """How surrounding agents are chosen.
 
@@ -63,12 +63,12 @@ class ObservationConfig:
         arrange: `sector` sees the nearest agent in each of `slots` equal sectors, the first centred ahead, then
             counter-clockwise; `distance` sees the `slots` nearest agents, nearest first.
         slots: k.
-        sight: [m] beyond which nobody is seen.
+        sight: beyond which nobody is seen.
     """
 
     arrange: Literal["sector", "distance"] = "sector"
-    slots: int = 8
-    sight: float = 60.0
+    slots: Positive[Whole] = 8
+    sight: Positive[Length] = 60.0
 
     @property
     def size(self) -> int:

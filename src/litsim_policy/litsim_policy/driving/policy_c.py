@@ -20,6 +20,7 @@ from litsim_policy.driving.safety import SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
 from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.maps.lane_map import LaneMap
@@ -90,7 +91,7 @@ def shipped_weights() -> Path:
     return Path(str(resources.files("litsim_policy").joinpath("weights/policy_c.safetensors")))
 
 
-@dataclass(frozen=True)
+@configuration
 class PolicyCConfig:
     """Parameters of :class:`PolicyC`.
 

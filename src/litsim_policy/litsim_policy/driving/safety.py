@@ -11,17 +11,32 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import model_validator
 
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.geometry import boxes_overlap, to_body
+from litsim_sim.core.quantities import (
+    Acceleration,
+    AngularAcceleration,
+    AngularRate,
+    Duration,
+    Flag,
+    Horizon,
+    Jerk,
+    Length,
+    NonNegative,
+    Positive,
+    at_most,
+    configuration,
+)
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
 GUARDS = ("limits", "following", "contact", "road")
 
 
-@dataclass(frozen=True)
+@configuration
 class SafetyConfig:
     """Limits, which always hold, and guards. Bounds are those of nuPlan's comfort measure unless said otherwise.
 
@@ -29,44 +44,49 @@ class SafetyConfig:
         following: brake for who is ahead on the path when braking can no longer wait.
         contact: brake or steer where the command leads into another box within `horizon`.
         road: do not steer off the road.
-        acceleration_max, deceleration_max: of what the network commands [m/s2].
-        jerk_max: change of the network's acceleration [m/s3].
-        lateral_acceleration_max: [m/s2].
-        yaw_rate_max: [rad/s].
-        yaw_acceleration_max: [rad/s2].
-        braking_max: of the guards in an emergency [m/s2]; what the vehicle can do.
-        leader_braking: hardest braking that whoever is ahead may start at any time [m/s2].
-        own_braking: braking that is relied on then [m/s2].
-        standstill_gap: kept behind whoever is ahead [m].
-        relax: time constant with which a gap that is too short is widened [s].
-        imminent: braking [m/s2] from which on an approach counts as an emergency.
-        leader_brakes: braking [m/s2] from which on a leader is taken to stop.
-        horizon: [s] of the look ahead.
-        settle: time constant with which a turn is expected to end [s].
-        margin: [m] kept to other boxes.
-        road_horizon: [s] of the look ahead for the road.
+        acceleration_max, deceleration_max: of what the network commands.
+        jerk_max: change of the network's acceleration.
+        lateral_acceleration_max: of the network's turns.
+        yaw_rate_max: of the network's turns.
+        yaw_acceleration_max: change of the network's yaw rate.
+        braking_max: of the guards in an emergency; what the vehicle can do.
+        leader_braking: hardest braking that whoever is ahead may start at any time.
+        own_braking: braking that is relied on then.
+        standstill_gap: kept behind whoever is ahead.
+        relax: time constant with which a gap that is too short is widened.
+        imminent: braking from which on an approach counts as an emergency.
+        leader_brakes: braking from which on a leader is taken to stop.
+        horizon: of the look ahead for other boxes.
+        settle: time constant with which a turn is expected to end.
+        margin: distance kept to other boxes.
+        road_horizon: of the look ahead for the road, which goes along the same prediction.
     """
 
-    following: bool = True
-    contact: bool = True
-    road: bool = True
-    acceleration_max: float = 2.40
-    deceleration_max: float = 4.05
-    jerk_max: float = 4.13
-    lateral_acceleration_max: float = 4.89
-    yaw_rate_max: float = 0.95
-    yaw_acceleration_max: float = 1.93
-    braking_max: float = 8.0
-    leader_braking: float = 8.0
-    own_braking: float = 6.0
-    standstill_gap: float = 1.0
-    relax: float = 0.5
-    imminent: float = 2.0
-    leader_brakes: float = 1.0
-    horizon: float = 1.5
-    settle: float = 0.5
-    margin: float = 0.15
-    road_horizon: float = 0.8
+    following: Flag = True
+    contact: Flag = True
+    road: Flag = True
+    acceleration_max: Positive[Acceleration] = 2.40
+    deceleration_max: Positive[Acceleration] = 4.05
+    jerk_max: Positive[Jerk] = 4.13
+    lateral_acceleration_max: Positive[Acceleration] = 4.89
+    yaw_rate_max: Positive[AngularRate] = 0.95
+    yaw_acceleration_max: Positive[AngularAcceleration] = 1.93
+    braking_max: Positive[Acceleration] = 8.0
+    leader_braking: Positive[Acceleration] = 8.0
+    own_braking: Positive[Acceleration] = 6.0
+    standstill_gap: NonNegative[Length] = 1.0
+    relax: Positive[Duration] = 0.5
+    imminent: NonNegative[Acceleration] = 2.0
+    leader_brakes: NonNegative[Acceleration] = 1.0
+    horizon: Horizon = 1.5
+    settle: Positive[Duration] = 0.5
+    margin: NonNegative[Length] = 0.15
+    road_horizon: Horizon = 0.8
+
+    @model_validator(mode="after")
+    def _check(self) -> SafetyConfig:
+        at_most(self, "road_horizon", "horizon")
+        return self
 
 
 LIMITS_ONLY = SafetyConfig(following=False, contact=False, road=False)

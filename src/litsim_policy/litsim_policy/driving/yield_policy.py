@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.geometry import to_body
+from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Speed, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
@@ -24,32 +25,32 @@ SOURCES = {
 }
 
 
-@dataclass(frozen=True)
+@configuration
 class YieldConfig:
     """Parameters of :class:`YieldPolicy`.
 
     Attributes:
         idm: car following behind whatever is on the path.
-        courtesy_deceleration: hardest braking [m/s2] for an opponent that is ahead but not yet on the path, or
+        courtesy_deceleration: hardest braking for an opponent that is ahead but not yet on the path, or
             alongside without being in the way.
-        speed_reserve: faster than the agent's own log by this much at most [m/s] while it is held.
-        speed_min: [m/s] that an agent may always drive on a free path, though it stood there in the log.
-        side_gap: free road [m] behind and ahead that a move to the side needs.
-        side_horizon: [s] for which whoever approaches is expected to go on doing so.
-        side_margin: [m] to the side that are kept to others.
-        side_drift: [m] to the side that count as no move.
+        speed_reserve: faster than the agent's own log by this much at most while it is held.
+        speed_min: that an agent may always drive on a free path, though it stood there in the log.
+        side_gap: free road behind and ahead that a move to the side needs.
+        side_horizon: for which whoever approaches is expected to go on doing so.
+        side_margin: distance to the side that is kept to others.
+        side_drift: distance to the side that counts as no move.
     """
 
     idm: IdmConfig = field(
         default_factory=lambda: IdmConfig(headway=0.8, standstill_gap=1.5, acceleration=2.0, deceleration=2.5)
     )
-    courtesy_deceleration: float = 3.0
-    speed_reserve: float = 1.0
-    speed_min: float = 3.0
-    side_gap: float = 1.0
-    side_horizon: float = 1.5
-    side_margin: float = 0.3
-    side_drift: float = 0.05
+    courtesy_deceleration: NonNegative[Acceleration] = 3.0
+    speed_reserve: NonNegative[Speed] = 1.0
+    speed_min: NonNegative[Speed] = 3.0
+    side_gap: NonNegative[Length] = 1.0
+    side_horizon: NonNegative[Duration] = 1.5
+    side_margin: NonNegative[Length] = 0.3
+    side_drift: NonNegative[Length] = 0.05
 
 
 class YieldPolicy:

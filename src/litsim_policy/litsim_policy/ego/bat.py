@@ -7,14 +7,12 @@ brake for an emergency, so its errors are the predictor's, and others have to co
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from litsim_policy.motion.reference_path import ReferencePath, onto_lane, pursuit_yaw_rate
 from litsim_predictor.forecast import Forecast
-from litsim_predictor.models import make_predictor
-from litsim_sim.core.errors import InputError
+from litsim_predictor.models import ModelName, make_predictor
+from litsim_sim.core.quantities import Horizon, Length, NonNegative, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.scenario import Scenario
@@ -22,30 +20,19 @@ from litsim_sim.scenario.scenario import Scenario
 BACK = -0.5  # cosine of the angle to the heading now from which on a step leads back: 120 degrees
 
 
-@dataclass(frozen=True)
+@configuration
 class BatConfig:
     """How forecasts are tracked.
 
     Attributes:
         predictor: what forecasts; see :func:`litsim_predictor.models.make_predictor`.
-        preview: [s] of the forecast that the acceleration is to reproduce.
-        edge_margin: [m] that the ego's sides keep from the edges of the road.
+        preview: time into the forecast that the acceleration is to reproduce.
+        edge_margin: distance that the ego's sides keep from the edges of the road.
     """
 
-    predictor: str = "bat"
-    preview: float = 2.0
-    edge_margin: float = 0.2
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be driven.
-
-        Raises:
-            InputError: a parameter is out of range.
-        """
-        if not self.preview > 0.0:
-            raise InputError(f"ego: parameter preview is {self.preview}, expected more than 0 [s]")
-        if not self.edge_margin >= 0.0:
-            raise InputError(f"ego: parameter edge_margin is {self.edge_margin}, expected at least 0 [m]")
+    predictor: ModelName = "bat"
+    preview: Horizon = 2.0
+    edge_margin: NonNegative[Length] = 0.2
 
 
 class BatEgo:

@@ -10,7 +10,7 @@ from litsim_msgs.msg import RunInfo
 
 from litsim_policy.ego.registry import Ego, ego_stage
 from litsim_sim.ros.messages import agents_from_message, ego_to_message
-from litsim_sim.ros.parameters import declare
+from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, EGO_CONTROL
 from litsim_sim.scenario.scenario import Scenario
@@ -25,7 +25,7 @@ class EgoNode(StageNode):
 
     def __init__(self, name: str) -> None:
         super().__init__()
-        self._make = ego_stage(name, partial(declare, self))
+        self._make = read_parameters(self, partial(ego_stage, name))
         self._run_id = ""
         self._ego: Ego
 

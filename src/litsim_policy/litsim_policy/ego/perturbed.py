@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from pydantic import model_validator
 
 from litsim_policy.motion.car_following import IdmConfig, along_path, idm_acceleration
 from litsim_policy.motion.reference_path import ReferencePath, lane_change_path, logged_path, pursuit_yaw_rate
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import to_body
+from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Rate, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, EgoMode
 from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.scenario.scenario import Scenario
@@ -19,47 +20,36 @@ FOLLOWING = IdmConfig()
 """Car following after the perturbation: the parameters calibrated on NGSIM, so that little is added to it."""
 
 
-@dataclass(frozen=True)
+@configuration
 class PerturbedConfig:
     """What happens to the log, and when.
 
     Attributes:
         kind: brake, lane_change, or mixed, which is either of the two as the seed says; or keep_speed: from then on the
             ego drives at the speed that it has, whoever is ahead.
-        time: [s] after the history, between which (earliest, latest) the seed puts the perturbation; equal fixes it.
-        deceleration: of braking [m/s2].
-        duration: of braking [s].
-        lane_change_time: that the way to the centre of the next lane takes [s].
-        lane_gap: free road [m] behind and ahead that a lane change needs where it begins.
-        patience: [s] for which a lane change waits for that gap; then the ego brakes instead.
-        speed_gain: [1/s] of the return to the logged speed.
+        time: after the history, between which (earliest, latest) the seed puts the perturbation; equal fixes it.
+        deceleration: of braking.
+        duration: of braking.
+        lane_change_time: that the way to the centre of the next lane takes.
+        lane_gap: free road behind and ahead that a lane change needs where it begins.
+        patience: time for which a lane change waits for that gap; then the ego brakes instead.
+        speed_gain: of the return to the logged speed.
     """
 
-    kind: str = "mixed"
-    time: tuple[float, float] = (0.0, 4.0)
-    deceleration: float = 2.0
-    duration: float = 2.5
-    lane_change_time: float = 3.0
-    lane_gap: float = 2.0
-    patience: float = 4.0
-    speed_gain: float = 1.0
+    kind: Literal["brake", "lane_change", "mixed", "keep_speed"] = "mixed"
+    time: tuple[NonNegative[Duration], NonNegative[Duration]] = (0.0, 4.0)
+    deceleration: NonNegative[Acceleration] = 2.0
+    duration: NonNegative[Duration] = 2.5
+    lane_change_time: Positive[Duration] = 3.0
+    lane_gap: NonNegative[Length] = 2.0
+    patience: NonNegative[Duration] = 4.0
+    speed_gain: Positive[Rate] = 1.0
 
-    def __post_init__(self) -> None:
-        """Refuse what cannot be driven.
-
-        Raises:
-            InputError: a parameter is out of range.
-        """
-        if self.kind not in KINDS:
-            raise InputError(f"ego: parameter kind is {self.kind!r}, expected one of {', '.join(KINDS)}")
-        if len(self.time) != 2 or not 0.0 <= self.time[0] <= self.time[1]:
-            raise InputError(f"ego: parameter time is {self.time}, expected 0 <= earliest <= latest [s]")
-        for name in ("deceleration", "duration", "lane_gap", "patience"):
-            if not getattr(self, name) >= 0.0:
-                raise InputError(f"ego: parameter {name} is {getattr(self, name)}, expected at least 0")
-        for name in ("lane_change_time", "speed_gain"):
-            if not getattr(self, name) > 0.0:
-                raise InputError(f"ego: parameter {name} is {getattr(self, name)}, expected more than 0")
+    @model_validator(mode="after")
+    def _check(self) -> PerturbedConfig:
+        if self.time[0] > self.time[1]:
+            raise ValueError(f"time is {self.time!r}, expected the earliest before the latest")
+        return self
 
 
 class PerturbedEgo:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 from litsim_policy.ego.bat import BatConfig, BatEgo
@@ -52,3 +53,7 @@ def ego_stage(name: str, read: ParameterReader) -> Callable[[Scenario], Ego]:
     perturbed = read(PerturbedConfig()) if name == "perturbed" else None
     bat = read(BatConfig()) if name == "bat" else None
     return lambda scenario: make_ego(name, scenario, idm, perturbed, bat)
+
+
+bat_stage, idm_stage = partial(ego_stage, "bat"), partial(ego_stage, "idm")
+log_stage, perturbed_stage = partial(ego_stage, "log"), partial(ego_stage, "perturbed")

@@ -12,9 +12,10 @@ from torch import Tensor, nn
 
 from litsim_policy.driving.action import ACTIONS
 from litsim_policy.learning.network import multilayer
+from litsim_sim.core.quantities import NonNegative, Number, Positive, Whole, configuration
 
 
-@dataclass(frozen=True)
+@configuration
 class CriticConfig:
     """How the critic learns.
 
@@ -28,12 +29,12 @@ class CriticConfig:
         reward_limit: the reward is cut to +- this.
     """
 
-    learning_rate: float = 3e-4
-    gradient_penalty: float = 2.0
-    updates: int = 20
-    batch: int = 256
-    noise: float = 0.1
-    reward_limit: float = 3.0
+    learning_rate: Positive[Number] = 3e-4
+    gradient_penalty: NonNegative[Number] = 2.0
+    updates: NonNegative[Whole] = 20
+    batch: Positive[Whole] = 256
+    noise: NonNegative[Number] = 0.1
+    reward_limit: Positive[Number] = 3.0
 
 
 class Critic(nn.Module):

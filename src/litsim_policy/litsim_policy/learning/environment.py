@@ -28,7 +28,8 @@ from litsim_policy.ego.registry import Ego, make_ego
 from litsim_policy.learning.reward import Penalties, PenaltyConfig, penalties
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.reference_path import ReferencePath, logged_path, window
-from litsim_predictor.models import make_predictor
+from litsim_predictor.models import ModelName, make_predictor
+from litsim_sim.core.quantities import Length, NonNegative, Positive, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
@@ -38,7 +39,7 @@ Array = np.ndarray
 NOBODY = -1
 
 
-@dataclass(frozen=True)
+@configuration
 class EnvironmentConfig:
     """How long an episode lasts, and who is driven in it.
 
@@ -47,17 +48,17 @@ class EnvironmentConfig:
             paper's, but segments of 28 s have 250.
         slots: agents under the policy at a time; further ones yield by rule.
         drafted: agents near the ego that are put under the policy at the start, conflict or not.
-        draft_radius: [m] around the ego within which they are drawn.
+        draft_radius: around the ego within which they are drawn.
         draft_steps: for how long at most.
         model: predictor.
     """
 
-    steps_max: int = 300
-    slots: int = 10
-    drafted: int = 5
-    draft_radius: float = 50.0
-    draft_steps: int = 100
-    model: str = "kinematic"
+    steps_max: Positive[Steps] = 300
+    slots: Positive[Whole] = 10
+    drafted: NonNegative[Whole] = 5
+    draft_radius: NonNegative[Length] = 50.0
+    draft_steps: NonNegative[Steps] = 100
+    model: ModelName = "kinematic"
 
 
 @dataclass(frozen=True, eq=False)

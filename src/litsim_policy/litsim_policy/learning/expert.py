@@ -9,42 +9,50 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pydantic import model_validator
 
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.observation import ObservationConfig, Observer
 from litsim_policy.driving.task import DrivingTask
 from litsim_policy.motion.reference_path import logged_path, pursuit_yaw_rate, window
 from litsim_sim.core.geometry import to_body
+from litsim_sim.core.quantities import Angle, Duration, Length, NonNegative, Positive, Speed, Steps, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
 
 
-@dataclass(frozen=True)
+@configuration
 class ExpertConfig:
     """Which pairs are taken.
 
     Attributes:
         every: steps between the pairs of a vehicle.
-        ahead, beside: [m] within which another vehicle makes it an interaction: ahead, in any direction.
-        speed_min: [m/s]; who stands shows nothing of steering.
+        ahead, beside: distances within which another vehicle makes it an interaction: ahead, in any direction.
+        speed_min: of whom pairs are taken; who stands shows nothing of steering.
         smooth: steps over which motion is averaged: recorded accelerations jitter from frame to frame.
         goal_steps: lowest and highest number of steps to the place that is taken for the goal.
-        goal_jitter: [s] standard deviation of the time by which the goal is said to be due; without it the goal would
+        goal_jitter: standard deviation of the time by which the goal is said to be due; without it the goal would
             tell the speed that was driven.
-        offset, turn: [m], [rad] standard deviations by which vehicles are displaced for pairs that show how to come
+        offset, turn: standard deviations by which vehicles are displaced for pairs that show how to come
             back to the path; only the warm start learns from those.
     """
 
-    every: int = 5
-    ahead: float = 50.0
-    beside: float = 12.0
-    speed_min: float = 0.5
-    smooth: int = 3
-    goal_steps: tuple[int, int] = (5, 50)
-    goal_jitter: float = 1.0
-    offset: float = 0.4
-    turn: float = 0.03
+    every: Positive[Steps] = 5
+    ahead: NonNegative[Length] = 50.0
+    beside: NonNegative[Length] = 12.0
+    speed_min: NonNegative[Speed] = 0.5
+    smooth: Positive[Steps] = 3
+    goal_steps: tuple[Positive[Steps], Positive[Steps]] = (5, 50)
+    goal_jitter: NonNegative[Duration] = 1.0
+    offset: NonNegative[Length] = 0.4
+    turn: NonNegative[Angle] = 0.03
+
+    @model_validator(mode="after")
+    def _check(self) -> ExpertConfig:
+        if self.goal_steps[0] > self.goal_steps[1]:
+            raise ValueError(f"goal_steps is {self.goal_steps!r}, expected the lowest before the highest")
+        return self
 
 
 @dataclass(frozen=True)

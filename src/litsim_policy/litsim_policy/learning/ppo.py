@@ -9,10 +9,11 @@ import torch
 from torch import Tensor, nn
 
 from litsim_policy.learning.network import GaussianPolicy
+from litsim_sim.core.quantities import NonNegative, Number, Positive, Share, Whole, configuration
 from litsim_sim.core.scene import BoolArray, FloatArray
 
 
-@dataclass(frozen=True)
+@configuration
 class PpoConfig:
     """Parameters of the update; of these the paper gives a learning rate of 0.03 and batches of 32.
 
@@ -31,18 +32,18 @@ class PpoConfig:
         value_first: iterations in which only the value learns; advantages by a value that knows nothing are noise.
     """
 
-    learning_rate: float = 3e-4
-    batch: int = 256
-    epochs: int = 4
-    clip: float = 0.2
-    discount: float = 0.98
-    smoothing: float = 0.95
-    value_weight: float = 0.5
-    entropy_weight: float = 0.001
-    gradient_limit: float = 0.5
-    divergence_limit: float = 0.01
-    imitation_weight: float = 0.3
-    value_first: int = 3
+    learning_rate: Positive[Number] = 3e-4
+    batch: Positive[Whole] = 256
+    epochs: NonNegative[Whole] = 4
+    clip: Positive[Number] = 0.2
+    discount: Share = 0.98
+    smoothing: Share = 0.95
+    value_weight: NonNegative[Number] = 0.5
+    entropy_weight: NonNegative[Number] = 0.001
+    gradient_limit: Positive[Number] = 0.5
+    divergence_limit: Number = 0.01
+    imitation_weight: NonNegative[Number] = 0.3
+    value_first: NonNegative[Whole] = 3
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_sim.core.geometry import boxes_overlap, to_body
+from litsim_sim.core.quantities import NonNegative, Number, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
@@ -20,7 +21,7 @@ EDGE_PROBES = 7  # places between those two
 NEAR_ALONG, NEAR_ACROSS = 1.5, 0.4  # [m] between boxes, along and across, below which somebody is near
 
 
-@dataclass(frozen=True)
+@configuration
 class PenaltyConfig:
     """Weights of the penalties; beside them, the critic's reward is at most a few units a step.
 
@@ -33,12 +34,12 @@ class PenaltyConfig:
         guard: a step, with a command that a guard of the safety layer would have changed.
     """
 
-    collision: float = 20.0
-    off_road: float = 20.0
-    edge: float = 2.0
-    proximity: float = 1.0
-    hard_brake: float = 0.3
-    guard: float = 1.0
+    collision: NonNegative[Number] = 20.0
+    off_road: NonNegative[Number] = 20.0
+    edge: NonNegative[Number] = 2.0
+    proximity: NonNegative[Number] = 1.0
+    hard_brake: NonNegative[Number] = 0.3
+    guard: NonNegative[Number] = 1.0
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Speed, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 SIGHT = 120.0  # [m] beyond which nobody is looked at
@@ -17,25 +18,25 @@ MERGE = 15.0  # [m] over which a vehicle beside its path is taken to come onto i
 GAP_MIN = 0.1  # [m] below which the model is not evaluated: it has a pole at zero
 
 
-@dataclass(frozen=True)
+@configuration
 class IdmConfig:
     """Parameters of the model; the defaults are those of sisl/ngsim_env, calibrated on NGSIM.
 
     Attributes:
-        desired_speed: v0 [m/s].
-        headway: T [s].
-        standstill_gap: s0 [m].
-        acceleration: a_max [m/s2].
-        deceleration: comfortable braking b [m/s2].
-        braking_max: no harder than this, whatever the model says [m/s2].
+        desired_speed: v0.
+        headway: T.
+        standstill_gap: s0.
+        acceleration: a_max.
+        deceleration: comfortable braking b.
+        braking_max: no harder than this, whatever the model says.
     """
 
-    desired_speed: float = 20.0
-    headway: float = 0.5
-    standstill_gap: float = 2.0
-    acceleration: float = 3.0
-    deceleration: float = 2.5
-    braking_max: float = 8.0
+    desired_speed: NonNegative[Speed] = 20.0
+    headway: NonNegative[Duration] = 0.5
+    standstill_gap: NonNegative[Length] = 2.0
+    acceleration: Positive[Acceleration] = 3.0
+    deceleration: Positive[Acceleration] = 2.5
+    braking_max: Positive[Acceleration] = 8.0
 
 
 def idm_acceleration(

@@ -10,12 +10,11 @@ from typing import Any
 
 import yaml
 
-from litsim_policy.conflict.takeover import conflict_stage
-from litsim_policy.driving.registry import policy_stage
-from litsim_policy.ego.registry import Ego, ego_stage
-from litsim_predictor.models import predictor_stage
-from litsim_sim.core.parameters import ParameterOverrides, Parameters
+from litsim_policy.ego.registry import Ego
+from litsim_sim.core import stage_registry
+from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.stage_registry import registered_name
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, StageState
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.record.run import Detection, RunInfo, Status
@@ -47,17 +46,12 @@ def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str
     """Return what builds the stages of runs with this ego, or one from elsewhere, and this policy, by stage.
 
     Raises:
-        InputError: a parameter is unknown to its stage, or does not fit; or there is no such ego.
+        InputError: a stage takes no part in such a run, a parameter is unknown to its stage, or does not fit; or there
+            is no such ego.
     """
-    given = {stage: ParameterOverrides(stage, values) for stage, values in parameters.items()}
-    read = {stage: given.setdefault(stage, ParameterOverrides(stage, {})) for stage in STAGES}
-    stages: dict[str, Callable[..., Any]] = {} if ego is None else {"ego": ego_stage(ego, read["ego"])}
-    if policy != "replay":
-        stages |= {"predictor": predictor_stage(read["predictor"]), "conflict": conflict_stage(read["conflict"])}
-        stages["policy"] = policy_stage(read["policy"])
-    for each in given.values():
-        each.check()
-    return stages
+    taking_part = () if policy == "replay" else POLICY_STAGES
+    stages = {stage: stage for stage in taking_part} | ({} if ego is None else {EGO: registered_name(EGO, ego)})
+    return stage_registry.configured(stages, parameters)
 
 
 class Runner:
@@ -81,7 +75,7 @@ class Runner:
         self._reacts = plan.policy != "replay"
         stages = configured(None if ego else plan.ego, plan.policy, parameters or {})
         self.world = World(scenario, WorldConfig(guard_entries=self._reacts), mirror)
-        self._ego = ego or stages["ego"](scenario)
+        self._ego = ego or stages[EGO](scenario)
         if self._reacts:
             self._predictor, self._manager = stages["predictor"](scenario), stages["conflict"](scenario)
             self._policy = stages["policy"](plan.policy, scenario)

@@ -11,6 +11,7 @@ from litsim_sim.cli.analyze import analyze, print_metrics
 from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError
 from litsim_sim.core.parameters import SET_HELP, by_stage, one_setting
+from litsim_sim.core.stage_registry import configured, registered_name
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.launch.domain import graph_domain
@@ -34,11 +35,7 @@ def launch(arguments: argparse.Namespace) -> int:
     plan = RunPlan(_scenario(arguments), arguments.ego, arguments.policy)
     domain = graph_domain(arguments.domain_id, reserve=arguments.ego != EXTERNAL)
     nodes = {name: node_executable(name, plan.ego) for name in (*reversed(plan.stages), "bridge")}
-    settings = by_stage(arguments.set)
-    if absent := sorted(set(settings) - set(nodes)):
-        raise InputError(f"--set {', '.join(absent)}: takes no part in this run, expected {', '.join(sorted(nodes))}")
     out = Path(arguments.out or f"bags/{plan.scenario.name}")
-    _check_output(out, arguments.overwrite)
     parameters: dict[str, dict[str, object]] = {
         "recorder": {"output": str(out), "overwrite": arguments.overwrite},
         "bridge": {
@@ -55,8 +52,13 @@ def launch(arguments: argparse.Namespace) -> int:
             "progress": "lines",
         }
         | {f"vehicle.{name}": value for name, value in plan.scenario.file.vehicle.items()},
-        "predictor": {} if arguments.predictor is None else {"model": arguments.predictor},
     }
+    forecasts = arguments.predictor is not None and "predictor" in nodes
+    chosen = [("predictor", "model", arguments.predictor)] if forecasts else []
+    for stage, settings in by_stage([*chosen, *arguments.set]).items():
+        parameters[stage] = parameters.get(stage, {}) | settings
+    configured({name: registered_name(name, plan.ego) for name in nodes}, parameters)
+    _check_output(out, arguments.overwrite)
     failure = None
     with domain as domain_id:
         graph = Graph(out, domain_id)
@@ -66,7 +68,7 @@ def launch(arguments: argparse.Namespace) -> int:
             say(arguments, f"waiting for an external ego to answer on {' or '.join(topics)}")
         try:
             for name, path in nodes.items():
-                graph.start(name, path, parameters.get(name, {}) | settings.get(name, {}))
+                graph.start(name, path, parameters.get(name, {}))
             graph.watch(arguments.quiet)
         except GraphFailed as error:
             failure = error

@@ -3,31 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from litsim_sim.core.quantities import Acceleration, Curvature, Number, Positive, Speed, configuration
 from litsim_sim.core.scene import STEP_S, FloatArray
 
 
-@dataclass(frozen=True)
+@configuration
 class VehicleLimits:
     """What a controlled vehicle can do; commands beyond are cut.
 
     Attributes:
-        acceleration_max: strongest acceleration [m/s2].
-        deceleration_max: strongest braking, dry asphalt [m/s2].
-        lateral_acceleration_max: yaw rate times speed [m/s2].
-        curvature_max: inverse of the smallest turning radius [1/m].
-        speed_max: up to which it accelerates [m/s]; one that is faster already may keep its speed.
+        acceleration_max: strongest acceleration.
+        deceleration_max: strongest braking, dry asphalt.
+        lateral_acceleration_max: yaw rate times speed.
+        curvature_max: inverse of the smallest turning radius.
+        speed_max: up to which it accelerates; one that is faster already may keep its speed.
         rear_axle: distance of the rear axle behind the box centre, as a share of the length.
     """
 
-    acceleration_max: float = 4.0
-    deceleration_max: float = 8.0
-    lateral_acceleration_max: float = 4.89
-    curvature_max: float = 0.2
-    speed_max: float = 45.0
-    rear_axle: float = 0.29
+    acceleration_max: Positive[Acceleration] = 4.0
+    deceleration_max: Positive[Acceleration] = 8.0
+    lateral_acceleration_max: Positive[Acceleration] = 4.89
+    curvature_max: Positive[Curvature] = 0.2
+    speed_max: Positive[Speed] = 45.0
+    rear_axle: Annotated[Number, Field(ge=0, le=0.5)] = 0.29
 
 
 @dataclass(frozen=True)

@@ -1,30 +1,37 @@
-"""Parameters of stages by the names that their nodes declare, for whoever runs the stages' cores without ROS."""
+"""Parameters of stages by name: how they are given on command lines and to nodes, and how they are checked.
+
+A stage has its parameters in configurations (see :mod:`litsim_sim.core.quantities`). A field is a parameter of the same
+name; the fields of a configuration in a field are called `field.name`.
+"""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
 from typing import Any, Protocol, TypeVar
 
 import yaml
+from pydantic import ValidationError
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.quantities import expected, field_type
 
 Config = TypeVar("Config")
 
 Parameters = Mapping[str, Mapping[str, Any]]
-"""Values by stage, and by name within it; the fields of a dataclass in a field are called `field.name`."""
+"""Values by stage, and by the name of the parameter within it."""
 
 SET_HELP = "parameters of the stages, as their nodes declare them, such as conflict.horizon=2.0"
-"""Of the command lines that take them."""
+"""Help of the option ``--set`` of the command lines that have it."""
 
 
 class ParameterReader(Protocol):
-    """Where a stage's core has its parameters from: a node that declares them, or values that were given by name."""
+    """What a stage reads its configurations with: it asks for each, with the defaults of this stage."""
 
     def __call__(self, default: Config, prefix: str = "") -> Config:
-        """The frozen dataclass `default` with what was given in place of its fields, whose names begin with `prefix`.
+        """Return `default` with the given values in place of its fields, whose names begin with `prefix`.
 
         Raises:
             InputError: a value does not fit its field.
@@ -32,52 +39,78 @@ class ParameterReader(Protocol):
 
 
 class ParameterOverrides:
-    """Reads parameters of `stage` out of `values`."""
+    """Reads the configurations of `stage` with `values`, which are given by name, in place of defaults."""
 
     def __init__(self, stage: str, values: Mapping[str, Any]) -> None:
-        self._stage, self._values = stage, values
-        self._known: list[str] = []
+        self._stage, self._given = stage, values
+        self.values: dict[str, Any] = {}
+        """Value of each parameter that has been read, given or default, by name."""
 
     def __call__(self, default: Config, prefix: str = "") -> Config:
         """See :class:`ParameterReader`."""
         read: dict[str, Any] = {}
         for field in fields(default):  # type: ignore[arg-type]
             name, value = prefix + field.name, getattr(default, field.name)
-            if is_dataclass(value):
-                read[field.name] = self(value, f"{name}.")
-                continue
-            self._known.append(name)
-            read[field.name] = self._fitting(name, value) if name in self._values else value
-        return type(default)(**read)
+            read[field.name] = self(value, f"{name}.") if is_dataclass(value) else self._given.get(name, value)
+        try:
+            config = type(default)(**read)
+        except ValidationError as error:
+            said = "; ".join(f"parameter {prefix}{each}" for each in problems(error, type(default), read))
+            raise InputError(f"{self._stage}: {said}") from error
+        flat = {prefix + name: getattr(config, name) for name in read if not is_dataclass(getattr(config, name))}
+        self.values |= flat
+        return config
 
     @property
     def unknown(self) -> list[str]:
-        """Names of values that nobody has asked for."""
-        return sorted(set(self._values) - set(self._known))
+        """Names of given values that no configuration of the stage has asked for."""
+        return sorted(set(self._given) - set(self.values))
 
     def check(self) -> None:
-        """To be called when everything has been read.
+        """Refuse values that no configuration has asked for; to be called when all have been read.
 
         Raises:
-            InputError: values were given that nobody has asked for.
+            InputError: there are such values.
         """
         if self.unknown:
-            expected = ", ".join(sorted(self._known)) or "none"
-            raise InputError(f"{self._stage}: unknown parameter {', '.join(self.unknown)}; expected {expected}")
+            raise InputError(f"{self._stage}: unknown parameter {not_among(self.unknown, self.values)}")
 
-    def _fitting(self, name: str, default: Any) -> Any:
-        value = self._values[name]
-        if isinstance(default, tuple) and isinstance(value, list | tuple):
-            return tuple(value)
-        if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
-            return float(value)
-        if type(value) is not type(default):
-            raise InputError(f"{self._stage}: parameter {name} is {value!r}, expected such as {default!r}")
-        return value
+
+def problems(error: ValidationError, config: type, values: Mapping[str, Any]) -> list[str]:
+    """What is wrong with the fields of a configuration, in a line each: name, value, and what was expected.
+
+    Args:
+        error: what making the configuration has raised.
+        config: class of the configuration.
+        values: that it was to be made of.
+    """
+    said = []
+    for problem in error.errors():
+        text = str(problem["ctx"]["error"]) if problem["type"] == "value_error" else ""
+        if not problem["loc"]:  # of fields together; the text begins with the name of one
+            said.append(text)
+            continue
+        name = str(problem["loc"][0])
+        if problem["type"] == "unexpected_keyword_argument":
+            said.append(f"{name} is unknown")
+            continue
+        wanted = text or f"expected {expected(field_type(config, name))}"
+        said.append(f"{name} is {values[name]!r}, {wanted}")
+    return list(dict.fromkeys(said))
+
+
+def not_among(names: Iterable[str], known: Iterable[str]) -> str:
+    """Name what is not known, what is known that is called nearly so, and all that is known."""
+    known = sorted(known)
+    said = []
+    for name in names:
+        near = get_close_matches(name, known)
+        said.append(f"{name} (near: {', '.join(near)})" if near else name)
+    return f"{', '.join(said)}; expected {', '.join(known) or 'none'}"
 
 
 def by_stage(settings: Iterable[tuple[str, str, Any]]) -> dict[str, dict[str, Any]]:
-    """Settings, each of a stage, a name and a value, as :data:`Parameters`; of two of a name, the later counts."""
+    """Arrange settings, each of a stage, a name and a value, as :data:`Parameters`; of two alike the later counts."""
     found: dict[str, dict[str, Any]] = {}
     for stage, name, value in settings:
         found.setdefault(stage, {})[name] = value

@@ -3,48 +3,42 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, fields
-from math import exp, inf, isfinite
+from dataclasses import fields
+from math import exp, inf
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, Strict, ValidationError, model_validator
 
 from litsim_sim.core.dynamics import VehicleLimits
+from litsim_sim.core.parameters import problems
+from litsim_sim.core.quantities import Duration, NonNegative, Unit, configuration
 from litsim_sim.core.scene import STEP_S
 
 DELAY_TOLERANCE = 1e-6  # of a step
 
 
-@dataclass(frozen=True)
+@configuration
 class VehicleModel(VehicleLimits):
     """A kinematic bicycle behind actuators; the defaults are the vehicle of every controlled agent, without actuators.
 
     A command passes a dead time, a first-order lag and a bound on jerk, then the limits. Everything is deterministic.
 
     Attributes:
-        jerk_max: bound on the change of the acceleration [m/s3]; infinite for none.
-        delay_s: dead time of acceleration and yaw rate [s], whole steps of 0.1 s.
-        lag_s: time constant of their first-order lag [s].
+        jerk_max: bound on the change of the acceleration; infinite for none.
+        delay_s: dead time of acceleration and yaw rate, whole steps of 0.1 s.
+        lag_s: time constant of their first-order lag.
     """
 
-    jerk_max: float = inf
-    delay_s: float = 0.0
-    lag_s: float = 0.0
+    jerk_max: Annotated[float, Strict(), Field(gt=0, allow_inf_nan=True), Unit("m/s3")] = inf
+    delay_s: NonNegative[Duration] = 0.0
+    lag_s: NonNegative[Duration] = 0.0
 
-    def __post_init__(self) -> None:
-        """Refuse what is no vehicle.
-
-        Raises:
-            ValueError: a value is out of range; the text begins with its name.
-        """
-        for each in fields(self):
-            value = getattr(self, each.name)
-            may_be_zero = each.name in ("delay_s", "lag_s", "rear_axle")
-            if not (value > 0.0 or (may_be_zero and value == 0.0)) or not (isfinite(value) or each.name == "jerk_max"):
-                raise ValueError(f"{each.name} is {value:g}, expected {'0 or more' if may_be_zero else 'more than 0'}")
-        if self.rear_axle > 0.5:
-            raise ValueError(f"rear_axle is {self.rear_axle:g}, expected a share of the length, 0 to 0.5")
+    @model_validator(mode="after")
+    def _check(self) -> VehicleModel:
         if abs(self.delay_s / STEP_S - self.delay_steps) > DELAY_TOLERANCE:
             raise ValueError(f"delay_s is {self.delay_s:g}, expected a multiple of {STEP_S:g} s")
+        return self
 
     @classmethod
     def of(cls, values: dict[str, float]) -> VehicleModel:
@@ -55,7 +49,10 @@ class VehicleModel(VehicleLimits):
         """
         if unknown := sorted(values.keys() - set(VEHICLE_FIELDS)):
             raise ValueError(f"{', '.join(unknown)} is unknown, expected some of {', '.join(VEHICLE_FIELDS)}")
-        return cls(**values)
+        try:
+            return cls(**values)
+        except ValidationError as error:
+            raise ValueError("; ".join(problems(error, cls, values))) from error
 
     @property
     def delay_steps(self) -> int:

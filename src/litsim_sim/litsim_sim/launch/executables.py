@@ -7,6 +7,7 @@ from pathlib import Path
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.stage_registry import registered_name
 from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, PREDICTOR, RECORDER
 
 EXECUTABLES = {
@@ -36,4 +37,4 @@ def find_executable(package: str, executable: str) -> Path:
 
 def node_executable(node: str, ego: str) -> Path:
     """The file of a node of the graph by the name of its stage; that of the stage `ego` depends on who drives it."""
-    return find_executable(*(("litsim_policy", f"ego_{ego}") if node == EGO else EXECUTABLES[node]))
+    return find_executable(*(("litsim_policy", registered_name(node, ego)) if node == EGO else EXECUTABLES[node]))

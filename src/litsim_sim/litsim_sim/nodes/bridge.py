@@ -21,11 +21,12 @@ from litsim_sim.core.stages import BRIDGE as STAGE
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, Level, ego_state
 from litsim_sim.nodes import diagnostics
-from litsim_sim.nodes.bridge_options import declare_options
+from litsim_sim.nodes.bridge_options import bridge_stage
 from litsim_sim.nodes.broadcast import Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.ros import messages
 from litsim_sim.ros.ego_port import subscribe
+from litsim_sim.ros.parameters import parameters, read_parameters
 from litsim_sim.ros.stage import process, reason, serve
 from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, STATUS, TIMING
 from litsim_sim.scenario.run_info import EXTERNAL
@@ -46,9 +47,9 @@ class BridgeNode(Node):
     """One run of one scenario: `run` returns when it is over and recorded."""
 
     def __init__(self) -> None:
-        super().__init__(STAGE)
-        self._options = options = declare_options(self)
-        self.plan = options.plan
+        super().__init__(STAGE, automatically_declare_parameters_from_overrides=True)
+        self._options = options = read_parameters(self, bridge_stage)
+        self.plan = options.plan()
         scenario = self.plan.scenario
         config = WorldConfig(guard_entries=self.plan.policy != "replay")
         self.world = World(scenario, config, SumoMirror(scenario.net_path, scenario.seed))
@@ -101,8 +102,7 @@ class BridgeNode(Node):
             self.world.close()
 
     def _handshake(self) -> None:
-        parameters = {name: p.value for name, p in sorted(self._parameters.items()) if name != "use_sim_time"}
-        self._broadcast.begin(run_info(self.plan, self._options.mode, {STAGE: parameters}))
+        self._broadcast.begin(run_info(self.plan, self._options.mode, {STAGE: parameters(self)}))
         begin = time.monotonic()
         while missing := set(self.plan.stages) - self._ready:
             waiting = sorted(missing - {"recorder"}) or ["recorder"]  # which waits to hear all others

@@ -2,85 +2,87 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import inf
-from typing import Any
+from dataclasses import asdict, field, make_dataclass
+from typing import Annotated, Any, Literal
 
-from rclpy.node import Node
+from pydantic import Field, model_validator
 
-from litsim_sim.core.errors import InputError
-from litsim_sim.core.stages import BRIDGE
-from litsim_sim.core.vehicle import VEHICLE_FIELDS
+from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.quantities import Duration, Number, OneOf, Positive, Whole, configuration
+from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.ego_port.answer import INTERFACES
-from litsim_sim.ros.stage import check_parameters
 from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
-OF_THE_SCENARIO = -1  # value of a parameter that leaves it to the scenario
+OF_THE_SCENARIO = -1
+"""Value of a parameter that leaves it to the scenario."""
+
+VehicleOptions: Any = configuration(
+    make_dataclass("VehicleOptions", [(name, Number, float(OF_THE_SCENARIO)) for name in VEHICLE_FIELDS], frozen=True)
+)
+"""The fields of :class:`litsim_sim.core.vehicle.VehicleModel`, each with the value that leaves it to the scenario."""
 
 
-@dataclass(frozen=True)
+@configuration
 class BridgeOptions:
-    """How a run is run; see ``config/bridge.yaml``.
+    """Parameters of the bridge.
 
     Attributes:
-        plan: what is run.
-        mode: lockstep or realtime.
-        on_missing: stop or hold, where an answer does not come in lock-step.
-        on_invalid: stop or hold, where an answer of the ego cannot be used.
-        ego_interface: one of :data:`litsim_sim.ego_port.answer.INTERFACES`, for an external ego.
-        answer_timeout_s, handshake_timeout_s, external_timeout_s: [s].
-        progress: bar, lines or none.
+        scenario: packaged scenario, or a YAML file.
+        ego: what drives the ego.
+        policy: what moves the background.
+        ego_id: vehicle of the recording that is the ego.
+        seed: of everything random in the run.
+        mode: whether the bridge waits for answers, or keeps pace with the clock.
+        on_missing: what happens in lock-step where an answer does not come.
+        on_invalid: what happens where an answer of the ego cannot be used.
+        ego_interface: with what an external ego answers; auto is the interface of its first message.
+        answer_timeout_s: for the answers to one step.
+        handshake_timeout_s: for every stage to get ready.
+        external_timeout_s: for an external ego to answer step 0.
+        progress: how the progress of the run is shown.
+        vehicle: of the ego.
     """
 
-    plan: RunPlan
-    mode: str
-    on_missing: str
-    on_invalid: str
-    ego_interface: str
-    answer_timeout_s: float
-    handshake_timeout_s: float
-    external_timeout_s: float
-    progress: str
+    scenario: str = "demo"
+    ego: Annotated[str, OneOf(EGOS)] = "idm"
+    policy: Annotated[str, OneOf(POLICIES)] = "litsim"
+    ego_id: Annotated[Whole, Field(ge=OF_THE_SCENARIO)] = OF_THE_SCENARIO
+    seed: Annotated[Whole, Field(ge=OF_THE_SCENARIO)] = OF_THE_SCENARIO
+    mode: Literal["lockstep", "realtime"] = "lockstep"
+    on_missing: Literal["stop", "hold"] = "stop"
+    on_invalid: Literal["stop", "hold"] = "stop"
+    ego_interface: Annotated[str, OneOf(INTERFACES)] = INTERFACES[0]
+    answer_timeout_s: Positive[Duration] = 5.0
+    handshake_timeout_s: Positive[Duration] = 20.0
+    external_timeout_s: Positive[Duration] = 60.0
+    progress: Literal["bar", "lines", "none"] = "bar"
+    vehicle: Any = field(default_factory=VehicleOptions)
+
+    @model_validator(mode="after")
+    def _check(self) -> BridgeOptions:
+        try:
+            VehicleModel.of(self._own_vehicle)
+        except ValueError as error:
+            raise ValueError(f"vehicle.{error}") from error
+        return self
+
+    @property
+    def _own_vehicle(self) -> dict[str, float]:
+        return {name: value for name, value in asdict(self.vehicle).items() if value != OF_THE_SCENARIO}
+
+    def plan(self) -> RunPlan:
+        """Load what is to be run.
+
+        Raises:
+            InputError: the scenario cannot be used, or not with these options.
+        """
+        chosen = {"ego": self.ego_id, "seed": self.seed}
+        overrides = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
+        scenario = Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
+        return RunPlan(scenario, self.ego, self.policy)
 
 
-_CHOICES: dict[str, tuple[str, ...]] = {
-    "mode": ("lockstep", "realtime"),
-    "on_missing": ("stop", "hold"),
-    "on_invalid": ("stop", "hold"),
-    "ego_interface": INTERFACES,
-    "progress": ("bar", "lines", "none"),
-}
-"""The first is the default."""
-
-_TIMES = {"answer_timeout_s": 5.0, "handshake_timeout_s": 20.0, "external_timeout_s": 60.0}
-_RUN = {"scenario": "demo", "ego": "idm", "policy": "litsim"}
-_NUMBERS = {"ego_id": "ego", "seed": "seed"}
-
-
-def declare_options(node: Node) -> BridgeOptions:
-    """Declare the parameters of the bridge on `node`, and load what they name.
-
-    Raises:
-        InputError: a parameter is unknown or out of range, or the scenario cannot be used.
-    """
-    choices = {name: str(node.declare_parameter(name, allowed[0]).value) for name, allowed in _CHOICES.items()}
-    times = {name: float(node.declare_parameter(name, value).value) for name, value in _TIMES.items()}
-    run = {name: str(node.declare_parameter(name, value).value) for name, value in _RUN.items()}
-    numbers = {name: int(node.declare_parameter(name, OF_THE_SCENARIO).value) for name in _NUMBERS}
-    vehicle = {
-        name: float(node.declare_parameter(f"vehicle.{name}", float(OF_THE_SCENARIO)).value) for name in VEHICLE_FIELDS
-    }
-    check_parameters(node)
-    for name, allowed in (_CHOICES | {"ego": EGOS, "policy": POLICIES}).items():
-        value = (choices | run)[name]
-        if value not in allowed:
-            raise InputError(f"{BRIDGE}: parameter {name} is {value!r}, expected one of {', '.join(allowed)}")
-    for name, seconds in times.items():
-        if not 0.0 < seconds < inf:
-            raise InputError(f"{BRIDGE}: parameter {name} is {seconds}, expected seconds > 0")
-    overrides = {_NUMBERS[name]: value for name, value in numbers.items() if value >= 0}
-    own = {name: value for name, value in vehicle.items() if value != OF_THE_SCENARIO}
-    scenario = Scenario.load(run["scenario"], **overrides, vehicle=own or None)
-    values: dict[str, Any] = choices | times
-    return BridgeOptions(RunPlan(scenario, run["ego"], run["policy"]), **values)
+def bridge_stage(read: ParameterReader) -> BridgeOptions:
+    """Read the parameters of the bridge."""
+    return read(BridgeOptions())

@@ -18,12 +18,14 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.stages import RECORDER as STAGE
+from litsim_sim.nodes.recorder_options import recorder_stage
 from litsim_sim.record.bag import BagWriter, qos_yaml
 from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
 from litsim_sim.ros import messages
 from litsim_sim.ros.cdr import stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
-from litsim_sim.ros.stage import SIGNAL_PERIOD, check_parameters, process, reason, spin
+from litsim_sim.ros.parameters import read_parameters
+from litsim_sim.ros.stage import SIGNAL_PERIOD, process, reason, spin
 from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
@@ -40,11 +42,10 @@ class RecorderNode(Node):
     """
 
     def __init__(self) -> None:
-        super().__init__(STAGE)
-        output = Path(str(self.declare_parameter("output", "bags/run").value))
-        overwrite = bool(self.declare_parameter("overwrite", False).value)  # noqa: FBT003 - its default
-        check_parameters(self)
-        self._writer = BagWriter(output, output.resolve().name, {}, overwrite=overwrite)
+        super().__init__(STAGE, automatically_declare_parameters_from_overrides=True)
+        options = read_parameters(self, recorder_stage)
+        output = Path(options.output)
+        self._writer = BagWriter(output, output.resolve().name, {}, overwrite=options.overwrite)
         self.finished = False
         self._run_id = ""
         self._buffer: StepBuffer | None = None  # once a run has begun

@@ -1,40 +1,52 @@
-"""Configuration dataclasses as ROS parameters: fields and defaults are written down once, in the core."""
+"""The parameters of nodes: read, checked and declared as the configurations of their stages say."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
-from typing import Any
+from array import array
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import yaml
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from litsim_sim.core.parameters import Config
+from litsim_sim.core.parameters import ParameterOverrides, ParameterReader
 
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 """Parameters that rclpy declares itself."""
 
+Made = TypeVar("Made")
 
-def declare(node: Node, default: Config, prefix: str = "") -> Config:
-    """Declare each field of the frozen dataclass `default` as a parameter, and return what the node was given.
 
-    A :class:`litsim_sim.core.parameters.ParameterReader`, once the node is bound. A tuple is an array.
+def read_parameters(node: Node, stage: Callable[[ParameterReader], Made]) -> Made:
+    """Let `stage` read its configurations from what `node` was given, and declare them as read-only parameters.
+
+    The node has to be made with ``automatically_declare_parameters_from_overrides``: ROS would refuse a whole number
+    for a parameter whose default is none, and say nothing of one that nobody declares.
+
+    Raises:
+        InputError: a parameter is unknown, or does not fit.
     """
-    values: dict[str, Any] = {}
-    for field in fields(default):  # type: ignore[arg-type]
-        name = prefix + field.name
-        value: Any = getattr(default, field.name)
-        if is_dataclass(value):
-            values[field.name] = declare(node, value, f"{name}.")
-        else:
-            given = node.declare_parameter(name, value).value
-            values[field.name] = tuple(given) if isinstance(value, tuple) else given
-    return type(default)(**values)
+    read = ParameterOverrides(node.get_name(), parameters(node))
+    made = stage(read)
+    read.check()
+    for name, value in read.values.items():
+        if node.has_parameter(name):
+            node.undeclare_parameter(name)
+        node.declare_parameter(name, value, ParameterDescriptor(read_only=True), ignore_override=True)
+    return made
+
+
+def parameters(node: Node) -> dict[str, Any]:
+    """The parameters of `node` by name, in their order, but for those that rclpy declares itself; arrays as lists."""
+    found = sorted(node.get_parameters_by_prefix("").items())
+    return {name: _plain(parameter.value) for name, parameter in found if name not in OF_EVERY_NODE}
 
 
 def parameters_yaml(node: Node) -> str:
     """The node's parameters as it runs with them, by name, in YAML."""
-    names = sorted(set(node.list_parameters([], 0).names) - set(OF_EVERY_NODE))
-    values = {name: node.get_parameter(name).value for name in names}
-    plain = {name: list(v) if isinstance(v, Sequence) and not isinstance(v, str) else v for name, v in values.items()}
-    return yaml.safe_dump(plain)
+    return yaml.safe_dump(parameters(node))
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, array | list | tuple) else value

@@ -46,7 +46,7 @@ class StageNode(Node):
     outputs: Sequence[Topic]
 
     def __init__(self) -> None:
-        super().__init__(self.stage)
+        super().__init__(self.stage, automatically_declare_parameters_from_overrides=True)
         self._joiner: Joiner | None = None
         self._word: StageStatus | None = None  # on the run at hand, READY or FAILED; repeated when the bridge greets
         self._last: list[tuple[Publisher, Any]] = []
@@ -142,7 +142,6 @@ def run_node(create: Callable[[], StageNode]) -> None:
     """Serve runs until Ctrl-C or SIGTERM, which are the ordinary end: exit status 0."""
     with process(interrupted=0):
         node = create()
-        check_parameters(node)
         node.get_logger().info(f"waiting for a run on {RUN_INFO.name}")
         try:
             spin(node)

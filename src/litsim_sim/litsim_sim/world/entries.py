@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from litsim_sim.core.geometry import boxes_overlap, to_body
+from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller
 from litsim_sim.scenario.log import Log
 
 SIDE_ROOM = 0.3  # [m] beyond touching boxes within which somebody is in the path of an agent that enters
 
 
-@dataclass(frozen=True)
+@configuration
 class EntryConfig:
     """When the road is free for an agent that enters.
 
     Attributes:
-        gap: free road [m] that an entry needs ahead and behind.
-        horizon: time [s] over which an entry is checked at constant velocity.
-        deceleration: braking [m/s2] that an entry may need behind a slower agent.
+        gap: free road that an entry needs ahead and behind.
+        horizon: time over which an entry is checked at constant velocity.
+        deceleration: braking that an entry may need behind a slower agent.
     """
 
-    gap: float = 1.0
-    horizon: float = 2.0
-    deceleration: float = 2.0
+    gap: NonNegative[Length] = 1.0
+    horizon: Positive[Duration] = 2.0
+    deceleration: NonNegative[Acceleration] = 2.0
 
 
 class Entries:

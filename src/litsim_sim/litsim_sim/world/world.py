@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import overlapping_pairs
+from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.scene import AgentTable, Controller, ControlSource, ControlTable, EgoCommand, EgoMode, FloatArray
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.driven import DrivenVehicles, check_answers
@@ -16,7 +16,7 @@ from litsim_sim.world.entries import Entries, EntryConfig
 from litsim_sim.world.log_policy import LogPolicy
 
 
-@dataclass(frozen=True)
+@configuration
 class WorldConfig:
     """How the world treats agents that cannot follow their log.
 
@@ -27,7 +27,7 @@ class WorldConfig:
         limits: of controlled vehicles but the ego, whose model is the scenario's.
     """
 
-    guard_entries: bool = True
+    guard_entries: Flag = True
     entry: EntryConfig = EntryConfig()
     limits: VehicleLimits = VehicleLimits()
 

@@ -1,0 +1,143 @@
+"""Types of the fields of configurations: what may stand in a field, between which bounds, and in which unit.
+
+A configuration is a frozen dataclass whose fields have these types, as in ``duration: Positive[Duration]``. Pydantic
+checks them when the configuration is made, and never again: reading a field costs what it costs in any
+dataclass. A whole number is taken where a number is declared, a list where a tuple is; nothing else is converted.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from types import NoneType
+from typing import Annotated, Any, Literal, TypeVar, dataclass_transform, get_args, get_origin
+
+import pydantic.dataclasses
+from pydantic import ConfigDict, Field, Strict
+from pydantic.fields import FieldInfo
+from pydantic_core.core_schema import CoreSchema, literal_schema
+
+from litsim_sim.core.scene import STEP_S
+
+_T = TypeVar("_T")
+
+
+@dataclasses.dataclass(frozen=True)
+class Unit:
+    """The unit of a field, as part of its type."""
+
+    symbol: str
+
+
+@dataclasses.dataclass(frozen=True)
+class OneOf:
+    """The values that a text may have, as part of its type, where they are not written there as a ``Literal``."""
+
+    values: tuple[str, ...]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: pydantic.GetCoreSchemaHandler) -> CoreSchema:
+        """Pydantic's schema of the type: exactly one of the values."""
+        return literal_schema([str(value) for value in self.values])
+
+
+Flag = Annotated[bool, Strict()]
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+"""A finite number without unit."""
+Whole = Annotated[int, Strict()]
+Steps = Annotated[Whole, Unit("steps")]
+"""Steps of the simulation, 0.1 s each."""
+
+Duration = Annotated[Number, Unit("s")]
+Length = Annotated[Number, Unit("m")]
+Speed = Annotated[Number, Unit("m/s")]
+Acceleration = Annotated[Number, Unit("m/s2")]
+Jerk = Annotated[Number, Unit("m/s3")]
+Angle = Annotated[Number, Unit("rad")]
+AngularRate = Annotated[Number, Unit("rad/s")]
+AngularAcceleration = Annotated[Number, Unit("rad/s2")]
+Curvature = Annotated[Number, Unit("1/m")]
+Rate = Annotated[Number, Unit("1/s")]
+"""Of what decays or grows, such as the gain of a controller on a speed."""
+SquaredRate = Annotated[Number, Unit("1/s2")]
+"""The gain of a controller on a position."""
+
+Positive = Annotated[_T, Field(gt=0)]
+NonNegative = Annotated[_T, Field(ge=0)]
+Share = Annotated[Number, Field(ge=0, le=1)]
+"""A probability, or a part of a whole."""
+OpenShare = Annotated[Number, Field(gt=0, lt=1)]
+"""A probability that is neither impossible nor certain."""
+
+Horizon = Annotated[Duration, Field(ge=STEP_S)]
+"""How far something looks ahead: by a step of the simulation at least."""
+
+_KINDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
+_BOUNDS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field, Field))
+def configuration(cls: type[_T]) -> type[_T]:
+    """Make a class a frozen dataclass whose fields are checked against their types when it is made.
+
+    Making one raises :class:`pydantic.ValidationError`, a ValueError; :mod:`litsim_sim.core.parameters` turns it into
+    one line for users. A check of fields against each other is a ``model_validator(mode="after")`` that raises
+    ValueError with a text that begins with the name of a field, such as :func:`at_most`.
+    """
+    made: Any = pydantic.dataclasses.dataclass(frozen=True, config=ConfigDict(extra="forbid"))(cls)
+    return made
+
+
+def at_most(config: object, field: str, bound: str) -> None:
+    """Check a field of `config` against another that bounds it.
+
+    Raises:
+        ValueError: it is above the other.
+    """
+    value, most = getattr(config, field), getattr(config, bound)
+    if value > most:
+        raise ValueError(f"{field} is {value!r}, expected at most {bound}, which is {most!r}")
+
+
+def expected(annotation: Any) -> str:
+    """What may stand in a field with this type, in words, such as ``a number of more than 0 [s]``."""
+    if get_origin(annotation) is Literal:
+        return f"one of {', '.join(map(str, get_args(annotation)))}"
+    if get_origin(annotation) is tuple:
+        parts = [part for part in get_args(annotation) if part is not Ellipsis]
+        words = list(dict.fromkeys(map(expected, parts)))
+        if len(parts) < len(get_args(annotation)):
+            return f"a list, each {words[0]}"
+        return f"a list of {len(parts)}, each {words[0]}" if len(words) == 1 else f"a list of {', then '.join(words)}"
+    kind, notes = (get_args(annotation)[0], get_args(annotation)[1:]) if get_origin(annotation) else (annotation, ())
+    notes = tuple(_flat(notes))
+    for note in notes:
+        if isinstance(note, OneOf):
+            return f"one of {', '.join(note.values)}"
+    bounds = [
+        f"{said} {getattr(note, name):g}" for name, said in _BOUNDS.items() for note in notes if hasattr(note, name)
+    ]
+    text = _KINDS.get(kind, getattr(kind, "__name__", str(kind)))
+    return f"{text}{' of ' if bounds else ''}{' and '.join(bounds)}{_bracketed(notes)}"
+
+
+def unit(annotation: Any) -> str:
+    """The unit of a field with this type, empty where it has none; that of a tuple is the one of its first part."""
+    if get_origin(annotation) is tuple:
+        return unit(get_args(annotation)[0])
+    notes = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
+    return next((note.symbol for note in _flat(notes) if isinstance(note, Unit)), "")
+
+
+def field_type(config: type, field: str) -> Any:
+    """The whole type of a field of a :func:`configuration`, with its bounds and unit."""
+    info: FieldInfo = config.__pydantic_fields__[field]  # type: ignore[attr-defined]
+    return Annotated[(info.annotation or NoneType, *info.metadata)] if info.metadata else info.annotation
+
+
+def _bracketed(notes: tuple[Any, ...]) -> str:
+    return "".join(f" [{note.symbol}]" for note in notes if isinstance(note, Unit))
+
+
+def _flat(notes: tuple[Any, ...]) -> Iterator[Any]:
+    for note in notes:
+        yield from note.metadata if isinstance(note, FieldInfo) else (note,)

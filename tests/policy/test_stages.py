@@ -1,0 +1,92 @@
+"""The stages that the packages register, and their parameters checked before a run."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from typing import Any
+
+import pytest
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.stage_registry import GROUP, configured, registered_name
+from litsim_sim.core.stages import POLICY_STAGES
+from litsim_sim.scenario.run_info import EGOS, EXTERNAL
+
+STAGES = {
+    "bridge": "bridge",
+    "recorder": "recorder",
+    **{stage: stage for stage in POLICY_STAGES},
+    "ego": "ego_perturbed",
+}
+
+
+def test_every_stage_of_every_run_is_registered() -> None:
+    egos = {registered_name("ego", ego) for ego in EGOS if ego != EXTERNAL}
+    assert {entry.name for entry in entry_points(group=GROUP)} == {"bridge", "recorder", *POLICY_STAGES, *egos}
+    for ego in egos:
+        assert set(configured(STAGES | {"ego": ego}, {})) == set(STAGES)
+
+
+def test_parameters_of_every_stage_are_taken() -> None:
+    given: dict[str, dict[str, Any]] = {
+        "bridge": {"answer_timeout_s": 2, "vehicle.delay_s": 0.2},
+        "recorder": {"overwrite": True},
+        "predictor": {"kinematic.sigma_along": [1, 2], "model": "kinematic"},
+        "conflict": {"horizon": 2, "handback": "catch_up"},
+        "policy": {"safety.horizon": 2, "idm.headway": 1, "handback.speed_gain": 1},
+        "ego": {"time": (0, 1)},
+    }
+    bridge = configured(STAGES, given)["bridge"]
+    assert bridge.answer_timeout_s == 2.0 and bridge.vehicle.delay_s == 0.2
+
+
+@pytest.mark.parametrize(
+    ("stage", "name", "value", "said"),
+    [
+        (
+            "conflct",
+            "horizon",
+            2.0,
+            r"no stage of this run: conflct \(near: conflict\); expected bridge, conflict, ego, ",
+        ),
+        ("conflict", "horizn", 2.0, r"conflict: unknown parameter horizn \(near: horizon\); expected braking_hard, "),
+        ("conflict", "horizon", -1, r"conflict: parameter horizon is -1, expected a number of at least 0.1 \[s\]"),
+        (
+            "policy",
+            "safety.road_horizon",
+            1.6,
+            "policy: parameter safety.road_horizon is 1.6, expected at most horizon, which is 1.5",
+        ),
+        (
+            "policy",
+            "idm.acceleration",
+            0,
+            r"policy: parameter idm.acceleration is 0, expected a number of more than 0 \[",
+        ),
+        (
+            "predictor",
+            "kinematic.sigma_along",
+            [1.0],
+            r"sigma_along is \[1.0\], expected a list of a number of at least 0 ",
+        ),
+        ("predictor", "model", "oracle", "predictor: parameter model is 'oracle', expected one of kinematic, "),
+        ("ego", "time", (3, 1), r"ego: parameter time is \(3.0, 1.0\), expected the earliest before the latest"),
+        ("bridge", "mode", "fast", "bridge: parameter mode is 'fast', expected one of lockstep, realtime"),
+        (
+            "bridge",
+            "ego",
+            "ghost",
+            "bridge: parameter ego is 'ghost', expected one of bat, idm, log, perturbed, external",
+        ),
+        ("bridge", "vehicle.delay_s", 0.25, "bridge: parameter vehicle.delay_s is 0.25, expected a multiple of 0.1 s"),
+        ("recorder", "overwrite", 1, "recorder: parameter overwrite is 1, expected true or false"),
+    ],
+)
+def test_what_cannot_be_is_said(stage: str, name: str, value: Any, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        configured(STAGES, {stage: {name: value}})
+
+
+def test_a_stage_that_no_package_has() -> None:
+    with pytest.raises(InputError, match="no installed package has a stage ego_ghost"):
+        configured({"ego": registered_name("ego", "ghost")}, {})
