@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = "litsim_predictor"
 # Files that code opens with importlib.resources; configurations, scenarios, nets and what they embed.
-ENDINGS = ("css", "html", "js", "json", "parquet", "safetensors", "xml", "xml.gz", "yaml")
+ENDINGS = ("css", "html", "js", "json", "onnx", "parquet", "safetensors", "xml", "xml.gz", "yaml")
 DATA = [f"**/*.{ending}" for ending in ENDINGS]
 # Folders beside the package that are installed into its share folder, where `ros2 launch` and --params-file look.
 SHARED = ("config", "launch")
@@ -31,6 +31,7 @@ setup(
         "console_scripts": [
             "predictor = litsim_predictor.predictor_node:main",
             "train = litsim_predictor.cli.train:main",
+            "export = litsim_predictor.cli.export:main",
             "evaluate = litsim_predictor.cli.evaluate:main",
             "bench = litsim_predictor.cli.bench:main",
         ],

@@ -1,4 +1,4 @@
-"""Learned predictors need torch, which `make setup` leaves out where asked to: LITSIM_TORCH=none."""
+"""Training and evaluation need torch, which `make setup` leaves out where asked to: LITSIM_TORCH=none."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ import pandas as pd
 import pytest
 
 HAS_TORCH = find_spec("torch") is not None
-NEED_TORCH = ["test_learned*.py", "test_bat.py", "test_baselines.py", "test_conflicts.py"]
-NEED_TORCH += ["test_evaluate.py", "test_scores.py"]
+NEED_TORCH = ["learned", "cli/test_evaluate.py", "cli/test_export.py"]
 if HAS_TORCH:
     import torch
 
     torch.set_num_threads(1)  # the scenes of tests are small
-collect_ignore_glob = [] if HAS_TORCH else NEED_TORCH
+collect_ignore = [] if HAS_TORCH else NEED_TORCH
 
 
 def pytest_report_header() -> list[str]:

@@ -3,41 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
 from importlib.util import find_spec
 from typing import Annotated
 
 from pydantic import AfterValidator
 
 from litsim_predictor.forecast import Predictor
+from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference.contract import Network
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
-from litsim_predictor.learned import SHIPPED
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import configuration
 from litsim_sim.scenario.scenario import Scenario
 
 MODELS = ("kinematic", *SHIPPED)
+DEFAULT_MODEL = "default"
+"""What forecasts unless told otherwise."""
+FILES = (".safetensors", ".onnx")
+"""Endings of files of weights, and of graphs."""
 
 
 def known_model(name: str) -> str:
-    """Check that `name` is one of :data:`MODELS`, or that of a file of weights; returns it.
+    """Check that `name` is one of :data:`MODELS`, or that of a file of weights or of a graph; returns it.
 
     Raises:
         ValueError: it is neither.
     """
-    if name not in MODELS and not name.endswith(".safetensors"):
-        raise ValueError(f"expected one of {', '.join(MODELS)}, or a file *.safetensors")
+    if name not in MODELS and not name.endswith(FILES):
+        raise ValueError(f"expected one of {', '.join(MODELS)}, or a file *{' or *'.join(FILES)}")
     return name
 
 
 ModelName = Annotated[str, AfterValidator(known_model)]
 """Type of a field that names a predictor."""
-
-
-def default_model() -> str:
-    """What forecasts unless told otherwise: the learned model where torch is installed."""
-    return "default" if find_spec("torch") else "kinematic"
 
 
 @configuration
@@ -49,7 +48,7 @@ class PredictorConfig:
         kinematic: of the model of that name.
     """
 
-    model: ModelName = field(default_factory=default_model)
+    model: ModelName = DEFAULT_MODEL
     kinematic: KinematicConfig = KinematicConfig()
 
 
@@ -63,7 +62,7 @@ def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | 
     """The predictor called `model`, for a run of `scenario`.
 
     Args:
-        model: one of :data:`MODELS`, or the path of a file of weights.
+        model: one of :data:`MODELS`, or the path of a file of weights or of a graph.
         scenario: of the run.
         kinematic: parameters of that model.
 
@@ -76,16 +75,29 @@ def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | 
         known_model(model)
     except ValueError as error:
         raise InputError(f"predictor: parameter model is {model!r}, {error}") from error
-    # torch takes seconds to import, and is not needed for the kinematic model.
+    from litsim_predictor.inference.predictor import LearnedPredictor
+    from litsim_predictor.inference.raster import raster_of_net
+
+    return LearnedPredictor(network(model), scenario.ego_id, scenario.roi_m, *raster_of_net(scenario.net_path))
+
+
+def network(model: str) -> Network:
+    """The trained model `model`, compiled; by torch where no graph of its kind is shipped.
+
+    Raises:
+        InputError: its file cannot be used, or torch is needed and is not installed.
+    """
+    from litsim_predictor.inference.compiled import compiled
+
+    found = compiled(model)
+    if found is not None:
+        return found
     if not find_spec("torch"):
-        raise InputError(f"predictor: model {model} needs torch, which is not installed here; kinematic does not")
-    import torch
-
-    from litsim_predictor.learned.data.raster import raster_of_net
+        raise InputError(
+            f"{model}: weights of a model that comes without a graph need torch, which is not installed here; "
+            "litsim_predictor export makes a graph of them where it is"
+        )
+    from litsim_predictor.learned.eager import EagerNetwork
     from litsim_predictor.learned.models.weights import load_model
-    from litsim_predictor.learned.predictor import LearnedPredictor
 
-    # Scenes are small: on shared cores a second thread is mostly waited for; and rounding depends on their number.
-    torch.set_num_threads(1)
-    trained, _ = load_model(model)
-    return LearnedPredictor(trained, scenario.ego_id, scenario.roi_m, *raster_of_net(scenario.net_path))
+    return EagerNetwork(load_model(model)[0])

@@ -17,7 +17,7 @@ import pytest
 import torch
 
 from litsim_predictor.cli.evaluate import evaluate, main, parser
-from litsim_predictor.learned import SHIPPED
+from litsim_predictor.inference import SHIPPED
 from litsim_predictor.learned.evaluation.evaluation import COMPARED, load_models
 from litsim_predictor.learned.models import weights
 from litsim_predictor.learned.models.registry import build

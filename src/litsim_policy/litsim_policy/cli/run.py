@@ -9,7 +9,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from litsim_policy.run.runner import Runner, record
-from litsim_predictor.models import MODELS, default_model
+from litsim_predictor.models import DEFAULT_MODEL, MODELS
 from litsim_sim.analysis.metrics import compute_metrics, write_metrics
 from litsim_sim.cli.analyze import print_metrics
 from litsim_sim.core.errors import InputError
@@ -25,7 +25,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
     p.add_argument("--ego", default="idm", choices=[e for e in EGOS if e != "external"], help="what drives the ego")
     p.add_argument("--policy", default="litsim", choices=POLICIES, help="what moves the background")
-    p.add_argument("--predictor", default=default_model(), metavar="MODEL", help=f"{', '.join(MODELS)}, or weights")
+    p.add_argument("--predictor", default=DEFAULT_MODEL, metavar="MODEL", help=f"{', '.join(MODELS)}, or weights")
     p.add_argument("--ego-id", type=int, help="another vehicle of the recording as the ego")
     p.add_argument("--seed", type=int, help="another seed than the scenario's")
     p.add_argument("--set", type=one_setting, nargs="+", default=[], metavar="STAGE.NAME=VALUE", help=SET_HELP)

@@ -15,7 +15,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 from tqdm import tqdm
 
-from litsim_predictor.learned.data.batch import AT_SECONDS, MANEUVERS, SECONDS, SceneBatch
+from litsim_predictor.inference.contract import AT_SECONDS, MANEUVERS, SECONDS
+from litsim_predictor.inference.weights import Provenance
+from litsim_predictor.learned.data.batch import SceneBatch
 from litsim_predictor.learned.data.scenes import Augmentation, scene_batches, training_batches
 from litsim_predictor.learned.data.sources import (
     I80LaneSource,
@@ -30,7 +32,7 @@ from litsim_predictor.learned.data.sources import (
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.models.model import negative_log_likelihood
 from litsim_predictor.learned.models.registry import build
-from litsim_predictor.learned.models.weights import Provenance, save_model
+from litsim_predictor.learned.models.weights import save_model
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
 from litsim_sim.recordings.segments import Part

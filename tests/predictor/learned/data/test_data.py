@@ -1,4 +1,4 @@
-"""What the learned predictors are given: the map around agents, tracks, scenes, and how these are varied."""
+"""What models are trained on: tracks, scenes, and how these are varied."""
 
 from __future__ import annotations
 
@@ -11,20 +11,18 @@ import pandas as pd
 import pytest
 import torch
 
-from litsim_predictor.learned.data.batch import HISTORY, HORIZON, MANEUVERS, SceneBatch, maneuvers_of
-from litsim_predictor.learned.data.features import frame_headings
-from litsim_predictor.learned.data.raster import AHEAD, COLUMNS, LEFT, ROWS, MapRaster, raster_of_net
+from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
+from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.data.scenes import Augmentation, scene_batches, training_batches
 from litsim_predictor.learned.data.sources import Us101TrackSource, Us101WindowSource, load, net_path
 from litsim_predictor.learned.data.tracks import Tracks, parts_of
 from litsim_predictor.learned.training import TEST_FRAMES, TRACKS, WINDOWS, Locator
 from litsim_sim.core.errors import InputError
-from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.segments import PARTS
 
 Straight = Callable[..., pd.DataFrame]
 NET = "us101_like"
-DRIVABLE, CLOSENESS, COSINE, SINE = range(4)
+SINE = 3
 UNKNOWN_IDS = 100_000  # vehicles of the windows file whose NGSIM id is not known have greater ones
 DATA_FOLDER = Path(os.environ.get("LITSIM_DATA", "."))
 UNVARIED = Augmentation(mirror=0, occlude=0, no_map=0, crop=0, position_m=0, yaw_rad=0, speed_mps=0)
@@ -33,48 +31,6 @@ UNVARIED = Augmentation(mirror=0, occlude=0, no_map=0, crop=0, position_m=0, yaw
 def only(batches: list[SceneBatch]) -> SceneBatch:
     assert len(batches) == 1
     return batches[0]
-
-
-class TestRaster:
-    def test_the_map_ahead_is_the_lanes_that_the_net_has_there(self) -> None:
-        lane_map, raster = raster_of_net(net_path(NET))
-        x, y, heading = np.array([200.0]), np.array([-3.66 * 1.5]), np.array([0.0])
-        cut = raster.cut(x, y, heading)[0]
-        assert cut.shape == (4, ROWS, COLUMNS)
-        ahead, left = np.meshgrid(x[0] + AHEAD, y[0] + LEFT, indexing="ij")
-        drivable = lane_map.inside_road(ahead.ravel(), left.ravel()).reshape(ROWS, COLUMNS)
-        # A cell of the drawing is half a metre: at the edge of the road they may differ.
-        assert (cut[DRIVABLE] == 255).mean() == pytest.approx(drivable.mean(), abs=0.05)
-        assert drivable.any() and not drivable.all()
-        assert (cut[COSINE][drivable & (cut[DRIVABLE] > 0)] >= 254).all()
-        on_centre = np.argmin(np.abs(LEFT))
-        assert cut[CLOSENESS][5, on_centre] > 100
-
-    @pytest.mark.parametrize("turn", [0.5, -1.0, 3.0])
-    def test_directions_are_relative_to_the_agent(self, turn: float) -> None:
-        _, raster = raster_of_net(net_path(NET))
-        cut = raster.cut(np.array([200.0]), np.array([-5.5]), np.array([turn]))[0].astype(float)
-        road = cut[DRIVABLE] > 0
-        assert (cut[COSINE][road] - 128) / 127 == pytest.approx(np.cos(turn), abs=0.03)
-        assert (cut[SINE][road] - 128) / 127 == pytest.approx(-np.sin(turn), abs=0.03)
-
-    @pytest.mark.parametrize("far", [1e3, -1e3, 1e7])
-    def test_off_the_net_there_is_no_road(self, far: float) -> None:
-        _, raster = raster_of_net(net_path(NET))
-        cut = raster.cut(np.array([far]), np.array([far]), np.array([0.3]))
-        assert not cut[:, DRIVABLE].any() and (cut[:, COSINE] == 128).all()
-
-    def test_without_a_net_there_is_no_road(self) -> None:
-        assert not MapRaster(None).cut(np.zeros(2), np.zeros(2), np.zeros(2))[:, :2].any()
-
-
-class TestFrames:
-    def test_agents_that_drive_along_a_lane_have_its_heading_others_their_own(self) -> None:
-        lane_map = LaneMap.from_net(net_path(NET))
-        x, y = np.full(3, 200.0), np.array([-5.0, -5.0, 400.0])
-        heading = frame_headings(lane_map, x, y, np.array([0.1, 1.5, 0.1]))
-        assert heading == pytest.approx([0.0, 1.5, 0.1], abs=1e-3)
-        assert frame_headings(None, x, y, np.array([0.1, 1.5, 0.1])) == pytest.approx([0.1, 1.5, 0.1])
 
 
 class TestManeuvers:

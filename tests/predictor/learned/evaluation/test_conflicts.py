@@ -10,7 +10,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from litsim_predictor.learned.data.batch import HORIZON, Prediction, SceneBatch
+from litsim_predictor.inference.contract import HORIZON
+from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.evaluation.conflicts import (
     BRAKES,
     ConflictCounts,

@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 import torch
 
+from litsim_predictor.inference.contract import HORIZON
 from litsim_predictor.kinematic import KinematicPredictor
-from litsim_predictor.learned.data.batch import HORIZON, SceneBatch
+from litsim_predictor.learned.data.batch import SceneBatch
 from litsim_predictor.learned.data.scenes import scene_batches
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.evaluation.scores import ScoreBoard

@@ -13,7 +13,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from litsim_predictor.learned.data.batch import DT, HISTORY, HORIZON, MANEUVERS, SceneBatch, maneuvers_of
+from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, MANEUVERS
+from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.models.bat import CELL_LENGTH, CELL_WIDTH, Bat, motions_of, neighbours, polar
 from litsim_predictor.learned.models.centrality import (
     ATTENUATION,
@@ -202,7 +203,7 @@ def answers(model: Bat, batch: SceneBatch, decode: str | Tensor = "all") -> tupl
 
 
 def seen(batch: SceneBatch, target: int, other: int) -> Tensor:
-    motions = motions_of(batch, *batch.agent.nonzero(as_tuple=True))
+    motions = motions_of(batch)
     return polar(motions, torch.tensor([target]), torch.tensor([other]))[0]
 
 

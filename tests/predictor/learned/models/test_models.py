@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 import torch
 
-from litsim_predictor.learned.data.batch import HISTORY, HORIZON, MANEUVERS, SceneBatch
+from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
+from litsim_predictor.learned.data.batch import SceneBatch
 from litsim_predictor.learned.data.scenes import Augmentation, training_batches
 from litsim_predictor.learned.data.sources import net_path
 from litsim_predictor.learned.data.tracks import Tracks

@@ -1,8 +1,7 @@
-"""What every learned predictor reads and answers: batches of whole scenes, padded to the same number of agents.
+"""What models of torch read and answer: batches of whole scenes, padded to the same number of agents.
 
-Each agent has a frame of its own: origin at its box centre now, x along the lane it drives on (along its own heading
-where it is on none), y to the left, metres. Histories and futures are given in it, so that a model never sees where on
-the earth a scene is; `position` and `heading` say how the agents' frames lie to each other.
+Histories and futures are given in the agents' frames, see :mod:`litsim_predictor.inference.contract`; `position` and
+`heading` say how these lie to each other.
 """
 
 from __future__ import annotations
@@ -13,26 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from litsim_predictor.inference.contract import DT, HORIZON, LONGITUDINAL
 from litsim_sim.core.scene import FloatArray
-
-DT = 0.2
-"""[s] between steps of history and future: NGSIM's 10 Hz subsampled to 5 Hz, as is usual in prediction."""
-HISTORY = 16
-"""Steps of history, the present included: 3 s."""
-HORIZON = 25
-"""Steps of the future: 5 s."""
-SECONDS = tuple(range(1, round(HORIZON * DT) + 1))
-"""Horizons that measures are told for [s]."""
-AT_SECONDS = slice(round(1.0 / DT) - 1, None, round(1.0 / DT))
-"""The steps of the future at :data:`SECONDS`."""
-HISTORY_CHANNELS = 4
-"""x [m], y [m], yaw relative to the agent frame [rad], speed [m/s]."""
-STATE_CHANNELS = 4
-"""length [m], width [m], speed [m/s], yaw relative to the agent frame [rad]."""
-LATERAL = ("keep", "left", "right")
-LONGITUDINAL = ("keep", "accelerate", "brake")
-MANEUVERS = tuple(f"{lateral}/{longitudinal}" for lateral in LATERAL for longitudinal in LONGITUDINAL)
-"""Manoeuvre m is LATERAL[m // 3] with LONGITUDINAL[m % 3]."""
 
 LATERAL_SHIFT = 1.5  # [m] in 5 s, in the agent frame, from which on a manoeuvre is called left or right
 BRAKE_RATIO, ACCELERATE_RATIO = 0.8, 1.25  # mean speed of the 5 s to the speed now (0.8: conv-social-pooling)
@@ -49,7 +30,7 @@ class SceneBatch:
         history: (B, N, HISTORY, HISTORY_CHANNELS) oldest first, the present last; zeros where not observed.
         observed: (B, N, HISTORY) bool; the present is observed for every agent.
         state: (B, N, STATE_CHANNELS).
-        raster: (B, N, C, H, W) uint8 map around each agent in its frame; see :mod:`.raster`.
+        raster: (B, N, C, H, W) uint8 map around each agent in its frame; see :mod:`litsim_predictor.inference.raster`.
         agent: (B, N) bool, False for padding.
         future: (B, N, HORIZON, 2) box centres in the agent frame [m]; zeros where unknown.
         future_known: (B, N, HORIZON) bool.

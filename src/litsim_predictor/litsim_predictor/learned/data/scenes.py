@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from litsim_predictor.learned.data.batch import HISTORY, HORIZON, SceneBatch, maneuvers_of
-from litsim_predictor.learned.data.features import AgentInputs, agent_inputs
-from litsim_predictor.learned.data.raster import CHANNELS, COLUMNS, ROWS, MapRaster
+from litsim_predictor.inference.contract import HISTORY, HORIZON, AgentInputs
+from litsim_predictor.inference.features import agent_inputs
+from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS, MapRaster
+from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray

@@ -9,13 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from litsim_predictor.learned.data.batch import DT, HISTORY, HORIZON
-from litsim_predictor.learned.data.features import frame_headings
-from litsim_predictor.learned.data.raster import MapRaster, raster_of_net
-from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
-
-STRIDE = round(DT / STEP_S)
-"""Frames of a recording between two steps of a model."""
+from litsim_predictor.inference.contract import HISTORY, HORIZON, STRIDE
+from litsim_predictor.inference.features import frame_headings
+from litsim_predictor.inference.raster import MapRaster, raster_of_net
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 SHARES = (0.7, 0.1)  # of the vehicle ids for training and validation; the rest is for tests (conv-social-pooling)
 ROUNDING = 1e-6  # 0.7 + 0.1 is a little less than 0.8

@@ -15,10 +15,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 import torch
 
-from litsim_predictor.learned.data.batch import AT_SECONDS, HORIZON, SECONDS, numbers
-from litsim_predictor.learned.data.features import AgentInputs, agent_inputs, in_map
+from litsim_predictor.inference.contract import AT_SECONDS, HORIZON, SECONDS, STRIDE, AgentInputs
+from litsim_predictor.inference.features import agent_inputs, in_map
+from litsim_predictor.learned.data.batch import numbers
 from litsim_predictor.learned.data.scenes import inputs_batch
-from litsim_predictor.learned.data.tracks import STRIDE, Tracks
+from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.evaluation.boxes import path_headings
 from litsim_predictor.learned.models.model import SceneModel
 from litsim_sim.core.errors import InputError

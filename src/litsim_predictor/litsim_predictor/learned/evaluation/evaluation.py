@@ -10,10 +10,11 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
-from litsim_predictor.learned import SHIPPED
-from litsim_predictor.learned.data.batch import DT, HISTORY, HORIZON, SceneBatch
+from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, STRIDE
+from litsim_predictor.learned.data.batch import SceneBatch
 from litsim_predictor.learned.data.sources import net_path, split
-from litsim_predictor.learned.data.tracks import STRIDE, Tracks
+from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.device import check_device
 from litsim_predictor.learned.evaluation.conflicts import ConflictCounts, DriveKind
 from litsim_predictor.learned.evaluation.scores import ScoreBoard, Scores, by_second

@@ -22,8 +22,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from litsim_predictor.learned.data.batch import AT_SECONDS, HORIZON, SECONDS, Prediction, SceneBatch, numbers
-from litsim_predictor.learned.data.features import in_map
+from litsim_predictor.inference.contract import AT_SECONDS, HORIZON, SECONDS
+from litsim_predictor.inference.features import in_map
+from litsim_predictor.learned.data.batch import Prediction, SceneBatch, numbers
 from litsim_predictor.learned.evaluation.boxes import agents_that_overlap, path_headings
 from litsim_predictor.learned.models.model import mahalanobis_squared, negative_log_likelihood
 from litsim_sim.core.errors import InputError

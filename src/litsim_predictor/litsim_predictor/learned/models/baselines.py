@@ -6,8 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from litsim_predictor.inference.contract import DT, HISTORY, HORIZON
 from litsim_predictor.kinematic import KinematicConfig, roll_out, spread
-from litsim_predictor.learned.data.batch import DT, HISTORY, HORIZON, Prediction, SceneBatch, numbers
+from litsim_predictor.learned.data.batch import Prediction, SceneBatch, numbers
 from litsim_predictor.learned.models.model import Decode, SceneModel, constant_velocity
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, FloatArray

@@ -14,20 +14,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.learned.data.batch import (
-    DT,
-    HORIZON,
-    LATERAL,
-    LONGITUDINAL,
-    MANEUVERS,
-    STATE_CHANNELS,
-    Prediction,
-    SceneBatch,
-)
+from litsim_predictor.inference.contract import DT, HORIZON, LATERAL, LONGITUDINAL, MANEUVERS, STATE_CHANNELS
+from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.centrality import CENTRALITIES, centralities, mean_rates, proximity_graph
 from litsim_predictor.learned.models.model import (
     GAUSSIAN_CHANNELS,
@@ -39,7 +32,10 @@ from litsim_predictor.learned.models.model import (
     maneuver_logits,
     maneuver_parts,
     offsets,
+    padded,
+    present,
     rotate,
+    same_agent,
 )
 
 GRID_ROWS, GRID_COLUMNS = 13, 3
@@ -47,6 +43,7 @@ CELL_LENGTH, CELL_WIDTH = 4.57, 3.66  # [m]: 15 feet, as is usual on NGSIM, and 
 POLAR_CHANNELS = 5  # r, cos phi, sin phi, radial velocity, observed
 LENGTH_UNIT, SPEED_UNIT = 10.0, 10.0  # [m], [m/s] that the networks count in
 AT_ORIGIN = 1e-3  # [m] within which a position has no angle
+NEVER = -1e9  # logit of what is not attended to; finite, as there may be nothing else
 APPROACH_S = 3.0  # [s] over which neighbours are expected to keep their velocity, when they are ranked
 
 
@@ -84,6 +81,10 @@ class Neighbours:
     cell: Tensor
     rank: Tensor
 
+    def and_nobody(self) -> Neighbours:
+        """With one pair more, which stands where a target has no neighbour; a graph cannot be of no pairs at all."""
+        return Neighbours(*(torch.cat([v, v.new_zeros(1)]) for v in (self.target, self.other, self.cell, self.rank)))
+
 
 class Bat(SceneModel):
     """About 0.3 million parameters; see the module.
@@ -120,23 +121,25 @@ class Bat(SceneModel):
 
     def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
         """See :meth:`SceneModel.forward`."""
-        scene, row = batch.agent.nonzero(as_tuple=True)
-        motions, state = motions_of(batch, scene, row), batch.state[scene, row]
-        behaviour = self.behaviour(batch)[scene, row]
-        everybody = torch.arange(len(scene), device=scene.device)
+        there = batch.agent
+        if not there.any():
+            logits = batch.state.new_zeros(*there.shape, len(MANEUVERS))
+            mean = batch.state.new_zeros(*decoded_maneuvers(logits, decode).shape, HORIZON, 2)
+            return Prediction(logits, mean, torch.ones_like(mean), mean[..., 0])
+        motions, state = motions_of(batch), present(batch.state, there)
+        behaviour = present(self.behaviour(batch), there)
+        everybody = torch.arange(state.shape[0], device=state.device)
         target = self.target(polar(motions, everybody, everybody), torch.cat([behaviour, state / SPEED_UNIT], dim=-1))
-        pairs = neighbours(batch)
+        pairs = neighbours(batch).and_nobody()
         other = self.other(polar(motions, pairs.target, pairs.other), behaviour[pairs.other])
         encoding = torch.cat([target, self.interaction(target, other, motions, pairs)], dim=-1)
 
-        joint = maneuver_logits(self.lateral(encoding), self.longitudinal(encoding))
-        shape = batch.agent.shape
-        logits = joint.new_zeros(*shape, len(MANEUVERS)).index_put((scene, row), joint)
-        raw = self.decoder(encoding, decoded_maneuvers(logits, decode)[scene, row])  # (T, M, HORIZON, 5)
-        everywhere = raw.new_zeros(*shape, *raw.shape[1:]).index_put((scene, row), raw)
+        logits = padded(maneuver_logits(self.lateral(encoding), self.longitudinal(encoding)), there)
+        raw = self.decoder(encoding, present(decoded_maneuvers(logits, decode), there))  # (T, M, HORIZON, 5)
+        everywhere = padded(raw, there)
         ahead = constant_velocity(batch)[:, :, None] + DT * everywhere[..., :2].cumsum(dim=-2)
         scale, correlation = gaussian(everywhere[..., 2:])
-        return Prediction(logits, torch.where(batch.agent[..., None, None, None], ahead, 0.0), scale, correlation)
+        return Prediction(logits, torch.where(there[..., None, None, None], ahead, 0.0), scale, correlation)
 
 
 class BehaviourEncoder(nn.Module):
@@ -156,7 +159,7 @@ class BehaviourEncoder(nn.Module):
         series = centralities(length).transpose(1, 2) * observed[..., None]  # (B, N, HISTORY, 6)
         both = (series, mean_rates(series, observed, DT))
         found = [encoder(each.flatten(0, 1)) for encoder, each in zip(self.series, both, strict=True)]
-        return torch.cat(found, dim=-1).unflatten(0, batch.agent.shape)
+        return torch.cat(found, dim=-1).view(*batch.agent.shape, -1)
 
 
 class SeriesEncoder(nn.Module):
@@ -202,25 +205,21 @@ class InteractionEncoder(nn.Module):
         self.size = embedding + 256
 
     def forward(self, target: Tensor, other: Tensor, motions: Motions, pairs: Neighbours) -> Tensor:
-        """(T, size) from the codes of T targets and of P neighbours; zeros for a target without neighbours."""
+        """(T, size) from the codes of T targets and of P neighbours, the last of which is nobody; zeros for nobody."""
         other = other + rank_encoding(pairs.rank, other.shape[-1])
         now = polar(motions, pairs.target, pairs.other)[:, -1, :4]
         contribution = self.contribution(torch.cat([other, now], dim=-1))  # not negative
-        pooled = contribution.new_zeros(len(target), contribution.shape[-1])
-        pooled = pooled.scatter_reduce(0, pairs.target[:, None].expand_as(contribution), contribution, "amax")
-        return torch.cat([self._attend(target, other + self.cell(pairs.cell), pairs.target), pooled], dim=-1)
+        slots, taken = slots_of(pairs.target[:-1], target.shape[0])
+        pooled = (contribution[slots] * taken[..., None]).amax(dim=1)
+        return torch.cat([self._attend(target, other + self.cell(pairs.cell), slots, taken), pooled], dim=-1)
 
-    def _attend(self, target: Tensor, other: Tensor, of: Tensor) -> Tensor:
-        """(T, embedding) attention of each target over its neighbours (P, embedding), which are those `of` it."""
-        query = self.query(target).unflatten(-1, (self.heads, -1))
-        key, value = self.key_value(other).unflatten(-1, (2, self.heads, -1)).unbind(dim=1)
-        score = (query[of] * key).sum(dim=-1) / math.sqrt(key.shape[-1])  # (P, heads)
-        highest = score.new_full((len(target), self.heads), -torch.inf)
-        highest = highest.scatter_reduce(0, of[:, None].expand_as(score), score.detach(), "amax")
-        share = (score - highest[of]).exp()
-        total = share.new_zeros(len(target), self.heads).index_add(0, of, share)
-        share = share / total[of]
-        return value.new_zeros(len(target), *value.shape[1:]).index_add(0, of, share[..., None] * value).flatten(1)
+    def _attend(self, target: Tensor, other: Tensor, slots: Tensor, taken: Tensor) -> Tensor:
+        """(T, embedding) attention of each target over its neighbours; see :func:`slots_of`."""
+        query = self.query(target).view(target.shape[0], 1, self.heads, -1)
+        key, value = self.key_value(other)[slots].view(*slots.shape, 2, self.heads, -1).unbind(dim=2)
+        score = (query * key).sum(dim=-1) * (other.shape[-1] / self.heads) ** -0.5  # (T, R, heads)
+        share = score.masked_fill(~taken[..., None], NEVER).softmax(dim=1) * taken[..., None]
+        return (share[..., None] * value).sum(dim=1).flatten(1)
 
 
 class ManeuverDecoder(nn.Module):
@@ -251,16 +250,17 @@ class ManeuverDecoder(nn.Module):
         return raw
 
 
-def motions_of(batch: SceneBatch, scene: Tensor, row: Tensor) -> Motions:
-    """The agents at `row` (T,) of the scenes `scene` (T,)."""
-    history, position, heading = batch.history[scene, row], batch.position[scene, row], batch.heading[scene, row]
+def motions_of(batch: SceneBatch) -> Motions:
+    """The agents of all scenes, in one list."""
+    there = batch.agent
+    history, position, heading = (present(v, there) for v in (batch.history, batch.position, batch.heading))
     direction = torch.stack([history[..., 2].cos(), history[..., 2].sin()], dim=-1)
     return Motions(
         position=position,
         heading=heading,
         path=rotate(history[..., :2], heading[:, None]) + position[:, None],
         velocity=rotate(history[..., 3, None] * direction, heading[:, None]),
-        observed=batch.observed[scene, row],
+        observed=present(batch.observed, there),
     )
 
 
@@ -278,8 +278,8 @@ def polar(motions: Motions, target: Tensor, other: Tensor) -> Tensor:
     away = r > AT_ORIGIN
     unit = torch.where(away[..., None], offset / r.clamp_min(AT_ORIGIN)[..., None], 0.0)
     radial = torch.where(away, (unit * velocity).sum(dim=-1), -velocity.norm(dim=-1))
-    observed = motions.observed[other]
-    channels = [r / LENGTH_UNIT, unit[..., 0], unit[..., 1], radial / SPEED_UNIT, torch.ones_like(r)]
+    observed = motions.observed[other].to(r.dtype)
+    channels = [r / LENGTH_UNIT, unit[..., 0], unit[..., 1], radial / SPEED_UNIT, observed]
     return torch.stack(channels, dim=-1) * observed[..., None]
 
 
@@ -301,14 +301,26 @@ def neighbours(batch: SceneBatch) -> Neighbours:
     row = torch.floor(local[..., 0] / CELL_LENGTH + 0.5 * GRID_ROWS).long()
     column = torch.floor(local[..., 1] / CELL_WIDTH + 0.5 * GRID_COLUMNS).long()
     inside = (row >= 0) & (row < GRID_ROWS) & (column >= 0) & (column < GRID_COLUMNS)
-    itself = torch.eye(offset.shape[1], dtype=torch.bool, device=offset.device)
+    itself = same_agent(batch)
     pair = inside & batch.agent[:, :, None] & batch.agent[:, None, :] & ~itself
     rank = key.masked_fill(~pair, torch.inf).argsort(dim=-1).argsort(dim=-1)
 
-    place = (batch.agent.flatten().cumsum(dim=0) - 1).view_as(batch.agent)
+    place = (batch.agent.flatten().long().cumsum(dim=0) - 1).view_as(batch.agent)
     scene, target, other = pair.nonzero(as_tuple=True)
     cell = (row * GRID_COLUMNS + column)[pair]
     return Neighbours(place[scene, target], place[scene, other], cell, rank[pair])
+
+
+def slots_of(target: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    """Pairs (T, R) of each of `count` targets T, of those (P,) whose targets ascend; and which slots are taken (T, R).
+
+    There is one slot at least. In those that are not taken is the pair P, one after the last.
+    """
+    mine = (target == torch.arange(count, device=target.device)[:, None]).long().sum(dim=1, keepdim=True)
+    most = cast(int, mine.max())  # a tensor, so that a trace does not take it for a constant
+    slot = torch.arange(most + 1, device=target.device)
+    taken = slot < mine
+    return torch.where(taken, mine.cumsum(dim=0) - mine + slot, target.shape[0]), taken
 
 
 def rank_encoding(rank: Tensor, size: int) -> Tensor:
@@ -319,8 +331,6 @@ def rank_encoding(rank: Tensor, size: int) -> Tensor:
 
 
 def last_state(lstm: nn.LSTM, series: Tensor) -> Tensor:
-    """(S, units) hidden state after series (S, steps, channels); S may be zero."""
-    if not len(series):
-        return series.new_zeros(0, lstm.hidden_size)
+    """(S, units) hidden state after series (S, steps, channels)."""
     state: Tensor = lstm(series)[1][0][-1]
     return state

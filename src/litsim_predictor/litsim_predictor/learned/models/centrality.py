@@ -8,8 +8,15 @@ them at once (Floyd and Warshall), or in matrix products.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
 import torch
 from torch import Tensor
+
+from litsim_predictor.learned.models.model import diagonal
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 CENTRALITIES = ("degree", "closeness", "eigenvector", "betweenness", "power", "katz")
 ATTENUATION = 0.1
@@ -18,6 +25,7 @@ traffic, where the weights of one agent's edges add up to about 5 at most."""
 CONVERGENCE = 0.9
 """Largest product of attenuation and weighted degree; where agents stand on top of each other, attenuation is less."""
 SQUARINGS = 10  # power iteration: 2^10 steps
+SERIES = 7  # squarings in a series: powers up to 2^8 - 1, whose norm is below 1e-11
 TIE = 1e-5  # by which two ways may differ and still count as equally long, in radii
 SHORTEST_EDGE = 1e-3  # in radii
 CHUNK = 1 << 17  # entries of the matrices worked on at a time: they stay in the cache
@@ -32,7 +40,7 @@ def proximity_graph(point: Tensor, present: Tensor, radius: float) -> Tensor:
         radius: [m] within which agents are joined.
     """
     apart = (point[..., :, None, :] - point[..., None, :, :]).norm(dim=-1) / radius
-    itself = torch.eye(point.shape[-2], dtype=torch.bool, device=point.device)
+    itself = diagonal(point[..., 0])
     joined = present[..., :, None] & present[..., None, :] & (apart < 1.0) & ~itself
     return torch.where(joined, apart.clamp_min(SHORTEST_EDGE), torch.inf).masked_fill(itself, 0.0)
 
@@ -52,6 +60,8 @@ def centralities(length: Tensor) -> Tensor:
     Args:
         length: (..., N, N) symmetric edge lengths below 1, infinite where there is no edge, zero on the diagonal.
     """
+    if torch.onnx.is_in_onnx_export():  # one scene, and the number of its agents must not become a constant
+        return _centralities(length.flatten(0, 1)).unflatten(0, length.shape[:2])
     size = length.shape[-1]
     chunks = length.reshape(-1, size, size).split(max(1, CHUNK // max(1, size**2)))
     return torch.cat([_centralities(chunk) for chunk in chunks]).reshape(*length.shape[:-1], len(CENTRALITIES))
@@ -59,8 +69,7 @@ def centralities(length: Tensor) -> Tensor:
 
 def _centralities(graphs: Tensor) -> Tensor:
     """(G, N, 6) of graphs (G, N, N)."""
-    weight = torch.where(torch.isfinite(graphs), 1.0 - graphs, 0.0)
-    weight.diagonal(dim1=-2, dim2=-1).zero_()
+    weight = torch.where(torch.isfinite(graphs), 1.0 - graphs, 0.0).masked_fill(diagonal(graphs), 0.0)
     distance, ways = shortest_ways(graphs)
     near = torch.isfinite(distance)
     degree = weight.sum(dim=-1)
@@ -77,18 +86,23 @@ def _centralities(graphs: Tensor) -> Tensor:
 
 
 def shortest_ways(length: Tensor) -> tuple[Tensor, Tensor]:
-    """Lengths (G, N, N) of the shortest ways between all agents, and how many there are (zero on the diagonal).
+    """Lengths (G, N, N) of the shortest ways between all agents, and how many there are (zero on the diagonal)."""
+    joined = torch.isfinite(length).to(length.dtype).masked_fill(diagonal(length), 0.0)
+    return _as_loop(_let_in)(length, joined, TIE)
 
-    Each way is counted once, when its agent of the highest number is let in.
-    """
-    distance = length.clone()
-    ways = torch.isfinite(length).to(length.dtype)
-    ways.diagonal(dim1=-2, dim2=-1).zero_()
-    for k in range(length.shape[-1]):
+
+def _as_loop(function: Function) -> Function:
+    """`function`, compiled while a graph is exported: its loops over agents stay loops, where a trace unrolls them."""
+    return cast(Function, torch.jit.script(function)) if torch.onnx.is_in_onnx_export() else function
+
+
+def _let_in(distance: Tensor, ways: Tensor, tie: float) -> tuple[Tensor, Tensor]:
+    """Shortest ways from edges; each way is counted once, when its agent of the highest number is let in."""
+    for k in range(distance.shape[-1]):
         via = distance[:, :, k, None] + distance[:, None, k, :]
         more = ways[:, :, k, None] * ways[:, None, k, :]
         gain = distance - via  # not a number where both are infinite, and then no comparison holds
-        ways = torch.where(gain > TIE, more, ways + more * (gain.abs() <= TIE))
+        ways = torch.where(gain > tie, more, ways + more * (gain.abs() <= tie))
         distance = torch.minimum(distance, via)
     return distance, ways
 
@@ -101,9 +115,10 @@ def mean_rates(series: Tensor, observed: Tensor, dt: float) -> Tensor:
         observed: (..., N, F) bool; changes from or to frames without observation do not count.
         dt: [s] between frames.
     """
-    both = (observed[..., 1:] & observed[..., :-1])[..., None]
-    total = torch.cumsum(series.diff(dim=-2).abs() * both, dim=-2)
-    count = torch.cumsum(both, dim=-2).clamp_min(1)
+    both = (observed[..., 1:] & observed[..., :-1])[..., None].to(series.dtype)
+    changes = (series[..., 1:, :] - series[..., :-1, :]).abs()
+    total = torch.cumsum(changes * both, dim=-2)
+    count = torch.cumsum(both, dim=-2).clamp_min(1.0)
     return torch.nn.functional.pad(total / (count * dt), (0, 0, 1, 0))
 
 
@@ -114,7 +129,7 @@ def _closeness(distance: Tensor, near: Tensor) -> Tensor:
 
 def _eigenvector(weight: Tensor, near: Tensor) -> Tensor:
     """By power iteration from equal values, squaring the matrix; adding the identity keeps it from oscillating."""
-    matrix = weight + torch.eye(weight.shape[-1], dtype=weight.dtype, device=weight.device)
+    matrix = weight + diagonal(weight)
     for _ in range(SQUARINGS):
         matrix = matrix @ matrix
         largest = (matrix.amax(dim=-1)[:, None, :] * near).amax(dim=-1)  # of each component
@@ -125,19 +140,35 @@ def _eigenvector(weight: Tensor, near: Tensor) -> Tensor:
 
 def _betweenness(distance: Tensor, ways: Tensor, near: Tensor) -> Tensor:
     share = torch.where(ways > 0.0, 1.0 / ways, 0.0)
-    total = torch.empty_like(distance[..., 0])
-    for k in range(distance.shape[-1]):
-        detour = distance[:, :, k, None] + distance[:, None, k, :] - distance
-        through = ways[:, :, k, None] * ways[:, None, k, :] * share
-        total[:, k] = (through * (detour <= TIE)).sum(dim=(-2, -1))
+    total = _as_loop(_between)(distance, ways, share, TIE)
     others = near.sum(dim=-1) - 1
     return total / (others * (others - 1)).clamp_min(1)
 
 
+def _between(distance: Tensor, ways: Tensor, share: Tensor, tie: float) -> Tensor:
+    """(G, N) pairs of others that each agent lies between, by the `share` that one way has of all of a pair."""
+    total = torch.zeros_like(distance[:, 0])
+    place = torch.arange(distance.shape[-1], device=distance.device)
+    for k in range(distance.shape[-1]):
+        detour = distance[:, :, k, None] + distance[:, None, k, :] - distance
+        through = ways[:, :, k, None] * ways[:, None, k, :] * share * (detour <= tie).to(share.dtype)
+        total = total + through.sum(dim=-1).sum(dim=-1)[:, None] * (place == k)
+    return total
+
+
 def _walks(weight: Tensor, degree_max: Tensor) -> tuple[Tensor, Tensor]:
-    """Bonacich's power and Katz's centrality; `degree_max` (G, N) is the largest degree of each one's component."""
-    attenuation = (CONVERGENCE / degree_max.clamp_min(1e-6)).clamp_max(ATTENUATION)[..., None] * weight
-    itself = torch.eye(weight.shape[-1], dtype=weight.dtype, device=weight.device)
-    power = torch.linalg.solve(itself + attenuation, weight.sum(dim=-1, keepdim=True))
-    katz = torch.linalg.solve(itself - attenuation, torch.ones_like(power))
-    return power[..., 0], katz[..., 0]
+    """Bonacich's power and Katz's centrality; `degree_max` (G, N) is the largest degree of each one's component.
+
+    The inverses are geometric series of the attenuated weights A, whose norm is at most CONVERGENCE: the product of
+    ``I + A^2``, ``I + A^4``, ... has all even powers up to the last, and ``I - A`` or ``I + A`` makes it the one of
+    ``(I + A)^-1`` or of ``(I - A)^-1``.
+    """
+    once = (CONVERGENCE / degree_max.clamp_min(1e-6)).clamp_max(ATTENUATION)[..., None] * weight
+    degree = weight.sum(dim=-1, keepdim=True)
+    walks = torch.cat([degree, torch.ones_like(degree)], dim=-1)
+    power = once
+    for _ in range(SERIES):
+        power = power @ power
+        walks = walks + power @ walks
+    further = once @ walks
+    return walks[..., 0] - further[..., 0], walks[..., 1] + further[..., 1]

@@ -10,7 +10,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.learned.data.batch import HORIZON, LATERAL, LONGITUDINAL, Prediction, SceneBatch
+from litsim_predictor.inference.contract import HORIZON, LATERAL, LONGITUDINAL
+from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.model import (
     GAUSSIAN_CHANNELS,
     Decode,
@@ -20,7 +21,10 @@ from litsim_predictor.learned.models.model import (
     maneuver_logits,
     maneuver_parts,
     offsets,
+    padded,
+    present,
     rotate,
+    same_agent,
 )
 
 LENGTH = 20.0  # [m] by which positions are scaled
@@ -62,9 +66,8 @@ class CsLstm(SceneModel):
         b, n = batch.agent.shape
         there = batch.agent
         steps = torch.cat([batch.history[..., :2] / LENGTH, batch.observed[..., None].to(batch.history.dtype)], dim=-1)
-        _, (hidden, _) = self.encoder(self.embed(steps[there]))
-        encoding = hidden[0].new_zeros(b, n, hidden.shape[-1])
-        encoding[there] = hidden[0]
+        _, (hidden, _) = self.encoder(self.embed(present(steps, there)))
+        encoding = padded(hidden[0], there)
         context = torch.cat([self.dynamics(encoding), self.social(social_grid(batch, encoding)).view(b, n, -1)], dim=-1)
         logits = maneuver_logits(self.lateral(context), self.longitudinal(context))
         maneuver = decoded_maneuvers(logits, decode)
@@ -81,8 +84,8 @@ def social_grid(batch: SceneBatch, encoding: Tensor) -> Tensor:
     ahead, left = rotate(offsets(batch), -batch.heading[..., None]).unbind(dim=-1)
     row = torch.round(ahead / CELL_AHEAD).long() + GRID[0] // 2
     column = torch.round(left / CELL_LEFT).long() + GRID[1] // 2
-    other = ~torch.eye(batch.agent.shape[1], dtype=torch.bool, device=batch.agent.device)
-    inside = (row >= 0) & (row < GRID[0]) & (column >= 0) & (column < GRID[1]) & other & batch.agent[:, None]
+    inside = (row >= 0) & (row < GRID[0]) & (column >= 0) & (column < GRID[1])
+    inside = inside & ~same_agent(batch) & batch.agent[:, None]
     scene, target, neighbour = torch.nonzero(inside, as_tuple=True)
     cell = row[inside] * GRID[1] + column[inside]
     b, n, width = encoding.shape

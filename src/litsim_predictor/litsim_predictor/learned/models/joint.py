@@ -16,15 +16,9 @@ from typing import Literal, cast
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.learned.data.batch import (
-    HISTORY_CHANNELS,
-    HORIZON,
-    MANEUVERS,
-    STATE_CHANNELS,
-    Prediction,
-    SceneBatch,
-)
-from litsim_predictor.learned.data.raster import CHANNELS, COLUMNS, ROWS
+from litsim_predictor.inference.contract import HISTORY_CHANNELS, HORIZON, MANEUVERS, STATE_CHANNELS
+from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
+from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.model import (
     GAUSSIAN_CHANNELS,
     Decode,
@@ -34,7 +28,10 @@ from litsim_predictor.learned.models.model import (
     future_times,
     gaussian,
     offsets,
+    padded,
+    present,
     rotate,
+    same_agent,
 )
 
 LENGTH = 20.0  # [m] by which positions are scaled
@@ -99,12 +96,23 @@ class RelativeAttention(nn.Module):
     def forward(self, agents: Tensor, near: Neighbours) -> Tensor:
         """(B, N, width) of (B, N, width)."""
         b, n, width = agents.shape
-        query = self.query(agents).view(b, n, 1, self.heads, -1)
-        key_value = near.gather(self.key_value(agents)) + self.relation(near.relation)
-        key, value = (part.view(b, n, -1, self.heads, width // self.heads) for part in key_value.chunk(2, dim=-1))
-        logits = (query * key).sum(dim=-1) * (width / self.heads) ** -0.5
+        # What a relation adds to keys and values is linear in `related`: it is taken out of the sums over neighbours,
+        # so that its large matrix is applied once an agent and not once a pair.
+        related, last = self.relation[:-1](near.relation), cast(nn.Linear, self.relation[-1])  # (B, N, K, 64)
+        of_key, of_value = last.weight.view(2, self.heads, -1, related.shape[-1]).unbind()
+        key_value = near.gather(self.key_value(agents) + last.bias)
+        key, value = key_value.view(b, n, -1, 2, self.heads, width // self.heads).unbind(dim=3)
+
+        query = self.query(agents).view(b, n, self.heads, -1)
+        asked = (query.transpose(1, 2) @ of_key).transpose(1, 2)  # (B, N, heads, 64)
+        logits = (query[:, :, None] * key).sum(dim=-1) + related @ asked.transpose(2, 3)  # (B, N, K, heads)
+        logits = logits * (width / self.heads) ** -0.5
         weights = logits.masked_fill(~near.seen[..., None], float("-inf")).softmax(dim=2)
-        return cast(Tensor, self.norm(agents + self.out((weights[..., None] * value).sum(dim=2).flatten(2))))
+        told = (weights.transpose(2, 3) @ related).transpose(1, 2) @ of_value.transpose(
+            1, 2
+        )  # (B, heads, N, width / heads)
+        heard = (weights[..., None] * value).sum(dim=2) + told.transpose(1, 2)
+        return cast(Tensor, self.norm(agents + self.out(heard.flatten(2))))
 
 
 class SceneAttention(nn.Module):
@@ -122,7 +130,14 @@ class SceneAttention(nn.Module):
         yaw = batch.heading + batch.state[..., 3]
         place = torch.cat([(batch.position - middle) / LENGTH, torch.stack([yaw.cos(), yaw.sin()], dim=-1)], dim=-1)
         states = self.embed(torch.cat([scaled_state(batch.state), place], dim=-1))
-        return self.attention(states, states, states, key_padding_mask=~batch.agent, need_weights=False)[0]
+        b, n, width = states.shape
+        # As nn.MultiheadAttention does it, which a trace would tie to its number of agents.
+        attention = self.attention
+        mixed = nn.functional.linear(states, attention.in_proj_weight, attention.in_proj_bias)
+        query, key, value = mixed.view(b, n, 3, attention.num_heads, -1).permute(2, 0, 3, 1, 4).unbind()
+        logits = query @ key.transpose(2, 3) * (width / attention.num_heads) ** -0.5
+        weights = logits.masked_fill(~batch.agent[:, None, None], float("-inf")).softmax(dim=-1)
+        return cast(Tensor, attention.out_proj((weights @ value).transpose(1, 2).flatten(2)))
 
 
 class DirectDecoder(nn.Module):
@@ -226,12 +241,14 @@ class JointPredictor(SceneModel):
 
     def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
         """See :meth:`SceneModel.forward`."""
-        b, n = batch.agent.shape
         there = batch.agent
-        maps, histories = self.map(batch.raster[there]), self.history(batch.history[there], batch.observed[there])
-        states = self.state(scaled_state(batch.state[there])) if self.scene is None else self.scene(batch)[there]
-        agents = maps.new_zeros(b, n, maps.shape[1] + histories.shape[1] + states.shape[1])
-        agents[there] = torch.cat([maps, histories, states], dim=-1)
+        maps = self.map(present(batch.raster, there))
+        histories = self.history(present(batch.history, there), present(batch.observed, there))
+        if self.scene is None:
+            states = self.state(scaled_state(present(batch.state, there)))
+        else:
+            states = present(self.scene(batch), there)
+        agents = padded(torch.cat([maps, histories, states], dim=-1), there)
         if len(self.relative):
             near = Neighbours.of(batch, self.neighbours, self.reach)
             for layer in self.relative:
@@ -280,9 +297,9 @@ class Neighbours:
         """At most `count` others within `reach` metres."""
         b, n = batch.agent.shape
         apart = offsets(batch)
-        distance = torch.hypot(apart[..., 0], apart[..., 1]).masked_fill(~batch.agent[:, None], float("inf"))
-        itself = torch.eye(n, dtype=torch.bool, device=distance.device)
-        distance, index = distance.masked_fill(itself, -1.0).topk(min(count + 1, n), dim=-1, largest=False)
+        distance = apart.norm(dim=-1).masked_fill(~batch.agent[:, None], float("inf"))
+        distance = distance.masked_fill(same_agent(batch), -1.0)
+        distance, index = distance.topk(torch.as_tensor(n).clamp_max(count + 1), dim=-1, largest=False)
         scene = torch.arange(b, device=index.device)[:, None, None]
         agent = torch.arange(n, device=index.device)[:, None]
         ahead, left = rotate(apart[scene, agent, index], -batch.heading[..., None]).unbind(dim=-1)

@@ -9,7 +9,8 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.learned.data.batch import DT, HORIZON, LATERAL, LONGITUDINAL, Prediction, SceneBatch
+from litsim_predictor.inference.contract import DT, HORIZON, LATERAL, LONGITUDINAL
+from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 
 Decode = Literal["all", "best"] | Tensor
 """What to decode; see :meth:`SceneModel.forward`."""
@@ -73,6 +74,32 @@ def offsets(batch: SceneBatch) -> Tensor:
     Turned by ``-batch.heading[..., None]``, they are ahead of the first and to its left.
     """
     return batch.position[:, None] - batch.position[:, :, None]
+
+
+def same_agent(batch: SceneBatch) -> Tensor:
+    """(N, N) bool, True where the first agent is the second."""
+    return diagonal(batch.agent)
+
+
+def diagonal(like: Tensor) -> Tensor:
+    """(N, N) bool, True on the diagonal, on the device of `like` (..., N)."""
+    place = torch.arange(like.shape[-1], device=like.device)  # torch.eye has no counterpart of bool in ONNX Runtime
+    return place[:, None] == place
+
+
+def present(values: Tensor, agent: Tensor) -> Tensor:
+    """(T, ...) of values (B, N, ...): those of the T agents that are no padding, in the order of `agent` (B, N)."""
+    # An exported graph is of one scene, and there is no padding in that.
+    return values.flatten(0, 1) if torch.onnx.is_in_onnx_export() else values[agent]
+
+
+def padded(values: Tensor, agent: Tensor) -> Tensor:
+    """(B, N, ...) of values (T, ...), zeros where there is only padding; the reverse of :func:`present`."""
+    if torch.onnx.is_in_onnx_export():
+        return values[None]
+    everywhere = values.new_zeros(*agent.shape, *values.shape[1:])
+    everywhere[agent] = values
+    return everywhere
 
 
 def future_times(like: Tensor) -> Tensor:

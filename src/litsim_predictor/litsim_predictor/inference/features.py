@@ -2,38 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from litsim_predictor.forecast import Float32Array
-from litsim_predictor.learned.data.batch import HISTORY_CHANNELS, STATE_CHANNELS
-from litsim_predictor.learned.data.raster import MapRaster
+from litsim_predictor.inference.contract import HISTORY_CHANNELS, STATE_CHANNELS, AgentInputs
+from litsim_predictor.inference.raster import MapRaster
 from litsim_sim.core.geometry import to_body, wrap_angle
-from litsim_sim.core.scene import BoolArray, ByteArray, FloatArray
+from litsim_sim.core.scene import BoolArray, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 
 LANE_ANGLE = 0.6  # [rad] a vehicle at a larger angle to the lane under it does not drive along it
 LANE_DISTANCE = 3.0  # [m] nor does one farther from its centre line
-
-
-@dataclass(frozen=True)
-class AgentInputs:
-    """What a model reads of n agents; see :class:`.batch.SceneBatch` for channels and frames.
-
-    Attributes:
-        frame: (n, 3) origin x, y [m] and heading [rad] of the agent frames in frame map.
-        history: (n, HISTORY, HISTORY_CHANNELS).
-        observed: (n, HISTORY).
-        state: (n, STATE_CHANNELS).
-        raster: (n, C, H, W).
-    """
-
-    frame: FloatArray
-    history: Float32Array
-    observed: BoolArray
-    state: Float32Array
-    raster: ByteArray
 
 
 def frame_headings(lane_map: LaneMap | None, x: FloatArray, y: FloatArray, yaw: FloatArray) -> FloatArray:

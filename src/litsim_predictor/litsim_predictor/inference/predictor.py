@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from litsim_predictor.forecast import Forecast, agents_of_interest
-from litsim_predictor.learned.data.batch import DT, HISTORY, MANEUVERS, Prediction, numbers
-from litsim_predictor.learned.data.features import AgentInputs, agent_inputs, frame_headings, in_map
-from litsim_predictor.learned.data.raster import MapRaster
-from litsim_predictor.learned.data.scenes import inputs_batch
-from litsim_predictor.learned.data.tracks import STRIDE
-from litsim_predictor.learned.models.model import SceneModel
+from litsim_predictor.inference.contract import DT, HISTORY, MANEUVERS, STRIDE, AgentFutures, AgentInputs, Network
+from litsim_predictor.inference.features import agent_inputs, frame_headings, in_map
+from litsim_predictor.inference.raster import MapRaster
 from litsim_sim.core.scene import AgentTable, FloatArray, History
 from litsim_sim.maps.lane_map import LaneMap
 
@@ -25,16 +21,16 @@ class LearnedPredictor:
     one that has just appeared is forecast as well.
 
     Args:
-        model: a trained model.
+        network: a trained model.
         ego_id: the agent around whom others matter.
         roi_m: distance from it [m] up to which they do; see :func:`.forecast.agents_of_interest`.
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
     """
 
     def __init__(
-        self, model: SceneModel, ego_id: int, roi_m: float, lane_map: LaneMap | None, raster: MapRaster
+        self, network: Network, ego_id: int, roi_m: float, lane_map: LaneMap | None, raster: MapRaster
     ) -> None:
-        self._model, self._ego_id, self._roi_m = model.eval(), ego_id, roi_m
+        self._network, self._ego_id, self._roi_m = network, ego_id, roi_m
         self._lane_map, self._raster = lane_map, raster
         self._history = History(STRIDE * (HISTORY - 1) + 1)
 
@@ -45,9 +41,7 @@ class LearnedPredictor:
         if not len(agents):
             return _empty(table.step)
         inputs = self._inputs(agents)
-        with torch.inference_mode():
-            prediction = self._model(inputs_batch([inputs]), "best")
-        return _in_map(prediction, inputs, agents)
+        return _in_map(self._network(inputs), inputs, agents)
 
     def _inputs(self, agents: AgentTable) -> AgentInputs:
         series, observed = self._history.window(("x", "y", "yaw", "speed"), agents.id, HISTORY, STRIDE)
@@ -55,12 +49,10 @@ class LearnedPredictor:
         return agent_inputs(series, observed, np.stack([agents.length, agents.width], axis=-1), heading, self._raster)
 
 
-def _in_map(prediction: Prediction, inputs: AgentInputs, agents: AgentTable) -> Forecast:
+def _in_map(futures: AgentFutures, inputs: AgentInputs, agents: AgentTable) -> Forecast:
     """The forecast of the most probable manoeuvres in frame map."""
-    mean = in_map(numbers(prediction.mean[0, :, 0]), inputs.frame)
-    covariance = _turned(
-        numbers(prediction.scale[0, :, 0]), prediction.correlation[0, :, 0].numpy(), inputs.frame[:, 2:]
-    )
+    mean = in_map(futures.mean.astype(np.float64), inputs.frame)
+    covariance = _turned(futures.scale.astype(np.float64), futures.correlation.astype(np.float64), inputs.frame[:, 2:])
     return Forecast(
         step=agents.step,
         dt=DT,
@@ -68,7 +60,7 @@ def _in_map(prediction: Prediction, inputs: AgentInputs, agents: AgentTable) -> 
         mean=mean,
         yaw=headings(mean, inputs.frame[:, :2], agents.yaw).astype(np.float32),
         covariance=covariance.astype(np.float32),
-        maneuver_probability=prediction.maneuver[0].softmax(dim=-1).numpy(),
+        maneuver_probability=futures.maneuver,
         valid=np.isfinite(np.concatenate([mean, covariance], axis=-1)).all(axis=(1, 2)),
     )
 

@@ -7,24 +7,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from litsim_predictor.forecast import Forecast
-from litsim_predictor.learned.data.batch import HORIZON, MANEUVERS
-from litsim_predictor.learned.data.raster import raster_of_net
-from litsim_predictor.learned.data.sources import net_path
-from litsim_predictor.learned.models.registry import build
-from litsim_predictor.learned.predictor import LearnedPredictor, headings
+from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference.contract import HORIZON, MANEUVERS
+from litsim_predictor.inference.predictor import LearnedPredictor, headings
+from litsim_predictor.inference.raster import MapRaster, raster_of_net
+from litsim_predictor.models import network
 from litsim_sim.core.scene import AgentTable
+from litsim_sim.scenario.scenario import Scenario
 
 Build = Callable[..., AgentTable]
 EGO, ROI = 1, 30.0
 
 
-@pytest.fixture
-def predictor() -> LearnedPredictor:
-    torch.manual_seed(0)
-    return LearnedPredictor(build("joint", {}, "test"), EGO, ROI, *raster_of_net(net_path("us101_like")))
+@pytest.fixture(params=SHIPPED)
+def predictor(request: pytest.FixtureRequest) -> LearnedPredictor:
+    return LearnedPredictor(network(request.param), EGO, ROI, *raster_of_net(Scenario.load("demo").net_path))
 
 
 def drive(
@@ -89,10 +88,7 @@ def test_neither_the_order_of_agents_nor_far_away_ones_matter(predictor: Learned
 
 def test_covariances_turn_with_the_scene(agent_table: Build) -> None:
     """Without a map, a scene that is turned by a right angle has forecasts that are turned by one."""
-    torch.manual_seed(0)
-    from litsim_predictor.learned.data.raster import MapRaster
-
-    along = LearnedPredictor(build("joint", {}, "test"), EGO, ROI, None, MapRaster(None))
+    along = LearnedPredictor(network("default"), EGO, ROI, None, MapRaster(None))
     for step in range(20):
         out = along.forecast(agent_table(step, {"id": 1, "x": step * 1.0, "y": 0.0, "yaw": 0.0, "speed": 10.0}))
     for step in range(100, 120):

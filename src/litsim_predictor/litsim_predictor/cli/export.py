@@ -1,0 +1,51 @@
+"""`export`: weights as an ONNX file, which predicts without torch; needs the Python package onnx."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+from litsim_predictor.inference import SHIPPED
+from litsim_sim.core.errors import EXIT_INPUT, InputError
+
+NEEDED = ("torch", "onnx")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_predictor export``."""
+    p = argparse.ArgumentParser(prog="export", description=__doc__)
+    p.add_argument("--weights", required=True, help=f"{', '.join(SHIPPED)}, or a file of weights (safetensors)")
+    p.add_argument("--out", type=Path, required=True, metavar="FILE.onnx")
+    p.add_argument(
+        "--graph-only", action="store_true", help="without weights, as the package holds it beside its safetensors"
+    )
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run litsim_predictor export``."""
+    arguments = parser().parse_args(argv)
+    try:
+        _export(arguments)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(EXIT_INPUT)
+    print(arguments.out)
+
+
+def _export(arguments: argparse.Namespace) -> None:
+    missing = [name for name in NEEDED if not find_spec(name)]
+    if missing:
+        raise InputError(f"export needs {' and '.join(missing)}, which is not installed here")
+    if arguments.out.suffix != ".onnx":
+        raise InputError(f"--out {arguments.out}: expected a name that ends in .onnx")
+    from litsim_predictor.learned.export import write_graph
+    from litsim_predictor.learned.models.weights import load_model
+
+    write_graph(*load_model(arguments.weights), arguments.out, weights=not arguments.graph_only)
+
+
+if __name__ == "__main__":
+    main()

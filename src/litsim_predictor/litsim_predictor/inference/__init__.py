@@ -1,0 +1,4 @@
+"""The learned predictors in the loop: what they read of a scene, and their networks run without torch."""
+
+SHIPPED = ("default", "paper", "cs_lstm", "bat")
+"""Names of the models that come with the package."""

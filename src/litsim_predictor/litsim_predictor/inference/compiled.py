@@ -1,0 +1,109 @@
+"""A learned model as a graph of operators (ONNX) that ONNX Runtime compiles for the processor: no torch.
+
+The graphs that come with the package hold no weights. They are given those of the safetensors file of the same name,
+or of any file of a model of the same kind and configuration, so that no second copy can differ. A graph that somebody
+exports for himself holds its weights. `litsim_predictor export` writes both.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+from onnxruntime.capi import onnxruntime_pybind11_state as failures
+
+from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference.contract import AgentFutures, AgentInputs
+from litsim_predictor.inference.weights import Weights, packaged, read_weights
+from litsim_sim.core.errors import InputError
+
+FORMAT = "litsim_predictor/graph/1"
+INPUTS = ("position", "heading", "history", "observed", "state", "raster")
+"""What a graph may ask for: fields of :class:`.contract.AgentInputs`; places are relative to the first agent's."""
+OUTPUTS = ("maneuver", "mean", "scale", "correlation")
+"""What a graph answers: the fields of :class:`.contract.AgentFutures`."""
+PARAMETER = "network."
+"""What the names of the weights begin with in a graph."""
+_BROKEN = (
+    failures.Fail,
+    failures.InvalidArgument,
+    failures.InvalidGraph,
+    failures.InvalidProtobuf,
+    failures.NotImplemented,
+    failures.RuntimeException,
+)
+
+
+class CompiledNetwork:
+    """A graph ready to answer; equal inputs give equal bits, in whatever process.
+
+    Args:
+        path: of the graph.
+        weights: those that a graph without any is to be given.
+
+    Raises:
+        InputError: the file is missing or damaged, or is no graph of a learned predictor.
+    """
+
+    def __init__(self, path: Path, weights: Weights | None = None) -> None:
+        if not path.is_file():
+            raise InputError(f"{path}: no such graph; shipped are {', '.join(SHIPPED)}")
+        options = onnxruntime.SessionOptions()
+        # Scenes are small: on shared cores a second thread is mostly waited for; and rounding depends on their number.
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+        options.log_severity_level = 4  # errors are raised: nothing more is to be printed
+        if weights is not None:
+            values = [onnxruntime.OrtValue.ortvalue_from_numpy(array) for array in weights.arrays.values()]
+            options.add_external_initializers([PARAMETER + name for name in weights.arrays], values)
+        try:
+            self._session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
+        except _BROKEN as error:
+            raise InputError(f"{path}: ONNX Runtime refuses it: {_first_line(error)}; expected an ONNX file") from error
+        kind = self._session.get_modelmeta().custom_metadata_map.get("format")
+        self._asks = [node.name for node in self._session.get_inputs()]
+        answers = tuple(node.name for node in self._session.get_outputs())
+        if kind != FORMAT or answers != OUTPUTS or not set(self._asks) <= set(INPUTS):
+            raise InputError(
+                f"{path}: metadata format is {kind!r}, expected {FORMAT!r}: a file written by litsim_predictor export"
+            )
+
+    def __call__(self, inputs: AgentInputs) -> AgentFutures:
+        """See :class:`.contract.Network`."""
+        place = inputs.frame[:, :2] - inputs.frame[:1, :2]
+        given = {
+            "position": place.astype(np.float32),
+            "heading": inputs.frame[:, 2].astype(np.float32),
+            "history": inputs.history,
+            "observed": inputs.observed,
+            "state": inputs.state,
+            "raster": inputs.raster,
+        }
+        return AgentFutures(*self._session.run(OUTPUTS, {name: given[name] for name in self._asks}))
+
+
+def compiled(name: str) -> CompiledNetwork | None:
+    """The graph of a shipped model, of a file ``.onnx``, or of a file of weights of a model like a shipped one.
+
+    Returns:
+        None where weights are of a model for which no graph is shipped.
+
+    Raises:
+        InputError: the file cannot be used.
+    """
+    if name.endswith(".onnx"):
+        return CompiledNetwork(Path(name))
+    weights = read_weights(name)
+    for shipped in (name,) if name in SHIPPED else SHIPPED:
+        path = packaged("graphs") / f"{shipped}.onnx"
+        like = read_weights(shipped)
+        same = (like.provenance.model, like.provenance.parameters)
+        if path.is_file() and same == (weights.provenance.model, weights.provenance.parameters):
+            weights.check({key: array.shape for key, array in like.arrays.items()})
+            return CompiledNetwork(path, weights)
+    return None
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0]

@@ -1,0 +1,78 @@
+"""What every learned predictor reads and answers: rates, lengths and channels, for training and driving alike.
+
+Each agent has a frame of its own: origin at its box centre now, x along the lane it drives on (along its own heading
+where it is on none), y to the left, metres. Histories and futures are given in it, so that a model never sees where on
+the earth a scene is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from litsim_predictor.forecast import Float32Array
+from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray
+
+DT = 0.2
+"""[s] between steps of history and future: NGSIM's 10 Hz subsampled to 5 Hz, as is usual in prediction."""
+STRIDE = round(DT / STEP_S)
+"""Steps of the simulation, or frames of a recording, between two steps of a model."""
+HISTORY = 16
+"""Steps of history, the present included: 3 s."""
+HORIZON = 25
+"""Steps of the future: 5 s."""
+SECONDS = tuple(range(1, round(HORIZON * DT) + 1))
+"""Horizons that measures are told for [s]."""
+AT_SECONDS = slice(round(1.0 / DT) - 1, None, round(1.0 / DT))
+"""The steps of the future at :data:`SECONDS`."""
+HISTORY_CHANNELS = 4
+"""x [m], y [m], yaw relative to the agent frame [rad], speed [m/s]."""
+STATE_CHANNELS = 4
+"""length [m], width [m], speed [m/s], yaw relative to the agent frame [rad]."""
+LATERAL = ("keep", "left", "right")
+LONGITUDINAL = ("keep", "accelerate", "brake")
+MANEUVERS = tuple(f"{lateral}/{longitudinal}" for lateral in LATERAL for longitudinal in LONGITUDINAL)
+"""Manoeuvre m is LATERAL[m // 3] with LONGITUDINAL[m % 3]."""
+
+
+@dataclass(frozen=True)
+class AgentInputs:
+    """What a model reads of the n agents of a scene.
+
+    Attributes:
+        frame: (n, 3) origin x, y [m] and heading [rad] of the agent frames in frame map.
+        history: (n, HISTORY, HISTORY_CHANNELS) oldest first, the present last; zeros where not observed.
+        observed: (n, HISTORY); the present is observed for every agent.
+        state: (n, STATE_CHANNELS).
+        raster: (n, C, H, W) map around each agent in its frame; see :mod:`.raster`.
+    """
+
+    frame: FloatArray
+    history: Float32Array
+    observed: BoolArray
+    state: Float32Array
+    raster: ByteArray
+
+
+@dataclass(frozen=True)
+class AgentFutures:
+    """What a model answers of the n agents of a scene: the Gaussians of their most probable manoeuvres.
+
+    Attributes:
+        maneuver: (n, K) probabilities.
+        mean: (n, HORIZON, 2) in the agent frames [m].
+        scale: (n, HORIZON, 2) standard deviations along x and y [m].
+        correlation: (n, HORIZON).
+    """
+
+    maneuver: Float32Array
+    mean: Float32Array
+    scale: Float32Array
+    correlation: Float32Array
+
+
+class Network(Protocol):
+    """A trained model, whatever it is run by."""
+
+    def __call__(self, inputs: AgentInputs) -> AgentFutures:
+        """Answer for all agents of a scene, of whom there is one at least."""

@@ -1,0 +1,108 @@
+"""Trained weights as arrays: safetensors files whose metadata says which model they are of and where they come from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+
+from litsim_predictor.forecast import Float32Array
+from litsim_predictor.inference import SHIPPED
+from litsim_sim.core.errors import InputError
+
+FORMAT = "litsim_predictor/1"
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What made a file of weights.
+
+    Attributes:
+        model, parameters: kind and configuration of the model, with which :mod:`litsim_predictor.learned` builds it.
+        command: that trained it.
+        training: the whole training configuration.
+        manifest: what it was trained on: files with digests, and samples by source and part.
+        figures: what it measured in training.
+    """
+
+    model: str
+    parameters: dict[str, Any]
+    command: str
+    training: dict[str, Any]
+    manifest: dict[str, Any]
+    figures: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """The content of a file of weights.
+
+    Attributes:
+        arrays: by the names of the model's parameters.
+        provenance: what made it.
+        path: of the file, for errors.
+    """
+
+    arrays: Mapping[str, Float32Array]
+    provenance: Provenance
+    path: Path
+
+    def check(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
+        """Refuse weights that are not those of a model with parameters of these `shapes`.
+
+        Raises:
+            InputError: a parameter is missing, is too many, or has another shape.
+        """
+        if set(shapes) != set(self.arrays):
+            odd = sorted(set(shapes) ^ set(self.arrays))
+            raise InputError(f"{self.path}: weights {odd} are missing or of no layer of the model")
+        for name, array in self.arrays.items():
+            if array.shape != shapes[name]:
+                raise InputError(f"{self.path}: weights {name} have shape {array.shape}, expected {shapes[name]}")
+
+
+def weights_path(name: str) -> Path:
+    """The file of shipped weights `name`, or the file of that path."""
+    return packaged("weights") / f"{name}.safetensors" if name in SHIPPED else Path(name)
+
+
+def packaged(folder: str) -> Path:
+    """A folder of files that come with this package."""
+    return Path(str(resources.files("litsim_predictor"))) / folder
+
+
+def read_weights(name: str) -> Weights:
+    """Shipped weights, or those of a file.
+
+    Raises:
+        InputError: the file is missing or damaged, is of another format, or holds values that are not finite.
+    """
+    path = weights_path(name)
+    if not path.is_file():
+        raise InputError(f"{path}: no such weights; shipped are {', '.join(SHIPPED)}")
+    try:
+        with safe_open(path, framework="np") as file:
+            metadata = file.metadata() or {}
+            arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (no mapping)
+    except (SafetensorError, OSError, ValueError) as error:
+        raise InputError(f"{path}: damaged weights: {error}; expected a safetensors file") from error
+    weights = Weights(arrays, _provenance(metadata, path), path)
+    for key, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise InputError(f"{path}: weights {key} hold values that are not finite")
+    return weights
+
+
+def _provenance(metadata: Mapping[str, str], path: Path) -> Provenance:
+    if metadata.get("format") != FORMAT:
+        raise InputError(f"{path}: metadata format is {metadata.get('format')!r}, expected {FORMAT!r}")
+    try:
+        return Provenance(**json.loads(metadata["provenance"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: metadata provenance is unreadable: {error!r}") from error

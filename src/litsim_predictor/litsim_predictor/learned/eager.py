@@ -1,0 +1,29 @@
+"""A model run by torch, operator by operator: for weights of models that no graph is shipped of."""
+
+from __future__ import annotations
+
+import torch
+
+from litsim_predictor.inference.contract import AgentFutures, AgentInputs
+from litsim_predictor.learned.data.scenes import inputs_batch
+from litsim_predictor.learned.models.model import SceneModel
+
+
+class EagerNetwork:
+    """`model`, ready to answer scene by scene."""
+
+    def __init__(self, model: SceneModel) -> None:
+        # As for compiled networks: rounding depends on the number of threads.
+        torch.set_num_threads(1)
+        self._model = model.eval()
+
+    def __call__(self, inputs: AgentInputs) -> AgentFutures:
+        """See :class:`litsim_predictor.inference.contract.Network`."""
+        with torch.inference_mode():
+            found = self._model(inputs_batch([inputs]), "best")
+        return AgentFutures(
+            found.maneuver[0].softmax(dim=-1).numpy(),
+            found.mean[0, :, 0].numpy(),
+            found.scale[0, :, 0].numpy(),
+            found.correlation[0, :, 0].numpy(),
+        )

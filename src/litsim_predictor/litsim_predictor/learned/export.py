@@ -1,0 +1,122 @@
+"""From a trained model to a graph of operators that runs without torch; see :mod:`litsim_predictor.inference.compiled`.
+
+Exported by tracing: the networks are written so that one trace holds for every number of agents.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import warnings
+from pathlib import Path
+
+import onnx
+import torch
+from onnx import ModelProto, TensorProto, helper
+from torch import Tensor, nn
+
+from litsim_predictor.inference.compiled import FORMAT, INPUTS, OUTPUTS, PARAMETER
+from litsim_predictor.inference.contract import HISTORY, HISTORY_CHANNELS, HORIZON, STATE_CHANNELS
+from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
+from litsim_predictor.inference.weights import Provenance
+from litsim_predictor.learned.data.batch import SceneBatch
+from litsim_predictor.learned.models.model import SceneModel
+from litsim_sim.io.files import replacing
+
+OPSET = 18
+AGENTS = 3  # of the scene that is traced
+WEIGHTS_APART = "weights"  # what a graph without weights calls the file that it has none of
+
+
+class OneScene(nn.Module):
+    """`network` for one scene without padding, with tensors in and out, in the order of INPUTS and OUTPUTS."""
+
+    def __init__(self, network: SceneModel) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(
+        self, position: Tensor, heading: Tensor, history: Tensor, observed: Tensor, state: Tensor, raster: Tensor
+    ) -> tuple[Tensor, ...]:
+        """See :data:`litsim_predictor.inference.compiled.OUTPUTS`."""
+        present = observed[:, -1]
+        batch = SceneBatch(
+            position=position[None],
+            heading=heading[None],
+            history=history[None],
+            observed=observed[None],
+            state=state[None],
+            raster=raster[None],
+            agent=torch.ones_like(present)[None],
+            # Of the future nothing is known, nor is it read.
+            future=position.new_zeros(1, 1, HORIZON, 2),
+            future_known=present.new_zeros(1, 1, HORIZON),
+            maneuver=torch.zeros(1, 1, dtype=torch.int64),
+            target=torch.zeros_like(present)[None],
+        )
+        found = self.network(batch, "best")
+        return found.maneuver[0].softmax(dim=-1), found.mean[0, :, 0], found.scale[0, :, 0], found.correlation[0, :, 0]
+
+
+def write_graph(model: SceneModel, provenance: Provenance, path: Path, *, weights: bool) -> None:
+    """Write `model` as an ONNX file, whole or not at all.
+
+    Args:
+        model: trained.
+        provenance: of its weights.
+        path: of the file.
+        weights: whether the file holds them; else it is given them when it is loaded.
+
+    Raises:
+        InputError: see :func:`litsim_sim.io.files.replacing`.
+    """
+    graph = traced(model)
+    if not weights:
+        take_weights_out(graph)
+    told = {"format": FORMAT, "model": provenance.model, "parameters": json.dumps(provenance.parameters)}
+    if weights:
+        told |= {"provenance": json.dumps(vars(provenance), sort_keys=True)}
+    helper.set_model_props(graph, told)
+    with replacing(path) as new:
+        new.write_bytes(graph.SerializeToString())
+
+
+def traced(model: SceneModel) -> ModelProto:
+    """The graph of `model`, with its weights."""
+    scene = (
+        torch.rand(AGENTS, 2),
+        torch.rand(AGENTS),
+        torch.rand(AGENTS, HISTORY, HISTORY_CHANNELS),
+        torch.ones(AGENTS, HISTORY, dtype=torch.bool),
+        torch.rand(AGENTS, STATE_CHANNELS),
+        torch.zeros(AGENTS, CHANNELS, ROWS, COLUMNS, dtype=torch.uint8),
+    )
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        # Of values that a trace takes for constants, such as numbers of channels. That no number of agents is among
+        # them is what the tests try.
+        warnings.simplefilter("ignore")
+        file = Path(folder) / "traced.onnx"
+        torch.onnx.export(
+            OneScene(model.eval().cpu()),
+            scene,
+            file,
+            input_names=INPUTS,
+            output_names=OUTPUTS,
+            dynamic_axes={name: {0: "agents"} for name in (*INPUTS, *OUTPUTS)},
+            opset_version=OPSET,
+            do_constant_folding=False,  # the weights stay those of the file; ONNX Runtime folds when it loads
+            dynamo=False,  # the exporter that needs nothing but onnx itself
+        )
+        graph = onnx.load(file)
+    # Shapes that the exporter derived from the traced scene; ONNX Runtime derives those that hold for all.
+    graph.graph.ClearField("value_info")
+    return graph
+
+
+def take_weights_out(graph: ModelProto) -> None:
+    """Leave of the model's parameters their names and shapes only."""
+    for tensor in graph.graph.initializer:
+        if tensor.name.startswith(PARAMETER):
+            tensor.ClearField("raw_data")
+            tensor.data_location = TensorProto.EXTERNAL
+            tensor.external_data.add(key="location", value=WEIGHTS_APART)

@@ -1,0 +1,113 @@
+"""Compiled models: the same bits again and again, without torch, and one line about files that are none."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference.compiled import CompiledNetwork, compiled
+from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS, AgentFutures, AgentInputs
+from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
+from litsim_predictor.inference.weights import packaged, weights_path
+from litsim_predictor.models import make_predictor
+from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.scenario import Scenario
+
+PREDICTS = """
+import sys
+from litsim_predictor.models import DEFAULT_MODEL, MODELS, make_predictor
+from litsim_sim.scenario.scenario import Scenario
+scenario = Scenario.load("demo")
+for model in MODELS:
+    forecast = make_predictor(model, scenario).forecast(scenario.log.table(0))
+    assert len(forecast.id) and forecast.valid.all(), model
+print(DEFAULT_MODEL, sorted(name for name in sys.modules if name.split(".")[0] in ("torch", "onnx")))
+"""
+
+
+def scene(agents: int, seed: int = 0) -> AgentInputs:
+    """Agents anywhere within 50 m, at any speed, on a map of noise."""
+    rng = np.random.default_rng(seed)
+    observed = rng.random((agents, HISTORY)) < 0.8
+    observed[:, -1] = True
+    history = rng.normal(size=(agents, HISTORY, 4)) * [20.0, 1.0, 0.1, 5.0]
+    return AgentInputs(
+        frame=np.column_stack([rng.uniform(-50.0, 50.0, (agents, 2)), rng.normal(size=agents)]),
+        history=np.where(observed[..., None], history, 0.0).astype(np.float32),
+        observed=observed,
+        state=np.column_stack([rng.uniform(1.0, 5.0, (agents, 3)), 0.1 * rng.normal(size=agents)]).astype(np.float32),
+        raster=rng.integers(0, 256, (agents, CHANNELS, ROWS, COLUMNS), np.uint8),
+    )
+
+
+def network(name: str) -> CompiledNetwork:
+    found = compiled(name)
+    assert found is not None
+    return found
+
+
+def assert_same_bits(a: AgentFutures, b: AgentFutures) -> None:
+    for name, values in vars(a).items():
+        assert np.array_equal(values, getattr(b, name)), name
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_scenes_of_any_size_are_answered(name: str) -> None:
+    answer = network(name)
+    for agents in (1, 2, 13, 14, 60):
+        out = answer(scene(agents))
+        assert out.maneuver.shape == (agents, len(MANEUVERS)) and out.mean.shape == (agents, HORIZON, 2)
+        assert out.scale.shape == (agents, HORIZON, 2) and out.correlation.shape == (agents, HORIZON)
+        assert all(np.isfinite(values).all() for values in vars(out).values())
+        assert out.maneuver.sum(axis=1) == pytest.approx(np.ones(agents), abs=1e-5)
+        assert (out.scale > 0.0).all() and (np.abs(out.correlation) < 1.0).all()
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_equal_scenes_have_equal_bits_whatever_came_before(name: str) -> None:
+    first, second = network(name), network(name)
+    out = first(scene(20))
+    second(scene(33, seed=1))
+    assert_same_bits(second(scene(20)), out)
+    assert not np.array_equal(first(scene(20, seed=1)).mean, out.mean)
+
+
+def test_a_process_that_only_predicts_imports_no_torch() -> None:
+    done = subprocess.run([sys.executable, "-c", PREDICTS], capture_output=True, text=True, check=False)
+    assert (done.stdout.strip(), done.stderr) == ("default []", "")
+
+
+def test_weights_of_a_known_architecture_are_run_by_its_graph(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.safetensors"
+    shutil.copy(weights_path("paper"), mine)
+    assert_same_bits(network(str(mine))(scene(5)), network("paper")(scene(5)))
+    assert not np.array_equal(network("default")(scene(5)).mean, network("paper")(scene(5)).mean)
+
+
+def test_bad_files_are_told_in_one_line(tmp_path: Path) -> None:
+    scenario = Scenario.load("demo")
+    garbage = tmp_path / "garbage.onnx"
+    garbage.write_bytes(b"no graph at all")
+    cut = tmp_path / "cut.onnx"
+    cut.write_bytes((packaged("graphs") / "paper.onnx").read_bytes()[:5000])
+    weights = tmp_path / "cut.safetensors"
+    weights.write_bytes(weights_path("paper").read_bytes()[:5000])
+    for file, named in (
+        (tmp_path / "none.onnx", "no such graph"),
+        (garbage, "expected an ONNX file"),
+        (cut, "expected an ONNX file"),
+        (packaged("graphs") / "paper.onnx", "expected an ONNX file"),  # its weights are elsewhere
+        (weights, "damaged weights"),
+        (tmp_path / "none.safetensors", "no such weights"),
+    ):
+        with pytest.raises(InputError, match=named) as caught:
+            make_predictor(str(file), scenario)
+        assert str(file) in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="expected one of kinematic, default"):
+        make_predictor("fast", scenario)

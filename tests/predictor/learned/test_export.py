@@ -1,0 +1,97 @@
+"""Graphs answer as the models of torch do that they were made of."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference.compiled import CompiledNetwork, compiled
+from litsim_predictor.inference.contract import AgentInputs, Network
+from litsim_predictor.inference.features import agent_inputs
+from litsim_predictor.inference.weights import packaged, read_weights
+from litsim_predictor.learned.data.tracks import Tracks
+from litsim_predictor.learned.eager import EagerNetwork
+from litsim_predictor.learned.export import write_graph
+from litsim_predictor.learned.models.registry import build
+from litsim_predictor.learned.models.weights import load_model, save_model
+from litsim_sim.scenario.scenario import Scenario
+
+WITHIN_M = 1e-4
+# Who is on the border of two cells of a grid is in either of them, by the last bit.
+APART = {"default": 0.0, "paper": 0.0, "cs_lstm": 0.05, "bat": 0.05}
+WINDOW = Path(os.environ.get("LITSIM_DATA", ".")) / "ngsim" / "us101_0750_frames_0126_1149.parquet"
+
+
+def scenes(scenario: Scenario) -> Iterator[AgentInputs]:
+    """What a predictor sees of whole frames and of a few agents, some of whom have just appeared."""
+    tracks = Tracks.from_table(scenario.name, scenario.recording.table, scenario.net_path)
+    for frame in tracks.frames[[0, 7, len(tracks.frames) // 2]]:
+        everybody = tracks.rows_at(int(frame))
+        for agents in (1, 2, 12, 13, 14, len(everybody)):
+            rows = everybody[:agents]
+            past, observed = tracks.history(rows)
+            yield agent_inputs(tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], tracks.raster)
+
+
+def compiled_network(name: str) -> Network:
+    found = compiled(name)
+    assert found is not None
+    return found
+
+
+def assert_answers_agree(a: Network, b: Network, scenario: Scenario, apart: float = 0.0) -> None:
+    """All but a share `apart` of the agents of every scene have the same answers."""
+    for inputs in scenes(scenario):
+        one, other = a(inputs), b(inputs)
+        n = len(inputs.state)
+        differs = np.zeros(n, np.bool_)
+        for name, values in vars(one).items():
+            differs |= (np.abs(values - getattr(other, name)).reshape(n, -1) >= WITHIN_M).any(axis=1)
+        assert differs.sum() <= apart * n, np.flatnonzero(differs)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_graphs_answer_as_torch_does(name: str) -> None:
+    assert_answers_agree(compiled_network(name), EagerNetwork(load_model(name)[0]), Scenario.load("demo"), APART[name])
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", SHIPPED)
+def test_graphs_answer_as_torch_does_on_real_traffic(name: str) -> None:
+    if not WINDOW.is_file():
+        pytest.skip("LITSIM_DATA names no folder with the US-101 windows")
+    assert_answers_agree(compiled_network(name), EagerNetwork(load_model(name)[0]), Scenario.load("us101_0750"), APART[name])
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_graphs_hold_no_weights_and_say_of_what_they_are(name: str) -> None:
+    graph = onnx.load(packaged("graphs") / f"{name}.onnx", load_external_data=False)
+    told = {entry.key: entry.value for entry in graph.metadata_props}
+    weights = read_weights(name)
+    assert (told["model"], json.loads(told["parameters"])) == (
+        weights.provenance.model,
+        weights.provenance.parameters,
+    )
+    apart = {tensor.name for tensor in graph.graph.initializer if tensor.data_location == onnx.TensorProto.EXTERNAL}
+    assert apart == {f"network.{key}" for key in weights.arrays}
+
+
+def test_models_of_ones_own_run_by_torch_or_as_a_graph_of_their_own(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    _, provenance = load_model("default")
+    provenance = replace(provenance, parameters={"hidden": 32, "layers": 1, "neighbours": 4})
+    model = build("joint", provenance.parameters, "test").eval()
+    weights = tmp_path / "mine.safetensors"
+    save_model(model, provenance, weights)
+    assert compiled(str(weights)) is None  # no graph of that shape is shipped
+    write_graph(*load_model(str(weights)), tmp_path / "mine.onnx", weights=True)
+    assert_answers_agree(CompiledNetwork(tmp_path / "mine.onnx"), EagerNetwork(model), Scenario.load("demo"))
