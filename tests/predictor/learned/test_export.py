@@ -69,7 +69,9 @@ def test_graphs_answer_as_torch_does(name: str) -> None:
 def test_graphs_answer_as_torch_does_on_real_traffic(name: str) -> None:
     if not WINDOW.is_file():
         pytest.skip("LITSIM_DATA names no folder with the US-101 windows")
-    assert_answers_agree(compiled_network(name), EagerNetwork(load_model(name)[0]), Scenario.load("us101_0750"), APART[name])
+    assert_answers_agree(
+        compiled_network(name), EagerNetwork(load_model(name)[0]), Scenario.load("us101_0750"), APART[name]
+    )
 
 
 @pytest.mark.parametrize("name", SHIPPED)
