@@ -31,7 +31,7 @@ SIZE = (4.5, 1.8)  # [m]
 
 @dataclass(frozen=True)
 class Timing:
-    """Of one call of a predictor [ms]."""
+    """How long a call of a predictor takes [ms]: median, least and most of many calls."""
 
     median: float
     least: float

@@ -46,10 +46,10 @@ class Forecast:
 
 
 class Predictor(Protocol):
-    """Called once a step, in order; keeps what history it needs."""
+    """Forecasts traffic: it is called once a step, in order, and keeps what history it needs."""
 
     def forecast(self, table: AgentTable) -> Forecast:
-        """Forecast the agents that matter in `table`."""
+        """Forecast the agents of `table` that matter to the ego and to those off their log."""
 
 
 def agents_of_interest(table: AgentTable, ego_id: int, roi_m: float) -> BoolArray:

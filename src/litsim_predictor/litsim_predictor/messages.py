@@ -10,7 +10,7 @@ from litsim_sim.ros.messages import from_array, header, to_array
 
 
 def forecast_to_message(forecast: Forecast, run_id: str) -> JointForecast:
-    """``JointForecast`` of a forecast."""
+    """The message ``JointForecast`` that carries `forecast` in the run named `run_id`."""
     return JointForecast(
         header=header(forecast.step),
         run_id=run_id,
@@ -27,7 +27,7 @@ def forecast_to_message(forecast: Forecast, run_id: str) -> JointForecast:
 
 
 def forecast_from_message(message: JointForecast) -> Forecast:
-    """Forecast of a ``JointForecast``."""
+    """The forecast that the message ``JointForecast`` carries."""
     count, steps = len(message.id), round(message.horizon / message.dt)
     return Forecast(
         step=message.step,

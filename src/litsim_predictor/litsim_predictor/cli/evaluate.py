@@ -101,7 +101,7 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
 
 
 def print_table(title: str, result: dict[str, dict[str, Any]]) -> None:
-    """Models side by side."""
+    """Print a table of the measures on stdout, with the models side by side."""
     table = Table(title=title, title_justify="left")
     table.add_column("")
     for model in result:
@@ -185,7 +185,7 @@ def main() -> None:
 
 
 def _write(result: dict[str, dict[str, Any]], arguments: argparse.Namespace) -> None:
-    """The files that the arguments ask for."""
+    """Write the files that the arguments ask for."""
     try:
         if arguments.json:
             arguments.json.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -78,7 +78,7 @@ def _turned(scale: FloatArray, correlation: FloatArray, angle: FloatArray) -> Fl
 
 
 def headings(mean: FloatArray, start: FloatArray, yaw: FloatArray) -> FloatArray:
-    """(n, T) headings along trajectories [rad].
+    """The headings (n, T) [rad] along trajectories.
 
     Args:
         mean: (n, T, 2) positions [m].

@@ -106,7 +106,7 @@ class MapRaster:
 
 
 def _angle_byte(angle: FloatArray) -> ByteArray:
-    """Angles [rad] as 256ths of a turn."""
+    """Angles [rad] as bytes, in 256ths of a turn; any shape."""
     return np.mod(np.rint(np.asarray(angle) * (256 / (2 * np.pi))), 256).astype(np.uint8)
 
 

@@ -8,7 +8,7 @@ from litsim_sim.core.errors import InputError
 
 
 def check_device(name: str) -> None:
-    """Refuse what is no device of torch here.
+    """Check that torch has the device `name` on this machine.
 
     Raises:
         InputError: there is no such device here.

@@ -40,7 +40,7 @@ class Row:
 
     @property
     def changes(self) -> tuple[float | None, ...]:
-        """Each value minus the first, where both are numbers."""
+        """The difference of each value from that of the first run; None where either is no number."""
         return tuple(_minus(value, self.values[0]) for value in self.values)
 
 
@@ -62,7 +62,7 @@ class Comparison:
         return not any(row.differs for row in self.rows if row.of_the_run)
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, as a tree for JSON."""
+        """Names of the runs, whether they are equal, and every row, as plain values for JSON."""
         rows = [{"name": row.name, "values": list(row.values), "differs": row.differs} for row in self.rows]
         return {"runs": list(self.names), "equal": self.equal, "rows": rows}
 

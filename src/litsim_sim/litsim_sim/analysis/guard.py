@@ -24,7 +24,7 @@ class Guarded:
 
     @property
     def share(self) -> float | None:
-        """Of the commands that were changed; None without any."""
+        """Share of the commands that were changed, from 0 to 1; None where there were no commands."""
         return self.changed / self.commands if self.commands else None
 
 

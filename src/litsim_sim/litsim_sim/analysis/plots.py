@@ -243,7 +243,7 @@ def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
 
 
 def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distance along `route` and to its left [m]."""
+    """How far points lie along `route` from its start, and how far to its left [m]."""
     points = shapely.points(x, y)
     s = shapely.line_locate_point(route, points)
     foot, ahead = shapely.line_interpolate_point(route, s), shapely.line_interpolate_point(route, s + 1.0)

@@ -107,7 +107,7 @@ def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:
 
 
 def following(table: AgentTable, rows: IntArray) -> Following:
-    """Leaders of the agents in `rows` (m,), and how they are followed."""
+    """The leaders of the agents in `rows` (m,) of `table`, and how they are followed."""
     each, own_yaw = np.arange(len(rows)), table.yaw[rows, None]
     ahead, left = to_body(table.x - table.x[rows, None], table.y - table.y[rows, None], own_yaw)
     cos, sin = np.cos(table.yaw - own_yaw), np.sin(table.yaw - own_yaw)

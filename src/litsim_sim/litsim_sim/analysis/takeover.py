@@ -85,12 +85,12 @@ class Jump:
     yaw: float = 0.0
 
     def largest(self, other: Jump) -> Jump:
-        """The larger of each."""
+        """The larger of both jumps in position, in speed and in yaw."""
         return Jump(*(max(a, b) for a, b in zip(self.tuple, other.tuple, strict=True)))
 
     @property
     def tuple(self) -> tuple[float, float, float]:
-        """position, speed, yaw."""
+        """The jump as (position [m], speed [m/s], yaw [rad])."""
         return self.position, self.speed, self.yaw
 
 
@@ -116,7 +116,7 @@ class Handback:
 
 
 def ledger(run: Run) -> list[LedgerEntry]:
-    """Takeovers of a run in the order of detection."""
+    """The takeovers of a run, sorted by the step of their detection and then by agent."""
     contacts = replay_contacts(run)
     return sorted(
         (_entry(run, episode, contacts.get(episode[0][1].agent, [])) for episode in _episodes(run)),

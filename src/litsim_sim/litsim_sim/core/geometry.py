@@ -13,13 +13,13 @@ from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 
 def wrap_angle(angle: FloatArray) -> FloatArray:
-    """Angles brought to [-pi, pi)."""
+    """The same angles [rad] within [-pi, pi); any shape."""
     wrapped = (angle + np.pi) % (2.0 * np.pi) - np.pi
     return cast(FloatArray, np.where(wrapped < np.pi, wrapped, -np.pi))  # the remainder can round up to a full turn
 
 
 def box_corners(x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray) -> FloatArray:
-    """Corners (..., 4, 2) of boxes (...), counter-clockwise from the front left."""
+    """The corners (..., 4, 2) [m] of boxes given as arrays (...), counter-clockwise from the front left."""
     cos, sin = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
     along = 0.5 * length[..., None] * np.array([1.0, -1.0, -1.0, 1.0])
     across = 0.5 * width[..., None] * np.array([1.0, 1.0, -1.0, -1.0])

@@ -17,7 +17,7 @@ RECORDER_WINDOW = 50
 
 @dataclass
 class Gate:
-    """Answers that the bridge waits for.
+    """Collects the answers that the bridge waits for, one under every required name at each step.
 
     Attributes:
         run_id: answers of other runs are dropped.
@@ -32,7 +32,7 @@ class Gate:
     _newest: dict[str, tuple[int, Any]] = field(default_factory=dict)
 
     def open(self, step: int) -> None:
-        """Wait for the answers to `step`."""
+        """Begin `step`: from now on its answers are waited for."""
         self._step = step
 
     def offer(self, name: str, run_id: str, step: int, answer: Any) -> None:
@@ -50,12 +50,12 @@ class Gate:
 
     @property
     def missing(self) -> list[str]:
-        """Names still waited for."""
+        """The required names whose answer to the current step has not come yet."""
         return [name for name in self.required if self._answered(name) != self._step]
 
     @property
     def answers(self) -> dict[str, Any]:
-        """Answers to the current step so far."""
+        """The answers to the current step that have come so far, by name."""
         return {name: answer for name, (step, answer) in self._newest.items() if step == self._step}
 
     @property

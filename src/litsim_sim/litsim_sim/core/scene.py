@@ -78,14 +78,14 @@ class AgentTable:
         return at if at < len(self.id) and self.id[at] == agent else -1
 
     def rows(self, agents: IntArray) -> IntArray:
-        """Row of each of `agents` (m,), -1 where absent."""
+        """Row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
         if not len(self.id):
             return np.full(len(agents), -1, np.int64)
         at = np.minimum(np.searchsorted(self.id, agents), len(self.id) - 1)
         return np.where(self.id[at] == agents, at, -1)
 
     def take(self, rows: IntArray | BoolArray) -> AgentTable:
-        """The agents of `rows` (ascending positions, or a mask)."""
+        """A table of the agents in `rows`, which are ascending positions or a mask (n,)."""
         return AgentTable(self.step, *(getattr(self, f)[rows] for f in ARRAY_FIELDS))
 
     @property
@@ -102,7 +102,7 @@ class AgentTable:
 
     @classmethod
     def empty(cls, step: int) -> AgentTable:
-        """A road without agents."""
+        """The table of a step at which nobody is on the road."""
         return cls(step, *(np.empty(0, DTYPES[f]) for f in ARRAY_FIELDS))
 
 
@@ -185,7 +185,7 @@ class ControlTable:
 
     @classmethod
     def empty(cls, step: int) -> ControlTable:
-        """Everybody follows the log."""
+        """The answer to `step` that lists nobody: everybody follows the log."""
         none = np.empty(0)
         return cls(step, np.empty(0, np.int64), none, none, none, np.empty(0, np.uint8))
 
@@ -201,7 +201,7 @@ class ControlSource(IntEnum):
 
 
 class EgoMode(IntEnum):
-    """Numbered as in ``litsim_msgs/EgoControl``."""
+    """What the ego's answer asks for, numbered as in ``litsim_msgs/EgoControl``."""
 
     CONTROL = 0
     FOLLOW_LOG = 1

@@ -12,7 +12,7 @@ Pose = tuple[float, float, float]
 
 
 class TakeoverState(IntEnum):
-    """Numbered as in ``litsim_msgs/Takeover``."""
+    """How far a takeover has come, numbered as in ``litsim_msgs/Takeover``."""
 
     HELD = 0
     HANDBACK = 1
@@ -20,7 +20,7 @@ class TakeoverState(IntEnum):
 
 
 class TakeoverReason(IntEnum):
-    """Numbered as in ``litsim_msgs/Takeover``."""
+    """Why an agent was taken over, numbered as in ``litsim_msgs/Takeover``."""
 
     CONFLICT = 0
     BLOCKED_ENTRY = 1

@@ -56,7 +56,7 @@ class VehicleModel(VehicleLimits):
 
     @property
     def delay_steps(self) -> int:
-        """Dead time in steps."""
+        """The dead time in steps, rounded to whole ones."""
         return round(self.delay_s / STEP_S)
 
     @property
@@ -85,14 +85,14 @@ class Actuators:
         self._now: tuple[float, float] | None = None
 
     def reset(self) -> None:
-        """Forget; the vehicle is not driven."""
+        """Forget commands that have not taken effect, and the lag: the vehicle is not driven any more."""
         self._queue.clear()
         self._now = None
 
     def apply(
         self, acceleration: float, yaw_rate: float, moving: tuple[float, float], speed: float
     ) -> tuple[float, float]:
-        """One step of 0.1 s.
+        """What a command brings about during one step of 0.1 s.
 
         Args:
             acceleration, yaw_rate: commanded [m/s2], [rad/s].

@@ -39,7 +39,7 @@ def read_arrow(path: Path) -> pa.Table:
 
 
 def read_table(path: Path, needed: Sequence[str] = (), *, purpose: str = "") -> pd.DataFrame:
-    """All columns of the file at `path`.
+    """Read all columns of the Parquet file at `path`.
 
     Args:
         path: of the file.

@@ -20,7 +20,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 
 def read_yaml(path: Path, model: type[_Model]) -> _Model:
-    """The file at `path`, UTF-8, as a `model`.
+    """Read the YAML file at `path` (UTF-8) and check it against a pydantic `model`.
 
     Raises:
         InputError: it cannot be read, is no YAML, holds no fields, or some do not fit.
@@ -30,7 +30,7 @@ def read_yaml(path: Path, model: type[_Model]) -> _Model:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file in UTF-8.
+    """Read the text of a file in UTF-8.
 
     Raises:
         InputError: it cannot be read, or is no such text.

@@ -90,7 +90,7 @@ class NetCheck:
 
     @property
     def failures(self) -> list[str]:
-        """What misses its goal, as a person would say it."""
+        """A sentence for every goal that is missed; empty where all are met."""
         missed = [
             f"{name}: {part.inside:.2%} of the vehicle centres lie on a lane, goal {INSIDE_GOAL:.0%}"
             for name, part in self.placements.items()
@@ -102,7 +102,7 @@ class NetCheck:
         return missed + [f"SUMO: {warning}" for warning in self.warnings]
 
     def text(self) -> str:
-        """The result as a table."""
+        """The result as lines of text: a table of placements, and what else was found."""
         lines = [f"{'part':<28}{'rows':>8}{'on a lane':>11}{'on named':>10}{'label ok':>10}{'offset m':>10}"]
         for name, part in self.placements.items():
             named = f"{part.inside_named:>10.2%}{part.agreement:>10.2%}" if part.named else f"{'-':>10}{'-':>10}"

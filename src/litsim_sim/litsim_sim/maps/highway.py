@@ -72,7 +72,7 @@ class HighwayPlan:
 
     @property
     def widths(self) -> tuple[float, ...]:
-        """Of the through lanes, leftmost first [m]."""
+        """Widths of the through lanes [m], leftmost first."""
         return self.lane_widths or (self.lane_width,) * self.lanes
 
     @property
@@ -182,7 +182,7 @@ def _number(value: float) -> str:
 
 
 def _edge_shapes(plan: HighwayPlan) -> dict[str, FloatArray]:
-    """Left edge (k, 2) of every SUMO edge [m]."""
+    """The left edge (k, 2) [m] of every SUMO edge, by its name."""
     edge = plan.left_edge
     steps = np.hypot(*np.diff(edge, axis=0).T)
     s = np.concatenate([[0.0], np.cumsum(steps)])

@@ -296,7 +296,7 @@ def _movements(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> list[t
 
 
 def _labels(rows: pd.DataFrame, arms: list[_Arm], arm_of: IntArray) -> IntArray:
-    """(n,) lane of every row within its arm."""
+    """Lane number (n,) of each of the `rows` within the arm that `arm_of` (n,) gives."""
     label = np.zeros(len(rows), np.int64)
     for number, arm in enumerate(arms):
         label[np.flatnonzero(arm_of == number)] = arm.lane
@@ -329,11 +329,11 @@ def _left_normals(line: FloatArray) -> FloatArray:
 
 
 def _in_map(arm: _Arm, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Points (m, 2) in frame map."""
+    """Points (m, 2) in frame map [m] that lie `u` (m,) along an arm and `v` (m,) to its left [m]."""
     across = np.array([-arm.along[1], arm.along[0]])
     return arm.origin + u[:, None] * arm.along + v[:, None] * across
 
 
 def _tracks(vehicle: IntArray) -> Iterator[IntArray]:
-    """Rows of each vehicle; they are sorted by it."""
+    """The rows of each vehicle in turn, of the column `vehicle` (n,), by which the rows are sorted."""
     yield from np.split(np.arange(len(vehicle)), np.flatnonzero(np.diff(vehicle)) + 1)

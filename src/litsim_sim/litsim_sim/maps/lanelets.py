@@ -63,12 +63,12 @@ class Lanelet:
 
     @cached_property
     def centerline(self) -> FloatArray:
-        """(m, 2) midway between the bounds [m]."""
+        """The points (m, 2) [m] midway between the bounds."""
         left, right = self._sides
         return 0.5 * (left + right)
 
     def ends(self, at: int) -> FloatArray:
-        """(2, 2) points of both bounds at the start (0) or the end (-1)."""
+        """The points (2, 2) [m] of the left and the right bound at the start (`at` 0) or the end (`at` -1)."""
         return np.stack([self.left[at], self.right[at]])
 
     @cached_property
@@ -79,7 +79,7 @@ class Lanelet:
 
     @cached_property
     def length(self) -> float:
-        """Of the centre line [m]."""
+        """Length of the centre line [m]."""
         return _length(self.centerline)
 
 
@@ -142,7 +142,7 @@ class _Plan:
         return {name for name in found if self.after[name] and self.before[name]}
 
     def _groups(self) -> list[list[str]]:
-        """Outer lanelets side by side, rightmost first."""
+        """The outer lanelets that lie side by side, group by group, each with the rightmost first."""
         outer = [name for name in self.by_id if name not in self.inner]
         left_of: dict[str, str] = {}
         for name in outer:

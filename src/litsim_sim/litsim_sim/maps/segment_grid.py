@@ -48,7 +48,7 @@ class SegmentGrid:
         return len(self.size)
 
     def project(self, x: FloatArray, y: FloatArray, segment: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Along and left of segments, from their starts [m]; shapes broadcast."""
+        """How far points lie along their segments from the start, and how far to the left [m]; shapes broadcast."""
         dx, dy = x - self.start_x[segment], y - self.start_y[segment]
         cos, sin = self.cos[segment], self.sin[segment]
         return dx * cos + dy * sin, dy * cos - dx * sin

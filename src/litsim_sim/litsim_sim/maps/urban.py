@@ -52,7 +52,7 @@ def plain_xml() -> dict[str, ET.Element]:
 
 
 def arms_of(junction: str) -> tuple[str, str, str, str]:
-    """Nodes around a junction: west, north, east, south."""
+    """Names of the nodes around `junction`: west, north, east, south of it."""
     west, east = ("W", "B") if junction == "A" else ("A", "E")
     return west, f"{junction}N", east, f"{junction}S"
 

@@ -91,7 +91,7 @@ class Columns(_Strict):
 
 
 class Units(_Strict):
-    """Units of the file."""
+    """The units of lengths, speeds, accelerations and times in the file, as the mapping names them."""
 
     position: Length = "m"
     size: Length = "m"

@@ -53,17 +53,17 @@ class Settings(BaseModel):
 
     @property
     def steps(self) -> int:
-        """Of a whole segment: it has one frame more."""
+        """Number of steps of a whole segment, which has one frame more."""
         return self.history_steps + round(self.simulation_s / STEP_S)
 
     @property
     def history_steps(self) -> int:
-        """Of the recorded past."""
+        """Number of steps of the recorded past with which a segment begins."""
         return round(self.history_s / STEP_S)
 
     @property
     def needed_steps(self) -> int:
-        """Through which an ego must be there."""
+        """Number of steps from the start of a segment through which its ego must be there."""
         return self.history_steps + round(self.ego_min_s / STEP_S)
 
 
@@ -114,7 +114,7 @@ class Segment(BaseModel):
 
 
 class Manifest(BaseModel):
-    """Everything about a set of segments."""
+    """A set of segments: the settings they were cut with, their recordings, and every segment."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -125,7 +125,7 @@ class Manifest(BaseModel):
     without_ego: int = 0
 
     def to_yaml(self) -> str:
-        """As a file."""
+        """The manifest as the text of a YAML file."""
         return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False, default_flow_style=None, width=120)
 
     @classmethod
@@ -222,7 +222,7 @@ def content_digest(recording: Recording) -> str:
 
 
 def scenario_yaml(manifest: Manifest, segment: Segment) -> str:
-    """The scenario file of `segment`, to lie in the manifest's folder."""
+    """The text of a scenario file for `segment`, to lie in the manifest's folder."""
     source, settings = manifest.recordings[segment.recording], manifest.settings
     first, last = segment.frames
     marks = ", shortened" if segment.shortened else ""
@@ -261,7 +261,7 @@ def write(manifest: Manifest, folder: Path) -> Path:
 
 
 def describe(manifest: Manifest) -> str:
-    """What the manifest holds, as text."""
+    """The numbers of segments by part, and of recordings, as lines of text."""
     lines = []
     for part in PARTS:
         of_part = [segment for segment in manifest.segments if segment.part == part]
@@ -274,7 +274,7 @@ def describe(manifest: Manifest) -> str:
 
 
 def part_of_vehicle(source: Source, vehicle: int) -> Part:
-    """Part of the split by vehicle id, for prediction."""
+    """The part to which `vehicle` belongs in the split by vehicle id, by which predictors are trained."""
     last_train, last_val = source.vehicles
     return "train" if vehicle <= last_train else "val" if vehicle <= last_val else "test"
 

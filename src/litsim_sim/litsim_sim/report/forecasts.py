@@ -41,7 +41,7 @@ class Forecasts:
         return len(self.agent)
 
     def every(self, steps: int) -> Forecasts:
-        """Only those of every `steps`-th step."""
+        """The forecasts made at those steps that are multiples of `steps`."""
         kept = self.step % steps == 0
         return Forecasts(self.agent[kept], self.step[kept], self.time, self.mean[kept], self.spread[kept])
 

@@ -53,7 +53,7 @@ class Packer:
         self._size += len(self._data[-1])
 
     def pack(self) -> str:
-        """The container in base64."""
+        """The container with everything added, in base64."""
         tree = {**self._content, "arrays": self._described}
         header = json.dumps(tree, allow_nan=False, separators=(",", ":")).encode()
         header += b" " * (-len(header) % ALIGNMENT)

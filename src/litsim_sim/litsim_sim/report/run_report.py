@@ -51,7 +51,7 @@ def save(html: str, path: Path) -> None:
 
 
 def render(run: Run, metrics: dict[str, Any]) -> str:
-    """The page of a run."""
+    """The page of a run as HTML."""
     info = run.info
     data, every = _packed(run, metrics)
     thinned = "" if every == 1 else f" Forecasts are shown every {every * info.dt:.1f} s to keep this file small."
@@ -87,7 +87,7 @@ def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:
 
 
 def _measures(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """What people look at first."""
+    """Name and value, as text, of the measures that people look at first."""
     collision, back, timing = metrics["collision"], metrics["handback"], metrics["timing"]
     yield "agents", f"{metrics['agents']}, {metrics['controlled_agents']} ever under control"
     yield "colliding pairs", f"{collision['pairs']} ({collision['excess']} not in the log)"

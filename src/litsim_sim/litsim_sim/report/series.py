@@ -15,7 +15,7 @@ ON_LOG = 0.005  # [m]
 
 
 def speeds(tracks: Tracks, agent: int) -> FloatArray:
-    """Speed of one agent [m/s]."""
+    """Speed of `agent` at every step (frames,) [m/s]."""
     row = tracks.row(agent)
     return np.full(tracks.frames, np.nan) if row < 0 else np.where(tracks.present[row], tracks.speed[row], np.nan)
 

@@ -46,12 +46,12 @@ class Tracks:
 
     @property
     def frames(self) -> int:
-        """Number of steps."""
+        """Number of steps from the first to the last one, both included."""
         return int(self.mode.shape[1])
 
     @property
     def present(self) -> BoolArray:
-        """(n, frames) whether an agent is on the road."""
+        """Whether each agent is on the road at each step (n, frames)."""
         return np.asarray(self.mode != Mode.ABSENT)
 
     def row(self, agent: int) -> int:

@@ -87,7 +87,7 @@ class Log:
 
     @property
     def steps(self) -> int:
-        """Number of steps."""
+        """Number of steps that the log covers, step 0 included."""
         return self.valid.shape[1]
 
     def row(self, agent: int) -> int:

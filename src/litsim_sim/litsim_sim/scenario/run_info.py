@@ -46,7 +46,7 @@ class RunPlan:
 
     @property
     def run_id(self) -> str:
-        """The same for equal runs, wherever their files lie."""
+        """A name for the run that is the same for equal plans, wherever their files lie."""
         file = self.scenario.file
         names = {field: Path(getattr(file, field)).name for field in ("recording", "net")}
         default = None if file.vehicle else {"vehicle"}  # runs of before it was a field keep their names

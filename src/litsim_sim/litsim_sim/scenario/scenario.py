@@ -163,27 +163,27 @@ class Scenario:
 
     @property
     def name(self) -> str:
-        """Short name."""
+        """Short name of the scenario."""
         return self.file.name
 
     @property
     def ego_id(self) -> int:
-        """Vehicle that the driving system under test moves."""
+        """Id of the vehicle that the driving system under test moves."""
         return self.file.ego
 
     @property
     def egos(self) -> tuple[int, ...]:
-        """Vehicles that experiments take as ego; the ego alone if the file lists none."""
+        """Ids of the vehicles that experiments take as ego; the ego alone if the file lists none."""
         return tuple(self.file.egos) or (self.file.ego,)
 
     @property
     def tuning_egos(self) -> tuple[int, ...]:
-        """Vehicles for tuning a system before an experiment."""
+        """Ids of the vehicles that a system may be tuned on before an experiment; none of them is one of `egos`."""
         return tuple(self.file.tuning)
 
     @property
     def possible_egos(self) -> tuple[int, ...]:
-        """Vehicles that are there from step 0 through the first simulated step."""
+        """Ids of the vehicles that are there from step 0 through the first simulated step."""
         there = (self.log.first_step == 0) & (self.log.last_step > self.history_steps)
         return tuple(self.log.ids[there].tolist())
 
@@ -194,21 +194,21 @@ class Scenario:
 
     @property
     def seed(self) -> int:
-        """Seed of everything random."""
+        """Seed of everything random in a run."""
         return self.file.seed
 
     @cached_property
     def vehicle(self) -> VehicleModel:
-        """Of the ego."""
+        """How the ego can move: its limits and actuators."""
         return VehicleModel.of(self.file.vehicle)
 
     @cached_property
     def lane_map(self) -> LaneMap:
-        """Lane queries on the net."""
+        """The lanes of the net, and queries on them."""
         return LaneMap.from_net(self.net_path)
 
     def _check_agents(self, where: str) -> None:
-        """The ego, and every ego of the lists, is there from step 0 through the first simulated step."""
+        """Check that the ego, and every ego of the lists, is there from step 0 through the first simulated step."""
         both = sorted(set(self.file.egos) & set(self.file.tuning))
         if both:
             raise InputError(f"{where}: field tuning repeats {both} of field egos, expected disjoint lists")
@@ -227,7 +227,7 @@ class Scenario:
                     )
 
     def _check_coverage(self, where: str) -> None:
-        """The net lies under the recording."""
+        """Check that the net lies under the recording."""
         x, y = self.log.x[self.log.valid], self.log.y[self.log.valid]
         share = float(self.lane_map.inside_road(x, y).mean())
         if share < COVERAGE_MIN:
@@ -240,17 +240,17 @@ class Scenario:
 
 
 def packaged(relative: str) -> Path:
-    """A file of this package."""
+    """Path of the file at `relative` in this package."""
     return Path(str(resources.files(PACKAGE).joinpath(relative)))
 
 
 def packaged_scenarios() -> tuple[str, ...]:
-    """Names that :meth:`Scenario.load` knows."""
+    """Names of the packaged scenarios, which :meth:`Scenario.load` knows, sorted."""
     return tuple(sorted(path.stem for path in packaged("scenarios").glob("*.yaml")))
 
 
 def packaged_nets() -> tuple[str, ...]:
-    """Names that field `net` knows."""
+    """Names of the packaged nets, which the field `net` of a scenario knows, sorted."""
     return tuple(sorted(path.name.removesuffix(".net.xml") for path in packaged("nets").glob("*.net.xml")))
 
 

@@ -54,7 +54,7 @@ class Pairs:
         return len(self.follower)
 
     def take(self, rows: np.ndarray) -> Pairs:
-        """The pairs of `rows`, an index or a mask."""
+        """Those of the pairs that `rows`, positions or a mask (n,), names."""
         return Pairs(*(getattr(self, field)[rows] for field in self.__dataclass_fields__))
 
     def part(self, low: float, high: float) -> Pairs:

@@ -107,7 +107,7 @@ def write(values: dict[str, Any], path: Path) -> None:
 
 
 def split_by_driver(pairs: Pairs, seed: int) -> np.ndarray:
-    """(n,) which pairs calibrate: all those of HELD_IN of the drivers."""
+    """Mask (n,) of the pairs to calibrate with: all pairs of a random share HELD_IN of the drivers."""
     drivers = np.unique(pairs.follower)
     chosen = np.random.default_rng(seed).permutation(drivers)[: round(HELD_IN * len(drivers))]
     return np.isin(pairs.follower, chosen)

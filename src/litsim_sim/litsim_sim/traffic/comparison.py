@@ -51,7 +51,7 @@ class Sample:
 
     @property
     def rate(self) -> float:
-        """Lane changes per kilometre."""
+        """Lane changes per kilometre driven."""
         return self.changes / max(self.kilometres, 1e-9)
 
     def distance(self, other: Sample) -> dict[str, float]:

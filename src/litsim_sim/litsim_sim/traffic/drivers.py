@@ -79,7 +79,7 @@ def calibrated() -> Behaviour:
 
 
 def draw_vehicle(fleet: Fleet, rng: np.random.Generator) -> Vehicle:
-    """A vehicle of `fleet`."""
+    """A vehicle drawn at random from `fleet`: its kind and its size."""
     draw = rng.random()
     if draw < fleet.truck_share:
         length, width = float(rng.uniform(*fleet.truck_length)), float(rng.uniform(2.3, 2.55))

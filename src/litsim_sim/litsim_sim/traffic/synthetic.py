@@ -95,7 +95,7 @@ def _attempt(site: Site, seed: int, seconds: float, behaviour: Behaviour, attemp
 
 
 def _record(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Recording:
-    """Observe and smooth."""
+    """Observe simulated traffic and make a recording of it, with motion smoothed and overlaps repaired."""
     seen = observe(site, seed, seconds + 2 * MARGIN_S, behaviour)
     centred, removed = set[int](), set[int]()
     tracks = [_track(site, seen, vehicle, seed, seconds) for vehicle in range(len(seen.vehicles))]

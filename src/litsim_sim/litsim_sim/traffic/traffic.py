@@ -81,7 +81,7 @@ class Site:
 
     @property
     def net(self) -> Path:
-        """The packaged net."""
+        """Path of the packaged net that the traffic drives on."""
         return Path(__file__).parent.parent / "nets" / f"{self.name}.net.xml"
 
 
@@ -147,7 +147,7 @@ def observe(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Obse
 
 
 def _bottleneck_speeds(bottleneck: Bottleneck, step: int, phases: FloatArray) -> FloatArray:
-    """(lanes,) [m/s]."""
+    """Speed limit (lanes,) [m/s] of each lane of the bottleneck at `step`."""
     swing = np.sin(2.0 * np.pi * step * STEP_S / bottleneck.period + phases)
     return np.maximum(bottleneck.speed + bottleneck.swing * swing, 1.0)
 

@@ -92,7 +92,7 @@ class LogPolicy:
             self._residuals[agent] = Residual.between(table, row, logged, logged_row)
 
     def table(self, step: int) -> AgentTable:
-        """Agents (controller LOG) where policy L puts them at `step`."""
+        """The agents, with controller LOG, where policy L puts them at `step`."""
         table = self.log.table(step, self._lag)
         for agent, residual in list(self._residuals.items()):
             row = table.row(agent)

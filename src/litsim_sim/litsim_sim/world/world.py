@@ -70,7 +70,7 @@ class World:
         self._vehicles = DrivenVehicles(scenario, self.config.limits)
 
     def reset(self) -> AgentTable:
-        """Step 0, of a run that knows nothing of the ones before."""
+        """Begin a run that knows nothing of the ones before, and return its step 0."""
         self.contacts, self.entries = {}, Entries(self.scenario.log, self._entry)
         self.mirror_deviation, self._ego_has_driven = 0.0, False
         self._vehicles.reset()
@@ -104,7 +104,7 @@ class World:
         return self._table
 
     def summary(self) -> dict[str, Any]:
-        """What only the world knows, for the record."""
+        """What only the world knows, for the record: contacts, late and missing entries, deviation of SUMO [m]."""
         return {
             "contacts": len(self.contacts),
             "late_entries": sorted(self.entries.late),

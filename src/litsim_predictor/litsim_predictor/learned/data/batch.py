@@ -51,7 +51,7 @@ class SceneBatch:
     target: Tensor
 
     def to(self, device: torch.device | str) -> SceneBatch:
-        """The same batch on `device`."""
+        """A copy of the batch whose tensors are on `device`."""
         return replace(self, **{f.name: getattr(self, f.name).to(device, non_blocking=True) for f in fields(self)})
 
 

@@ -170,7 +170,7 @@ def _varied(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.r
 
 
 def _mirrored(scene: _Scene) -> _Scene:
-    """The scene with left and right exchanged."""
+    """The same scene with left and right exchanged."""
     inputs = scene.inputs
     raster = inputs.raster[..., ::-1].copy()
     # The sine changes its sign about 128; the lowest byte is never drawn.

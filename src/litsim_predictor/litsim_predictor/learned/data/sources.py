@@ -110,7 +110,7 @@ def files_of(source: Source) -> tuple[str, ...]:
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of a file."""
+    """SHA-256 of the file at `path`, as hexadecimal digits."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -121,7 +121,7 @@ def net_path(name: str) -> Path:
 
 
 def split(tracks: Tracks) -> dict[Part, list[Tracks]]:
-    """Tracks by part, 70/10/20 by vehicle id."""
+    """The tracks by part of the split by vehicle id: 70 % train, 10 % val, 20 % test; empty parts are left out."""
     part = parts_of(tracks.vehicle)
     return {name: [tracks.take(part == k)] for k, name in enumerate(PARTS) if (part == k).any()}
 

@@ -67,7 +67,7 @@ class Tracks:
         return len(self.vehicle)
 
     def take(self, keep: BoolArray) -> Tracks:
-        """The rows of a mask (R,)."""
+        """The tracks reduced to those rows that the mask `keep` (R,) holds."""
         return Tracks(
             self.name,
             self.vehicle[keep],
@@ -81,7 +81,7 @@ class Tracks:
 
     @cached_property
     def frames(self) -> IntArray:
-        """Frames with any vehicle, ascending."""
+        """Numbers of the frames in which there is any vehicle, ascending."""
         return np.unique(self.frame)
 
     @cached_property
@@ -90,7 +90,7 @@ class Tracks:
         return order, np.append(np.searchsorted(self.frame[order], self.frames), len(order))
 
     def rows_at(self, frame: int) -> IntArray:
-        """Rows of the vehicles of a frame, by ascending id."""
+        """The rows of the vehicles that are there in `frame`, by ascending id; none in a frame without vehicles."""
         order, first = self._by_frame
         at = int(np.searchsorted(self.frames, frame))
         if at == len(self.frames) or self.frames[at] != frame:
@@ -104,11 +104,11 @@ class Tracks:
         return at, self._keys[at] == key
 
     def history(self, rows: IntArray) -> tuple[IntArray, BoolArray]:
-        """See :meth:`window`, for the steps of a model's history; (n, HISTORY)."""
+        """The rows (n, HISTORY) at the steps of a model's history, as :meth:`window` gives them."""
         return self.window(rows, STRIDE * np.arange(1 - HISTORY, 1))
 
     def future(self, rows: IntArray) -> tuple[IntArray, BoolArray]:
-        """See :meth:`window`, for the steps of a model's horizon; (n, HORIZON)."""
+        """The rows (n, HORIZON) at the steps of a model's horizon, as :meth:`window` gives them."""
         return self.window(rows, STRIDE * np.arange(1, HORIZON + 1))
 
     @cached_property

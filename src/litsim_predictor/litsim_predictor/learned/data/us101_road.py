@@ -54,7 +54,7 @@ class Us101Road:
         return x, y, np.arctan2(ahead_y - y, ahead_x - x)
 
     def scale(self, along: FloatArray) -> FloatArray:
-        """(n,) metres in frame map of a metre of local_y (n,) [m]: about 0.99."""
+        """Metres in frame map (n,) that a metre of local_y is at `along` (n,) [m]: about 0.99."""
         line = np.zeros_like(along)
         step = (self._terms(along + 0.5, line) - self._terms(along - 0.5, line)) @ self.coefficients
         return np.asarray(np.hypot(step[:, 0], step[:, 1]), np.float64)

@@ -75,7 +75,7 @@ class ConflictCounts:
 
     @classmethod
     def none(cls) -> ConflictCounts:
-        """Nothing counted."""
+        """The counts before anything has been counted: all zero."""
         return cls(*(np.zeros(len(SECONDS), np.int64) for _ in range(4)))
 
     def plus(self, predicted: BoolArray, real: BoolArray, known: BoolArray) -> ConflictCounts:

@@ -58,5 +58,5 @@ def _conflicts(axes: Axes, result: dict[str, dict[str, Any]]) -> None:
 
 
 def _line(values: dict[str, float]) -> tuple[list[float], list[float]]:
-    """Seconds and values."""
+    """The times [s] and the values at them."""
     return [float(second) for second in values], list(values.values())

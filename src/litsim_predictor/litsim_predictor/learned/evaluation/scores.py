@@ -64,7 +64,7 @@ class Scores:
     overlap_rate_truth: float
 
     def to_json(self) -> dict[str, Any]:
-        """As written to files: values per second by the second's name."""
+        """The scores as plain values for JSON, those per second by the name of the second."""
         return {
             "samples": self.samples,
             "scenes": self.scenes,
@@ -82,24 +82,24 @@ class Scores:
 
 
 def by_second(values: FloatArray) -> dict[str, float]:
-    """Values (5,) at 1 to 5 s by "1" to "5"."""
+    """The `values` (5,) at 1 to 5 s, by the names "1" to "5"."""
     return {str(second): float(value) for second, value in zip(SECONDS, values, strict=True)}
 
 
 def scored_agents(batch: SceneBatch) -> Tensor:
-    """(B, N) the targets with the whole history and future known."""
+    """Mask (B, N) of the agents that are scored: targets whose whole history and future are known."""
     return batch.agent & batch.target & batch.observed.all(dim=-1) & batch.future_known.all(dim=-1)
 
 
 def best_of(values: Tensor, maneuver: Tensor) -> Tensor:
-    """(B, N, ...) of `values` (B, N, K, ...) for the manoeuvres (B, N)."""
+    """Those of the `values` (B, N, K, ...) that belong to the manoeuvres (B, N), as (B, N, ...)."""
     scenes, agents = maneuver.shape
     at = (torch.arange(scenes, device=values.device)[:, None], torch.arange(agents, device=values.device)[None])
     return values[at[0], at[1], maneuver]
 
 
 class ScoreBoard:
-    """Adds batches up.
+    """Adds up the errors of batches, and gives the scores of all of them.
 
     Args:
         seed: of the scene samples of the joint ADE.
@@ -147,7 +147,7 @@ class ScoreBoard:
         self._overlaps += self._count_overlaps(batch, best_of(prediction.mean, best), scored.cpu().numpy())
 
     def scores(self) -> Scores:
-        """Of everything added.
+        """The scores of everything that has been added.
 
         Raises:
             InputError: nothing was scored.

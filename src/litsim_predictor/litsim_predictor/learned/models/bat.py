@@ -152,7 +152,7 @@ class BehaviourEncoder(nn.Module):
         self.size = 2 * units
 
     def forward(self, batch: SceneBatch) -> Tensor:
-        """(B, N, size)."""
+        """Code (B, N, size) of the behaviour of every agent of `batch`."""
         path = rotate(batch.history[..., :2], batch.heading[..., None]) + batch.position[..., None, :]
         observed = batch.observed & batch.agent[..., None]
         length = proximity_graph(path.transpose(1, 2), observed.transpose(1, 2), self.radius)
@@ -172,7 +172,7 @@ class SeriesEncoder(nn.Module):
         self.code = nn.Linear(units, units)
 
     def forward(self, series: Tensor) -> Tensor:
-        """(S, units)."""
+        """Code (S, units) of `series` (S, HISTORY, channels)."""
         code: Tensor = self.code(last_state(self.lstm, nn.functional.elu(self.embed(series))))
         return code
 
@@ -187,7 +187,7 @@ class MotionEncoder(nn.Module):
         self.code = nn.Linear(units + known, embedding)
 
     def forward(self, motion: Tensor, known: Tensor) -> Tensor:
-        """(S, embedding) of motions (S, HISTORY, POLAR_CHANNELS)."""
+        """Code (S, embedding) of motions (S, HISTORY, POLAR_CHANNELS) and of what else is `known` (S, channels)."""
         state = last_state(self.lstm, nn.functional.elu(self.embed(motion)))
         return nn.functional.elu(self.code(torch.cat([state, known], dim=-1)))
 

@@ -68,7 +68,7 @@ def centralities(length: Tensor) -> Tensor:
 
 
 def _centralities(graphs: Tensor) -> Tensor:
-    """(G, N, 6) of graphs (G, N, N)."""
+    """The six centralities (G, N, 6) of every node of graphs given by the lengths of their edges (G, N, N)."""
     weight = torch.where(torch.isfinite(graphs), 1.0 - graphs, 0.0).masked_fill(diagonal(graphs), 0.0)
     distance, ways = shortest_ways(graphs)
     near = torch.isfinite(distance)

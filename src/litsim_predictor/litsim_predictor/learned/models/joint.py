@@ -59,7 +59,7 @@ class MapEncoder(nn.Module):
         )
 
     def forward(self, raster: Tensor) -> Tensor:
-        """(n, width) of (n, CHANNELS, ROWS, COLUMNS) uint8."""
+        """Code (n, width) of rasters (n, CHANNELS, ROWS, COLUMNS) of uint8."""
         return self.layers(raster.float() / 127.5 - 1.0)
 
 
@@ -73,7 +73,7 @@ class HistoryEncoder(nn.Module):
         self.gru = nn.GRU(width // 2, width // 2, batch_first=True, bidirectional=True)
 
     def forward(self, history: Tensor, observed: Tensor) -> Tensor:
-        """(n, width) of (n, HISTORY, HISTORY_CHANNELS) and (n, HISTORY)."""
+        """Code (n, width) of histories (n, HISTORY, HISTORY_CHANNELS) and of when they were observed (n, HISTORY)."""
         scaled = history[..., : self.channels] / history.new_tensor([LENGTH, LENGTH, 1.0, SPEED])[: self.channels]
         _, last = self.gru(self.embed(torch.cat([scaled, observed[..., None].to(scaled.dtype)], dim=-1)))
         return last.transpose(0, 1).flatten(1)
@@ -94,7 +94,7 @@ class RelativeAttention(nn.Module):
         self.norm = nn.LayerNorm(width)
 
     def forward(self, agents: Tensor, near: Neighbours) -> Tensor:
-        """(B, N, width) of (B, N, width)."""
+        """The codes `agents` (B, N, width) with what each agent sees of those `near` it added, (B, N, width)."""
         b, n, width = agents.shape
         # What a relation adds to keys and values is linear in `related`: it is taken out of the sums over neighbours,
         # so that its large matrix is applied once an agent and not once a pair.
@@ -124,7 +124,7 @@ class SceneAttention(nn.Module):
         self.attention = nn.MultiheadAttention(width, heads, batch_first=True)
 
     def forward(self, batch: SceneBatch) -> Tensor:
-        """(B, N, width)."""
+        """Code (B, N, width) of what every agent of `batch` sees of all others of its scene."""
         there = batch.agent[..., None].to(batch.position.dtype)
         middle = (batch.position * there).sum(dim=1, keepdim=True) / there.sum(dim=1, keepdim=True)
         yaw = batch.heading + batch.state[..., 3]
@@ -141,7 +141,7 @@ class SceneAttention(nn.Module):
 
 
 class DirectDecoder(nn.Module):
-    """All steps at once, as what is to be added to constant velocity."""
+    """Decodes all steps at once, as what is to be added to constant velocity."""
 
     def __init__(self, width: int, hidden: int) -> None:
         super().__init__()
@@ -261,7 +261,7 @@ class JointPredictor(SceneModel):
         shape = (*maneuver.shape, HORIZON)
 
         def for_each_maneuver(values: Tensor) -> Tensor:
-            """(B * N * M, ...) of (B, N, ...)."""
+            """The `values` (B, N, ...) of each agent once for each of its M manoeuvres, as (B * N * M, ...)."""
             return values.flatten(0, 1).repeat_interleave(maneuver.shape[-1], dim=0)
 
         base = constant_velocity(batch)
@@ -274,7 +274,7 @@ class JointPredictor(SceneModel):
 
 
 def scaled_state(state: Tensor) -> Tensor:
-    """States (..., STATE_CHANNELS) about as large as 1."""
+    """The states (..., STATE_CHANNELS), each channel divided by a usual value: they are about as large as 1."""
     return state / state.new_tensor([LENGTH, LENGTH, SPEED, 1.0])
 
 
@@ -294,7 +294,7 @@ class Neighbours:
 
     @classmethod
     def of(cls, batch: SceneBatch, count: int, reach: float) -> Neighbours:
-        """At most `count` others within `reach` metres."""
+        """For each agent of `batch` at most `count` others that are nearer than `reach` [m]."""
         b, n = batch.agent.shape
         apart = offsets(batch)
         distance = apart.norm(dim=-1).masked_fill(~batch.agent[:, None], float("inf"))
@@ -322,5 +322,5 @@ class Neighbours:
         return cls(index, distance < reach, relation)
 
     def gather(self, values: Tensor) -> Tensor:
-        """(B, N, K, C) of values (B, N, C)."""
+        """The `values` (B, N, C) of the neighbours of each agent, as (B, N, K, C)."""
         return values[torch.arange(len(values), device=values.device)[:, None, None], self.index]

@@ -62,7 +62,7 @@ def maneuver_parts(maneuver: Tensor) -> Tensor:
 
 
 def rotate(vector: Tensor, angle: Tensor) -> Tensor:
-    """Vectors (..., 2) turned by angles (...) [rad]."""
+    """The vectors (..., 2) turned counter-clockwise by the angles (...) [rad]."""
     cos, sin = angle.cos(), angle.sin()
     x, y = vector[..., 0], vector[..., 1]
     return torch.stack([cos * x - sin * y, sin * x + cos * y], dim=-1)

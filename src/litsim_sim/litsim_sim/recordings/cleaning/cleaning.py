@@ -112,7 +112,7 @@ def _columns(motion: Motion) -> FloatArray:
 
 
 def _checked(tracks: pd.DataFrame) -> _Tracks:
-    """The tracks sorted, if they can be used."""
+    """The tracks sorted by vehicle and frame, after checks that they can be cleaned."""
     missing = [name for name in NEEDED if name not in tracks.columns]
     unknown = [name for name in tracks.columns if name not in NEEDED + PUBLISHED]
     if missing or unknown:

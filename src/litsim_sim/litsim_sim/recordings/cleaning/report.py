@@ -67,7 +67,7 @@ class CleaningReport:
     reversing: int
 
     def table(self) -> str:
-        """The figures as lines of text."""
+        """The figures before and after cleaning as lines of text, one measure a line."""
 
         def line(name: str, *cells: str) -> str:
             return f"{name:<44}" + "".join(f"{cell:>12}" for cell in cells)

@@ -31,16 +31,16 @@ class Knots:
 
     @classmethod
     def covering(cls, low: float, high: float, step: float) -> Knots:
-        """The fewest knots `step` apart that reach from `low` at least to `high`."""
+        """The fewest knots, `step` apart and from `low` on, that reach at least to `high`."""
         return cls(low, step, max(1, int(np.ceil((high - low) / step - 1e-9))))
 
     @property
     def size(self) -> int:
-        """Number of coefficients."""
+        """Number of coefficients of a spline on these knots."""
         return self.pieces + 3
 
     def places(self) -> FloatArray:
-        """The knots (pieces + 1,)."""
+        """Where the knots are (pieces + 1,), in the unit of the parameter."""
         return self.origin + self.step * np.arange(self.pieces + 1, dtype=np.float64)
 
     def basis(self, at: FloatArray, derivative: int = 0) -> tuple[IntArray, FloatArray]:

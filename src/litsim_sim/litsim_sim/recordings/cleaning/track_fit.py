@@ -95,7 +95,7 @@ class TimeLaw:
     frames: int
 
     def at_frames(self, derivative: int = 0) -> FloatArray:
-        """Travel [m], speed or acceleration (frames,)."""
+        """The `derivative`-th derivative of the travel at every frame (frames,) [m, m/s, m/s2]."""
         return self.knots.evaluate(self.coefficients, _times(self.frames), derivative)
 
 
@@ -107,12 +107,12 @@ class Path:
     coefficients: FloatArray
 
     def at(self, places: FloatArray, derivative: int = 0) -> FloatArray:
-        """Point or derivative (n, 2) at `places` (n,)."""
+        """Point [m], or its `derivative`-th derivative by the travel, (n, 2), at the travels `places` (n,) [m]."""
         return self.knots.evaluate(self.coefficients, places, derivative)
 
 
 def fit_track(front: FloatArray, length: float, config: CleaningConfig, hint: float | None = None) -> Motion:
-    """The motion of one vehicle.
+    """Estimate the motion of one vehicle.
 
     Args:
         front: (n, 2) raw front centres of consecutive frames, n at least 1 [m].
@@ -215,7 +215,7 @@ def _bending(path: Path, places: FloatArray) -> FloatArray:
 
 
 def _times(frames: int) -> FloatArray:
-    """Seconds (frames,) since the first frame."""
+    """Time (frames,) [s] of every frame since the first one."""
     return STEP_S * np.arange(frames, dtype=np.float64)
 
 

@@ -114,7 +114,7 @@ class BlockReader:
         )
 
     def _check_units(self, length: FloatArray) -> None:
-        """Refuse metres: the lengths of vehicles tell."""
+        """Refuse a file in metres: the median `length` (n,) of its vehicles, as it stands there, tells."""
         if self._units_known or len(length) == 0:
             return
         median = float(np.median(length))

@@ -53,7 +53,7 @@ class Converted:
     cleaning: str
 
     def text(self) -> str:
-        """A line for people."""
+        """A line that says what was converted, where it is and what was mended in it."""
         mended = self.mended.text()
         return f"{self.name}: {self.rows} rows, {self.vehicles} vehicles -> {self.path} ({mended})"
 
@@ -96,17 +96,17 @@ class Work:
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Delete the folder of the unfinished conversion with everything in it."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def save(self) -> None:
-        """Keep how far the work has come."""
+        """Write down how far the work has come, so that a later conversion can go on from there."""
         names = ("offset", "line", "files", "off_site", "whole", "done")
         state = {name: getattr(self, name) for name in names}
         _write_json(self.folder / STATE_FILE, state | {"identity": self._identity, "clocks": self.clocks.to_json()})
 
     def spool(self, layout: Layout, *, progress: bool) -> None:
-        """Read the rest of the file.
+        """Read what is left of the source and sort its rows by clock into Parquet files.
 
         Raises:
             InputError: a line of it cannot be used, or it holds no rows.
@@ -150,7 +150,7 @@ class Work:
         self.save()  # files that are written but not in a saved state are written again
 
     def make(self, *, progress: bool) -> list[Converted]:
-        """Make what is not made yet, and finish.
+        """Make the recordings that are not made yet, and put everything under its final name.
 
         Raises:
             InputError: some recordings cannot be made; those that can be are there.

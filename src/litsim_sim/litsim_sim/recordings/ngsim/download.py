@@ -50,7 +50,7 @@ class Fetched:
 
 
 def advice(out: Path) -> str:
-    """What a person without a network here has to do."""
+    """Instructions to get the file on another machine and to put it at `out`, for a machine without a network."""
     return (
         f"on a machine that has a network, open {PAGE} (dataset {DATASET}, {TITLE!r}), choose Export and CSV (about "
         f"12 million rows, 1.5 GB), and put the file at {out.absolute()}; then: data convert {out} FOLDER"
@@ -115,7 +115,7 @@ class _Transfer:
         self.total: int | None = None
 
     def have(self) -> int:
-        """Bytes that are there already."""
+        """Number of bytes of the file that have been fetched already."""
         return self.part.stat().st_size if self.part.is_file() else 0
 
     def finish(self) -> None:
@@ -123,7 +123,7 @@ class _Transfer:
         self.about.unlink(missing_ok=True)
 
     def run(self) -> None:
-        """Fetch until it is whole."""
+        """Fetch what is left of the file, over as many connections as it takes."""
         broken = 0
         with tqdm(unit="B", unit_scale=True, desc=self.out.name, disable=not self.progress) as bar:
             while not self._once(bar):

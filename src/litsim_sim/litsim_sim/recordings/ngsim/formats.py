@@ -76,7 +76,7 @@ class Layout:
 
     @property
     def title(self) -> str:
-        """What a person calls this."""
+        """The format in words: official NGSIM text or CSV, with its number of columns."""
         kind = "text" if self.separator == " " else "portal CSV" if "location" in self.columns else "CSV"
         return f"official NGSIM {kind}, {len(self.columns)} columns"
 

@@ -69,7 +69,7 @@ class LineParser:
         raise self._bad_line(data, line)
 
     def split(self, text: str) -> list[str]:
-        """The cells of one line."""
+        """The texts of the cells of one line, in the order of the columns."""
         if self._layout.separator == " ":
             return text.split()
         return next(csv.reader(io.StringIO(text), delimiter=self._layout.separator), [])

@@ -165,7 +165,7 @@ def convert(
 
 
 def layout_of(path: Path) -> Layout:
-    """How the official file at `path` is laid out.
+    """Find out how the official file at `path` is laid out.
 
     Raises:
         InputError: it is missing, cannot be read, or is no official file.

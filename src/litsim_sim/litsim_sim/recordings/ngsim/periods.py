@@ -41,7 +41,7 @@ class Clock:
 
     @property
     def key(self) -> str:
-        """A name that no other clock has."""
+        """A name of this clock that no other clock of the file has: its site and the time of its frame 0."""
         return f"{self.site}_{self.origin_ms}"
 
 
@@ -61,7 +61,7 @@ class Period:
     minutes: tuple[int, int]
 
     def holds(self, time_ms: IntArray) -> np.ndarray:
-        """Which times of its clock (n,) belong to it."""
+        """Whether each of the times (n,) [ms] that its clock has seen belongs to this period (n,)."""
         minute = time_ms // MINUTE_MS
         return (minute >= self.minutes[0]) & (minute <= self.minutes[1])
 
@@ -70,16 +70,16 @@ class Clocks:
     """The clocks that a file's rows were taken by, in the order of their appearance."""
 
     def __init__(self, clocks: list[Clock] | None = None) -> None:
-        """Those that are known already."""
+        """Begin with `clocks`, those that an earlier part of the file has shown; without them, with none."""
         self.clocks = clocks or []
 
     @classmethod
     def from_json(cls, values: list[dict[str, Any]]) -> Clocks:
-        """As :meth:`to_json` gives them."""
+        """The clocks that :meth:`to_json` has written down."""
         return cls([Clock(**value) for value in values])
 
     def to_json(self) -> list[dict[str, Any]]:
-        """As plain values."""
+        """The clocks as dicts of plain values, one each, for JSON."""
         return [asdict(clock) for clock in self.clocks]
 
     def assign(self, columns: dict[str, np.ndarray], where: str) -> IntArray:

@@ -59,7 +59,7 @@ class Site:
     net: str
 
     def map_from_global(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """State Plane metres (n,) to frame map (n,) [m]."""
+        """X and y (n,) in frame map [m] of positions x and y (n,) in metres of the State Plane zone."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         dx, dy = x - self.global_anchor[0], y - self.global_anchor[1]
         return self.map_anchor[0] + cos * dx - sin * dy, self.map_anchor[1] + sin * dx + cos * dy

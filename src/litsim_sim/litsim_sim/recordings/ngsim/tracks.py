@@ -64,14 +64,14 @@ class RepairCounts:
     incomplete: int = 0
 
     def text(self) -> str:
-        """The figures that are not zero."""
+        """The counts that are not zero, each after its name, as one line."""
         return ", ".join(
             f"{field.name} {getattr(self, field.name)}" for field in fields(self) if getattr(self, field.name)
         )
 
 
 def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, RepairCounts]:
-    """Tracks from the rows of one recording.
+    """Make tracks of the rows of one recording.
 
     Args:
         raw: columns NEEDED (SI units, global axes) and `line`; in any order.
@@ -278,7 +278,7 @@ def _hints(table: pd.DataFrame, site: Site) -> FloatArray:
 
 
 def frames_of(time_ms: IntArray, origin_ms: int) -> IntArray:
-    """Frame (n,) of a recording whose frame 0 is at `origin_ms`."""
+    """Frame numbers (n,) at the times `time_ms` (n,) [ms] of a recording whose frame 0 is at `origin_ms` [ms]."""
     return np.round((time_ms - origin_ms) / (1000.0 * STEP_S)).astype(np.int64)
 
 

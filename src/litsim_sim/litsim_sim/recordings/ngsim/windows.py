@@ -126,13 +126,13 @@ def neutral_table(table: pd.DataFrame, where: str) -> pd.DataFrame:
 
 
 def map_from_global(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """State Plane metres (n,) to frame map (n,)."""
+    """X and y (n,) in frame map [m] of positions x and y (n,) in metres of the State Plane zone."""
     cos, sin = np.cos(MAP_FROM_GLOBAL_YAW), np.sin(MAP_FROM_GLOBAL_YAW)
     dx, dy = x - GLOBAL_ANCHOR[0], y - GLOBAL_ANCHOR[1]
     return MAP_ANCHOR[0] + cos * dx - sin * dy, MAP_ANCHOR[1] + sin * dx + cos * dy
 
 
 def kind_of(length: FloatArray, width: FloatArray) -> FloatArray:
-    """Vehicle class (n,) by size: the file has none."""
+    """Vehicle class (n,) as numbered by ``Kind``, guessed from length and width (n,) [m]: the file has none."""
     motorcycle = (length < MOTORCYCLE_BELOW) & (width < MOTORCYCLE_NARROWER)
     return np.select([motorcycle, length > TRUCK_ABOVE], [Kind.MOTORCYCLE, Kind.TRUCK], Kind.CAR)
