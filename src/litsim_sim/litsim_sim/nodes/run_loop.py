@@ -1,0 +1,257 @@
+"""The course of a run: handshake, one step after the other, farewell. Without ROS.
+
+What is published and what arrives goes through a :class:`Graph`, which the bridge's node is.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Protocol, Self
+
+import yaml
+from tqdm import tqdm
+
+from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.stages import RECORDER, StageState
+from litsim_sim.core.topic_names import RECORDED, STATUS
+from litsim_sim.ego_port.port import EgoPort
+from litsim_sim.nodes.answers import Answers, Attendance, RunFailed
+from litsim_sim.nodes.bridge_options import BridgeOptions
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
+from litsim_sim.world.world import World
+
+HELLO_PERIOD = 0.1  # [s] between the greetings of the handshake
+RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
+FAREWELL_S = 5.0  # [s] that the recorder gets to close its file
+
+
+class Graph(Protocol):
+    """What a run needs of the graph of nodes."""
+
+    @property
+    def domain(self) -> str:
+        """Where the graph is, in words."""
+
+    def begin(self) -> None:
+        """Publish what holds for the whole run."""
+
+    def greet(self) -> None:
+        """Ask all stages to say again whether they are ready."""
+
+    def show(self, table: AgentTable) -> None:
+        """Publish a step."""
+
+    def show_again(self) -> None:
+        """Publish the step that was shown last once more."""
+
+    def apply(self, command: EgoCommand) -> None:
+        """Publish, of an external ego, what its answer was turned into."""
+
+    def report_time(self, step: int, compute_time: float) -> None:
+        """Publish how long the bridge itself took for a step [s]."""
+
+    def say(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> None:
+        """Publish the state of the run."""
+
+    def ask_around(self) -> None:
+        """Begin to listen for which stages have answered; costs time that is better saved while all is well."""
+
+    def waiting(self, step: int, text: str) -> None:
+        """Tell the user, and who drives the ego, what a step waits for."""
+
+    def note(self, text: str) -> None:
+        """Tell the user what is going on, the same thing now and then."""
+
+    def silent_ego(self, step: int) -> str:
+        """In words, an external ego that has not answered `step`."""
+
+    def serve_until(self, done: Callable[[], bool], until: float) -> bool:
+        """Take what arrives until `done`, or until `until` of the performance counter; returns `done()`.
+
+        Raises:
+            RunFailed: a stage has failed.
+        """
+
+    def serve(self) -> None:
+        """Take what arrives, or wait a little."""
+
+
+class Pace:
+    """When steps are due in real time, on the performance counter [s]. A pace that was lost is not made up for.
+
+    Attributes:
+        due: when the answers to the step at hand are due.
+    """
+
+    def __init__(self) -> None:
+        self.due = 0.0
+
+    def next_step(self, now: float) -> None:
+        """A step begins: it is due a step's time after the one before, but no sooner than in half of that."""
+        self.due = max(self.due + STEP_S, now + 0.5 * STEP_S)
+
+    def restart(self, now: float) -> None:
+        """Count from `now`, as if the step at hand were due now."""
+        self.due = now
+
+
+class RunLoop:
+    """One run of one scenario."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        plan: RunPlan,
+        options: BridgeOptions,
+        world: World,
+        port: EgoPort,
+        attendance: Attendance,
+        answers: Answers,
+    ) -> None:
+        self._graph, self._plan, self._options, self._world = graph, plan, options, world
+        self._port, self._attendance, self._answers = port, attendance, answers
+        self._external = plan.ego == EXTERNAL
+        self._realtime = options.mode == "realtime"
+        self._asked_around = False
+
+    def run(self) -> None:
+        """Meet everybody, run every step, and let the recorder finish.
+
+        Raises:
+            RunFailed: a stage failed or did not answer.
+        """
+        self._meet()
+        total = self._plan.scenario.total_steps
+        wall = self._all_steps(total)
+        if RECORDER in self._plan.stages:
+            until = time.perf_counter() + self._options.answer_timeout_s
+            self._graph.serve_until(lambda: self._attendance.recorded >= total, until)
+            self._attendance.check_recorded(total)
+        self._graph.say(StageState.FINISHED, total, wall, self._summary())
+        self.farewell()
+        if self._attendance.recorder_closing:
+            raise RunFailed(f"{RECORDER}: no FINISHED on {STATUS} within {FAREWELL_S:g} s of the end of the run")
+        self._attendance.check()
+
+    def farewell(self) -> None:
+        """Let the recorder close its file."""
+        until = time.monotonic() + FAREWELL_S
+        while self._attendance.recorder_closing and time.monotonic() < until:
+            self._graph.serve()
+
+    def _meet(self) -> None:
+        """Greet until every stage has said that it is ready."""
+        self._graph.begin()
+        attendance, begin = self._attendance, time.monotonic()
+        while not attendance.all_ready:
+            waiting, since = ", ".join(attendance.awaited), time.monotonic() - begin
+            if since > self._options.handshake_timeout_s:
+                raise RunFailed(
+                    f"{waiting}: no READY for run {self._plan.run_id} on {STATUS} within "
+                    f"{self._options.handshake_timeout_s:g} s; is the node running in {self._graph.domain}?"
+                )
+            if since > RESEND:
+                self._graph.note(f"waiting for READY from {waiting} on {STATUS}")
+            self._graph.greet()
+            self._graph.serve_until(lambda: attendance.all_ready, time.perf_counter() + HELLO_PERIOD)
+
+    def _all_steps(self, total: int) -> float:
+        """Run steps 0 to `total`; returns the wall time from when step 0 was answered [s]."""
+        graph, pace, start, compute = self._graph, Pace(), 0.0, 0.0
+        table = self._world.reset()
+        with Progress(self._options.progress, total) as progress:
+            for step in range(total + 1):
+                pace.next_step(time.perf_counter())
+                self._wait_for_answers(table, pace.due)
+                if step == 0:  # meeting everybody at step 0 is no part of the run's pace
+                    start = time.perf_counter()
+                    pace.restart(start)
+                controls, command = self._take(step)
+                graph.report_time(step, compute)
+                if self._realtime:
+                    graph.serve_until(lambda: False, pace.due)
+                if step < total:
+                    before = time.perf_counter()
+                    table = self._advance(controls, command)
+                    compute = time.perf_counter() - before
+                progress.show(step)
+        return time.perf_counter() - start
+
+    def _wait_for_answers(self, table: AgentTable, due: float) -> None:
+        """Publish a step and wait for the answers to it, in real time until `due`."""
+        graph, answers, step = self._graph, self._answers, table.step
+        answers.open(table, driven=self._world.ego_is_driven)
+        graph.show(table)
+        give_up = due if self._realtime and step > 0 else time.perf_counter() + self._timeout(step)
+        while True:
+            self._port.ask()
+            until = min(give_up, time.perf_counter() + (RESEND_FIRST if step == 0 else RESEND))
+            if graph.serve_until(lambda: not answers.missing, until):
+                graph.apply(answers.command())  # the recorder waits for it
+                graph.serve_until(lambda: answers.complete, until)
+            if answers.complete or time.perf_counter() >= give_up:
+                return
+            self._ask_around(step)
+            graph.show_again()
+
+    def _ask_around(self, step: int) -> None:
+        """Something is missing: say so, and learn from the timing of the stages, who repeat it, which one is silent."""
+        if not self._asked_around:
+            self._asked_around = True
+            self._graph.ask_around()
+        if step > 0 or self._external:
+            waiting = self._answers.missing or [f"{RECORDED} of the recorder"]
+            self._graph.waiting(step, f"waiting for {', '.join(waiting)}")
+
+    def _take(self, step: int) -> tuple[ControlTable, EgoCommand]:
+        """The answers to `step`; where one is missing, the newest that there is counts on, or the run ends."""
+        missed = self._answers.settle(self._timeout(step), lambda: self._silent(step))
+        if missed:  # the recorder need not wait for them
+            self._graph.say(StageState.RUNNING, step, text=f"missed {', '.join(missed)}")
+        if not self._answers.commanded:
+            self._graph.apply(self._answers.command())
+        return self._answers.controls(), self._answers.command()
+
+    def _advance(self, controls: ControlTable, command: EgoCommand) -> AgentTable:
+        try:
+            return self._world.step(controls, command)
+        except ValueError as error:
+            raise RunFailed(str(error)) from error
+
+    def _timeout(self, step: int) -> float:
+        """How long the answers to a step are waited for [s]; an external ego is met at step 0."""
+        if step > 0:
+            return self._options.answer_timeout_s
+        return self._options.external_timeout_s if self._external else self._options.handshake_timeout_s
+
+    def _silent(self, step: int) -> str:
+        """In words, who has not answered `step`, as far as anybody has been heard of."""
+        silent = self._attendance.silent(step)
+        if self._external and self._port.missing:
+            silent.append(self._graph.silent_ego(step))
+        return f"; silent: {', '.join(silent)}" if silent else ""
+
+    def _summary(self) -> str:
+        """What only the bridge knows, for the record, in YAML."""
+        return yaml.safe_dump(self._answers.summary() | self._world.summary(), sort_keys=False)
+
+
+class Progress:
+    """How far a run is: a `bar` on a terminal, `lines` that the launcher reads, or `none`."""
+
+    def __init__(self, kind: str, total: int) -> None:
+        self._lines, self._total = kind == "lines", total
+        self._bar = tqdm(total=total, unit="step", disable=kind != "bar")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()
+
+    def show(self, step: int) -> None:
+        """The answers to `step` have come."""
+        self._bar.update(step > 0)
+        if self._lines and (step % 10 == 0 or step == self._total):
+            print(f"step {step} of {self._total}", flush=True)

@@ -1,0 +1,261 @@
+"""What the bridge makes of what comes in: who is ready or silent, which answers count, what a missing one does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_sim.core.lockstep import RECORDER_WINDOW
+from litsim_sim.core.scene import ControlTable, EgoCommand
+from litsim_sim.core.stages import StageState
+from litsim_sim.core.vehicle import VehicleModel
+from litsim_sim.ego_port.answer import Answer, Interface
+from litsim_sim.ego_port.port import EgoPort
+from litsim_sim.nodes.answers import Answers, Attendance, RunFailed, check_controls
+
+RUN, OTHER = "run", "another run"
+STAGES = ("predictor", "conflict", "policy", "ego", "recorder")
+EGO_ID = 7
+CONTROLS, CONTROL = "/litsim/controls", "/litsim/ego/control"
+
+
+def controls(*ids: int, acceleration: float = -1.0) -> ControlTable:
+    zeros = np.zeros(len(ids))
+    return ControlTable(0, np.array(ids, np.int64), zeros + acceleration, zeros, zeros, np.zeros(len(ids), np.uint8))
+
+
+class Bridge:
+    """Answers with all that they need; the recorder keeps up unless a test says otherwise."""
+
+    def __init__(self, agent_table: Any, *, with_policy: bool = True, stop: bool = True, recorded: int = 10**6) -> None:
+        self.attendance = Attendance(RUN, STAGES)
+        self.attendance.take_confirmation(RUN, recorded)
+        self.port = EgoPort(RUN, VehicleModel(), Interface.CONTROL)
+        self.read: list[ControlTable] = []
+        self.answers = Answers(
+            self.port,
+            self.attendance,
+            self._convert,
+            run_id=RUN,
+            ego_id=EGO_ID,
+            with_policy=with_policy,
+            stop_on_missing=stop,
+        )
+        self._agent_table = agent_table
+
+    def _convert(self, message: ControlTable) -> ControlTable:
+        self.read.append(message)
+        return message
+
+    def open(self, step: int) -> None:
+        self.answers.open(self._agent_table(step, {"id": EGO_ID}), driven=True)
+
+    def ego(self, step: int, acceleration: float = 0.5) -> None:
+        self.port.ask()
+        self.port.offer(Answer(Interface.CONTROL, EgoCommand(step, acceleration, 0.0), step=step, run_id=RUN))
+
+    def settle(self) -> list[str]:
+        return self.answers.settle(5.0, lambda: "; silent: policy")
+
+
+@pytest.fixture
+def bridge(agent_table: Any) -> Bridge:
+    return Bridge(agent_table)
+
+
+def test_a_stage_is_awaited_until_it_says_that_it_is_ready() -> None:
+    attendance = Attendance(RUN, STAGES)
+    assert attendance.awaited == ["conflict", "ego", "policy", "predictor"]
+    for stage in STAGES[:4]:
+        attendance.take_status(OTHER, stage, StageState.READY, "")
+        attendance.take_status(RUN, stage, StageState.RUNNING, "")
+    assert len(attendance.awaited) == 4
+    for stage in STAGES[:4]:
+        assert not attendance.all_ready
+        attendance.take_status(RUN, stage, StageState.READY, "")
+    assert attendance.awaited == ["recorder"]  # it waits to hear all others
+    attendance.take_status(RUN, "recorder", StageState.READY, "")
+    assert (attendance.all_ready, attendance.awaited) == (True, [])
+
+
+def test_failures_are_quoted_with_the_names_of_the_stages() -> None:
+    attendance = Attendance(RUN, STAGES)
+    attendance.take_status(OTHER, "ego", StageState.FAILED, "no map")
+    attendance.take_status(RUN, "bridge", StageState.FAILED, "what it said itself")
+    attendance.check()
+    attendance.take_status(RUN, "ego", StageState.FAILED, "no map")
+    attendance.take_status(RUN, "policy", StageState.FAILED, "step 5: no weights")
+    with pytest.raises(RunFailed, match=r"^ego: no map; policy: step 5: no weights$"):
+        attendance.check()
+
+
+@pytest.mark.parametrize("state", [StageState.FINISHED, StageState.FAILED])
+def test_the_recorder_closes_its_file_for_better_or_worse(state: StageState) -> None:
+    attendance = Attendance(RUN, STAGES)
+    assert not attendance.recorder_closing  # nobody is there to be waited for
+    attendance.take_status(RUN, "recorder", StageState.READY, "")
+    attendance.take_status(RUN, "policy", state, "")
+    assert attendance.recorder_closing
+    attendance.take_status(RUN, "recorder", state, "")
+    assert (attendance.recorder_closing, attendance.recorder_done) == (False, True)
+
+
+def test_who_has_not_answered_a_step_is_silent() -> None:
+    attendance = Attendance(RUN, STAGES)
+    attendance.take_timing(OTHER, "ego", 4)
+    attendance.take_timing(RUN, "bridge", 4)
+    assert attendance.silent(4) == []  # nobody was heard: nothing can be said of anybody
+    attendance.take_timing(RUN, "predictor", 4)
+    attendance.take_timing(RUN, "ego", 4)
+    attendance.take_timing(RUN, "ego", 3)
+    attendance.take_timing(RUN, "conflict", 3)
+    assert attendance.silent(4) == ["conflict", "policy"]
+
+
+def test_the_recorder_may_be_behind_by_its_window_but_not_at_step_0() -> None:
+    attendance = Attendance(RUN, STAGES)
+    nothing = r"^recorder: has confirmed nothing on /litsim/recorded at step 0, expected at most 50 steps behind$"
+    with pytest.raises(RunFailed, match=nothing):
+        attendance.check_recorder_keeps_up(0)
+    attendance.take_confirmation(OTHER, 99)
+    assert not attendance.recorder_keeps_up(0)
+    attendance.take_confirmation(RUN, 5)
+    attendance.take_confirmation(RUN, 0)  # an older one
+    attendance.check_recorder_keeps_up(5 + RECORDER_WINDOW)
+    with pytest.raises(RunFailed, match="has confirmed only step 5 on /litsim/recorded at step 56"):
+        attendance.check_recorder_keeps_up(6 + RECORDER_WINDOW)
+
+
+def test_the_last_step_is_to_be_confirmed_where_there_is_a_recorder() -> None:
+    attendance = Attendance(RUN, STAGES)
+    attendance.take_confirmation(RUN, 34)
+    attendance.check_recorded(34)
+    with pytest.raises(RunFailed, match=r"^recorder: has confirmed only step 34 of 35 on /litsim/recorded$"):
+        attendance.check_recorded(35)
+    Attendance(RUN, STAGES[:4]).check_recorded(35)
+
+
+def test_a_step_is_complete_once_both_have_answered_it(bridge: Bridge) -> None:
+    bridge.open(0)
+    assert bridge.answers.missing == [CONTROLS, CONTROL]
+    bridge.answers.offer_controls(RUN, 0, controls(1, 2))
+    assert bridge.answers.missing == [CONTROL]
+    bridge.ego(0)
+    assert bridge.answers.complete
+    assert bridge.settle() == []
+    assert bridge.answers.command() == EgoCommand(0, 0.5, 0.0)
+    assert bridge.answers.controls().id.tolist() == [1, 2]
+    bridge.open(1)
+    assert bridge.answers.missing == [CONTROLS, CONTROL]
+
+
+def test_without_a_policy_the_ego_alone_answers(agent_table: Any) -> None:
+    bridge = Bridge(agent_table, with_policy=False)
+    bridge.open(3)
+    assert bridge.answers.missing == [CONTROL]
+    bridge.ego(3)
+    assert bridge.answers.complete
+    assert (bridge.answers.controls().step, len(bridge.answers.controls().id)) == (3, 0)
+
+
+def test_an_external_ego_may_answer_on_several_topics_until_it_has_chosen(bridge: Bridge) -> None:
+    bridge.port.interface = None
+    bridge.open(0)
+    assert bridge.answers.missing[1] == f"{CONTROL} or /litsim/ego/twist or /litsim/ego/trajectory"
+    bridge.ego(0)
+    assert bridge.answers.missing == [CONTROLS]
+
+
+def test_a_recorder_that_falls_behind_is_waited_for_and_then_ends_the_run(agent_table: Any) -> None:
+    bridge = Bridge(agent_table, with_policy=False, stop=False, recorded=0)
+    bridge.open(RECORDER_WINDOW + 1)
+    bridge.ego(RECORDER_WINDOW + 1)
+    assert (bridge.answers.missing, bridge.answers.complete) == ([], False)
+    with pytest.raises(RunFailed, match=r"^recorder: has confirmed only step 0 "):
+        bridge.settle()
+
+
+@pytest.mark.parametrize(("step", "stop"), [(4, True), (0, True), (0, False)])
+def test_a_missing_answer_ends_the_run_and_says_who_is_silent(agent_table: Any, step: int, stop: bool) -> None:
+    bridge = Bridge(agent_table, stop=stop)
+    bridge.open(step)
+    bridge.ego(step)
+    with pytest.raises(RunFailed, match=f"^no answer to step {step} on {CONTROLS} within 5 s; silent: policy$"):
+        bridge.settle()
+
+
+def test_where_missing_answers_are_held_the_newest_counts_on_and_they_are_counted(agent_table: Any) -> None:
+    bridge = Bridge(agent_table, stop=False)
+    bridge.open(0)
+    bridge.answers.offer_controls(RUN, 0, controls(1, acceleration=-2.0))
+    bridge.ego(0, -3.0)
+    assert bridge.settle() == []
+    bridge.open(1)
+    assert bridge.settle() == [CONTROLS, CONTROL]
+    held = bridge.answers.controls()
+    assert (held.step, held.acceleration.tolist()) == (1, [-2.0])
+    assert bridge.answers.command() == EgoCommand(1, -3.0, 0.0)
+    bridge.open(2)
+    bridge.ego(2)
+    bridge.answers.offer_controls(RUN, 1, controls(1, acceleration=-4.0))  # late: the newest from now on
+    assert bridge.settle() == [CONTROLS]
+    assert bridge.answers.controls().acceleration.tolist() == [-4.0]
+    summary = bridge.answers.summary()
+    assert summary["missed"] == {CONTROLS: 2, CONTROL: 1}
+    assert summary["stale"] == {CONTROLS: 1}
+    assert (summary["ego_port"]["interface"], summary["ego_port"]["answered"]) == ("control", 2)
+
+
+def test_answers_of_other_runs_and_second_ones_are_stale(bridge: Bridge) -> None:
+    bridge.open(0)
+    bridge.answers.offer_controls(OTHER, 0, controls(1))
+    assert CONTROLS in bridge.answers.missing
+    bridge.answers.offer_controls(RUN, 0, controls(2))
+    bridge.answers.offer_controls(RUN, 0, controls(3))
+    assert bridge.answers.controls().id.tolist() == [2]
+    assert bridge.answers.summary()["stale"] == {CONTROLS: 2}
+    assert len(bridge.read) == 1  # only what counts is read
+
+
+def test_the_command_of_a_step_is_taken_once(bridge: Bridge) -> None:
+    bridge.open(0)
+    assert not bridge.answers.commanded
+    bridge.ego(0, 1.0)
+    assert bridge.answers.command() is bridge.answers.command()
+    assert bridge.answers.commanded
+    bridge.open(1)
+    assert not bridge.answers.commanded
+
+
+def test_an_answer_of_the_ego_that_cannot_be_used_ends_the_run(bridge: Bridge) -> None:
+    bridge.open(4)
+    bridge.ego(4, float("nan"))
+    with pytest.raises(RunFailed, match=f"^the answer to step 4 on {CONTROL} cannot be used: acceleration is nan"):
+        bridge.answers.command()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        (replace(controls(1, 2), yaw_rate=np.zeros(1)), "its arrays have [1, 2] values, expected equally many"),
+        (controls(2, 1), "its ids are [2, 1], expected ascending ones, without the ego's"),
+        (controls(1, 1), "its ids are [1, 1], expected ascending ones, without the ego's"),
+        (controls(1, EGO_ID), "its ids are [1, 7], expected ascending ones, without the ego's"),
+    ],
+)
+def test_controls_that_the_world_does_not_expect_end_the_run(
+    bridge: Bridge, wrong: ControlTable, expected: str
+) -> None:
+    bridge.open(2)
+    bridge.answers.offer_controls(RUN, 2, wrong)
+    with pytest.raises(RunFailed) as raised:
+        bridge.answers.controls()
+    assert str(raised.value) == f"the answer to step 2 on {CONTROLS} cannot be used: {expected}"
+
+
+def test_controls_of_nobody_and_of_some_are_fine() -> None:
+    check_controls(controls(), EGO_ID)
+    check_controls(controls(1, 2, 8), EGO_ID)
