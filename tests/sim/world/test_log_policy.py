@@ -253,7 +253,7 @@ def test_who_is_released_late_follows_its_log_with_that_lag(
     log = fresh.log
     off = displaced(fresh.table(release), agent, x=x, y=y)
     lag = log.lag(log.row(agent), release, *(float(getattr(off, f)[off.row(agent)]) for f in "xy"))
-    fresh.release(off, agent, late=True)
+    fresh.release(off, agent, with_lag=True)
     tables = [off] + [fresh.table(step) for step in range(release + 1, 151)]
     for before, after in pairwise(tables):
         i, j = before.row(agent), after.row(agent)
@@ -268,7 +268,7 @@ def test_who_is_released_late_follows_its_log_with_that_lag(
 
 def test_who_is_late_leaves_late_and_a_release_on_time_ends_it(policy: Callable[[], LogPolicy]) -> None:
     fresh = policy()
-    fresh.release(displaced(fresh.table(15), 4, x=-5.0), 4, late=True)
+    fresh.release(displaced(fresh.table(15), 4, x=-5.0), 4, with_lag=True)
     assert [fresh.table(step).row(4) >= 0 for step in (20, 25, 26)] == [True, True, False]
     fresh.release(displaced(fresh.table(18), 4), 4)
     assert [fresh.table(step).row(4) >= 0 for step in (20, 21)] == [True, False]

@@ -43,10 +43,10 @@ class LedgerEntry:
         log_collision_predicted: whether the log itself led into the opponent's forecast.
         replay: first contact that pure replay of this agent would have had after the detection, with where the ego and
             the other agents off their logs really went; None where it would have had none.
-        residual_position: distance at the last step of the takeover from the log that the agent goes back to, which is
-            late by `time_shift` [m]; None where that log is over by then.
+        residual_position: distance at the last step of the takeover from the log that the agent goes back to, with
+            its lag [m]; None where that is over by then.
         residual_speed: speed beyond that of the same log at the same step [m/s].
-        time_shift: by which the log that it goes back to is late at the last step of the takeover [s].
+        time_shift: lag of the log that it goes back to, at the last step of the takeover [s].
     """
 
     agent: int
@@ -104,7 +104,7 @@ class Handback:
         residual: distance at `step` from the log with its lag [m]; None where it has no logged pose there.
         jump: largest ones of the steps from `step` until the agent is on its log again.
         log_jump: the same of the logged motion over the same steps, with the lag: the noise of the recording.
-        lag: by which the log is replayed late [steps].
+        lag: of the log from then on [steps].
     """
 
     agent: int
@@ -229,7 +229,7 @@ def _handback(run: Run, index: int, agent: int) -> Handback:
 
 
 def _lag(run: Run, step: int, agent: int) -> int:
-    """Steps by which the log is late that `agent` goes back to at `step`; 0 where no takeover of it was recorded."""
+    """Lag [steps] of the log that `agent` goes back to at `step`; 0 where no takeover of it was recorded."""
     shift = next((t.time_shift for t in run.takeovers.get(step, ()) if t.agent == agent), 0.0)
     return round(shift / run.info.dt)
 

@@ -48,7 +48,7 @@ class Takeover:
         residual_position, residual_speed: from the log that it goes back to [m], [m/s]: the logged pose of `time_shift`
             before this step. -1 and 0 where there is none.
         path_source: how the reference path came about.
-        time_shift: [s] by which the log that it goes back to is late.
+        time_shift: [s] lag of the log that it goes back to.
     """
 
     agent: int

@@ -100,7 +100,7 @@ class Log:
 
         Args:
             step: integer step of the scenario.
-            lag: (n,) steps by which each agent is late; None is not at all.
+            lag: (n,) steps by which the replay of each log lags; None is not at all.
         """
         at = np.full(len(self.ids), step) if lag is None else step - lag
         inside = (at >= 0) & (at < self.steps)

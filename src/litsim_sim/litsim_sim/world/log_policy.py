@@ -66,8 +66,8 @@ class Residual:
 class LogPolicy:
     """Logged poses of every agent, with the residuals of released agents fading out.
 
-    An agent can be released late: its log is then replayed with a constant lag, from the logged pose that is nearest
-    to where it is, so that it need not make up for lost time.
+    An agent can be released with a lag: its log is then replayed that much behind its time, from the logged pose that
+    is nearest to where it is, so that it need not make up for lost time.
     """
 
     def __init__(self, log: Log) -> None:
@@ -75,17 +75,17 @@ class LogPolicy:
         self._residuals: dict[int, Residual] = {}
         self._lag = np.zeros(len(log.ids), np.int64)
 
-    def release(self, table: AgentTable, agent: int, late: bool = False) -> None:
+    def release(self, table: AgentTable, agent: int, with_lag: bool = False) -> None:
         """Let `agent`, as it moves in `table`, follow its log again from the next step on.
 
         Args:
             table: where the agent is.
             agent: its id.
-            late: with the lag of :meth:`litsim_sim.scenario.log.Log.lag`; False is without any.
+            with_lag: with that of :meth:`litsim_sim.scenario.log.Log.lag`; False is without any.
         """
         row = table.row(agent)
         log_row = self.log.row(agent)
-        self._lag[log_row] = self.log.lag(log_row, table.step, table.x[row], table.y[row]) if late else 0
+        self._lag[log_row] = self.log.lag(log_row, table.step, table.x[row], table.y[row]) if with_lag else 0
         logged = self.log.table(table.step, self._lag)
         logged_row = logged.row(agent)
         if logged_row >= 0:

@@ -91,9 +91,9 @@ class World:
             table, controls, ego if self.ego_is_driven and ego.mode == EgoMode.CONTROL else None
         )
         rejoins = table.off_log & ((table.id != self.scenario.ego_id) | self._ego_has_driven)
-        late = controls.id[controls.source == ControlSource.LATE]
+        lagged = controls.id[controls.source == ControlSource.LATE]
         for agent in table.id[rejoins & (driven.rows(table.id) < 0)]:
-            self._log_policy.release(table, int(agent), late=bool(np.isin(agent, late)))
+            self._log_policy.release(table, int(agent), with_lag=bool(np.isin(agent, lagged)))
         self._ego_has_driven = driven.row(self.scenario.ego_id) >= 0
         if not self._ego_has_driven:
             self._vehicles.reset()
