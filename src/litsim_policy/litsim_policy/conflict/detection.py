@@ -126,7 +126,7 @@ class ConflictDetector:
 
         Args:
             table: n agents.
-            lag: (n,) steps by which the logs are replayed late; None is not at all.
+            lag: (n,) steps by which the replay of each log lags; None is not at all.
         """
         log, last = self._log, self._log.steps - 1
         rows = np.searchsorted(log.ids, table.id)

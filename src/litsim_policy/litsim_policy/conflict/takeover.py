@@ -46,7 +46,7 @@ class TakeoverConfig:
         release_speed: residual likewise.
         release_yaw: residual likewise.
         handback: how an agent comes back: catch_up, to where its log has it at the time; or time_shift, to where its
-            log was nearest to it, the log going on late from then on.
+            log was nearest to it, the log being replayed with that lag from then on.
     """
 
     confirm_steps: Positive[Steps] = 3
@@ -97,7 +97,7 @@ class TakeoverManager:
         self._router = Router(self.scenario.lane_map)
         self._records: dict[int, _Record] = {}
         self._suspected: dict[int, int] = {}
-        self._lag: IntArray = np.zeros(len(log.ids), np.int64)  # steps by which each log is, or would be, replayed late
+        self._lag: IntArray = np.zeros(len(log.ids), np.int64)  # steps by which the replay of each log lags, or would
 
     def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
         """Who is off its log at this step, and why."""
@@ -110,22 +110,22 @@ class TakeoverManager:
         self._choose_lags(table)
         lag = self._lag[np.searchsorted(self.scenario.log.ids, table.id)]
         logged = self._detector.logged_future(table, lag)
-        late = (lag > 0) & (table.controller == Controller.LOG)
-        expected = self._detector.forecast_future(table, forecast).replaced(late, logged)
+        lagged = (lag > 0) & (table.controller == Controller.LOG)
+        expected = self._detector.forecast_future(table, forecast).replaced(lagged, logged)
         known = set(self._records)
-        iterations, converged = self._take_over(table, logged, expected, late)
-        self._review(table, logged, expected, known, late)
+        iterations, converged = self._take_over(table, logged, expected, lagged)
+        self._review(table, logged, expected, known, lagged)
         takeovers = tuple(self._report(table, self._records[agent]) for agent in sorted(self._records))
         self._records = {a: r for a, r in self._records.items() if r.takeover.state != TakeoverState.RELEASED}
         return TakeoverTable(table.step, takeovers, iterations, converged)
 
     def _choose_lags(self, table: AgentTable) -> None:
-        """How late the log is that each agent off its log would go back to at this step."""
+        """Choose for each agent off its log the lag of the log that it would go back to at this step."""
         log = self.scenario.log
         for agent in self._records:
             row, log_row = table.row(agent), log.row(agent)
-            late = self.config.handback == "time_shift"
-            self._lag[log_row] = log.lag(log_row, table.step, table.x[row], table.y[row]) if late else 0
+            shifts = self.config.handback == "time_shift"
+            self._lag[log_row] = log.lag(log_row, table.step, table.x[row], table.y[row]) if shifts else 0
 
     def _off_log(self, table: AgentTable) -> BoolArray:
         """(n,) the ego, and those that are driven."""
@@ -133,14 +133,14 @@ class TakeoverManager:
         return off | np.isin(table.id, np.array(sorted(self._records), np.int64))
 
     def _take_over(
-        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, late: BoolArray
+        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, lagged: BoolArray
     ) -> tuple[int, bool]:
         """Add the agents whose conflict is confirmed; returns the iterations needed and whether nothing was left.
 
         Each iteration looks at the agents that the one before has put off their logs; the first, at all that were.
         """
         suspected: dict[int, int] = {}
-        fresh, iterations = self._off_log(table) | late, 0
+        fresh, iterations = self._off_log(table) | lagged, 0
         while fresh.any() and iterations < self.config.iterations_max:
             iterations += 1
             before = self._off_log(table)
@@ -199,14 +199,14 @@ class TakeoverManager:
         self._records[conflict.agent] = _Record(takeover, path, logged, float(goal_s[0]))
 
     def _review(
-        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, known: set[int], late: BoolArray
+        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, known: set[int], lagged: BoolArray
     ) -> None:
         """Move the agents that were off their log before this step through their life cycle."""
         if not known:
             return
         on_log = self.scenario.log.table(table.step, self._lag)
         mine = np.isin(table.id, sorted(known))
-        in_conflict = self._detector.still_in_conflict(table, mine, self._off_log(table) | late, logged, expected)
+        in_conflict = self._detector.still_in_conflict(table, mine, self._off_log(table) | lagged, logged, expected)
         for agent in sorted(known):
             record, row, log_row = self._records[agent], table.row(agent), on_log.row(agent)
             blocked = bool(in_conflict[row])

@@ -1,8 +1,8 @@
 """Hand-back: driving an agent that is free of conflict back to its log, within comfort bounds.
 
-Two ways, told apart by how late the log is that it goes back to (`Takeover.time_shift`):
+Two ways, told apart by the lag of the log that it goes back to (`Takeover.time_shift`):
 
-- catch_up: the log as it is at the time, late by nothing. The agent makes up for what it has lost.
+- catch_up: the log as it is at the time, without any lag. The agent makes up for what it has lost.
 - time_shift: the log as it was where the agent is now. Only speed, offset and heading are left to meet, and the log is
   replayed with that lag from the release on.
 """
@@ -36,19 +36,19 @@ class HandbackConfig:
 
 def catch_up(
     config: HandbackConfig,
-    lag: float | FloatArray,
+    behind: float | FloatArray,
     speed: float | FloatArray,
     log_speed: float | FloatArray,
     log_acceleration: float | FloatArray,
 ) -> FloatArray:
-    """Accelerations (...) [m/s2] that close `lag` (...), the distance [m] along the path by which the log is ahead.
+    """Accelerations (...) [m/s2] that close the distance `behind` (...) by which the log is ahead along the path.
 
     Args:
         config: bounds and gains.
-        lag: [m].
+        behind: distance along the path to where the log is [m].
         speed: of the agents [m/s].
         log_speed, log_acceleration: of their logs [m/s], [m/s2].
     """
-    approach = np.clip(config.position_gain * lag / config.speed_gain, -config.speed_excess, config.speed_excess)
+    approach = np.clip(config.position_gain * behind / config.speed_gain, -config.speed_excess, config.speed_excess)
     wanted = log_acceleration + config.speed_gain * (log_speed + approach - speed)
     return np.asarray(np.clip(wanted, -config.deceleration_max, config.acceleration_max))

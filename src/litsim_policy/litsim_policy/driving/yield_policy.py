@@ -63,7 +63,7 @@ class YieldPolicy:
         self._handback = handback
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of every agent that is held or handed back, and who is released to a log that is late."""
+        """Controls of every agent that is held or handed back, and of who is released to a log that lags."""
         listed = [t for t in takeovers.takeovers if t.state != TakeoverState.RELEASED or t.time_shift > 0.0]
         if not listed:
             return ControlTable.empty(table.step)

@@ -106,8 +106,8 @@ def _of_scenario(
             at = int(random.integers(config.goal_steps[0], config.goal_steps[1] + 1))
             due = min(step + at, int(log.last_step[rows[row]]))
             goal = np.array([log.x[rows[row], due], log.y[rows[row], due]])
-            late = round(float(random.normal(0.0, config.goal_jitter)) / STEP_S)
-            tasks.append(DrivingTask(agent, path, goal, due + late, _opponent(table, row)))
+            jitter = round(float(random.normal(0.0, config.goal_jitter)) / STEP_S)
+            tasks.append(DrivingTask(agent, path, goal, due + jitter, _opponent(table, row)))
         acceleration, yaw_rate = _inverse_dynamics(log, rows[chosen], step, config.smooth)
         speed = table.speed[chosen]
         seen.append(observer.observe(table, tasks))
