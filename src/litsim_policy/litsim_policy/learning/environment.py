@@ -7,7 +7,6 @@ are those that the graph runs.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,11 +22,9 @@ from litsim_policy.driving.policy_c import command, merged
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety import LIMITS_ONLY, SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingTask
-from litsim_policy.ego.perturbed import PerturbedConfig
-from litsim_policy.ego.registry import Ego, make_ego
+from litsim_policy.learning.draw import drafted_tasks, drawn_ego, with_ego
 from litsim_policy.learning.reward import Penalties, PenaltyConfig, penalties
-from litsim_policy.motion.car_following import IdmConfig
-from litsim_policy.motion.reference_path import ReferencePath, logged_path, window
+from litsim_policy.motion.reference_path import window
 from litsim_predictor.models import ModelName, make_predictor
 from litsim_sim.core.quantities import Length, NonNegative, Positive, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
@@ -125,7 +122,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         """A new episode, up to the first step at which somebody is driven; `options` are not used."""
         super().reset(seed=seed, options=options)
         random = self.np_random
-        self.scenario = _with_ego(self._scenarios[int(random.integers(len(self._scenarios)))], random)
+        self.scenario = with_ego(self._scenarios[int(random.integers(len(self._scenarios)))], random)
         self.world = World(self.scenario)
         self.safety = SafetyLayer(self.scenario.lane_map, self._safety_config)
         self._guards = SafetyLayer(self.scenario.lane_map)  # they only tell
@@ -135,11 +132,11 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         self._manager = TakeoverManager(self.scenario, ConflictConfig(), TakeoverConfig())
         self._rule = make_policy("yield", self.scenario)
         self._end = min(self.scenario.total_steps, self.scenario.history_steps + self.config.steps_max)
-        self._drafted: dict[int, tuple[DrivingTask, ReferencePath]] = {}
+        self._drafted: list[DrivingTask] = []
         self._see(self.world.reset())
         while self._table.step < self.scenario.history_steps:
             self._advance(ControlTable.empty(self._table.step))
-        self._draft(random)
+        self._drafted = drafted_tasks(self._table, self.scenario, self.config.drafted, self.config.draft_radius, random)
         self._choose()
         self._pass_by()
         self._seen = self._observe(self._tasks)
@@ -181,14 +178,14 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         """Fill the slots for the current step, ids ascending, with who is held and who is drafted."""
         table = self._table
         if table.step >= self.scenario.history_steps + self.config.draft_steps:
-            self._drafted = {}
+            self._drafted = []
         tasks = {t.agent: DrivingTask.of(t) for t in self._takeovers.takeovers if t.state == TakeoverState.HELD}
-        for agent, (task, path) in self._drafted.items():
-            row = table.row(agent)
+        for task in self._drafted:
+            row = table.row(task.agent)
             if row >= 0:
-                part = window(path, float(table.x[row]), float(table.y[row]))
-                held = tasks.get(agent, task)
-                tasks[agent] = DrivingTask(agent, part, task.goal, task.due_step, held.opponent)
+                part = window(task.path, float(table.x[row]), float(table.y[row]))
+                held = tasks.get(task.agent, task)
+                tasks[task.agent] = DrivingTask(task.agent, part, task.goal, task.due_step, held.opponent)
         self._tasks = [tasks[agent] for agent in sorted(tasks)][: self.config.slots]
 
     def _pass_by(self) -> None:
@@ -202,20 +199,6 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         driven = {task.agent for task in self._tasks}
         others = tuple(t for t in self._takeovers.takeovers if t.agent not in driven)
         return self._rule.act(self._table, TakeoverTable(self._table.step, others))
-
-    def _draft(self, random: np.random.Generator) -> None:
-        """Draw agents near the ego that are there for another second at least."""
-        table, log, step = self._table, self.scenario.log, self._table.step
-        ego = table.row(self.scenario.ego_id)
-        rows = np.searchsorted(log.ids, table.id)
-        near = np.hypot(table.x - table.x[ego], table.y - table.y[ego]) <= self.config.draft_radius
-        near &= (log.last_step[rows] > step + 10) & (table.id != self.scenario.ego_id)
-        chosen = random.permutation(table.id[near])[: self.config.drafted]
-        for agent in sorted(chosen.tolist()):
-            path, row = logged_path(log, self.scenario.lane_map, agent), log.row(agent)
-            due = min(step + 50, int(log.last_step[row]))
-            goal = np.array([log.x[row, due], log.y[row, due]])
-            self._drafted[agent] = (DrivingTask(agent, path, goal, due), path)
 
     def _outcome(self, before: AgentTable, driven: IntArray, tasks: list[DrivingTask], guarded: BoolArray) -> Outcome:
         """What the step from `before` to now did to the agents that were `driven`, some by commands to be `guarded`."""
@@ -255,32 +238,3 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         agents = np.full(self.config.slots, NOBODY, np.int64)
         agents[: len(self._tasks)] = [task.agent for task in self._tasks]
         return {"agents": agents, "step": self._table.step, "scenario": self.scenario.name}
-
-
-def drawn_ego(scenario: Scenario, random: np.random.Generator) -> Ego:
-    """An ego that deviates from its log: by IDM with other parameters than its own driver's, or perturbed."""
-    if random.random() < 0.5:
-        row = scenario.log.row(scenario.ego_id)
-        speed = float(scenario.log.speed[row][scenario.log.valid[row]].mean())
-        idm = IdmConfig(
-            desired_speed=max(3.0, speed * float(random.uniform(0.6, 1.3))),
-            headway=float(random.uniform(0.6, 1.8)),
-            standstill_gap=float(random.uniform(1.0, 3.0)),
-            acceleration=float(random.uniform(0.8, 2.0)),
-        )
-        return make_ego("idm", scenario, idm)
-    perturbed = PerturbedConfig(
-        time=(0.0, 8.0),
-        deceleration=float(random.uniform(1.5, 6.0)),
-        duration=float(random.uniform(0.5, 4.0)),
-        lane_change_time=float(random.uniform(2.0, 5.0)),
-    )
-    return make_ego("perturbed", scenario, perturbed=perturbed)
-
-
-def _with_ego(scenario: Scenario, random: np.random.Generator) -> Scenario:
-    """The same scenario around one of its egos, with another seed; recording, log and lane map are shared."""
-    other = copy.copy(scenario)
-    drawn = {"ego": int(random.choice(scenario.egos)), "seed": int(random.integers(2**31))}
-    other.file = scenario.file.model_copy(update=drawn)
-    return other

@@ -1,0 +1,69 @@
+"""What an episode of training draws: whose ego, how it deviates from its log, and who is driven from the start."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+
+from litsim_policy.driving.task import DrivingTask
+from litsim_policy.ego.perturbed import PerturbedConfig
+from litsim_policy.ego.registry import Ego, make_ego
+from litsim_policy.motion.car_following import IdmConfig
+from litsim_policy.motion.reference_path import logged_path
+from litsim_sim.core.scene import AgentTable
+from litsim_sim.scenario.scenario import Scenario
+
+STAYS = 10  # steps for which a drafted agent is still in the log
+GOAL_STEPS = 50  # steps until its goal is due, fewer where its log ends before
+
+
+def with_ego(scenario: Scenario, random: np.random.Generator) -> Scenario:
+    """The same scenario around one of its egos, with another seed; recording, log and lane map are shared."""
+    other = copy.copy(scenario)
+    drawn = {"ego": int(random.choice(scenario.egos)), "seed": int(random.integers(2**31))}
+    other.file = scenario.file.model_copy(update=drawn)
+    return other
+
+
+def drawn_ego(scenario: Scenario, random: np.random.Generator) -> Ego:
+    """An ego that deviates from its log: by IDM with other parameters than its own driver's, or perturbed."""
+    if random.random() < 0.5:
+        row = scenario.log.row(scenario.ego_id)
+        speed = float(scenario.log.speed[row][scenario.log.valid[row]].mean())
+        idm = IdmConfig(
+            desired_speed=max(3.0, speed * float(random.uniform(0.6, 1.3))),
+            headway=float(random.uniform(0.6, 1.8)),
+            standstill_gap=float(random.uniform(1.0, 3.0)),
+            acceleration=float(random.uniform(0.8, 2.0)),
+        )
+        return make_ego("idm", scenario, idm)
+    perturbed = PerturbedConfig(
+        time=(0.0, 8.0),
+        deceleration=float(random.uniform(1.5, 6.0)),
+        duration=float(random.uniform(0.5, 4.0)),
+        lane_change_time=float(random.uniform(2.0, 5.0)),
+    )
+    return make_ego("perturbed", scenario, perturbed=perturbed)
+
+
+def drafted_tasks(
+    table: AgentTable, scenario: Scenario, count: int, radius: float, random: np.random.Generator
+) -> list[DrivingTask]:
+    """Tasks of at most `count` agents that are drawn within `radius` [m] of the ego, agents ascending.
+
+    Each follows its whole logged path to where its log has it in 5 s, or at its end. Drawn are agents whose log lasts
+    for another second at least.
+    """
+    log, step = scenario.log, table.step
+    ego = table.row(scenario.ego_id)
+    rows = np.searchsorted(log.ids, table.id)
+    near = np.hypot(table.x - table.x[ego], table.y - table.y[ego]) <= radius
+    near &= (log.last_step[rows] > step + STAYS) & (table.id != scenario.ego_id)
+    tasks = []
+    for agent in sorted(random.permutation(table.id[near])[:count].tolist()):
+        row = log.row(agent)
+        due = min(step + GOAL_STEPS, int(log.last_step[row]))
+        goal = np.array([log.x[row, due], log.y[row, due]])
+        tasks.append(DrivingTask(agent, logged_path(log, scenario.lane_map, agent), goal, due))
+    return tasks
