@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from litsim_sim.analysis.metrics import compute_metrics
@@ -22,8 +24,6 @@ PIXELS = "document.getElementById('view').toDataURL()"
 
 @pytest.fixture(scope="module")
 def page(chromium: Browser, small_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    import numpy as np
-
     time = np.linspace(0.4, 5.0, 12)
     step = np.arange(61)
     mean = np.stack(np.broadcast_arrays(20.0 + 8.0 * time + 0.8 * step[:, None], -1.83), axis=-1)
@@ -175,6 +175,24 @@ def test_layouts(chromium: Browser, page: Path, size: tuple[int, int], dark: boo
     assert bottom < size[1]  # the player is there without scrolling
     assert chromium.run("document.getElementById('view').clientHeight") >= 200
     assert chromium.problems == []
+
+
+def test_names_that_look_like_html_are_text(
+    chromium: Browser, without: Callable[..., Run], small_run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    name = "a\"b'c</script><script>document.title = 'taken over'</script><img src=x>{{ 7 * 7 }}"
+    none = np.zeros(0, np.int64)
+    forecasts = Forecasts(none, none, np.zeros(12), np.zeros((0, 12, 2)), np.zeros((0, 12, 3)))
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: forecasts)
+    run = without(info=replace(small_run.info, scenario=name, run_id=name))
+    path = tmp_path / "report.html"
+    path.write_text(run_report.render(run, compute_metrics(run)))
+    chromium.open(path)
+    assert chromium.run("document.querySelector('h1').textContent") == name
+    assert chromium.run("document.title").startswith(name)
+    assert chromium.run("[document.images.length, document.scripts.length]") == [0, 2]
+    assert chromium.problems == []
+    assert chromium.requests == [path.resolve().as_uri()]
 
 
 def test_experiment_sorts(chromium: Browser, evaluation: Callable[..., Path], tmp_path: Path) -> None:
