@@ -113,7 +113,7 @@ def print_table(title: str, result: dict[str, dict[str, Any]]) -> None:
 
 
 def print_csv(result: dict[str, dict[str, Any]]) -> None:
-    """One line for each model, a column for each number."""
+    """Print the measures as CSV on stdout: a line for each model, a column for each number."""
     flat = [{"model": model} | dict(_flat(measures)) for model, measures in result.items()]
     writer = csv.DictWriter(sys.stdout, list(flat[0]), lineterminator="\n")
     writer.writeheader()

@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def packaged_configs() -> dict[str, Path]:
-    """Configurations that come with the package, by name."""
+    """The paths of the training configurations that come with the package, by name."""
     folder = Path(str(resources.files("litsim_predictor"))) / "configs"
     return {path.stem: path for path in folder.glob("*.yaml")}
 

@@ -73,12 +73,12 @@ class Collisions:
 
     @property
     def excess(self) -> dict[Pair, int]:
-        """Pairs that touch in the run and not in the log."""
+        """The pairs of ids that touch in the run and not in the log, with the step of their first contact."""
         return {pair: step for pair, step in self.first.items() if pair not in self.log}
 
     @property
     def colliding(self) -> frozenset[int]:
-        """Agents that are part of any pair."""
+        """The ids of all agents that touch any other in the run."""
         return frozenset(agent for pair in self.first for agent in pair)
 
 

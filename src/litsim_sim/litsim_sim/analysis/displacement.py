@@ -41,7 +41,7 @@ class Displacements:
 
     @property
     def horizons(self) -> tuple[int, ...]:
-        """Horizons [s] that the run reaches."""
+        """The horizons [s] of HORIZONS_S that the run is long enough for."""
         return tuple(h for h in HORIZONS_S if self._last(h) <= self.last_step)
 
     def ade_all(self, horizon: int) -> float | None:

@@ -63,7 +63,7 @@ class SafetySeries:
 
 
 def safety_series(tables: Sequence[AgentTable], agent: int) -> SafetySeries:
-    """Measures of `agent` over `tables`."""
+    """The measures of `agent` at each of the steps `tables` at which it is on the road."""
     steps, values = [], []
     for table in tables:
         rows = np.flatnonzero(table.id == agent)

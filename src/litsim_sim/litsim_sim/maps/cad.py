@@ -18,7 +18,7 @@ from litsim_sim.recordings.ngsim.sites import FOOT, SITES, Site
 
 @dataclass(frozen=True)
 class CenterLine:
-    """A named line; `points` (k, 2) [m]."""
+    """A centre line of the CAD drawing: its name, and its `points` (k, 2) [m]."""
 
     name: str
     points: FloatArray

@@ -21,7 +21,7 @@ NARROWEST_FIRST = (np.int8, np.int16, WHOLE)
 
 
 class Packer:
-    """Collects a tree of plain values and named arrays."""
+    """Collects a tree of plain values and named arrays, and packs them into one text."""
 
     def __init__(self, content: dict[str, Any]) -> None:
         self._content = content

@@ -45,7 +45,7 @@ def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | N
 
 
 def save(html: str, path: Path) -> None:
-    """Write a page; InputError where that is impossible."""
+    """Write a page to `path`, whole or not at all; raises InputError where that is impossible."""
     with replacing(path) as new:
         new.write_text(html, encoding="utf-8")
 

@@ -73,7 +73,7 @@ class Prediction:
 
 
 def numbers(values: Tensor) -> FloatArray:
-    """`values` as an array of numpy, wherever they are."""
+    """The `values` of a tensor, on whatever device it is, as a numpy array of the same shape."""
     return values.detach().cpu().numpy().astype(np.float64)
 
 
