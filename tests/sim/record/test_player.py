@@ -1,4 +1,4 @@
-"""Playing bags by a clock of the test's own, and making whole ones of those cut short."""
+"""Playing bags by a clock of the test's own, and the words that the command takes."""
 
 from __future__ import annotations
 
@@ -7,17 +7,14 @@ from pathlib import Path
 
 import pytest
 import yaml
-from mcap.writer import Writer
 
 from litsim_sim.cli import replay as command
 from litsim_sim.core.errors import InputError
 from litsim_sim.nodes.keyboard import split_keys
 from litsim_sim.record.bag import BagMessage, BagReader, BagTopic, BagWriter, qos_yaml
 from litsim_sim.record.player import CLOCK, Player, is_latched, messages_of, offered_qos, selected
-from litsim_sim.record.repair import repair
 
 STEP_NS = 100_000_000
-ZSTD = b"\x28\xb5\x2f\xfd"  # at the beginning of every chunk's data
 DEFINITION = "builtin_interfaces/Time clock"
 
 
@@ -258,38 +255,7 @@ def test_keys_of_a_terminal() -> None:
     assert split_keys(" s\x1b[C\x1b[D\x1b[Aq+") == [" ", "s", "right", "left", "q", "+"]
 
 
-# Repair
-
-
-def test_repair_keeps_every_whole_chunk_and_says_what_is_lost(tmp_path: Path) -> None:
-    path = write(tmp_path / "bag", 45)
-    chunks = path.read_bytes().split(ZSTD)
-    (tmp_path / "cut").mkdir()
-    cut = tmp_path / "cut" / "run_0.mcap"
-    cut.write_bytes(ZSTD.join(chunks[:3])[:-5])  # amid the third second
-    readable = list(BagReader(cut).messages())
-    assert [m.log_time_ns // STEP_NS for m in readable if m.topic == "/a"] == list(range(20))
-    done = repair(tmp_path / "cut", tmp_path / "whole")
-    again = BagReader(tmp_path / "whole")
-    assert again.complete and list(again.messages()) == readable
-    assert again.topics == BagReader(path).topics
-    assert again.attachments == {"scenario.yaml": b"name: demo\n"}
-    assert again.metadata["seed"] == "7" and again.metadata["lost"] == "; ".join(done.lost)
-    assert len(done.lost) == 1 and "breaks off" in done.lost[0]
-    information = yaml.safe_load((tmp_path / "whole" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert information["message_count"] == len(readable) == done.messages.total()
-
-
-def test_repair_goes_on_after_a_damaged_chunk(tmp_path: Path) -> None:
-    path = write(tmp_path / "bag", 45)
-    content = bytearray(path.read_bytes())
-    second = content.index(ZSTD, content.index(ZSTD) + 4)
-    content[second + 8 : second + 24] = bytes(16)
-    path.write_bytes(content)
-    done = repair(path, tmp_path / "whole")
-    times = {m.log_time_ns // STEP_NS for m in BagReader(tmp_path / "whole").messages({"/a"})}
-    assert {0, 44} <= times and len(times) == 35
-    assert done.lost == ["a damaged chunk with the messages of 1.0 to 1.9 s"]
+# The command
 
 
 def test_repair_of_a_complete_bag_loses_nothing(tmp_path: Path, capsys) -> None:
@@ -297,21 +263,6 @@ def test_repair_of_a_complete_bag_loses_nothing(tmp_path: Path, capsys) -> None:
     command.main([str(path), "--repair", "--out", str(tmp_path / "copy")])
     assert "lost: nothing" in capsys.readouterr().out
     assert list(BagReader(tmp_path / "copy").messages()) == list(BagReader(path).messages())
-
-
-def test_repair_keeps_a_topic_whose_qos_cannot_be_read(tmp_path: Path) -> None:
-    with (tmp_path / "a.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="ros2")
-        schema = writer.register_schema("std_msgs/msg/Int8", "ros2msg", b"int8 data")
-        channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": "["})
-        writer.add_message(channel, STEP_NS, b"\0\1\0\0\7", STEP_NS)
-        writer.finish()
-    done = repair(tmp_path / "a.mcap", tmp_path / "whole")
-    assert len(done.lost) == 1 and done.lost[0].startswith("topic /a: offered_qos_profiles: malformed YAML: ")
-    again = BagReader(tmp_path / "whole")
-    assert [m.data for m in again.messages()] == [b"\0\1\0\0\7"]
-    assert offered_qos(again.topics["/a"]) == {}
 
 
 def refused(*words: object) -> int:

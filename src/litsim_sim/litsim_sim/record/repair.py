@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from litsim_sim.core.errors import InputError
@@ -49,7 +49,8 @@ def repair(bag: Path, out: Path) -> Repaired:
     BagReader(source)  # refuses what is no bag
     lost: list[str] = []
     records = list(_records(source, lost))
-    if not any(isinstance(record, Message) for record in records):
+    described = {record.id for record in records if isinstance(record, Channel)}
+    if not any(isinstance(record, Message) and record.channel_id in described for record in records):
         raise InputError(f"{source}: holds no message that can be read: there is nothing to make a bag of")
     name = out.resolve().name
     with BagWriter(out, name, {}) as writer:
@@ -63,28 +64,43 @@ def repair(bag: Path, out: Path) -> Repaired:
 
 
 def _copy(records: list[McapRecord], writer: BagWriter, done: Repaired) -> None:
+    """Write the records to the new bag; what only a damaged chunk described, the summary may describe as well."""
     schemas = {record.id: record for record in records if isinstance(record, Schema)}
-    topics: dict[int, str] = {}
+    channels = {record.id: record for record in records if isinstance(record, Channel) and record.schema_id in schemas}
+    announced: set[int] = set()
+    undescribed = 0
     for record in records:
-        if isinstance(record, Channel) and record.id not in topics:
-            schema = schemas[record.schema_id]
-            qos = record.metadata.get("offered_qos_profiles") or NO_QOS
-            try:
-                offered_qos(BagTopic(record.topic, schema.name, "", qos))
-            except InputError as error:
-                done.lost.append(str(error))
-                qos = NO_QOS
-            type_hash = record.metadata.get("topic_type_hash", "")
-            writer.add_topic(record.topic, schema.name, schema.data.decode(), qos, type_hash)
-            topics[record.id] = record.topic
-        elif isinstance(record, Message):
-            writer.write(topics[record.channel_id], record.data, record.log_time)
-            done.messages[topics[record.channel_id]] += 1
+        if isinstance(record, Channel | Message):
+            number = record.id if isinstance(record, Channel) else record.channel_id
+            if number in channels and number not in announced:
+                announced.add(number)
+                _announce(channels[number], schemas[channels[number].schema_id], writer, done)
+        if isinstance(record, Message):
+            if record.channel_id not in announced:
+                undescribed += 1
+                continue
+            topic = channels[record.channel_id].topic
+            writer.write(topic, record.data, record.log_time)
+            done.messages[topic] += 1
         elif isinstance(record, Attachment):
             writer.attach(record.name, record.media_type, record.data)
             done.attachments.append(record.name)
         elif isinstance(record, Metadata) and record.name != ROSBAG2_RECORD:
             writer.add_metadata(record.name, record.metadata)
+    if undescribed:
+        done.lost.append(f"{undescribed} messages of topics that were described in a damaged chunk")
+
+
+def _announce(channel: Channel, schema: Schema, writer: BagWriter, done: Repaired) -> None:
+    """Add a topic to the new bag, without its QoS where that cannot be read."""
+    qos = channel.metadata.get("offered_qos_profiles") or NO_QOS
+    try:
+        offered_qos(BagTopic(channel.topic, schema.name, "", qos))
+    except InputError as error:
+        done.lost.append(str(error))
+        qos = NO_QOS
+    type_hash = channel.metadata.get("topic_type_hash", "")
+    writer.add_topic(channel.topic, schema.name, schema.data.decode(), qos, type_hash)
 
 
 def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
@@ -103,9 +119,8 @@ def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
             whole = stream.tell()
             if isinstance(record, Chunk):
                 yield from _opened(record, lost)
-            elif isinstance(record, DataEnd | Footer):  # beyond is only what was known before
-                if isinstance(record, Footer) or _ends_whole(path):
-                    return
+            elif isinstance(record, Footer):
+                return
             else:
                 yield record
 
@@ -117,10 +132,6 @@ def _opened(chunk: Chunk, lost: list[str]) -> list[McapRecord]:
         first, last = chunk.message_start_time / _SECOND_NS, chunk.message_end_time / _SECOND_NS
         lost.append(f"a damaged chunk with the messages of {first:.1f} to {last:.1f} s")
         return []
-
-
-def _ends_whole(path: Path) -> bool:
-    return BagReader(path).complete
 
 
 def _steps_lost(path: Path) -> list[str]:
