@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_predictor.forecast import Forecast, agents_of_interest
+from litsim_sim.core.history import History
 from litsim_sim.core.quantities import (
     Acceleration,
     AngularRate,
@@ -17,7 +18,7 @@ from litsim_sim.core.quantities import (
     Steps,
     configuration,
 )
-from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, History
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
 
 
 @configuration
@@ -51,7 +52,7 @@ class KinematicPredictor:
     def __init__(self, ego_id: int, roi_m: float, config: KinematicConfig | None = None) -> None:
         self._ego_id, self._roi_m = ego_id, roi_m
         self._config = config or KinematicConfig()
-        self._history = History(self._config.rate_window + 1)
+        self._history = History(self._config.rate_window + 1, ["yaw"])
 
     def forecast(self, table: AgentTable) -> Forecast:
         """Forecast the agents of interest in `table`; see :class:`litsim_predictor.forecast.Forecast`."""

@@ -8,7 +8,8 @@ from litsim_predictor.forecast import Forecast, agents_of_interest
 from litsim_predictor.inference.contract import DT, HISTORY, MANEUVERS, STRIDE, AgentFutures, AgentInputs, Network
 from litsim_predictor.inference.features import agent_inputs, frame_headings, in_map
 from litsim_predictor.inference.raster import MapRaster
-from litsim_sim.core.scene import AgentTable, FloatArray, History
+from litsim_sim.core.history import History
+from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 
 MOVED = 0.1  # [m] between two steps of the horizon: who moves less keeps the heading that he had
@@ -32,7 +33,7 @@ class LearnedPredictor:
     ) -> None:
         self._network, self._ego_id, self._roi_m = network, ego_id, roi_m
         self._lane_map, self._raster = lane_map, raster
-        self._history = History(STRIDE * (HISTORY - 1) + 1)
+        self._history = History(STRIDE * (HISTORY - 1) + 1, ("x", "y", "yaw", "speed"))
 
     def forecast(self, table: AgentTable) -> Forecast:
         """Forecast the agents of interest in `table`; see :class:`litsim_predictor.forecast.Forecast`."""
@@ -44,7 +45,7 @@ class LearnedPredictor:
         return _in_map(self._network(inputs), inputs, agents)
 
     def _inputs(self, agents: AgentTable) -> AgentInputs:
-        series, observed = self._history.window(("x", "y", "yaw", "speed"), agents.id, HISTORY, STRIDE)
+        series, observed = self._history.window(agents.id, HISTORY, STRIDE)
         heading = frame_headings(self._lane_map, agents.x, agents.y, agents.yaw)
         return agent_inputs(series, observed, np.stack([agents.length, agents.width], axis=-1), heading, self._raster)
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 
@@ -112,55 +111,6 @@ DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | 
     "kind": np.uint8,
     "controller": np.uint8,
 }
-
-
-class History:
-    """The last `length` steps, oldest first; a stage fills it from the agent states alone."""
-
-    def __init__(self, length: int) -> None:
-        self._tables: deque[AgentTable] = deque(maxlen=length)
-
-    def push(self, table: AgentTable) -> None:
-        """Append a step; a step that does not follow the last one starts the history afresh."""
-        if self._tables and table.step != self._tables[-1].step + 1:
-            self._tables.clear()
-        self._tables.append(table)
-
-    def __len__(self) -> int:
-        return len(self._tables)
-
-    def __iter__(self) -> Iterator[AgentTable]:
-        return iter(self._tables)
-
-    def series(self, field: str, agents: IntArray) -> tuple[FloatArray, BoolArray]:
-        """Values of `field` for `agents` (m,) over the history.
-
-        Returns:
-            values (m, h) with zeros where an agent was absent, and the mask (m, h) of where it was present;
-            h is the number of steps held, the newest last.
-        """
-        values, valid = self.window((field,), agents, len(self._tables))
-        return values[..., 0], valid
-
-    def window(
-        self, fields: Sequence[str], agents: IntArray, length: int, stride: int = 1
-    ) -> tuple[FloatArray, BoolArray]:
-        """Values of several `fields` for `agents` (m,) at `length` steps, `stride` apart, up to the newest.
-
-        Returns:
-            values (m, length, len(fields)) with zeros where an agent was absent or the history does not reach, and the
-            mask (m, length) of where it was present; the newest step is the last.
-        """
-        values = np.zeros((len(agents), length, len(fields)))
-        valid = np.zeros((len(agents), length), np.bool_)
-        newest_first = list(self._tables)[::-stride][:length]
-        for back, table in enumerate(newest_first):
-            rows = table.rows(agents)
-            present = rows >= 0
-            column = length - 1 - back
-            values[present, column] = np.stack([getattr(table, name)[rows[present]] for name in fields], axis=-1)
-            valid[:, column] = present
-        return values, valid
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,89 @@
+"""The past of all agents as arrays, which a stage fills from the agent states alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+
+
+class History:
+    """Some columns of the last `length` tables.
+
+    Args:
+        length: steps that are kept.
+        fields: names of the columns; see :class:`.scene.AgentTable`.
+    """
+
+    def __init__(self, length: int, fields: Sequence[str]) -> None:
+        self._length, self._fields = length, tuple(fields)
+        self._restart()
+
+    def _restart(self) -> None:
+        self._step, self._held = 0, 0
+        self._ids: IntArray = np.empty(0, np.int64)  # ascending: whoever was there in the steps that are kept
+        # Row k is the step whose number leaves k when divided by `length`: nothing moves when a step is added.
+        self._values = np.zeros((self._length, 0, len(self._fields)))
+        self._there = np.zeros((self._length, 0), np.bool_)
+
+    def __len__(self) -> int:
+        """Steps that are held."""
+        return self._held
+
+    def push(self, table: AgentTable) -> None:
+        """Append a step; a step that does not follow the last one starts the history afresh."""
+        if self._held and table.step != self._step + 1:
+            self._restart()
+        self._step, self._held = table.step, min(self._held + 1, self._length)
+        row = table.step % self._length
+        self._there[row] = False
+        columns, known = self._columns(table.id)
+        if not known.all():
+            self._let_in(table.id)
+            columns, _ = self._columns(table.id)
+        self._there[row, columns] = True
+        self._values[row, columns] = np.stack([getattr(table, name) for name in self._fields], axis=-1)
+
+    def series(self, field: str, agents: IntArray) -> tuple[FloatArray, BoolArray]:
+        """Values of `field` for `agents` (m,) over the history.
+
+        Returns:
+            values (m, h) with zeros where an agent was absent, and the mask (m, h) of where it was present;
+            h is the number of steps held, the newest last.
+        """
+        values, valid = self.window(agents, self._held)
+        return values[..., self._fields.index(field)], valid
+
+    def window(self, agents: IntArray, length: int, stride: int = 1) -> tuple[FloatArray, BoolArray]:
+        """Values of all fields for `agents` (m,) at `length` steps, `stride` apart, up to the newest.
+
+        Returns:
+            values (m, length, len(fields)) with zeros where an agent was absent or the history does not reach, and the
+            mask (m, length) of where it was present; the newest step is the last.
+        """
+        back = stride * np.arange(length - 1, -1, -1)
+        if not len(self._ids):
+            return np.zeros((len(agents), length, len(self._fields))), np.zeros((len(agents), length), np.bool_)
+        rows = (self._step - back) % self._length
+        columns, known = self._columns(agents)
+        valid = self._there[rows, columns[:, None]] & (back < self._held) & known[:, None]
+        return np.where(valid[..., None], self._values[rows, columns[:, None]], 0.0), valid
+
+    def _columns(self, agents: IntArray) -> tuple[IntArray, BoolArray]:
+        """Column of each of `agents` (m,), and whether it has one (m,); any column where it has none."""
+        if not len(self._ids):
+            return np.zeros(len(agents), np.int64), np.zeros(len(agents), np.bool_)
+        at = np.minimum(np.searchsorted(self._ids, agents), len(self._ids) - 1)
+        return at, self._ids[at] == agents
+
+    def _let_in(self, agents: IntArray) -> None:
+        """Give columns to `agents` (m,), and take them from those that are not in any step any more."""
+        kept = self._there.any(axis=0)
+        ids = np.union1d(self._ids[kept], agents)
+        columns = np.searchsorted(ids, self._ids[kept])
+        values = np.zeros((self._length, len(ids), len(self._fields)))
+        there = np.zeros((self._length, len(ids)), np.bool_)
+        values[:, columns], there[:, columns] = self._values[:, kept], self._there[:, kept]
+        self._ids, self._values, self._there = ids, values, there
