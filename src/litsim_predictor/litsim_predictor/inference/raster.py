@@ -25,8 +25,10 @@ LEFT = np.arange(COLUMNS) * 1.0 - 11.5
 CELL = 0.5  # [m] of the drawn net
 MOST_CELLS = 16_000_000  # beyond, cells are made larger: a net of 2 km by 2 km at 0.5 m
 MARGIN = 6.0  # [m] around the centre lines
-COSINES = np.rint(128.0 + 127.0 * np.cos(np.arange(256) * (2 * np.pi / 256))).astype(np.uint8)
-SINES = np.rint(128.0 + 127.0 * np.sin(np.arange(256) * (2 * np.pi / 256))).astype(np.uint8)
+NO_DIRECTION = np.uint16(256)  # where there is no road: after the 256ths of a turn
+TURNS = np.arange(256) * (2 * np.pi / 256)
+COSINES = np.append(np.rint(128.0 + 127.0 * np.cos(TURNS)), 128.0).astype(np.uint8)
+SINES = np.append(np.rint(128.0 + 127.0 * np.sin(TURNS)), 128.0).astype(np.uint8)
 
 
 class MapRaster:
@@ -40,35 +42,33 @@ class MapRaster:
         self._cell = CELL
         self._origin = (0.0, 0.0)
         # One more row and column than the net needs: empty, where everything outside of it is looked up.
-        self._closeness = np.zeros((1, 1), np.uint8)
-        self._angle = np.zeros((1, 1), np.uint8)
+        self._closeness = np.zeros((2, 2), np.uint8)
+        self._angle = np.zeros((2, 2), np.uint8)
         if lane_map is not None:
             self._draw(lane_map)
 
     def cut(self, x: FloatArray, y: FloatArray, heading: FloatArray) -> ByteArray:
         """(n, CHANNELS, ROWS, COLUMNS) around poses (n,) [m, rad]; directions are relative to `heading`."""
         # In cells, and in single precision, which is enough for an index.
-        cos, sin = np.cos(heading) / self._cell, np.sin(heading) / self._cell
-        column = ((x - self._origin[0]) / self._cell)[:, None, None] + cos[:, None, None] * AHEAD[:, None]
-        row = ((y - self._origin[1]) / self._cell)[:, None, None] + sin[:, None, None] * AHEAD[:, None]
-        column = (column - sin[:, None, None] * LEFT).astype(np.float32)
-        row = (row + cos[:, None, None] * LEFT).astype(np.float32)
+        cos, sin = np.cos(heading)[:, None, None] / self._cell, np.sin(heading)[:, None, None] / self._cell
+        x0, y0 = ((v[:, None, None] - origin) / self._cell for v, origin in zip((x, y), self._origin, strict=True))
+        column = ((x0 + cos * AHEAD[:, None]) - sin * LEFT).astype(np.float32)
+        row = ((y0 + sin * AHEAD[:, None]) + cos * LEFT).astype(np.float32)
         rows, columns = self._closeness.shape
-        inside = (row >= 0) & (row < rows - 1) & (column >= 0) & (column < columns - 1)
-        at = np.where(inside, row, rows - 1).astype(np.int32) * columns
-        at += np.where(inside, column, columns - 1).astype(np.int32)
+        # What is off the net falls into the last row or column, or into those before the first, which are the last.
+        at = np.clip(np.floor(row, out=row), -1.0, rows - 1, out=row).astype(np.int32)
+        at *= columns
+        at += np.clip(np.floor(column, out=column), -1.0, columns - 1, out=column).astype(np.int32)
         closeness = self._closeness.ravel()[at]
         turned = self._angle.ravel()[at] - _angle_byte(heading)[:, None, None]  # bytes wrap as angles do
         road = closeness > 0
-        return np.stack(
-            [
-                np.where(road, np.uint8(255), np.uint8(0)),
-                closeness,
-                np.where(road, COSINES[turned], np.uint8(128)),
-                np.where(road, SINES[turned], np.uint8(128)),
-            ],
-            axis=1,
-        )
+        cut = np.empty((len(x), CHANNELS, ROWS, COLUMNS), np.uint8)
+        np.multiply(road, np.uint8(255), out=cut[:, 0])
+        cut[:, 1] = closeness
+        turned = np.where(road, turned, NO_DIRECTION)
+        np.take(COSINES, turned, out=cut[:, 2])
+        np.take(SINES, turned, out=cut[:, 3])
+        return cut
 
     def _draw(self, lane_map: LaneMap) -> None:
         x_min, y_min, x_max, y_max = lane_map.bounds
