@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import pytest
 
 from litsim_predictor.benchmark import (
@@ -11,7 +13,7 @@ from litsim_predictor.benchmark import (
     Timing,
     columns_of_traffic,
     time_models,
-    time_predictor,
+    time_predictors,
 )
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_sim.core.errors import InputError
@@ -40,9 +42,15 @@ def test_every_model_is_timed_with_every_number_of_agents() -> None:
     assert str(Timing(2.0, 1.0, 3.456)) == "2.00 (1.00 to 3.46)"
 
 
+@pytest.mark.skipif(find_spec("torch") is None, reason="torch is not installed")
+def test_learned_models_are_timed_as_torch_runs_them_too() -> None:
+    found = list(time_models(["kinematic", "default"], [10], steps=2, by_torch=True))
+    assert [model for model, _, _ in found] == ["kinematic", "default", "default (torch)"]
+
+
 def test_a_predictor_that_leaves_agents_out_is_not_timed() -> None:
     with pytest.raises(InputError, match="of 40 agents were forecast"):
-        time_predictor(KinematicPredictor(7, roi_m=20.0), 7, 40, steps=1)
+        list(time_predictors({"kinematic": KinematicPredictor(7, roi_m=20.0)}, 7, 40, steps=1))
 
 
 @pytest.mark.parametrize(("models", "agents"), [(["kinematic"], [0]), (["kinematic"], [251]), (["none"], [10])])

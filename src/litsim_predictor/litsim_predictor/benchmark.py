@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 import numpy as np
 import pandas as pd
 
 from litsim_predictor.forecast import Predictor
+from litsim_predictor.inference.predictor import LearnedPredictor
+from litsim_predictor.inference.raster import raster_of_net
 from litsim_predictor.models import make_predictor
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, Kind
@@ -41,37 +44,63 @@ class Timing:
         return f"{self.median:.2f} ({self.least:.2f} to {self.most:.2f})"
 
 
-def time_models(models: Sequence[str], agents: Sequence[int], steps: int) -> Iterator[tuple[str, int, Timing]]:
-    """Time each of `models` with each number of `agents`, over `steps` steps after 3 s of history.
+def time_models(
+    models: Sequence[str], agents: Sequence[int], steps: int, *, by_torch: bool = False
+) -> Iterator[tuple[str, int, Timing]]:
+    """Time `models` with each number of `agents`, over `steps` steps after 3 s of history.
+
+    They take turns at every step, so that they compare even where the machine has other things to do.
+
+    Args:
+        models: names or files.
+        agents: numbers of them.
+        steps: that are timed.
+        by_torch: time learned models run by torch, operator by operator, as well.
 
     Raises:
-        InputError: there is no such model, or the number of agents does not fit on the road.
+        InputError: there is no such model, or no torch; or the number of agents does not fit on the road.
     """
     if steps < 1 or not all(1 <= n <= AGENTS_MOST for n in agents):
         raise InputError(f"{agents} agents, {steps} steps: expected 1 to {AGENTS_MOST} agents and 1 step or more")
     scenario = Scenario.load(SCENARIO, roi_m=ROI_M)
-    for model in models:
-        for n in agents:
-            yield model, n, time_predictor(make_predictor(model, scenario), scenario.ego_id, n, steps)
+    for n in agents:
+        predictors = {model: make_predictor(model, scenario) for model in models}
+        if by_torch:
+            predictors |= {f"{model} (torch)": _eager(model, scenario) for model in models if model != "kinematic"}
+        yield from ((model, n, timing) for model, timing in time_predictors(predictors, scenario.ego_id, n, steps))
 
 
-def time_predictor(predictor: Predictor, ego: int, agents: int, steps: int) -> Timing:
-    """Time `predictor`, fresh, on `agents` agents of whom the first is `ego`.
+def _eager(model: str, scenario: Scenario) -> Predictor:
+    if not find_spec("torch"):
+        raise InputError(f"model {model} (torch): torch is not installed here")
+    from litsim_predictor.learned.eager import EagerNetwork
+    from litsim_predictor.learned.models.weights import load_model
+
+    network = EagerNetwork(load_model(model)[0])
+    return LearnedPredictor(network, scenario.ego_id, scenario.roi_m, *raster_of_net(scenario.net_path))
+
+
+def time_predictors(
+    predictors: Mapping[str, Predictor], ego: int, agents: int, steps: int
+) -> Iterator[tuple[str, Timing]]:
+    """Time `predictors`, all fresh, on `agents` agents of whom the first is `ego`; they take turns at every step.
 
     Raises:
-        InputError: it did not forecast them all.
+        InputError: one did not forecast them all.
     """
-    walls = []
+    walls: dict[str, list[float]] = {name: [] for name in predictors}
     log = Log.from_recording(columns_of_traffic(agents, (WARM_UP + steps) * STEP_S, ego), 0, WARM_UP + steps)
     for step in range(log.steps):
         table = log.table(step)
-        begin = time.perf_counter()
-        forecast = predictor.forecast(table)
-        walls.append(1e3 * (time.perf_counter() - begin))
-        if len(forecast.id) != agents:
-            raise InputError(f"{len(forecast.id)} of {agents} agents were forecast, expected all")
-    walls = walls[WARM_UP:]
-    return Timing(statistics.median(walls), min(walls), max(walls))
+        for name, predictor in predictors.items():
+            begin = time.perf_counter()
+            forecast = predictor.forecast(table)
+            walls[name].append(1e3 * (time.perf_counter() - begin))
+            if len(forecast.id) != agents:
+                raise InputError(f"{name}: {len(forecast.id)} of {agents} agents were forecast, expected all")
+    for name, of_one in walls.items():
+        timed = of_one[WARM_UP:]
+        yield name, Timing(statistics.median(timed), min(timed), max(timed))
 
 
 def columns_of_traffic(agents: int, seconds: float, first_id: int = 1) -> Recording:

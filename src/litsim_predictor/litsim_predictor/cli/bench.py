@@ -23,6 +23,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--models", nargs="+", help="names, or files of weights (default: all that come with the package)")
     p.add_argument("--agents", type=int, nargs="+", default=[10, 40, 100, 200], help="numbers of agents, at most 250")
     p.add_argument("--steps", type=int, default=100, help="that are timed, after 4 s that are not")
+    p.add_argument("--torch", action="store_true", help="time learned models run by torch, not compiled, as well")
     return p
 
 
@@ -32,9 +33,10 @@ def main() -> None:
     models = arguments.models or MODELS
     cells: dict[str, list[str]] = {}
     try:
-        with tqdm(total=len(models) * len(arguments.agents), unit="run", dynamic_ncols=True) as bar:
-            for model, _, timing in time_models(models, arguments.agents, arguments.steps):
-                cells.setdefault(model, []).append(str(timing))
+        with tqdm(total=len(arguments.agents), unit="number of agents", dynamic_ncols=True) as bar:
+            for agents in arguments.agents:
+                for model, _, timing in time_models(models, [agents], arguments.steps, by_torch=arguments.torch):
+                    cells.setdefault(model, []).append(str(timing))
                 bar.update()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)

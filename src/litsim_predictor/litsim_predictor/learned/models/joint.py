@@ -95,24 +95,28 @@ class RelativeAttention(nn.Module):
 
     def forward(self, agents: Tensor, near: Neighbours) -> Tensor:
         """The codes `agents` (B, N, width) with what each agent sees of those `near` it added, (B, N, width)."""
-        b, n, width = agents.shape
+        width = agents.shape[-1] // self.heads
+
+        def by_head(values: Tensor) -> Tensor:
+            """(B, heads, N, width / heads) of (B, N, width)."""
+            return values.view(*values.shape[:2], self.heads, width).transpose(1, 2)
+
         # What a relation adds to keys and values is linear in `related`: it is taken out of the sums over neighbours,
         # so that its large matrix is applied once an agent and not once a pair.
         related, last = self.relation[:-1](near.relation), cast(nn.Linear, self.relation[-1])  # (B, N, K, 64)
-        of_key, of_value = last.weight.view(2, self.heads, -1, related.shape[-1]).unbind()
-        key_value = near.gather(self.key_value(agents) + last.bias)
-        key, value = key_value.view(b, n, -1, 2, self.heads, width // self.heads).unbind(dim=3)
+        of_key, of_value = last.weight.view(2, self.heads, width, -1).unbind()
+        query = by_head(self.query(agents)) * width**-0.5
+        key, value = (by_head(part) for part in (self.key_value(agents) + last.bias).chunk(2, dim=-1))
 
-        query = self.query(agents).view(b, n, self.heads, -1)
-        asked = (query.transpose(1, 2) @ of_key).transpose(1, 2)  # (B, N, heads, 64)
-        logits = (query[:, :, None] * key).sum(dim=-1) + related @ asked.transpose(2, 3)  # (B, N, K, heads)
-        logits = logits * (width / self.heads) ** -0.5
-        weights = logits.masked_fill(~near.seen[..., None], float("-inf")).softmax(dim=2)
-        told = (weights.transpose(2, 3) @ related).transpose(1, 2) @ of_value.transpose(
-            1, 2
-        )  # (B, heads, N, width / heads)
-        heard = (weights[..., None] * value).sum(dim=2) + told.transpose(1, 2)
-        return cast(Tensor, self.norm(agents + self.out(heard.flatten(2))))
+        # Products of all with all are cheaper than keys and values gathered for each pair.
+        index = near.index[:, None].expand(-1, self.heads, -1, -1)
+        asked = (query @ of_key).transpose(1, 2)  # (B, N, heads, 64)
+        logits = (query @ key.transpose(2, 3)).gather(-1, index) + (asked @ related.transpose(2, 3)).transpose(1, 2)
+        weights = logits.masked_fill(~near.seen[:, None], float("-inf")).softmax(dim=-1)  # (B, heads, N, K)
+        told = (weights.transpose(1, 2) @ related).transpose(1, 2) @ of_value.transpose(1, 2)
+        everybody = torch.zeros_like(query[..., :1]).expand(-1, -1, -1, agents.shape[1])
+        heard = everybody.scatter(-1, index, weights) @ value + told
+        return cast(Tensor, self.norm(agents + self.out(heard.transpose(1, 2).flatten(2))))
 
 
 class SceneAttention(nn.Module):
@@ -320,7 +324,3 @@ class Neighbours:
             dim=-1,
         )
         return cls(index, distance < reach, relation)
-
-    def gather(self, values: Tensor) -> Tensor:
-        """The `values` (B, N, C) of the neighbours of each agent, as (B, N, K, C)."""
-        return values[torch.arange(len(values), device=values.device)[:, None, None], self.index]
