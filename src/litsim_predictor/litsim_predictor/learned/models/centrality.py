@@ -99,10 +99,11 @@ def _as_loop(function: Function) -> Function:
 def _let_in(distance: Tensor, ways: Tensor, tie: float) -> tuple[Tensor, Tensor]:
     """Shortest ways from edges; each way is counted once, when its agent of the highest number is let in."""
     for k in range(distance.shape[-1]):
-        via = distance[:, :, k, None] + distance[:, None, k, :]
-        more = ways[:, :, k, None] * ways[:, None, k, :]
+        far, many = distance.select(1, k), ways.select(1, k)  # from k is as to k: the graphs have no directions
+        via = far.unsqueeze(2) + far.unsqueeze(1)
+        more = many.unsqueeze(2) * many.unsqueeze(1)
         gain = distance - via  # not a number where both are infinite, and then no comparison holds
-        ways = torch.where(gain > tie, more, ways + more * (gain.abs() <= tie))
+        ways = torch.where(gain > tie, more, torch.where(gain >= -tie, ways + more, ways))
         distance = torch.minimum(distance, via)
     return distance, ways
 
@@ -148,11 +149,14 @@ def _betweenness(distance: Tensor, ways: Tensor, near: Tensor) -> Tensor:
 def _between(distance: Tensor, ways: Tensor, share: Tensor, tie: float) -> Tensor:
     """(G, N) pairs of others that each agent lies between, by the `share` that one way has of all of a pair."""
     total = torch.zeros_like(distance[:, 0])
+    nobody = torch.zeros_like(share)
+    longest = distance + tie
     place = torch.arange(distance.shape[-1], device=distance.device)
     for k in range(distance.shape[-1]):
-        detour = distance[:, :, k, None] + distance[:, None, k, :] - distance
-        through = ways[:, :, k, None] * ways[:, None, k, :] * share * (detour <= tie).to(share.dtype)
-        total = total + through.sum(dim=-1).sum(dim=-1)[:, None] * (place == k)
+        far, many = distance.select(1, k), ways.select(1, k)
+        through = torch.where(far.unsqueeze(2) + far.unsqueeze(1) <= longest, share, nobody)
+        pairs = (many * (through @ many.unsqueeze(2)).squeeze(2)).sum(dim=-1)
+        total = total + pairs.unsqueeze(1) * (place == k)
     return total
 
 
