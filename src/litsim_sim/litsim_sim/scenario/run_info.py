@@ -21,7 +21,7 @@ EGOS = ("bat", "idm", "log", "perturbed", EXTERNAL)
 POLICIES = ("litsim", "yield", "replay")
 """What moves the background: `replay` is policy L alone. `litsim` takes over with the best policy that there is."""
 
-VERSIONED = ("litsim_sim", "numpy", "libsumo", "torch", "mcap")
+VERSIONED = ("litsim_sim", "numpy", "libsumo", "onnxruntime", "torch", "mcap")
 
 
 @dataclass(frozen=True)
