@@ -1,0 +1,62 @@
+"""Predictors by name or file: who runs them, and what is told where nobody can."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from litsim_predictor import models
+from litsim_predictor.inference.compiled import CompiledNetwork
+from litsim_predictor.inference.weights import FORMAT, Weights, read_weights
+from litsim_predictor.models import MODELS, PredictorConfig, known_model, network
+from litsim_sim.core.errors import InputError
+
+
+def written(weights: Weights, path: Path) -> str:
+    """The name of a file with these weights."""
+    told = {"format": FORMAT, "provenance": json.dumps(vars(weights.provenance))}
+    save_file(dict(weights.arrays), path, told)
+    return str(path)
+
+
+def test_names_and_files_are_known() -> None:
+    assert PredictorConfig().model in MODELS
+    for name in (*MODELS, "mine.onnx", "folder/mine.safetensors"):
+        assert known_model(name) == name
+    with pytest.raises(ValueError, match=r"expected one of kinematic, .*, or a file \*\.safetensors or \*\.onnx"):
+        known_model("mine.pt")
+
+
+def test_weights_of_ones_own_are_compiled_where_the_model_is_a_shipped_one(tmp_path: Path) -> None:
+    shipped = read_weights("cs_lstm")
+    halved = replace(shipped, arrays={name: np.float32(0.5) * array for name, array in shipped.arrays.items()})
+    assert isinstance(network(written(halved, tmp_path / "mine.safetensors")), CompiledNetwork)
+
+
+def test_weights_without_a_graph_need_torch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shipped = read_weights("cs_lstm")
+    other = replace(shipped, provenance=replace(shipped.provenance, parameters={"encoder": 32}))
+    name = written(other, tmp_path / "other.safetensors")
+    monkeypatch.setattr(models, "find_spec", lambda _: None)
+    with pytest.raises(InputError, match="need torch, which is not installed here") as caught:
+        network(name)
+    assert name in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_weights_that_do_not_fit_their_model_are_refused(tmp_path: Path) -> None:
+    shipped = read_weights("cs_lstm")
+    first = next(iter(shipped.arrays))
+    cut = replace(shipped, arrays={**shipped.arrays, first: shipped.arrays[first][:1]})
+    with pytest.raises(InputError, match=f"weights {first} have shape"):
+        network(written(cut, tmp_path / "cut.safetensors"))
+    fewer = replace(shipped, arrays={name: a for name, a in shipped.arrays.items() if name != first})
+    with pytest.raises(InputError, match=f"'{first}'.* are missing"):
+        network(written(fewer, tmp_path / "fewer.safetensors"))
+    wild = replace(shipped, arrays={**shipped.arrays, first: shipped.arrays[first] * np.float32(np.nan)})
+    with pytest.raises(InputError, match=f"weights {first} hold values that are not finite"):
+        network(written(wild, tmp_path / "wild.safetensors"))
