@@ -1,4 +1,4 @@
-"""`bench`: what a step costs, by stage and number of agents, in process and over the graph; or detection alone."""
+"""`bench`: what a step costs, by stage and number of agents, in process and over the graph; detection; throughput."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from litsim_policy.run.benchmark import measure, table_rows, time_highway_env
 from litsim_policy.run.conflict_benchmark import detection_rows, measure_detection
+from litsim_policy.run.throughput import measure_throughput, throughput_rows
 from litsim_sim.core.errors import EXIT_INPUT, InputError
 from litsim_sim.io.files import replacing
 
@@ -40,6 +41,12 @@ def parser() -> argparse.ArgumentParser:
         metavar="FOLDER",
         help="of its step_time.py and the environment .venv: highway-env is stepped beside (`make bench` sets it up)",
     )
+    p.add_argument("--throughput", action="store_true", help="how much `evaluate` and `train` get done in a second")
+    p.add_argument(
+        "--beside", type=Path, metavar="CHECKOUT", help="with --throughput: in turns with another one, built"
+    )
+    p.add_argument("--scenario", nargs="+", default=["demo"], help="with --throughput: what is evaluated")
+    p.add_argument("--processes", type=int, default=2, help="with --throughput: of an evaluation")
     p.add_argument("--conflicts", action="store_true", help="conflict detection alone, over 50 steps of horizon")
     return p
 
@@ -50,6 +57,8 @@ def main() -> None:
     try:
         if arguments.conflicts:
             show(*detection_table(arguments.agents), None)
+        elif arguments.throughput:
+            show(*throughput_table(arguments), arguments.markdown)
         else:
             show(*run_table(arguments), arguments.markdown)
     except InputError as error:
@@ -96,6 +105,19 @@ def run_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[
             found[agents] = measure(Path(folder), agents, arguments.seconds, arguments.repeats, beside, bar.update)
     title = f"a step, median (minimum to maximum) of {arguments.repeats} repetitions, {_machine()}"
     return title, ["", *(f"{agents} agents" for agents in found)], [list(row) for row in table_rows(found)]
+
+
+def throughput_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[str]]]:
+    """What evaluation and training get done in a second: title, head and rows."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tqdm(total=arguments.repeats, unit="pair", dynamic_ncols=True) as bar,
+    ):
+        found = measure_throughput(
+            Path(folder), arguments.beside, arguments.scenario, arguments.processes, arguments.repeats, bar.update
+        )
+    title = f"throughput, median (minimum to maximum) of {arguments.repeats} repetitions, {_machine()}"
+    return title, ["", *found], list(throughput_rows(found))
 
 
 def _machine() -> str:

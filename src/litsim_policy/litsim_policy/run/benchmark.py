@@ -12,7 +12,7 @@ import os
 import statistics
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -214,13 +214,14 @@ def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
             yield [name if name in RATIOS else f"{name}, ms", *cells]
 
 
-def execute(program: Path, *arguments: str) -> str:
-    """What a program prints.
+def execute(program: Path, *arguments: str, environment: Mapping[str, str] | None = None) -> str:
+    """What a program prints; `environment` takes the place of this process's.
 
     Raises:
         InputError: it cannot be run, or fails.
     """
-    environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
+    given = os.environ if environment is None else environment
+    environment = {key: value for key, value in given.items() if key != "ROS_DOMAIN_ID"}
     try:
         ended = subprocess.run([program, *arguments], capture_output=True, text=True, check=False, env=environment)
     except OSError as error:

@@ -1,0 +1,161 @@
+"""How much gets done in a second: scenario-seconds of `evaluate`, agent-steps of `train`; beside another checkout.
+
+Both are timed as whole processes, the same way on both sides, in turns: what is compared are the ratios within a pair.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from litsim_policy.learning.data import DataConfig, Generated, prepare
+from litsim_policy.run.benchmark import Sample, execute, spread
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S
+
+EVALUATE = "evaluate, scenario-seconds a second"
+TRAIN = "train, agent-steps a second"
+ITERATIONS = "train, its iterations alone, agent-steps a second"
+FIGURES = (EVALUATE, TRAIN, ITERATIONS)
+HERE, BESIDE, RATIO = "this checkout", "the other", "ratio"
+
+POLICIES = ("replay", "yield", "litsim")
+TRAINING_DATA = Generated(net="us101_like", segments=8, seed=4000)
+TRAINING = {
+    "seed": 0,
+    "iterations": 3,
+    "transitions": 1536,
+    "validate_every": 100,
+    "validation_episodes": 1,
+    "warm_start": {"epochs": 1},
+}
+"""Configuration of the training that is timed: that of `policy_c.yaml`, but for its length and its data."""
+
+TIMED = (
+    "import subprocess, sys, time; begin = time.perf_counter(); "
+    "ended = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode; "
+    "print(time.perf_counter() - begin); sys.exit(ended)"
+)
+"""Runs its arguments and prints how long that took [s]: setting up the environment of a checkout does not count."""
+OF_A_CHECKOUT = ("PYTHONPATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH")
+"""Variables of the environment that say where a checkout lies."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """A checkout that is timed.
+
+    Attributes:
+        python: command that runs Python in its environment.
+        train: module of its training.
+        environment: variables to run it with.
+    """
+
+    python: tuple[str, ...]
+    train: str
+    environment: Mapping[str, str]
+
+    @classmethod
+    def here(cls) -> Side:
+        """The checkout that this process runs."""
+        return cls((sys.executable,), "litsim_policy.learning.train", os.environ)
+
+    @classmethod
+    def beside(cls, checkout: Path) -> Side:
+        """Another one, which is built.
+
+        Raises:
+            InputError: it is no checkout of LitSim.
+        """
+        if not (checkout / "litsim").is_file():
+            raise InputError(f"{checkout}: no checkout of LitSim, expected a folder with its ./litsim")
+        environment = {key: value for key, value in os.environ.items() if key not in OF_A_CHECKOUT}
+        moved = (checkout / "src/litsim_policy/litsim_policy/learning").is_dir()
+        train = "litsim_policy.learning.train" if moved else "litsim_policy.train"
+        return cls((str(checkout.absolute() / "litsim"), "exec", "python"), train, environment)
+
+    def seconds(self, module: str, *arguments: str) -> float:
+        """How long a program of the checkout runs [s].
+
+        Raises:
+            InputError: it fails.
+        """
+        run, *given = self.python
+        inner = "python" if given else run
+        said = execute(Path(run), *given, "-c", TIMED, inner, "-m", module, *arguments, environment=self.environment)
+        return float(said.strip().splitlines()[-1])
+
+
+def time_evaluation(side: Side, scenarios: Sequence[str], processes: int, out: Path) -> Sample:
+    """Time `evaluate` of all policies on all egos of `scenarios`, in process.
+
+    Raises:
+        InputError: it fails.
+    """
+    options = ["--scenario", *scenarios, "--ego", "idm", "--policy", *POLICIES, "--egos", "egos", "--out", str(out)]
+    seconds = side.seconds("litsim_policy.cli.evaluate", *options, "--processes", str(processes))
+    runs = json.loads((out / "evaluation.json").read_text())["runs"].values()
+    return {EVALUATE: STEP_S * sum(run["steps"] for of_row in runs for run in of_row.values()) / seconds}
+
+
+def time_training(side: Side, data: Path, out: Path) -> Sample:
+    """Time `train` on generated segments that lie in `data` already, its start and its warm start included.
+
+    Raises:
+        InputError: it fails.
+    """
+    shutil.rmtree(out, ignore_errors=True)
+    shutil.copytree(data, out / "data")
+    config = out / "config.yaml"
+    config.write_text(yaml.safe_dump(TRAINING | {"data": {"generated": [TRAINING_DATA.model_dump()]}}))
+    seconds = side.seconds(side.train, "--config", str(config), "--out", str(out))
+    history = json.loads((out / "history.json").read_text())
+    steps = sum(entry["transitions"] for entry in history)
+    return {TRAIN: steps / seconds, ITERATIONS: steps / sum(entry["seconds"] for entry in history)}
+
+
+def measure_throughput(
+    folder: Path, beside: Path | None, scenarios: Sequence[str], processes: int, pairs: int, done: Callable[[], object]
+) -> dict[str, list[Sample]]:
+    """Time this checkout and the one `beside` in turns.
+
+    Args:
+        folder: for what the programs write.
+        beside: the other checkout; None times this one alone.
+        scenarios: to evaluate.
+        processes: of an evaluation.
+        pairs: times that each side is timed.
+        done: called after each pair.
+
+    Returns:
+        samples by side, and where there are two, ratios.
+
+    Raises:
+        InputError: a program fails.
+    """
+    data = folder / "data"
+    prepare(DataConfig(generated=(TRAINING_DATA,)), data)
+    sides = {HERE: Side.here()} | ({} if beside is None else {BESIDE: Side.beside(beside)})
+    found: dict[str, list[Sample]] = {name: [] for name in sides}
+    for pair in range(pairs):
+        for name, side in list(sides.items())[:: 1 if pair % 2 else -1]:  # neither always meets the warmer machine
+            sample = time_evaluation(side, scenarios, processes, folder / "evaluation")
+            found[name].append(sample | time_training(side, data, folder / "training"))
+        done()
+    if beside is not None:
+        both = list(zip(found[HERE], found[BESIDE], strict=True))
+        found[RATIO] = [{figure: here[figure] / there[figure] for figure in FIGURES} for here, there in both]
+    return found
+
+
+def throughput_rows(found: Mapping[str, Sequence[Sample]]) -> Iterator[list[str]]:
+    """Rows of the table: what, and its figure for each side, median (minimum to maximum); at last the ratio."""
+    for figure in FIGURES:
+        yield [figure, *(spread(samples, figure) for samples in found.values())]
