@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -37,6 +37,21 @@ class Forecast:
     maneuver_probability: Float32Array
     valid: BoolArray
 
+    @classmethod
+    def of_nobody(cls, step: int, dt: float = STEP_S, maneuvers: int = 0) -> Forecast:
+        """The forecast of no agents, by a predictor that knows `maneuvers`."""
+        narrow = np.empty((0, 0), np.float32)
+        return cls(
+            step=step,
+            dt=dt,
+            id=np.empty(0, np.int64),
+            mean=np.empty((0, 0, 2)),
+            yaw=narrow,
+            covariance=np.empty((0, 0, 3), np.float32),
+            maneuver_probability=np.empty((0, maneuvers), np.float32),
+            valid=np.empty(0, np.bool_),
+        )
+
     def rows(self, agents: IntArray) -> IntArray:
         """Row of each of `agents` (m,), -1 where there is no valid forecast."""
         if not len(self.id):
@@ -46,7 +61,10 @@ class Forecast:
 
 
 class Predictor(Protocol):
-    """Forecasts traffic: it is called once a step, in order, and keeps what history it needs."""
+    """Forecasts traffic: one of both is called once a step, in order, and it keeps what history it needs."""
+
+    def see(self, table: AgentTable) -> None:
+        """Take note of a step of which nobody asks for a forecast."""
 
     def forecast(self, table: AgentTable) -> Forecast:
         """Forecast the agents of `table` that matter to the ego and to those off their log."""

@@ -54,10 +54,14 @@ class KinematicPredictor:
         self._config = config or KinematicConfig()
         self._history = History(self._config.rate_window + 1, ["yaw"])
 
+    def see(self, table: AgentTable) -> None:
+        """See :class:`litsim_predictor.forecast.Predictor`."""
+        self._history.push(table)
+
     def forecast(self, table: AgentTable) -> Forecast:
         """Forecast the agents of interest in `table`; see :class:`litsim_predictor.forecast.Forecast`."""
         config = self._config
-        self._history.push(table)
+        self.see(table)
         agents = table.take(agents_of_interest(table, self._ego_id, self._roi_m))
         steps = round(config.horizon / config.dt)
         t: FloatArray = config.dt * np.arange(1, steps + 1, dtype=np.float64)

@@ -128,15 +128,11 @@ class Driver:
         """Controls of the agents of `scene`, whose ids ascend."""
         if not len(scene):
             return ControlTable.empty(scene.agents.table.step)
-        return _commanded(scene, self._network.mean(self.observer.features(scene)), self.safety)
+        return commanded(scene, self._network.mean(self.observer.features(scene)), self.safety)
 
 
-def command(table: AgentTable, tasks: list[DrivingTask], action: FloatArray, safety: SafetyLayer) -> ControlTable:
-    """Controls of agents from actions (m, 3) in [-1, 1]: what training and driving have in common."""
-    return _commanded(DrivingScene.of(safety.lane_map, table, tasks), action, safety)
-
-
-def _commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> ControlTable:
+def commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> ControlTable:
+    """Controls of the m agents of `scene` from actions (m, 3) in [-1, 1]: what training and driving have in common."""
     speed, wanted = scene.agents.speed, physical(action)
     safe = safety.guard(scene, wanted[:, 0], executed_yaw_rate(wanted, speed))
     source = np.where(safe.guarded, ControlSource.GUARDED, ControlSource.POLICY).astype(np.uint8)

@@ -18,10 +18,10 @@ from litsim_policy.conflict.detection import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.observation import LIMIT, ObservationConfig, Observer
-from litsim_policy.driving.policy_c import command, merged
+from litsim_policy.driving.policy_c import commanded, merged
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety import LIMITS_ONLY, SafetyConfig, SafetyLayer
-from litsim_policy.driving.task import DrivingTask
+from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.learning.draw import drafted_tasks, drawn_ego, with_ego
 from litsim_policy.learning.reward import Penalties, PenaltyConfig, penalties
 from litsim_policy.motion.reference_path import window
@@ -133,13 +133,15 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         self._rule = make_policy("yield", self.scenario)
         self._end = min(self.scenario.total_steps, self.scenario.history_steps + self.config.steps_max)
         self._drafted: list[DrivingTask] = []
-        self._see(self.world.reset())
-        while self._table.step < self.scenario.history_steps:
-            self._advance(ControlTable.empty(self._table.step))
+        table = self.world.reset()
+        while table.step < self.scenario.history_steps:
+            self._predictor.see(table)
+            table = self.world.step(ControlTable.empty(table.step), self._ego.plan(table))
+        self._see(table)
         self._drafted = drafted_tasks(self._table, self.scenario, self.config.drafted, self.config.draft_radius, random)
         self._choose()
         self._pass_by()
-        self._seen = self._observe(self._tasks)
+        self._seen = self._observer.features(self._scene)
         return self._observations(), self._info()
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -149,18 +151,18 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
             observation (slots, size), mean penalty of the driven agents, terminated, truncated, and info: `agents`
             (slots,), -1 where a slot is empty, and `outcome`.
         """
-        before, tasks = self._table, self._tasks
+        before, tasks, scene = self._table, self._tasks, self._scene
         driven = np.array([task.agent for task in tasks], np.int64)
         wanted = np.asarray(action, np.float64)[: len(tasks)]
-        guarded = command(before, tasks, wanted, self._guards).source == ControlSource.GUARDED
-        controls = command(before, tasks, wanted, self.safety)
+        guarded = commanded(scene, wanted, self._guards).source == ControlSource.GUARDED
+        controls = commanded(scene, wanted, self.safety)
         self._advance(merged(controls, self._others_controls()))
         self._choose()
         outcome = self._outcome(before, driven, tasks, guarded)
         terminated = bool(outcome.terminated.any())
         if not self._tasks and not terminated:
             self._pass_by()
-            self._seen = self._observe(self._tasks)
+            self._seen = self._observer.features(self._scene)
         reward = float(outcome.penalty.mean()) if len(driven) else 0.0
         truncated = not terminated and self._table.step >= self._end
         return self._observations(), reward, terminated, truncated, self._info() | {"outcome": outcome}
@@ -187,6 +189,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
                 held = tasks.get(task.agent, task)
                 tasks[task.agent] = DrivingTask(task.agent, part, task.goal, task.due_step, held.opponent)
         self._tasks = [tasks[agent] for agent in sorted(tasks)][: self.config.slots]
+        self._scene = self._with_tasks(self._tasks)
 
     def _pass_by(self) -> None:
         """Let steps pass until somebody is in a slot or the episode's time is up."""
@@ -207,7 +210,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         here = rows >= 0
         now = {task.agent: task for task in self._tasks}
         left = [e for e, is_here in zip(tasks, here.tolist(), strict=True) if is_here and e.agent not in now]
-        seen = self._observe([*self._tasks, *left])
+        seen = self._observer.features(self._with_tasks([*self._tasks, *left]) if left else self._scene)
         following = self._seen
         at = {task.agent: k for k, task in enumerate([*self._tasks, *left])}
         following[here] = seen[[at[agent] for agent in driven[here].tolist()]]
@@ -222,11 +225,9 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         driven_on = here & np.isin(driven, list(now)) & (after.step < self._end) & ~terminated.any()
         return Outcome(driven, following, executed, penalty, terms, terminated, driven_on)
 
-    def _observe(self, tasks: list[DrivingTask]) -> FloatArray:
-        """Features (m, size) of the agents with `tasks` (m) now; where there are none, the road may be empty."""
-        if not tasks:
-            return np.empty((0, self._observation.size))
-        return self._observer.observe(self._table, tasks)
+    def _with_tasks(self, tasks: list[DrivingTask]) -> DrivingScene:
+        """The agents with `tasks` now."""
+        return DrivingScene.of(self.scenario.lane_map, self._table, tasks)
 
     def _observations(self) -> Array:
         """Observations (slots, size) of who is in the slots now; zeros where a slot is empty."""

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from litsim_policy.ego.registry import Ego
+from litsim_predictor.forecast import Forecast
 from litsim_sim.core import stage_registry
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
@@ -90,7 +91,7 @@ class Runner:
                 takeovers, controls = None, None
                 if self._reacts:
                     begin = time.perf_counter()
-                    forecast = self._predictor.forecast(table)
+                    forecast = self._forecast(table)
                     marks["predictor"] = time.perf_counter() - begin
                     begin = time.perf_counter()
                     takeovers = self._manager.update(table, forecast)
@@ -107,6 +108,13 @@ class Runner:
                     table = self.world.step(controls or ControlTable.empty(step), ego)
         finally:
             self.world.close()
+
+    def _forecast(self, table: AgentTable) -> Forecast:
+        """The forecast of a step; nobody is driven in the history, so nobody asks for one there."""
+        if table.step >= self.plan.scenario.history_steps:
+            return self._predictor.forecast(table)
+        self._predictor.see(table)
+        return Forecast.of_nobody(table.step)
 
 
 def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> RecordedRun:

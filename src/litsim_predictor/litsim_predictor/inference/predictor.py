@@ -35,12 +35,16 @@ class LearnedPredictor:
         self._lane_map, self._raster = lane_map, raster
         self._history = History(STRIDE * (HISTORY - 1) + 1, ("x", "y", "yaw", "speed"))
 
+    def see(self, table: AgentTable) -> None:
+        """See :class:`litsim_predictor.forecast.Predictor`."""
+        self._history.push(table)
+
     def forecast(self, table: AgentTable) -> Forecast:
         """Forecast the agents of interest in `table`; see :class:`litsim_predictor.forecast.Forecast`."""
-        self._history.push(table)
+        self.see(table)
         agents = table.take(agents_of_interest(table, self._ego_id, self._roi_m))
         if not len(agents):
-            return _empty(table.step)
+            return Forecast.of_nobody(table.step, DT, len(MANEUVERS))
         inputs = self._inputs(agents)
         return _in_map(self._network(inputs), inputs, agents)
 
@@ -92,16 +96,3 @@ def headings(mean: FloatArray, start: FloatArray, yaw: FloatArray) -> FloatArray
     # Position of the last step in which the vehicle moved; 0 is the heading before.
     last = np.maximum.accumulate(np.where(moves, np.arange(1, mean.shape[1] + 1), 0), axis=1)
     return np.take_along_axis(along, last, axis=1)
-
-
-def _empty(step: int) -> Forecast:
-    return Forecast(
-        step=step,
-        dt=DT,
-        id=np.empty(0, np.int64),
-        mean=np.empty((0, 0, 2)),
-        yaw=np.empty((0, 0), np.float32),
-        covariance=np.empty((0, 0, 3), np.float32),
-        maneuver_probability=np.empty((0, len(MANEUVERS)), np.float32),
-        valid=np.empty(0, np.bool_),
-    )
