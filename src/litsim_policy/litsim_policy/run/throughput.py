@@ -15,10 +15,10 @@ from pathlib import Path
 
 import yaml
 
-from litsim_policy.learning.data import DataConfig, Generated, prepare
 from litsim_policy.run.benchmark import Sample, execute, spread
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.traffic.segment_set import write_segment_set
 
 EVALUATE = "evaluate, scenario-seconds a second"
 TRAIN = "train, agent-steps a second"
@@ -27,7 +27,7 @@ FIGURES = (EVALUATE, TRAIN, ITERATIONS)
 HERE, BESIDE, RATIO = "this checkout", "the other", "ratio"
 
 POLICIES = ("replay", "yield", "litsim")
-TRAINING_DATA = Generated(net="us101_like", segments=8, seed=4000)
+NET, SEGMENTS, SEED = "us101_like", 8, 4000  # of the generated traffic that is trained on
 TRAINING = {
     "seed": 0,
     "iterations": 3,
@@ -35,6 +35,7 @@ TRAINING = {
     "validate_every": 100,
     "validation_episodes": 1,
     "warm_start": {"epochs": 1},
+    "data": {"generated": [{"net": NET, "segments": SEGMENTS, "seed": SEED}]},
 }
 """Configuration of the training that is timed: that of `policy_c.yaml`, but for its length and its data."""
 
@@ -114,7 +115,7 @@ def time_training(side: Side, data: Path, out: Path) -> Sample:
     shutil.rmtree(out, ignore_errors=True)
     shutil.copytree(data, out / "data")
     config = out / "config.yaml"
-    config.write_text(yaml.safe_dump(TRAINING | {"data": {"generated": [TRAINING_DATA.model_dump()]}}))
+    config.write_text(yaml.safe_dump(TRAINING))
     seconds = side.seconds(side.train, "--config", str(config), "--out", str(out))
     history = json.loads((out / "history.json").read_text())
     steps = sum(entry["transitions"] for entry in history)
@@ -141,7 +142,7 @@ def measure_throughput(
         InputError: a program fails.
     """
     data = folder / "data"
-    prepare(DataConfig(generated=(TRAINING_DATA,)), data)
+    write_segment_set(NET, SEGMENTS, SEED, data / f"{NET}_{SEED}_{SEGMENTS}")
     sides = {HERE: Side.here()} | ({} if beside is None else {BESIDE: Side.beside(beside)})
     found: dict[str, list[Sample]] = {name: [] for name in sides}
     for pair in range(pairs):
