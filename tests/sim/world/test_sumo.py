@@ -114,6 +114,7 @@ def test_a_world_is_mirrored_throughout(make_scenario: Callable[..., Scenario], 
         table, rng = world.reset(), np.random.default_rng(6)
         for step in range(scenario.total_steps):
             table = world.step(ControlTable.empty(step), EgoCommand(step, *rng.normal(0, [2.0, 0.1])))
+            world.catch_up()
             assert present() == {str(agent) for agent in table.id}
         assert world.summary()["sumo_deviation_m"] <= 1e-9
     finally:

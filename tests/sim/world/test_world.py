@@ -560,11 +560,27 @@ def test_the_mirror_is_shown_every_step_and_its_worst_deviation_kept(three: Scen
     world = World(three, mirror=mirror)
     first = world.reset()
     tables = [first, *advance(world, first, 5)]
+    world.catch_up()
     assert all(a is b for a, b in zip(mirror.shown, tables, strict=True))
     assert world.summary()["sumo_deviation_m"] == 0.25
     assert mirror.closed == 0
     world.close()
     assert mirror.closed == 1
+
+
+def test_the_mirror_is_shown_a_step_once_whoever_asks_when(three: Scenario) -> None:
+    mirror = RecordingMirror()
+    world = World(three, mirror=mirror)
+    world.reset()
+    assert not mirror.shown, "nobody has had the time"
+    for step in range(4):
+        if step % 2:
+            world.catch_up()
+            world.catch_up()
+        world.step(ControlTable.empty(step), follow(step))
+        assert [table.step for table in mirror.shown] == list(range(step + 1))
+    world.summary()
+    assert mirror.shown[-1].step == 4, "the last step belongs to the summary"
 
 
 def test_without_a_mirror_closing_is_fine(three: Scenario) -> None:

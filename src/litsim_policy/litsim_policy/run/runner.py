@@ -87,6 +87,7 @@ class Runner:
         table = self.world.reset()
         try:
             for step in range(self.plan.scenario.total_steps + 1):
+                self.world.catch_up()
                 marks = {BRIDGE: time.perf_counter() - begin}
                 takeovers, controls = None, None
                 if self._reacts:

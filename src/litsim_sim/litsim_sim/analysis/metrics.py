@@ -23,7 +23,7 @@ from litsim_sim.analysis.realism import realism
 from litsim_sim.analysis.safety import TTC_CRITICAL_S, safety_series
 from litsim_sim.analysis.tables import ledger_row
 from litsim_sim.analysis.takeover import Handback, Jump, handbacks, ledger
-from litsim_sim.analysis.timing import Timing, timing
+from litsim_sim.analysis.timing import StageTime, Timing, timing
 from litsim_sim.core.scene import ARRAY_FIELDS
 from litsim_sim.io.files import replacing
 from litsim_sim.record.digest import RunDigest
@@ -226,8 +226,12 @@ def _lockstep(lock: Lockstep) -> dict[str, Any]:
 
 
 def _timing(times: Timing) -> dict[str, Any]:
+    def spread(of: dict[str, StageTime]) -> dict[str, dict[str, float]]:
+        return {name: {"min": s.min, "median": s.median, "max": s.max} for name, s in of.items()}
+
     return {
         "wall_s": times.wall_s,
         "realtime_factor": times.realtime_factor,
-        "stage_ms": {name: {"min": s.min, "median": s.median, "max": s.max} for name, s in times.stages.items()},
+        "stage_ms": spread(times.stages),
+        "path_ms": spread(times.path),
     }

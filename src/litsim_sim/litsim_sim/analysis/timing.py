@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from litsim_sim.analysis.step_path import step_path
 from litsim_sim.record.run import Run
 
 
 @dataclass(frozen=True)
 class StageTime:
-    """Compute time of one stage for one step, over the steps after the first [ms]."""
+    """Time that one stage, or one part of the way, takes for one step, over the steps after the first [ms]."""
 
     min: float
     median: float
@@ -26,20 +27,28 @@ class Timing:
         wall_s: from the first answered step to the last [s]; None where the bridge did not finish.
         realtime_factor: simulated time over wall time; above 1 is faster than reality.
         stages: compute times by stage.
+        path: times of the parts of the way that a step takes through the graph; see
+            :func:`litsim_sim.analysis.step_path.step_path`.
     """
 
     wall_s: float | None
     realtime_factor: float | None
     stages: dict[str, StageTime]
+    path: dict[str, StageTime]
 
 
 def timing(run: Run) -> Timing:
     """Wall time and compute times; step 0 is left out of the latter, it loads and compiles."""
     wall = run.summary.get("wall_s")
     simulated = run.tables[-1].step * run.info.dt
-    stages = {}
-    for stage, seconds in sorted(run.timing.items()):
-        values = 1e3 * np.array([s for step, s in seconds.items() if step > 0])
-        if len(values):
-            stages[stage] = StageTime(float(values.min()), float(np.median(values)), float(values.max()))
-    return Timing(wall, simulated / wall if wall else None, stages)
+    path: dict[str, list[float]] = {}
+    for step in range(1, run.tables[-1].step):
+        for name, seconds in step_path(step, run.marks).items():
+            path.setdefault(name, []).append(seconds)
+    stages = {name: [s for step, s in seconds.items() if step > 0] for name, seconds in sorted(run.timing.items())}
+    return Timing(wall, simulated / wall if wall else None, _spread(stages), _spread(path))
+
+
+def _spread(seconds: dict[str, list[float]]) -> dict[str, StageTime]:
+    found = {name: 1e3 * np.array(values) for name, values in seconds.items() if values}
+    return {name: StageTime(float(v.min()), float(np.median(v)), float(v.max())) for name, v in found.items()}

@@ -22,8 +22,8 @@ from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
 from litsim_sim.nodes.broadcast import Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.run_loop import RunLoop
-from litsim_sim.ros import messages
-from litsim_sim.ros.ego_port import subscribe
+from litsim_sim.ros import ego_port, messages
+from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
 from litsim_sim.ros.stage import process, reason, serve
 from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, STATUS, TIMING, Topic
@@ -43,7 +43,7 @@ class BridgeNode(Node):
         self.options = options = read_parameters(self, bridge_stage)
         plan = self.plan = options.plan()
         self._attendance = Attendance(plan.run_id, plan.stages)
-        self._port = ego_port(options, plan)
+        self._port = port_of(options, plan)
         self._answers = Answers(
             self._port,
             self._attendance,
@@ -56,10 +56,10 @@ class BridgeNode(Node):
         self._noted = ("", 0.0)
         external = plan.ego == EXTERNAL
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
-        self._to = {t: self.create_publisher(t.type, t.name, t.qos) for t in published}
+        self._to = {t: publisher_on(self, t) for t in published}
         self._broadcast = Broadcast(self, plan)
         self._diagnostics = Diagnostics(self, plan.run_id, plan.scenario.total_steps, self._port)
-        subscribe(self, self._port, tuple(Interface) if external else (Interface.CONTROL,))
+        ego_port.subscribe(self, self._port, tuple(Interface) if external else (Interface.CONTROL,))
         if plan.policy != "replay":
             self._listen(CONTROLS, lambda m: self._answers.offer_controls(m.run_id, m.step, m))
         self._listen(STATUS, lambda m: self._attendance.take_status(m.run_id, m.stage, m.state, m.text))
@@ -99,6 +99,9 @@ class BridgeNode(Node):
 
     def show(self, table: AgentTable) -> None:
         self._broadcast.show(table)
+
+    def accompany(self, table: AgentTable) -> None:
+        self._broadcast.accompany(table)
         self._diagnostics.step(table.step)
 
     def show_again(self) -> None:
@@ -109,8 +112,8 @@ class BridgeNode(Node):
         if EGO_APPLIED in self._to:
             self._to[EGO_APPLIED].publish(messages.ego_to_message(command, self.plan.run_id))
 
-    def report_time(self, step: int, compute_time: float) -> None:
-        self._to[TIMING].publish(self._status(StageState.RUNNING, step, compute_time))
+    def report_time(self, step: int, compute_time: float, marks: str) -> None:
+        self._to[TIMING].publish(self._status(StageState.RUNNING, step, compute_time, marks))
 
     def say(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> None:
         level = Level.OK if state in ENDED else Level.WARN
@@ -150,13 +153,13 @@ class BridgeNode(Node):
         serve(self._executor)
 
     def _listen(self, topic: Topic, receive: Callable[[Any], None]) -> None:
-        self.create_subscription(topic.type, topic.name, receive, topic.qos)
+        subscribe(self, topic, receive)
 
     def _status(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> StageStatus:
         return messages.status(self.plan.run_id, BRIDGE, state, step, compute_time, text)
 
 
-def ego_port(options: BridgeOptions, plan: RunPlan) -> EgoPort:
+def port_of(options: BridgeOptions, plan: RunPlan) -> EgoPort:
     """The port that takes the answers for the ego: of an external one over any interface, else commands alone."""
     interface = options.ego_interface if plan.ego == EXTERNAL else Interface.CONTROL
     return EgoPort(plan.run_id, plan.scenario.vehicle, interface, stop_on_invalid=options.on_invalid == "stop")

@@ -13,6 +13,7 @@ from rosgraph_msgs.msg import Clock
 
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.ros import messages, standard
+from litsim_sim.ros.endpoints import publisher_on
 from litsim_sim.ros.topics import (
     AGENTS,
     CLOCK,
@@ -40,8 +41,7 @@ class Broadcast:
     def __init__(self, node: Node, plan: RunPlan) -> None:
         self._plan = plan
         self._publishers = {
-            t: node.create_publisher(t.type, t.name, t.qos)
-            for t in (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES)
+            t: publisher_on(node, t) for t in (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES)
         }
         self._scene: list[tuple[Topic, Any]] = []
 
@@ -52,20 +52,29 @@ class Broadcast:
         self._publishers[LANES].publish(standard.lanes(self._plan.scenario.lane_map))
 
     def show(self, table: AgentTable) -> None:
-        """A step."""
-        plan, ego_id = self._plan, self._plan.scenario.ego_id
-        self._scene = [
-            (CLOCK, Clock(clock=messages.stamp(table.step))),
-            (AGENTS, messages.agents_to_message(table, plan.run_id, plan.scenario.total_steps, ego_id)),
-            (EGO_STATE, messages.ego_odometry(table, ego_id)),
-            (OBJECTS, standard.objects(table, ego_id)),
+        """The agents of a step, which the stages wait for."""
+        plan = self._plan
+        message = messages.agents_to_message(table, plan.run_id, plan.scenario.total_steps, plan.scenario.ego_id)
+        self._scene = [self._publish(AGENTS, message)]
+
+    def accompany(self, table: AgentTable) -> None:
+        """What goes with the step that was shown last; the standard types if somebody listens."""
+        ego_id = self._plan.scenario.ego_id
+        self._scene += [
+            self._publish(EGO_STATE, messages.ego_odometry(table, ego_id)),
+            self._publish(CLOCK, Clock(clock=messages.stamp(table.step))),
         ]
-        self.repeat()
+        if table.step == 0 or self._publishers[OBJECTS].get_subscription_count():
+            self._scene.append(self._publish(OBJECTS, standard.objects(table, ego_id)))
 
     def repeat(self) -> None:
         """The step that was shown last."""
         for topic, message in self._scene:
-            self._publishers[topic].publish(message)
+            self._publish(topic, message)
+
+    def _publish(self, topic: Topic, message: Any) -> tuple[Topic, Any]:
+        self._publishers[topic].publish(message)
+        return topic, message
 
 
 def route(scenario: Scenario) -> Path:

@@ -7,6 +7,7 @@ from rclpy.node import Node
 
 from litsim_sim.ego_port.port import EgoPort, Level
 from litsim_sim.ros import messages
+from litsim_sim.ros.endpoints import publisher_on
 from litsim_sim.ros.topics import DIAGNOSTICS
 
 BRIDGE_NAME = "litsim: bridge"
@@ -20,7 +21,7 @@ class Diagnostics:
 
     def __init__(self, node: Node, run_id: str, total_steps: int, port: EgoPort) -> None:
         self._node, self._run_id, self._total, self._port = node, run_id, total_steps, port
-        self._publisher = node.create_publisher(DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos)
+        self._publisher = publisher_on(node, DIAGNOSTICS)
 
     def step(self, step: int) -> None:
         """Say that the run is on, now and then."""

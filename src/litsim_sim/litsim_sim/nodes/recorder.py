@@ -24,6 +24,7 @@ from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
 from litsim_sim.ros import messages
 from litsim_sim.ros.cdr import stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
+from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import SIGNAL_PERIOD, process, reason, spin
 from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
@@ -31,6 +32,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 HEARING_S = 10.0  # for every stage to be heard before the run begins: its READY holds its parameters
 SETTLE_S = 0.05  # between two looks at whether all has come in
+REST_S = 0.02  # between two looks at what has come in: the bridge is ahead by many steps
 LINGER_S = 1.0  # for which a recorder that failed answers the bridge, which may not have heard it
 
 
@@ -53,12 +55,12 @@ class RecorderNode(Node):
         self._unheard: set[str] = set()
         self._early: dict[Topic, bytes] = {}  # latched messages that came before the run was known
         self._ending = False
-        self._status = self.create_publisher(STATUS.type, STATUS.name, STATUS.qos)
-        self._recorded = self.create_publisher(RECORDED.type, RECORDED.name, RECORDED.qos)
+        self._status = publisher_on(self, STATUS)
+        self._recorded = publisher_on(self, RECORDED)
         for topic in RECORDED_TOPICS:
-            self.create_subscription(topic.type, topic.name, self._receiver(topic), topic.qos, raw=True)
+            subscribe(self, topic, self._receiver(topic), raw=True)
             add_topic(self._writer, topic)
-        self.create_subscription(HELLO.type, HELLO.name, self._on_hello, HELLO.qos)
+        subscribe(self, HELLO, self._on_hello)
 
     @property
     def gaps(self) -> str:
@@ -205,7 +207,7 @@ def main() -> None:
         node = RecorderNode()
         node.get_logger().info(f"waiting for a run on {RUN_INFO.name}")
         try:
-            spin(node, lambda: node.finished)
+            spin(node, lambda: node.finished, REST_S)
         except KeyboardInterrupt as error:
             node.abandon(reason(error), SIGNAL_PERIOD)
             raise

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import RECORDER, StageState
+from litsim_sim.core.step_marks import step_marks
 from litsim_sim.core.topic_names import RECORDED, STATUS
 from litsim_sim.ego_port.port import EgoPort
 from litsim_sim.nodes.answers import Answers, Attendance, RunFailed
@@ -40,7 +41,10 @@ class Graph(Protocol):
         """Ask all stages to say again whether they are ready."""
 
     def show(self, table: AgentTable) -> None:
-        """Publish a step."""
+        """Publish a step: what the stages wait for."""
+
+    def accompany(self, table: AgentTable) -> None:
+        """Publish what goes with the step that was shown last: clock, state of the ego, standard types, diagnostics."""
 
     def show_again(self) -> None:
         """Publish the step that was shown last once more."""
@@ -48,8 +52,8 @@ class Graph(Protocol):
     def apply(self, command: EgoCommand) -> None:
         """Publish, of an external ego, what its answer was turned into."""
 
-    def report_time(self, step: int, compute_time: float) -> None:
-        """Publish how long the bridge itself took for a step [s]."""
+    def report_time(self, step: int, compute_time: float, marks: str) -> None:
+        """Publish how long the bridge itself took for a step [s], and its marks on the clock."""
 
     def say(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> None:
         """Publish the state of the run."""
@@ -114,6 +118,9 @@ class RunLoop:
         self._external = plan.ego == EXTERNAL
         self._realtime = options.mode == "realtime"
         self._asked_around = False
+        self._compute = 0.0  # [s] that it took to make the newest step
+        self._reported = 0.0  # the same of the step whose times are reported next
+        self._marks: dict[str, float] = {}  # of the step that was shown last
 
     def run(self) -> None:
         """Meet everybody, run every step, and let the recorder finish.
@@ -158,7 +165,7 @@ class RunLoop:
 
     def _all_steps(self, total: int) -> float:
         """Run steps 0 to `total`; returns the wall time from when step 0 was answered [s]."""
-        graph, pace, start, compute = self._graph, Pace(), 0.0, 0.0
+        graph, pace, start = self._graph, Pace(), 0.0
         table = self._world.reset()
         with Progress(self._options.progress, total) as progress:
             for step in range(total + 1):
@@ -168,29 +175,38 @@ class RunLoop:
                     start = time.perf_counter()
                     pace.restart(start)
                 controls, command = self._take(step)
-                graph.report_time(step, compute)
                 if self._realtime:
                     graph.serve_until(lambda: False, pace.due)
                 if step < total:
                     before = time.perf_counter()
                     table = self._advance(controls, command)
-                    compute = time.perf_counter() - before
+                    self._compute = time.perf_counter() - before
                 progress.show(step)
+        self._report_time(total)
         return time.perf_counter() - start
 
     def _wait_for_answers(self, table: AgentTable, due: float) -> None:
         """Publish a step and wait for the answers to it, in real time until `due`."""
         graph, answers, step = self._graph, self._answers, table.step
+        begin = time.perf_counter()
         answers.open(table, driven=self._world.ego_is_driven)
         graph.show(table)
+        shown = time.perf_counter()
+        graph.accompany(table)
+        if step > 0:
+            self._report_time(step - 1)
+        self._world.catch_up()
+        self._marks = {"begin": begin, "shown": shown, "free": time.perf_counter()}
         give_up = due if self._realtime and step > 0 else time.perf_counter() + self._timeout(step)
         while True:
             self._port.ask()
             until = min(give_up, time.perf_counter() + (RESEND_FIRST if step == 0 else RESEND))
             if graph.serve_until(lambda: not answers.missing, until):
+                self._marks.setdefault("answered", time.perf_counter())
                 graph.apply(answers.command())  # the recorder waits for it
                 graph.serve_until(lambda: answers.complete, until)
             if answers.complete or time.perf_counter() >= give_up:
+                self._marks["complete"] = time.perf_counter()
                 return
             self._ask_around(step)
             graph.show_again()
@@ -203,6 +219,11 @@ class RunLoop:
         if step > 0 or self._external:
             waiting = self._answers.missing or [f"{RECORDED} of the recorder"]
             self._graph.waiting(step, f"waiting for {', '.join(waiting)}")
+
+    def _report_time(self, step: int) -> None:
+        """Publish the times of a step, once the next one is on its way: nobody waits for that."""
+        self._graph.report_time(step, self._reported, step_marks(self._marks))
+        self._reported = self._compute
 
     def _take(self, step: int) -> tuple[ControlTable, EgoCommand]:
         """The answers to `step`; where one is missing, the newest that there is counts on, or the run ends."""

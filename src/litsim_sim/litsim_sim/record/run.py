@@ -19,6 +19,7 @@ from rosbags.typesys.store import Typestore
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.stages import BRIDGE, StageState
+from litsim_sim.core.step_marks import marks_of
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
 from litsim_sim.core.topic_names import (
     AGENTS,
@@ -123,6 +124,8 @@ class Run:
         takeovers: who was off the log, by step.
         detections: how conflict detection ended, by step.
         timing: compute time [s] by stage and step.
+        marks: what each stage noted on the clock while it served a step [s], by stage, step and name; see
+            :mod:`litsim_sim.analysis.step_path`.
         statuses: in order of arrival.
         scenario_yaml: the resolved scenario.
         net_xml: the SUMO net, or empty.
@@ -141,6 +144,7 @@ class Run:
     takeovers: dict[int, list[Takeover]] = field(default_factory=dict)
     detections: dict[int, Detection] = field(default_factory=dict)
     timing: dict[str, dict[int, float]] = field(default_factory=dict)
+    marks: dict[str, dict[int, dict[str, float]]] = field(default_factory=dict)
     statuses: list[Status] = field(default_factory=list)
     scenario_yaml: str = ""
     net_xml: bytes = b""
@@ -206,6 +210,7 @@ def read_run(path: Path) -> Run:
         takeovers=content.takeovers,
         detections=content.detections,
         timing=content.timing,
+        marks=content.marks,
         statuses=content.statuses,
         scenario_yaml=scenario_yaml,
         net_xml=reader.attachments.get(NET_FILE, b""),
@@ -227,6 +232,7 @@ class _Content:
         self.takeovers: dict[int, list[Takeover]] = {}
         self.detections: dict[int, Detection] = {}
         self.timing: dict[str, dict[int, float]] = {}
+        self.marks: dict[str, dict[int, dict[str, float]]] = {}
         self.statuses: list[Status] = []
         self._steps: dict[str, list[int]] = {}
         self._times: dict[str, list[int]] = {}
@@ -263,6 +269,7 @@ class _Content:
             self.detections.setdefault(step, Detection(int(message.iterations), bool(message.converged)))
         elif topic == TIMING:
             self.timing.setdefault(message.stage, {}).setdefault(step, message.compute_time)
+            self.marks.setdefault(message.stage, {}).setdefault(step, marks_of(message.text))
         elif topic == STATUS:
             self.statuses.append(_copy(Status, message, state=StageState(message.state)))
 

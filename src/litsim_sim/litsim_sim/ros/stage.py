@@ -17,7 +17,7 @@ from typing import Any
 import rclpy
 from litsim_msgs.msg import Hello, RunInfo, StageStatus
 from rclpy.exceptions import ParameterException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
@@ -26,7 +26,9 @@ from rclpy.utilities import remove_ros_args
 from litsim_sim.core.errors import EXIT_INPUT, EXIT_INTERRUPTED, InputError
 from litsim_sim.core.lockstep import Joiner
 from litsim_sim.core.stages import BRIDGE
+from litsim_sim.core.step_marks import step_marks
 from litsim_sim.ros import messages
+from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import OF_EVERY_NODE, parameters_yaml
 from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario.scenario import Scenario
@@ -50,14 +52,14 @@ class StageNode(Node):
         self._joiner: Joiner | None = None
         self._word: StageStatus | None = None  # on the run at hand, READY or FAILED; repeated when the bridge greets
         self._last: list[tuple[Publisher, Any]] = []
-        self._status = self.create_publisher(STATUS.type, STATUS.name, STATUS.qos)
-        self._timing = self.create_publisher(TIMING.type, TIMING.name, TIMING.qos)
-        self._outputs = [self.create_publisher(t.type, t.name, t.qos) for t in self.outputs]
+        self._status = publisher_on(self, STATUS)
+        self._timing = publisher_on(self, TIMING)
+        self._outputs = [publisher_on(self, topic) for topic in self.outputs]
         for topic in self.inputs:
-            self.create_subscription(topic.type, topic.name, self._input(topic.name), topic.qos)
-        self.create_subscription(RUN_INFO.type, RUN_INFO.name, self._on_run_info, RUN_INFO.qos)
-        self.create_subscription(HELLO.type, HELLO.name, self._on_hello, HELLO.qos)
-        self.create_subscription(STATUS.type, STATUS.name, self._on_status, STATUS.qos)
+            subscribe(self, topic, self._input(topic.name))
+        subscribe(self, RUN_INFO, self._on_run_info)
+        subscribe(self, HELLO, self._on_hello)
+        subscribe(self, STATUS, self._on_status)
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """Build the core for a run.
@@ -118,11 +120,14 @@ class StageNode(Node):
         except Exception as error:  # noqa: BLE001 - whatever it is, the bridge has to hear of it
             self._fail(run_id, step, f"step {step}: {reason(error)}", error)
             return
-        took = time.perf_counter() - start
-        timing = messages.status(run_id, self.stage, StageStatus.RUNNING, step, took)
-        self._last = [*zip(self._outputs, answers, strict=True), (self._timing, timing)]
+        computed = time.perf_counter()
+        self._last = list(zip(self._outputs, answers, strict=True))
         for publisher, message in self._last:
             publisher.publish(message)
+        marks = step_marks({"begin": start, "answered": time.perf_counter()})
+        timing = messages.status(run_id, self.stage, StageStatus.RUNNING, step, computed - start, marks)
+        self._timing.publish(timing)
+        self._last.append((self._timing, timing))
 
     def _fail(self, run_id: str, step: int, text: str, error: Exception) -> None:
         """Leave the run; the bridge gets one line, the log of this node all there is."""
@@ -149,8 +154,14 @@ def run_node(create: Callable[[], StageNode]) -> None:
             node.leave()
 
 
-def spin(node: Node, done: Callable[[], bool] = lambda: False) -> None:
+def spin(node: Node, done: Callable[[], bool] = lambda: False, rest: float = 0.0) -> None:
     """Serve the callbacks of `node` until `done`.
+
+    Args:
+        node: whose callbacks are served.
+        done: is asked between two of them.
+        rest: a node that nobody waits for may rest that long [s] whenever it has served all there is: serving many
+            messages at a time costs much less than waking for each of them.
 
     Raises:
         KeyboardInterrupt: Ctrl-C or SIGTERM.
@@ -158,7 +169,10 @@ def spin(node: Node, done: Callable[[], bool] = lambda: False) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while not done():
-        serve(executor)
+        if not rest:
+            serve(executor)
+        elif not _serve_round(executor):
+            time.sleep(rest)
 
 
 def serve(executor: SingleThreadedExecutor, timeout: float = SIGNAL_PERIOD) -> None:
@@ -169,6 +183,20 @@ def serve(executor: SingleThreadedExecutor, timeout: float = SIGNAL_PERIOD) -> N
     """
     _interruption.check()
     executor.spin_once(timeout_sec=min(timeout, SIGNAL_PERIOD))
+
+
+def _serve_round(executor: SingleThreadedExecutor) -> bool:
+    """Serve what is ready, of each subscription one message; returns whether there was any."""
+    served = False
+    while True:
+        _interruption.check()
+        try:
+            callback, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0.0)
+        except TimeoutException:  # rclpy says so at the end of a round that found something, too
+            return served
+        callback()
+        callback.result()  # raises what the callback has raised
+        served = True
 
 
 class _Interruption:

@@ -57,13 +57,12 @@ class World:
     def __init__(self, scenario: Scenario, config: WorldConfig | None = None, mirror: Mirror | None = None) -> None:
         self.scenario = scenario
         self.config = config or WorldConfig()
-        self.contacts: dict[tuple[int, int], int] = {}
-        """First step of contact of every pair of ids that has ever overlapped."""
         self.entries = Entries(scenario.log, self._entry)
         """Who waits to enter, and who has waited."""
-        self.mirror_deviation = 0.0
-        """Largest distance [m] so far between an agent and its image in SUMO."""
+        self._contacts: dict[tuple[int, int], int] = {}
+        self._mirror_deviation = 0.0
         self._mirror = mirror
+        self._caught_up = True
         self._log_policy = LogPolicy(scenario.log)
         self._table = AgentTable.empty(0)
         self._ego_has_driven = False  # in the last step
@@ -71,8 +70,8 @@ class World:
 
     def reset(self) -> AgentTable:
         """Begin a run that knows nothing of the ones before, and return its step 0."""
-        self.contacts, self.entries = {}, Entries(self.scenario.log, self._entry)
-        self.mirror_deviation, self._ego_has_driven = 0.0, False
+        self._contacts, self.entries = {}, Entries(self.scenario.log, self._entry)
+        self._mirror_deviation, self._ego_has_driven = 0.0, False
         self._vehicles.reset()
         self._log_policy = LogPolicy(self.scenario.log)
         self._table = self._finish(self._log_policy.table(0))
@@ -85,6 +84,7 @@ class World:
             ValueError: `controls` or `ego` answer another step or hold non-finite values, or the ids of `controls` do
                 not ascend or list the ego.
         """
+        self.catch_up()
         table, step = self._table, self._table.step
         check_answers(step, self.scenario.ego_id, controls, ego)
         driven = self._vehicles.step(
@@ -103,13 +103,35 @@ class World:
         self._table = self._finish(self.entries.admit(made, logged))
         return self._table
 
+    def catch_up(self) -> None:
+        """Do what is due for the current step and nobody waits for: note contacts, show it in the mirror.
+
+        Happens by itself before the next step, and where its results are asked for; whoever has the time calls it
+        sooner. A second call for a step does nothing.
+        """
+        if self._caught_up:
+            return
+        self._caught_up, table = True, self._table
+        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width):
+            self._contacts.setdefault((int(table.id[i]), int(table.id[j])), table.step)
+        if self._mirror is not None:
+            self._mirror.show(table)
+            self._mirror_deviation = max(self._mirror_deviation, float(self._mirror.deviation(table).max(initial=0.0)))
+
+    @property
+    def contacts(self) -> dict[tuple[int, int], int]:
+        """First step of contact of every pair of ids that has ever overlapped."""
+        self.catch_up()
+        return self._contacts
+
     def summary(self) -> dict[str, Any]:
         """What only the world knows, for the record: contacts, late and missing entries, deviation of SUMO [m]."""
+        self.catch_up()
         return {
             "contacts": len(self.contacts),
             "late_entries": sorted(self.entries.late),
             "never_entered": sorted(self.entries.never_entered | self.entries.waiting.keys()),
-            "sumo_deviation_m": self.mirror_deviation,
+            "sumo_deviation_m": self._mirror_deviation,
         }
 
     def close(self) -> None:
@@ -128,13 +150,9 @@ class World:
         return self.config.entry if self.config.guard_entries else None
 
     def _finish(self, table: AgentTable) -> AgentTable:
-        """Mark the ego, note contacts, show the step in SUMO."""
+        """Mark the ego; the rest of what is due for the step has time until :meth:`catch_up`."""
         ego = table.row(self.scenario.ego_id)
         if ego >= 0 and table.step >= self.scenario.history_steps:
             table.controller[ego] = Controller.EGO
-        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width):
-            self.contacts.setdefault((int(table.id[i]), int(table.id[j])), table.step)
-        if self._mirror is not None:
-            self._mirror.show(table)
-            self.mirror_deviation = max(self.mirror_deviation, float(self._mirror.deviation(table).max(initial=0.0)))
+        self._caught_up = False
         return table

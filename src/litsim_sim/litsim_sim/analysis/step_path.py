@@ -1,0 +1,47 @@
+"""Where a step of the graph goes: the way from the bridge through the stages and back, cut where marks were set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES
+
+Marks = Mapping[str, Mapping[int, Mapping[str, float]]]
+"""Times on the clock [s], by stage, step and name: `begin` and `answered` of the stages, more of the bridge."""
+
+
+def step_path(step: int, marks: Marks) -> dict[str, float]:
+    """Durations [s] of the parts of one step, in order; empty where the step was not marked by all who take part.
+
+    Between two stages lies a hop: a message serialised, sent, and read. `wait for ego` is how much later than the
+    policy the ego answered, `recorder` how long the bridge waited for a confirmation of the record. All of them
+    together are the `whole step`, and beside it, in brackets, is what others do meanwhile.
+    """
+    now = {stage: each.get(step, {}) for stage, each in marks.items()}
+    bridge, after = now.get(BRIDGE, {}), marks.get(BRIDGE, {}).get(step + 1, {})
+    chain = [stage for stage in POLICY_STAGES if now.get(stage)]
+    ego = now.get(EGO, {}).get("answered")
+    if not {"begin", "shown", "free", "answered", "complete"} <= bridge.keys() or "begin" not in after or not chain:
+        return {}
+    last = now[chain[-1]]["answered"]
+    ready = max(last, last if ego is None else ego)
+    return {
+        "bridge publishes": bridge["shown"] - bridge["begin"],
+        f"hop to {chain[0]}": now[chain[0]]["begin"] - bridge["shown"],
+        chain[0]: now[chain[0]]["answered"] - now[chain[0]]["begin"],
+        **{
+            name: seconds
+            for one, other in pairwise(chain)
+            for name, seconds in (
+                (f"hop to {other}", now[other]["begin"] - now[one]["answered"]),
+                (other, now[other]["answered"] - now[other]["begin"]),
+            )
+        },
+        "wait for ego": ready - last,
+        "hop to bridge": bridge["answered"] - ready,
+        "recorder": bridge["complete"] - bridge["answered"],
+        "world": after["begin"] - bridge["complete"],
+        "whole step": after["begin"] - bridge["begin"],
+        "(bridge: standard types and SUMO)": bridge["free"] - bridge["shown"],
+    }
