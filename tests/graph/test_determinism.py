@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,8 @@ import pytest
 from litsim_policy.run.recorded_run import open_record
 from litsim_policy.run.rerun import resimulate
 from litsim_policy.run.runner import Runner, record
+from litsim_sim.analysis.analyze import analyze
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.cli.analyze import analyze
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import read_run
@@ -27,8 +28,11 @@ def metrics_of(run: Any) -> dict[str, Any]:
 
 
 def per_step_messages(bag: Path) -> list[tuple[str, int, bytes]]:
-    topics = read_run(bag).info.topics
-    return [(m.topic, m.log_time_ns, m.data) for m in BagReader(bag).messages(topics)]
+    """Messages as they were recorded, but for the name of the execution, which no two runs share."""
+    info = read_run(bag).info
+    name = info.run_id.encode()
+    nameless = name.partition(b"@")[0].ljust(len(name))
+    return [(m.topic, m.log_time_ns, m.data.replace(name, nameless)) for m in BagReader(bag).messages(info.topics)]
 
 
 @pytest.mark.parametrize(("ego", "policy"), [("idm", "litsim"), ("idm", "replay")])
@@ -39,6 +43,9 @@ def test_two_launches_and_the_runner_agree(recorded: Any, ego: str, policy: str)
     assert metrics["steps"] == metrics["total_steps"] == 35
     assert (metrics["takeovers"] > 0) == (policy == "litsim")  # else the comparison would be of little
     assert metrics_of(second)["digest"] == metrics["digest"]
+    identity = RunPlan(Scenario.load(first.scenario), ego, policy).identity
+    ids = {metrics_of(each)["run_id"] for each in (first, second)}
+    assert len(ids) == 2 and {each.partition("@")[0] for each in ids} == {identity}
 
     in_process = compute_metrics(record(Runner(RunPlan(Scenario.load(first.scenario), ego, policy))))
     assert in_process["digest"] == metrics["digest"]
@@ -59,11 +66,13 @@ def test_parameters_are_the_same_over_dds_in_process_and_in_re_runs(graph: Any) 
     metrics = json.loads((bag / "metrics.json").read_text())
     plan = RunPlan(Scenario.load(str(scenario)), "perturbed", "litsim")
     split = [(*name.split(".", 1), value) for name, value in settings.items()]
-    assert compute_metrics(record(Runner(plan, parameters=by_stage(split))))["digest"] == metrics["digest"]
+    assert compute_metrics(record(Runner(replace(plan, parameters=by_stage(split)))))["digest"] == metrics["digest"]
     assert compute_metrics(record(Runner(plan)))["digest"] != metrics["digest"]
     with open_record(bag) as recorded_run:
         again = resimulate(recorded_run)
     assert again.computed == again.recorded == metrics["digest"]
+    identity = replace(plan, parameters=by_stage(split)).identity
+    assert metrics["run_id"].startswith(f"{identity}@") and identity != plan.identity
     assert again.tally.different == 0 and not recorded_run.notes
 
 

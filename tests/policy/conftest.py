@@ -69,8 +69,8 @@ def run(
 ) -> Driven:
     """Run `scenario` in process; `ego` is the name of one that comes with LitSim, or says what to do."""
     scripted = None if isinstance(ego, str) else ScriptedEgo(scenario.ego_id, ego)
-    plan = RunPlan(scenario, ego if isinstance(ego, str) else "log", policy)
-    runner = Runner(plan, mirror, ego=scripted, **config)
+    plan = RunPlan(scenario, ego if isinstance(ego, str) else "log", policy, **config)
+    runner = Runner(plan, mirror, ego=scripted)
     return Driven(scenario, list(runner.steps()), runner.world)
 
 

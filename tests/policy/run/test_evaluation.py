@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from litsim_policy.cli import bench, evaluate, run
-from litsim_policy.run.evaluation import Job, run_batch, run_in_process, summarise
-from litsim_sim.core.errors import InputError
+from litsim_policy.run.evaluation import summarise
 
 
 def metrics(**changes: Any) -> dict[str, Any]:
@@ -91,24 +90,16 @@ def test_a_table_of_no_runs_is_empty_not_an_error() -> None:
     assert row["runs"] == 0 and row["rate_all"] is None and row["max_position_jump_m"] is None
 
 
-# Runs
+def test_failed_runs_stay_in_the_denominator_and_are_told() -> None:
+    row = summarise([metrics(), metrics(reactive=False)], failed=2)
+    assert (row["runs"], row["failed"], row["measured"], row["invalid"]) == (4, 2, 2, 0)
+    assert row["reactive"] == 0.25, "a run of which nothing is known is not known to be free of collisions"
+    assert row["relevant_ratio"] == pytest.approx(0.2) and row["takeovers"] == 4
+    lost = summarise([], failed=3)
+    assert (lost["runs"], lost["reactive"], lost["rate_all"]) == (3, 0.0, None)
 
 
-def test_a_job_is_run_with_sumo_and_measured() -> None:
-    found = run_in_process(Job("demo", "log", "replay", 7))
-    assert found["valid"] and found["collision"]["excess"] == 0 and found["policy"] == "replay"
-    assert found["world"]["sumo_deviation_m"] < 0.01
-
-
-def test_a_batch_answers_every_job_in_order_from_processes_of_its_own() -> None:
-    jobs = [Job("demo", "log", "replay", 7), Job("demo", "idm", "litsim", 3)]
-    ticks: list[int] = []
-    found = run_batch(jobs, 2, None, lambda: ticks.append(1))
-    assert list(found) == jobs and len(ticks) == 2
-    assert [m["policy"] for m in found.values()] == ["replay", "litsim"]
-    assert found[jobs[1]]["digest"] == run_in_process(jobs[1])["digest"]
-    row = summarise(found.values())
-    assert row["runs"] == 2 and row["invalid"] == 0
+# Command lines
 
 
 def test_ways_back_to_the_log_are_rows_of_the_table(monkeypatch, capsys, tmp_path) -> None:
@@ -139,9 +130,6 @@ def test_seeds_are_runs_of_their_own(monkeypatch, tmp_path) -> None:
     runs = found["runs"]["replay"]
     assert list(runs) == ["demo/3/1", "demo/3/2"] and found["summary"]["replay"]["runs"] == 2
     assert runs["demo/3/1"]["digest"] != runs["demo/3/2"]["digest"]
-
-
-# Command lines
 
 
 @pytest.mark.parametrize(
@@ -176,11 +164,6 @@ def test_unknown_scenarios_and_egos_are_input_errors(monkeypatch, capsys, tmp_pa
         assert stop.value.code == 2
         error = capsys.readouterr().err
         assert error.startswith("error: ") and words[-1].rpartition("=")[2] in error and "Traceback" not in error
-
-
-def test_an_ego_that_is_not_there_is_an_input_error() -> None:
-    with pytest.raises(InputError, match="99999"):
-        run_in_process(Job("demo", "log", "replay", 99999))
 
 
 def test_the_command_line_writes_every_run_and_prints_the_table(monkeypatch, capsys, tmp_path) -> None:

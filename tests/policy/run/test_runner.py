@@ -85,14 +85,14 @@ def test_a_run_can_be_shown_while_it_goes(demo: Scenario) -> None:
 
 def test_a_model_that_there_is_not_is_refused(demo: Scenario) -> None:
     with pytest.raises(InputError, match="oracle"):
-        Runner(RunPlan(demo, "idm", "litsim"), parameters={"predictor": {"model": "oracle"}})
+        Runner(RunPlan(demo, "idm", "litsim", {"predictor": {"model": "oracle"}}))
 
 
 def test_parameters_that_no_stage_has_are_refused(demo: Scenario) -> None:
     with pytest.raises(InputError, match=r"conflict: unknown parameter horizn \(near: horizon\); expected .*horizon"):
-        Runner(RunPlan(demo, "idm", "yield"), parameters={"conflict": {"horizn": 2.0}})
+        Runner(RunPlan(demo, "idm", "yield", {"conflict": {"horizn": 2.0}}))
     with pytest.raises(InputError, match="no stage of this run: policy; expected ego"):
-        Runner(RunPlan(demo, "idm", "replay"), parameters={"policy": {"weights": "mine"}})
+        Runner(RunPlan(demo, "idm", "replay", {"policy": {"weights": "mine"}}))
 
 
 # The demo
@@ -166,9 +166,9 @@ def test_the_ledger_says_why_and_what_pure_replay_would_have_done(make_scenario,
     """A golden scene: the ego brakes from 10 to 2 m/s, 7.5 m before the follower that its log keeps at 10 m/s."""
     scenario = make_scenario(track(1, x=112.0, last=200), track(2, x=100.0, last=200))
     parameters = {"ego": {"kind": "brake", "time": (0.0, 0.0), "duration": 4.0}}
-    replay = Runner(RunPlan(scenario, "perturbed", "replay"), parameters=parameters)
+    replay = Runner(RunPlan(scenario, "perturbed", "replay", parameters))
     assert len(list(replay.steps())) == 201
-    (entry,) = compute_metrics(record(Runner(RunPlan(scenario, "perturbed", "yield"), parameters=parameters)))["ledger"]
+    (entry,) = compute_metrics(record(Runner(RunPlan(scenario, "perturbed", "yield", parameters))))["ledger"]
     assert (entry["agent"], entry["opponent"], entry["reason"]) == (2, 1, "conflict")
     assert (entry["replay_opponent"], entry["replay_step"]) == (1, replay.world.contacts[(1, 2)])
     predicted = entry["detected_step"] + 10 * entry["time_to_conflict_s"]
@@ -211,7 +211,7 @@ def test_agents_do_not_flicker_between_holding_and_handing_back(litsim, demo: Sc
 
 def test_how_eagerly_is_taken_over_can_be_chosen(demo: Scenario, recorded: Run) -> None:
     blind = {"conflict": {"confirm_steps": 1000, "urgent_time": 0.0}}
-    never = record(Runner(RunPlan(demo, "idm", "litsim"), parameters=blind))
+    never = record(Runner(RunPlan(demo, "idm", "litsim", blind)))
     metrics = compute_metrics(never)
     assert metrics["takeovers"] == 0 and metrics["collision"]["excess"] > 0
     assert digest(never) != digest(recorded)

@@ -33,9 +33,9 @@ def rows(*trees: dict) -> dict:
 
 
 def test_equal_runs_differ_in_nothing_but_wall_times() -> None:
-    same = compare({"a": A, "b": changed(timing={"wall_s": 2.0})})
+    same = compare({"a": A, "b": changed(run_id="r@1", timing={"wall_s": 2.0})})
     assert same.equal
-    assert [row.name for row in same.rows if row.differs] == ["timing.wall_s"]
+    assert [row.name for row in same.rows if row.differs] == ["run_id", "timing.wall_s"]
 
 
 def test_what_differs_is_marked_and_by_how_much() -> None:

@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 
 import litsim_sim
+from litsim_sim.analysis.analyze import FILES, analyze
 from litsim_sim.analysis.lockstep import lockstep
 from litsim_sim.analysis.metrics import compute_metrics, write_metrics
 from litsim_sim.analysis.plots import telling_moment
 from litsim_sim.analysis.timing import timing
-from litsim_sim.cli.analyze import FILES, analyze, main, print_ledger, print_metrics
+from litsim_sim.cli.analyze import main
 from litsim_sim.core.scene import Controller, ControlSource, ControlTable
 from litsim_sim.core.stages import StageState
 from litsim_sim.record.run import Status, TopicGaps
+from litsim_sim.report.terminal import print_ledger, print_metrics
 
 Make = Callable[..., Any]
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"
@@ -168,15 +170,31 @@ def test_analyze_writes_beside_the_bag_and_prints(
     header = (folder / "overview.png").read_bytes()[:24]
     assert header[:4] == b"\x89PNG"
     assert int.from_bytes(header[16:20], "big") == 1600
-    main([str(folder / "run_0.mcap"), "--out", str(tmp_path / "else/where")])
+    with pytest.raises(SystemExit, match="1"):  # the bag holds no answers of stages
+        main([str(folder / "run_0.mcap"), "--out", str(tmp_path / "else/where")])
     assert {path.name for path in (tmp_path / "else/where").iterdir()} == set(FILES)
     assert json.loads((tmp_path / "else/where/metrics.json").read_text()) == metrics
     assert (tmp_path / "else/where/overview.png").stat().st_size > 20_000
     out = capsys.readouterr().out
     assert "ADE all" in out
     assert metrics["digest"][:16] in out
-    main([str(folder), "--quiet"])
+    with pytest.raises(SystemExit, match="1"):
+        main([str(folder), "--quiet"])
     assert capsys.readouterr().out == ""
+
+
+def test_a_run_that_is_not_valid_is_measured_and_said_to_be(
+    run: Any, write_run: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    failed = Status(STEPS, "bridge", StageState.FAILED, 0.0, "no answer to step 60")
+    folder = write_run(replace(run, statuses=[failed]), tmp_path / "bag")
+    with pytest.raises(SystemExit) as stop:
+        main([str(folder), "--quiet"])
+    assert stop.value.code == 1
+    metrics = json.loads((folder / "metrics.json").read_text())
+    said = capsys.readouterr()
+    assert said.err == f"error: {folder}: the run is not valid: {metrics['why']}\n" and "step 60" in metrics["why"]
+    assert said.out == ""
 
 
 def test_errors_are_one_line_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

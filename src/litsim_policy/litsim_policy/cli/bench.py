@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import sys
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -17,7 +16,7 @@ from tqdm import tqdm
 from litsim_policy.run.benchmark import measure, table_rows, time_highway_env
 from litsim_policy.run.conflict_benchmark import detection_rows, measure_detection
 from litsim_policy.run.throughput import measure_throughput, throughput_rows
-from litsim_sim.core.errors import EXIT_INPUT, InputError
+from litsim_sim.cli.program import program
 from litsim_sim.io.files import replacing
 
 HIGHWAY_ENV_MOST = 250  # more vehicles take it minutes
@@ -51,19 +50,16 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+@program
 def main() -> None:
     """Entry point of ``ros2 run litsim_policy bench``."""
     arguments = parser().parse_args()
-    try:
-        if arguments.conflicts:
-            show(*detection_table(arguments.agents), None)
-        elif arguments.throughput:
-            show(*throughput_table(arguments), arguments.markdown)
-        else:
-            show(*run_table(arguments), arguments.markdown)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(EXIT_INPUT)
+    if arguments.conflicts:
+        show(*detection_table(arguments.agents), None)
+    elif arguments.throughput:
+        show(*throughput_table(arguments), arguments.markdown)
+    else:
+        show(*run_table(arguments), arguments.markdown)
 
 
 def show(title: str, head: list[str], rows: list[list[str]], markdown: Path | None) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
-import sys
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
@@ -19,10 +17,10 @@ from litsim_policy.ads_check.plot import plot_latency
 from litsim_policy.ads_check.requirements import Clause, Limits, Verdict, judge
 from litsim_policy.ads_check.session import Check, observe
 from litsim_sim.cli.arguments import DefaultsFormatter, number, positive
-from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError
+from litsim_sim.cli.program import interrupt_on_signals, program
+from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.io.files import replacing
 from litsim_sim.launch.domain import graph_domain
-from litsim_sim.launch.processes import SIGNALS
 from litsim_sim.scenario.scenario import Scenario
 
 COLOURS = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.OPEN: "yellow"}
@@ -121,18 +119,12 @@ def _writable(out: Path) -> Path:
     return out
 
 
-def main() -> None:
+@program
+def main() -> int:
     """Entry point of ``ros2 run litsim_policy check_ads``."""
     arguments = parser().parse_args()
-    for each in SIGNALS:
-        signal.signal(each, signal.default_int_handler)  # whatever is under way is ended in good order
-    try:
-        sys.exit(check_ads(arguments, Console()))
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(EXIT_INPUT)
-    except KeyboardInterrupt:
-        sys.exit(EXIT_INTERRUPTED)
+    interrupt_on_signals()  # whatever is under way is ended in good order
+    return check_ads(arguments, Console())
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,8 @@ from typing import Any
 from litsim_policy.run.message_diff import DiffSummary
 from litsim_policy.run.recorded_run import open_record
 from litsim_policy.run.rerun import STAGES, rerun_stage, resimulate
-from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, InputError
+from litsim_sim.cli.program import program
+from litsim_sim.core.errors import EXIT_FAILED, InputError
 
 SHOWN = 5  # fields that the summary of a difference names
 
@@ -68,15 +68,11 @@ def _where(tally: DiffSummary) -> list[str]:
     return lines + [f"largest: {name} by {amount:.3g}" for name, amount in largest]
 
 
-def main(argv: list[str] | None = None) -> None:
+@program
+def main(argv: list[str] | None = None) -> int:
     """Entry point of ``ros2 run litsim_policy rerun``."""
     arguments = parser().parse_args(argv)
-    try:
-        equal = rerun(arguments)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(EXIT_INPUT)
-    sys.exit(0 if equal else EXIT_FAILED)
+    return 0 if rerun(arguments) else EXIT_FAILED
 
 
 if __name__ == "__main__":

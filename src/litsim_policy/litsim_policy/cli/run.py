@@ -3,53 +3,43 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from tqdm import tqdm
 
 from litsim_policy.run.runner import Runner, record
-from litsim_predictor.models import DEFAULT_MODEL, MODELS
 from litsim_sim.analysis.metrics import compute_metrics, write_metrics
-from litsim_sim.cli.analyze import print_metrics
-from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import SET_HELP, by_stage, one_setting
-from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan
-from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.cli.arguments import DefaultsFormatter
+from litsim_sim.cli.program import program, run_status
+from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
+from litsim_sim.report.terminal import print_metrics
+from litsim_sim.scenario.run_info import OWN_EGOS
 from litsim_sim.world.sumo import SumoMirror
+
+STATUS_HELP = "Exit status: 0, the run is valid; 1, it is not, and stderr says why; 2, bad input."
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy run``."""
-    p = argparse.ArgumentParser(prog="run", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
-    p.add_argument("--ego", default="idm", choices=[e for e in EGOS if e != "external"], help="what drives the ego")
-    p.add_argument("--policy", default="litsim", choices=POLICIES, help="what moves the background")
-    p.add_argument("--predictor", default=DEFAULT_MODEL, metavar="MODEL", help=f"{', '.join(MODELS)}, or weights")
-    p.add_argument("--ego-id", type=int, help="another vehicle of the recording as the ego")
-    p.add_argument("--seed", type=int, help="another seed than the scenario's")
-    p.add_argument("--set", type=one_setting, nargs="+", default=[], metavar="STAGE.NAME=VALUE", help=SET_HELP)
+    p = argparse.ArgumentParser(prog="run", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
+    add_run_arguments(p, OWN_EGOS)
     p.add_argument("--json", type=Path, help="write the metrics to this file")
     return p
 
 
-def main() -> None:
+@program
+def main(argv: list[str] | None = None) -> int:
     """Entry point of ``ros2 run litsim_policy run``."""
-    arguments = parser().parse_args()
-    try:
-        scenario = Scenario.load(arguments.scenario, ego=arguments.ego_id, seed=arguments.seed)
-        plan = RunPlan(scenario, arguments.ego, arguments.policy)
-        forecast = [] if arguments.policy == "replay" else [("predictor", "model", arguments.predictor)]
-        parameters = by_stage([*forecast, *arguments.set])
-        runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed), parameters)
-        with tqdm(total=scenario.total_steps + 1, unit="step", dynamic_ncols=True) as bar:
-            metrics = compute_metrics(record(runner, bar.update))
-        if arguments.json:
-            write_metrics(metrics, arguments.json)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    arguments = parser().parse_args(argv)
+    plan = plan_of(arguments)
+    scenario = plan.scenario
+    runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed))
+    with tqdm(total=scenario.total_steps + 1, unit="step", dynamic_ncols=True) as bar:
+        metrics = compute_metrics(record(runner, bar.update))
+    if arguments.json:
+        write_metrics(metrics, arguments.json)
     print_metrics(metrics)
+    return run_status(metrics, plan.scenario.name)
 
 
 if __name__ == "__main__":

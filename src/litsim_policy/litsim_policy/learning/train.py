@@ -31,7 +31,7 @@ from litsim_policy.learning.expert import ExpertPairs, expert_pairs
 from litsim_policy.learning.network import GaussianPolicy, driving_network, save
 from litsim_policy.learning.ppo import Demonstrations, executed_pairs, make_batch, tensor, update_policy
 from litsim_policy.learning.rollout import collect, validate
-from litsim_sim.core.errors import InputError
+from litsim_sim.cli.program import program
 from litsim_sim.io.yaml_input import read_yaml
 
 
@@ -147,19 +147,17 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+@program
 def main() -> None:
     """Entry point of ``ros2 run litsim_policy train``."""
     arguments = parser().parse_args()
     torch.set_num_threads(arguments.threads)
+    config = read_yaml(arguments.config, TrainConfig)
     try:
-        config = read_yaml(arguments.config, TrainConfig)
         training = run(config, arguments.out, resume=arguments.resume)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
     except KeyboardInterrupt:
         print(f"\ninterrupted; to go on: --resume with --out {arguments.out}", file=sys.stderr)
-        sys.exit(130)
+        raise
     driving_network(training.policy)
     print(f"best validation score {training.best:.4f}: {arguments.out / BEST}; curves: {arguments.out / CURVES}")
 

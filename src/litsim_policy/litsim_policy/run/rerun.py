@@ -122,7 +122,7 @@ def _again(record: Record) -> Runner:
         record.notes.append(f"the record does not tell the parameters of {', '.join(silent)}: taking defaults")
     ego = _RecordedEgo(record.messages[EGO_CONTROL.name]) if external else None
     parameters = {name: values for name, values in record.parameters.items() if name in STAGES}
-    return Runner(RunPlan(record.scenario, info.ego, info.policy), parameters=parameters, ego=ego)
+    return Runner(RunPlan(record.scenario, info.ego, info.policy, parameters), ego=ego)
 
 
 class _RecordedEgo:

@@ -20,7 +20,7 @@ from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, StageState
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.record.run import Detection, RunInfo, Status
 from litsim_sim.record.run import Run as RecordedRun
-from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.run_info import REPLAY, RunPlan
 from litsim_sim.world.world import Mirror, World, WorldConfig
 
 STAGES = (*POLICY_STAGES, EGO)
@@ -50,7 +50,7 @@ def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str
         InputError: a stage takes no part in such a run, a parameter is unknown to its stage, or does not fit; or there
             is no such ego.
     """
-    taking_part = () if policy == "replay" else POLICY_STAGES
+    taking_part = () if policy == REPLAY else POLICY_STAGES
     stages = {stage: stage for stage in taking_part} | ({} if ego is None else {EGO: registered_name(EGO, ego)})
     return stage_registry.configured(stages, parameters)
 
@@ -58,7 +58,7 @@ def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str
 class Runner:
     """Runs a plan in this process; with a mirror (libsumo: one per process) or without.
 
-    `parameters` are those of the stages' nodes; `ego` drives in place of the one that the plan names.
+    `ego` drives in place of the one that the plan names.
 
     Raises:
         InputError: a parameter is unknown to its stage or does not fit, or a stage cannot be built.
@@ -68,13 +68,12 @@ class Runner:
         self,
         plan: RunPlan,
         mirror: Mirror | None = None,
-        parameters: Parameters | None = None,
         ego: Ego | None = None,
     ) -> None:
         scenario = plan.scenario
         self.plan = plan
-        self._reacts = plan.policy != "replay"
-        stages = configured(None if ego else plan.ego, plan.policy, parameters or {})
+        self._reacts = plan.policy != REPLAY
+        stages = configured(None if ego else plan.ego, plan.policy, plan.parameters)
         self.world = World(scenario, WorldConfig(guard_entries=self._reacts), mirror)
         self._ego = ego or stages[EGO](scenario)
         if self._reacts:

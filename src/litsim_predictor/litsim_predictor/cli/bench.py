@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 
 from rich.console import Console
 from rich.table import Table
@@ -12,7 +11,7 @@ from tqdm import tqdm
 
 from litsim_predictor.benchmark import time_models
 from litsim_predictor.models import MODELS
-from litsim_sim.core.errors import InputError
+from litsim_sim.cli.program import program
 
 
 def parser() -> argparse.ArgumentParser:
@@ -27,20 +26,17 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+@program
 def main() -> None:
     """Entry point of ``ros2 run litsim_predictor bench``."""
     arguments = parser().parse_args()
     models = arguments.models or MODELS
     cells: dict[str, list[str]] = {}
-    try:
-        with tqdm(total=len(arguments.agents), unit="number of agents", dynamic_ncols=True) as bar:
-            for agents in arguments.agents:
-                for model, _, timing in time_models(models, [agents], arguments.steps, by_torch=arguments.torch):
-                    cells.setdefault(model, []).append(str(timing))
-                bar.update()
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    with tqdm(total=len(arguments.agents), unit="number of agents", dynamic_ncols=True) as bar:
+        for agents in arguments.agents:
+            for model, _, timing in time_models(models, [agents], arguments.steps, by_torch=arguments.torch):
+                cells.setdefault(model, []).append(str(timing))
+            bar.update()
     table = Table(
         title=f"forecast, ms/step: median (min to max) of {arguments.steps} steps, {os.cpu_count()} CPU cores"
     )

@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.scenario import Scenario
 
@@ -166,16 +167,13 @@ def _cell(value: float | None, measure: str) -> str:
     return f"{value:.3f}"
 
 
+@program
 def main() -> None:
     """Entry point of ``ros2 run litsim_predictor evaluate``."""
     logging.basicConfig(format="%(levelname)s: %(message)s")
     arguments = parser().parse_args()
-    try:
-        result = evaluate(arguments)
-        _write(result, arguments)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    result = evaluate(arguments)
+    _write(result, arguments)
     if arguments.csv:
         print_csv(result)
         return

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import shlex
-import sys
 from importlib import resources
 from pathlib import Path
 
-from litsim_sim.core.errors import InputError
+from litsim_sim.cli.program import program
+from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
 from litsim_sim.io.yaml_input import read_yaml, validate_yaml
 
 DATA_HELP = "Files of recordings are looked for here, beside the configuration, and under LITSIM_DATA."
@@ -34,17 +34,15 @@ def packaged_configs() -> dict[str, Path]:
     return {path.stem: path for path in folder.glob("*.yaml")}
 
 
-def main(argv: list[str] | None = None) -> None:
+@program
+def main(argv: list[str] | None = None) -> int:
     """Entry point of ``ros2 run litsim_predictor train``."""
     arguments = parser().parse_args(argv)
-    try:
-        _train(arguments)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    return _train(arguments)
 
 
-def _train(arguments: argparse.Namespace) -> None:
+def _train(arguments: argparse.Namespace) -> int:
+    """Train as the arguments say; returns the exit status."""
     import torch
 
     from litsim_predictor.learned.device import check_device
@@ -75,10 +73,11 @@ def _train(arguments: argparse.Namespace) -> None:
         training.resume()
     training.run()
     if not training.history:
-        raise SystemExit(130)
+        return EXIT_INTERRUPTED
     last = training.history[-1]
     print(f"epoch {last['epoch']:.0f} of {config.epochs}: validation RMSE {last['val_rmse_5']:.2f} m at 5 s")
     print(f"{folder / WEIGHTS}\n{folder / CURVES}")
+    return 0
 
 
 if __name__ == "__main__":

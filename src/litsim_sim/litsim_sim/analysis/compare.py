@@ -15,7 +15,9 @@ from litsim_sim.record.run import read_run
 SAME_RELATIVE = 1e-12
 """Numbers that differ by less are called the same: sums in another order, no other behaviour."""
 
-WALL_TIMES = "timing"  # branch of the measures that differs between equal runs
+OF_AN_EXECUTION = ("run_id", "timing")
+"""Branches of the measures that differ between equal runs: under which name it went, and how long it took."""
+
 _SUFFIX = ".json"
 
 
@@ -35,8 +37,8 @@ class Row:
 
     @property
     def of_the_run(self) -> bool:
-        """Whether equal runs agree on it: everything but wall times."""
-        return self.name.split(".")[0] != WALL_TIMES
+        """Whether equal runs agree on it: everything but the execution's name and wall times."""
+        return self.name.split(".")[0] not in OF_AN_EXECUTION
 
     @property
     def changes(self) -> tuple[float | None, ...]:
@@ -58,7 +60,7 @@ class Comparison:
 
     @property
     def equal(self) -> bool:
-        """Whether nothing but wall times differs."""
+        """Whether nothing differs but the execution's name and wall times."""
         return not any(row.differs for row in self.rows if row.of_the_run)
 
     def to_json(self) -> dict[str, Any]:

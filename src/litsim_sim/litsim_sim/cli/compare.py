@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from litsim_sim.analysis.compare import Comparison, Row, compare, load, names_of
-from litsim_sim.core.errors import EXIT_INPUT, InputError
+from litsim_sim.cli.program import program
 
 NOTHING = "-"
 DIGITS = 5
@@ -74,17 +74,14 @@ def _text(value: Any) -> str:
     return text if len(text) <= TEXT_MAX else f"{text[: TEXT_MAX - 1]}…"
 
 
+@program
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim compare``."""
     p = parser()
     arguments = p.parse_args(argv)
     if len(arguments.runs) < 2:
         p.error("name two runs at least")
-    try:
-        metrics = [load(path) for path in arguments.runs]
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(EXIT_INPUT)
+    metrics = [load(path) for path in arguments.runs]
     comparison = compare(dict(zip(names_of(arguments.runs), metrics, strict=True)))
     if arguments.json:
         print(json.dumps(comparison.to_json(), indent=2))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+from litsim_sim.cli.program import program
 from litsim_sim.cli.replay import split_arguments
 from litsim_sim.nodes.live_server import HOST, PORT
 
@@ -23,6 +24,7 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+@program
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim live``."""
     words, ros = split_arguments(sys.argv[1:] if argv is None else argv)

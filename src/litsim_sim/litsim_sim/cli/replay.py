@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from litsim_sim.cli.arguments import number
-from litsim_sim.core.errors import EXIT_INPUT, InputError
+from litsim_sim.cli.program import program
+from litsim_sim.core.errors import InputError
 from litsim_sim.launch.executables import find_executable
 
 STAGES = ("predictor", "conflict", "policy", "ego")
@@ -48,6 +49,7 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+@program
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim replay``."""
     words, ros = split_arguments(sys.argv[1:] if argv is None else argv)
@@ -57,16 +59,12 @@ def main(argv: list[str] | None = None) -> None:
         p.error("--repair and --out go together")
     if arguments.json and not (arguments.node or arguments.resimulate):
         p.error("--json goes with --node or --resimulate")
-    try:
-        if arguments.repair:
-            _repair(arguments.bag, arguments.out)
-        elif arguments.node or arguments.resimulate:
-            _rerun(arguments)
-        else:
-            _play(arguments, ros)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(EXIT_INPUT)
+    if arguments.repair:
+        _repair(arguments.bag, arguments.out)
+    elif arguments.node or arguments.resimulate:
+        _rerun(arguments)
+    else:
+        _play(arguments, ros)
 
 
 def _play(arguments: argparse.Namespace, ros: list[str]) -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
+from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 
 
@@ -73,17 +73,14 @@ def _check_names(arguments: argparse.Namespace) -> None:
             raise InputError(f"--{ending} {path}: expected a name that ends in .{ending}")
 
 
+@program
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim report``."""
     p = parser()
     arguments = p.parse_args(argv)
     if (arguments.bag is None) == (arguments.experiment is None):
         p.error("name a BAG, or an --experiment")
-    try:
-        written = report(arguments)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    written = report(arguments)
     for path in () if arguments.quiet else written:
         print(f"{path} ({path.stat().st_size / 1e6:.2f} MB)")
 

@@ -1,6 +1,10 @@
-"""The one error type that a user is meant to read, and the exit statuses of every program."""
+"""The one error type that a user is meant to read, how errors are told, and the exit statuses of every program."""
 
 from __future__ import annotations
+
+import sys
+import traceback
+from pathlib import Path
 
 EXIT_FAILED = 1  # the program did its work, and the answer is no: a run that failed or is not valid, a difference
 EXIT_INPUT = 2  # input that cannot be used
@@ -12,3 +16,20 @@ class InputError(Exception):
 
     Command-line programs print the message without a traceback and exit with status 2.
     """
+
+
+def print_error(what: object) -> None:
+    """Tell the user of an error, on stderr."""
+    print(f"error: {what}", file=sys.stderr)
+
+
+def reason(error: BaseException) -> str:
+    """`error` in one line; one that nobody foresaw also says where it was raised."""
+    text = " ".join(str(error).split())
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    if isinstance(error, InputError):
+        return text
+    at = traceback.extract_tb(error.__traceback__)[-1:]
+    where = "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in at)
+    return f"{type(error).__name__}: {text}{where}"

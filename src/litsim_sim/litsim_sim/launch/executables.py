@@ -35,6 +35,15 @@ def find_executable(package: str, executable: str) -> Path:
     return path
 
 
+def program_of(node: str, ego: str) -> tuple[str, str]:
+    """Package and executable of a node of the graph by the name of its stage; of the stage `ego`, by who drives it."""
+    return ("litsim_policy", registered_name(node, ego)) if node == EGO else EXECUTABLES[node]
+
+
 def node_executable(node: str, ego: str) -> Path:
-    """The file of a node of the graph by the name of its stage; that of the stage `ego` depends on who drives it."""
-    return find_executable(*(("litsim_policy", registered_name(node, ego)) if node == EGO else EXECUTABLES[node]))
+    """The file of :func:`program_of`.
+
+    Raises:
+        InputError: it is not there.
+    """
+    return find_executable(*program_of(node, ego))

@@ -11,7 +11,7 @@ from litsim_msgs.msg import Hello, StageStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from litsim_sim.core.errors import EXIT_FAILED
+from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.ego_port.answer import Interface
@@ -25,7 +25,7 @@ from litsim_sim.nodes.run_loop import RunLoop
 from litsim_sim.ros import ego_port, messages
 from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
-from litsim_sim.ros.stage import process, reason, serve
+from litsim_sim.ros.stage import process, serve
 from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, STATUS, TIMING, Topic
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.sumo import SumoMirror
@@ -171,7 +171,7 @@ def main() -> None:
         try:
             BridgeNode().run()
         except RunFailed as error:
-            print(f"error: {error}", file=sys.stderr)
+            print_error(error)
             sys.exit(EXIT_FAILED)
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict, field, make_dataclass
 from typing import Annotated, Any, Literal
 
+import yaml
 from pydantic import Field, model_validator
 
-from litsim_sim.core.parameters import ParameterReader
+from litsim_sim.core.parameters import ParameterReader, Parameters
 from litsim_sim.core.quantities import Duration, Number, OneOf, Positive, Whole, configuration
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.ego_port.answer import INTERFACES
-from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan
+from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan, new_execution
 from litsim_sim.scenario.scenario import Scenario
 
 OF_THE_SCENARIO = -1
@@ -42,6 +43,8 @@ class BridgeOptions:
         external_timeout_s: for an external ego to answer step 0.
         progress: how the progress of the run is shown.
         vehicle: of the ego.
+        stage_parameters: what the stages' parameters are set to, by stage and name, in YAML; part of the run's identity,
+            not set by it.
     """
 
     scenario: str = "demo"
@@ -58,6 +61,7 @@ class BridgeOptions:
     external_timeout_s: Positive[Duration] = 60.0
     progress: Literal["bar", "lines", "none"] = "bar"
     vehicle: Any = field(default_factory=VehicleOptions)
+    stage_parameters: str = ""
 
     @model_validator(mode="after")
     def _check(self) -> BridgeOptions:
@@ -65,6 +69,7 @@ class BridgeOptions:
             VehicleModel.of(self._own_vehicle)
         except ValueError as error:
             raise ValueError(f"vehicle.{error}") from error
+        _by_stage(self.stage_parameters)
         return self
 
     @property
@@ -72,7 +77,7 @@ class BridgeOptions:
         return {name: value for name, value in asdict(self.vehicle).items() if value != OF_THE_SCENARIO}
 
     def plan(self) -> RunPlan:
-        """Load what is to be run.
+        """Load what is to be run, as an execution of its own.
 
         Raises:
             InputError: the scenario cannot be used, or not with these options.
@@ -80,7 +85,22 @@ class BridgeOptions:
         chosen = {"ego": self.ego_id, "seed": self.seed}
         overrides = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
         scenario = Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
-        return RunPlan(scenario, self.ego, self.policy)
+        return RunPlan(scenario, self.ego, self.policy, _by_stage(self.stage_parameters), new_execution())
+
+
+def _by_stage(text: str) -> Parameters:
+    """Parameters by stage and name, as they come in a text: the launcher's is JSON.
+
+    Raises:
+        ValueError: the text holds something else.
+    """
+    try:
+        found = yaml.safe_load(text) or {}
+    except yaml.YAMLError:
+        found = None
+    if not isinstance(found, dict) or not all(isinstance(values, dict) for values in found.values()):
+        raise ValueError(f"stage_parameters is {text!r}, expected such as {{conflict: {{horizon: 2.0}}}}")
+    return found
 
 
 def bridge_stage(read: ParameterReader) -> BridgeOptions:

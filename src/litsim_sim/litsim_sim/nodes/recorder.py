@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.timer import Timer
 
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error, reason
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.stages import RECORDER as STAGE
@@ -26,7 +26,7 @@ from litsim_sim.ros.cdr import stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
-from litsim_sim.ros.stage import SIGNAL_PERIOD, process, reason, spin
+from litsim_sim.ros.stage import SIGNAL_PERIOD, process, spin
 from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
@@ -217,8 +217,8 @@ def main() -> None:
         until = time.monotonic() + SIGNAL_PERIOD  # the bridge may greet once more
         spin(node, lambda: time.monotonic() > until)
         if node.gaps:
-            print(f"error: the recording has gaps: {node.gaps}", file=sys.stderr)
-            sys.exit(1)
+            print_error(f"the recording has gaps: {node.gaps}")
+            sys.exit(EXIT_FAILED)
 
 
 if __name__ == "__main__":

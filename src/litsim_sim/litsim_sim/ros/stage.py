@@ -23,7 +23,7 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from litsim_sim.core.errors import EXIT_INPUT, EXIT_INTERRUPTED, InputError
+from litsim_sim.core.errors import EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error, reason
 from litsim_sim.core.lockstep import Joiner
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.step_marks import step_marks
@@ -235,7 +235,7 @@ def process(interrupted: int = EXIT_INTERRUPTED) -> Iterator[None]:
         _init()
         yield
     except (InputError, ParameterException) as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        print_error(" ".join(str(error).split()))  # rclpy breaks lines
         sys.exit(EXIT_INPUT)
     except KeyboardInterrupt:
         sys.exit(interrupted)
@@ -257,18 +257,6 @@ def check_parameters(node: Node) -> None:
         raise InputError(
             f"{node.get_name()}: unknown parameter {', '.join(unknown)}; expected {', '.join(known) or 'none'}"
         )
-
-
-def reason(error: BaseException) -> str:
-    """`error` in one line; one that nobody foresaw also says where it was raised."""
-    text = " ".join(str(error).split())
-    if isinstance(error, KeyboardInterrupt):
-        return "interrupted"
-    if isinstance(error, InputError):
-        return text
-    at = traceback.extract_tb(error.__traceback__)[-1:]
-    where = "".join(f" ({Path(frame.filename).name}, line {frame.lineno})" for frame in at)
-    return f"{type(error).__name__}: {text}{where}"
 
 
 def _init() -> None:

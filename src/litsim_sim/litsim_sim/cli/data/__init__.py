@@ -3,7 +3,8 @@
 Every module of this package whose name has no leading underscore is a sub-command of that name, with two functions:
 
 - ``add(subparsers) -> None`` adds the parser of the command and sets its default ``run``;
-- ``run(arguments) -> None`` does the work and raises :class:`InputError` where the input cannot be used.
+- ``run(arguments) -> int | None`` does the work, returns the exit status or None for 0, and raises
+  :class:`litsim_sim.core.errors.InputError` where the input cannot be used.
 """
 
 from __future__ import annotations
@@ -11,9 +12,8 @@ from __future__ import annotations
 import argparse
 import importlib
 import pkgutil
-import sys
 
-from litsim_sim.core.errors import InputError
+from litsim_sim.cli.program import program
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -25,11 +25,11 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def main(argv: list[str] | None = None) -> None:  # `list` is the type: modules of this package are imported by name
+@program
+def main(
+    argv: list[str] | None = None,
+) -> int | None:  # `list` is no module: those are imported by name
     """Entry point of ``ros2 run litsim_sim data``."""
     arguments = _parser().parse_args(argv)
-    try:
-        arguments.run(arguments)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    status: int | None = arguments.run(arguments)
+    return status

@@ -36,21 +36,20 @@ def add(subparsers: Any) -> None:
     command.set_defaults(run=run)
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Build or check; exits with status 1 where a check misses its goal.
+def run(arguments: argparse.Namespace) -> int:
+    """Build or check; returns the exit status: 1 where a check misses its goal.
 
     Raises:
         InputError: the input cannot be used, or netconvert is missing.
     """
     if arguments.check is not None:
-        if not check(arguments):
-            sys.exit(EXIT_FAILED)
-        return
+        return 0 if check(arguments) else EXIT_FAILED
     if arguments.out is None:
         raise InputError("data map: name the net to write with --out, or one to check with --check")
     print(f"building {arguments.out} ...", file=sys.stderr)
     for warning in build(arguments):
         print(f"netconvert: {warning}", file=sys.stderr)
+    return 0
 
 
 def build(arguments: argparse.Namespace) -> list[str]:

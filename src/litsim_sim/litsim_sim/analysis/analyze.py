@@ -1,0 +1,48 @@
+"""The measures of a recorded run as files beside its bag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics, write_metrics
+from litsim_sim.analysis.tables import SERIES_FILE, TAKEOVERS_FILE, write_tables
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
+from litsim_sim.record.run import Run, read_run
+
+PLOT_FILE = "overview.png"
+FILES = (METRICS_FILE, SERIES_FILE, TAKEOVERS_FILE, PLOT_FILE)
+
+
+def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
+    """Measure the run in `bag` (folder or MCAP file); write :data:`FILES` beside it, each whole or not at all.
+
+    Args:
+        bag: of the run.
+        out: folder of the files instead; made where it is missing.
+
+    Returns:
+        the tree of `metrics.json`.
+
+    Raises:
+        InputError: `bag` is no LitSim run, or the results cannot be written.
+    """
+    run = read_run(bag)
+    folder = out or run.path.parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    metrics = compute_metrics(run)
+    write_metrics(metrics, folder / METRICS_FILE)
+    write_tables(run, folder)
+    _plot(run, folder / PLOT_FILE)
+    return metrics
+
+
+def _plot(run: Run, path: Path) -> None:
+    from litsim_sim.analysis.plots import overview  # matplotlib takes half a second to load
+
+    with replacing(path) as new:
+        overview(run, new)

@@ -1,0 +1,66 @@
+"""How every command-line program ends: what it prints of an error, and its exit status."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Any, ParamSpec
+
+from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error
+from litsim_sim.launch.processes import SIGNALS
+
+P = ParamSpec("P")
+
+
+def program(main: Callable[P, int | None]) -> Callable[P, None]:
+    """The entry point of a program whose work is `main`; it returns where the work went well, and exits otherwise.
+
+    Args:
+        main: returns the exit status of what it did, or None for 0. An :class:`InputError` that it raises is one line
+            on stderr and status 2; Ctrl-C is status 130, without a traceback; where whoever read its output has gone,
+            as `head` does, it ends quietly with status 1.
+    """
+
+    @wraps(main)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            status = main(*args, **kwargs)
+            sys.stdout.flush()
+        except InputError as error:
+            print_error(error)
+            status = EXIT_INPUT
+        except KeyboardInterrupt:
+            status = EXIT_INTERRUPTED
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left would fail again at exit
+            status = EXIT_FAILED
+        if status:
+            sys.exit(status)
+
+    return run
+
+
+def run_status(metrics: Mapping[str, Any], what: object) -> int:
+    """Exit status of a program that has measured a run: that of failure where the run is not valid, which is said.
+
+    Args:
+        metrics: the tree of `metrics.json`.
+        what: was run, as the error is to name it.
+    """
+    if metrics["valid"]:
+        return 0
+    print_error(f"{what}: the run is not valid: {metrics['why']}")
+    return EXIT_FAILED
+
+
+def interrupt_on_signals() -> None:
+    """Let SIGTERM, and SIGHUP where nohup does not hold it back, do what Ctrl-C does: end what was started in order.
+
+    SIGINT is set too, for background jobs of scripts begin with it ignored.
+    """
+    for number in SIGNALS:
+        if number != signal.SIGHUP or signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)

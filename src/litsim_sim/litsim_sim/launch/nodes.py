@@ -1,0 +1,97 @@
+"""The nodes of a run, with the executables and parameters that make them that run's, whoever starts them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.stage_registry import configured, registered_name
+from litsim_sim.core.stages import BRIDGE, RECORDER
+from litsim_sim.ego_port.answer import AUTO
+from litsim_sim.launch.executables import program_of
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
+
+MODES = ("lockstep", "realtime")
+STOP_OR_HOLD = ("stop", "hold")
+
+
+@dataclass(frozen=True)
+class GraphOptions:
+    """How a run goes over DDS; defaults are those of the bridge's parameters of the same names.
+
+    Attributes:
+        scenario: name or file, as the bridge is to load it.
+        out: folder of the recording.
+        overwrite: whether a recording in `out` may be replaced.
+        mode: one of :data:`MODES`.
+        on_missing: one of :data:`STOP_OR_HOLD`, where an answer does not come in lock-step.
+        on_invalid: one of :data:`STOP_OR_HOLD`, where an answer of the ego cannot be used.
+        ego_interface: one of :data:`litsim_sim.ego_port.answer.INTERFACES`, of an external ego.
+        answer_timeout_s: for the answers to one step [s].
+        progress: bar, lines or none.
+    """
+
+    scenario: str
+    out: Path
+    overwrite: bool = False
+    mode: str = MODES[0]
+    on_missing: str = STOP_OR_HOLD[0]
+    on_invalid: str = STOP_OR_HOLD[0]
+    ego_interface: str = AUTO
+    answer_timeout_s: float = 5.0
+    progress: str = "lines"
+
+
+@dataclass(frozen=True)
+class GraphNode:
+    """A node of a run.
+
+    Attributes:
+        name: of its stage, the bridge or the recorder.
+        package, executable: of its program.
+        parameters: ROS parameters that are not left at the node's defaults.
+    """
+
+    name: str
+    package: str
+    executable: str
+    parameters: Mapping[str, Any]
+
+
+def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
+    """The nodes of a run in the order to start them in: the bridge last, since it waits for all others.
+
+    Raises:
+        InputError: a parameter is set of a node that takes no part in this run or does not know it, or does not fit; or
+            the interface of an ego that is not external.
+    """
+    if plan.ego != EXTERNAL and how.ego_interface != AUTO:
+        raise InputError(f"--ego-interface {how.ego_interface}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
+    names = (*reversed(plan.stages), BRIDGE)
+    own = {RECORDER: {"output": str(how.out), "overwrite": how.overwrite}, BRIDGE: _bridge(plan, how)}
+    parameters = {name: own.get(name, {}) | dict(plan.parameters.get(name, {})) for name in (*own, *plan.parameters)}
+    configured({name: registered_name(name, plan.ego) for name in names}, parameters)
+    return [GraphNode(name, *program_of(name, plan.ego), parameters.get(name, {})) for name in names]
+
+
+def _bridge(plan: RunPlan, how: GraphOptions) -> dict[str, Any]:
+    """Parameters of the bridge."""
+    parameters = {
+        "scenario": how.scenario,
+        "ego": plan.ego,
+        "policy": plan.policy,
+        "ego_id": plan.scenario.ego_id,
+        "seed": plan.scenario.seed,
+        "mode": how.mode,
+        "on_missing": how.on_missing,
+        "on_invalid": how.on_invalid,
+        "ego_interface": how.ego_interface,
+        "answer_timeout_s": how.answer_timeout_s,
+        "progress": how.progress,
+        "stage_parameters": json.dumps(plan.stage_parameters, sort_keys=True),
+    }
+    return parameters | {f"vehicle.{name}": value for name, value in plan.scenario.file.vehicle.items()}

@@ -1,0 +1,85 @@
+"""How programs end: errors in a line, exit statuses, no traceback where none helps."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from litsim_sim.cli.program import interrupt_on_signals, program, run_status
+from litsim_sim.core.errors import InputError
+
+
+def ended(work, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    with pytest.raises(SystemExit) as stop:
+        program(work)()
+    assert isinstance(stop.value.code, int)
+    return stop.value.code, capsys.readouterr().err
+
+
+def raising(error: BaseException):
+    def work() -> None:
+        raise error
+
+    return work
+
+
+def test_work_that_went_well_returns(capsys: pytest.CaptureFixture[str]) -> None:
+    assert program(lambda: None)() is None and program(lambda: 0)() is None
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("work", "status", "said"),
+    [
+        (raising(InputError("a.yaml: field seed: no number")), 2, "error: a.yaml: field seed: no number\n"),
+        (raising(KeyboardInterrupt()), 130, ""),
+        (lambda: 1, 1, ""),
+    ],
+)
+def test_how_it_ended_is_the_exit_status(work, status: int, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended(work, capsys) == (status, said)
+
+
+def test_mistakes_of_ours_keep_their_traceback() -> None:
+    with pytest.raises(ZeroDivisionError):
+        program(lambda: 1 // 0)()
+
+
+def test_arguments_are_passed_on() -> None:
+    seen = []
+    program(lambda *words, end: seen.append((words, end)))("a", "b", end="c")
+    assert seen == [(("a", "b"), "c")]
+
+
+def test_a_reader_that_has_gone_is_no_traceback() -> None:
+    code = "from litsim_sim.cli.program import program\nprogram(lambda: print('x' * 10**6))()"
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.close()
+    assert process.stderr.read() == "" and process.wait() == 1
+    process.stderr.close()
+
+
+def test_a_run_that_is_not_valid_fails_and_says_why(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_status({"valid": True, "why": ""}, "bags/a") == 0
+    assert capsys.readouterr().err == ""
+    assert run_status({"valid": False, "why": "3 gaps"}, "bags/a") == 1
+    assert capsys.readouterr().err == "error: bags/a: the run is not valid: 3 gaps\n"
+
+
+def test_to_be_ended_is_to_be_interrupted() -> None:
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as in the background of a script
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as under nohup
+        interrupt_on_signals()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(number)
+        assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,55 @@
+"""The nodes of a run: who takes part, and with which parameters."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.launch.nodes import GraphNode, GraphOptions, nodes_of
+from litsim_sim.scenario.run_info import RunPlan
+
+
+def nodes(ego: str = "idm", policy: str = "litsim", interface: str = "auto", **plan: object) -> dict[str, GraphNode]:
+    how = GraphOptions("demo", Path("bags/a"), overwrite=True, ego_interface=interface)
+    return {node.name: node for node in nodes_of(RunPlan.load("demo", ego, policy, **plan), how)}  # type: ignore[arg-type]
+
+
+def test_the_bridge_comes_last_and_the_recorder_first() -> None:
+    assert list(nodes()) == ["recorder", "ego", "policy", "conflict", "predictor", "bridge"]
+    assert list(nodes(policy="replay")) == ["recorder", "ego", "bridge"]
+    assert list(nodes("external", "replay")) == ["recorder", "bridge"]
+
+
+def test_who_drives_the_ego_is_a_program_of_its_own() -> None:
+    found = nodes("perturbed")
+    assert (found["ego"].package, found["ego"].executable) == ("litsim_policy", "ego_perturbed")
+    assert (found["bridge"].package, found["bridge"].executable) == ("litsim_sim", "bridge")
+
+
+def test_what_is_set_reaches_its_node_and_the_bridge_knows_of_all() -> None:
+    settings = [("conflict", "horizon", 2.5), ("ego", "time", (0.0, 1.0)), ("bridge", "handshake_timeout_s", 9.0)]
+    found = nodes(predictor="kinematic", ego_id=7, seed=5, vehicle={"lag_s": 0.2}, settings=settings)
+    assert found["conflict"].parameters == {"horizon": 2.5}
+    assert found["predictor"].parameters == {"model": "kinematic"}
+    assert found["policy"].parameters == {}
+    assert found["recorder"].parameters == {"output": "bags/a", "overwrite": True}
+    bridge = found["bridge"].parameters
+    assert (bridge["ego_id"], bridge["seed"], bridge["vehicle.lag_s"], bridge["scenario"]) == (7, 5, 0.2, "demo")
+    assert bridge["handshake_timeout_s"] == 9.0
+    told = {"predictor": {"model": "kinematic"}, "conflict": {"horizon": 2.5}, "ego": {"time": [0.0, 1.0]}}
+    assert json.loads(bridge["stage_parameters"]) == told
+
+
+def test_who_takes_no_part_cannot_be_set() -> None:
+    with pytest.raises(InputError, match="no stage of this run: policy; expected bridge, ego, recorder"):
+        nodes(policy="replay", settings=[("policy", "weights", "mine")])
+    assert "predictor" not in nodes(policy="replay", predictor="kinematic"), "nothing is forecast in a replay"
+
+
+def test_only_an_external_ego_has_an_interface() -> None:
+    assert nodes("external", interface="twist")["bridge"].parameters["ego_interface"] == "twist"
+    with pytest.raises(InputError, match="--ego-interface twist: the ego is idm"):
+        nodes(interface="twist")

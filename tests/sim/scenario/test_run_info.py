@@ -1,0 +1,51 @@
+"""What is being run: its stages, and the name under which it goes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from litsim_sim.scenario.run_info import RunPlan, new_execution
+
+
+@pytest.fixture(scope="module")
+def plan() -> RunPlan:
+    return RunPlan.load("demo", "idm", "litsim")
+
+
+def test_equal_runs_have_equal_identities_however_they_are_written(plan: RunPlan) -> None:
+    assert RunPlan.load("demo", "idm", "litsim").identity == plan.identity
+    assert replace(plan, parameters={"conflict": {}}).identity == plan.identity
+    two = [RunPlan.load("demo", "idm", "litsim", settings=[("conflict", "horizon", v)]).identity for v in (2, 2.0)]
+    assert two[0] == two[1] != plan.identity
+    parameters = [{"ego": {"time": value}, "policy": {"a": True}} for value in ((0.0, 1.0), [0, 1])]
+    first, second = (replace(plan, parameters=each) for each in parameters)
+    assert first.identity == second.identity
+
+
+def test_whatever_changes_a_run_changes_its_identity(plan: RunPlan) -> None:
+    others = [
+        RunPlan.load("demo", "log", "litsim"),
+        RunPlan.load("demo", "idm", "yield"),
+        RunPlan.load("demo", "idm", "litsim", seed=99),
+        RunPlan.load("demo", "idm", "litsim", vehicle={"lag_s": 0.3}),
+        RunPlan.load("demo", "idm", "litsim", predictor="kinematic"),
+        RunPlan.load("demo", "idm", "litsim", settings=[("conflict", "horizon", 2.0)]),
+        RunPlan.load("demo", "idm", "litsim", settings=[("conflict", "horizon", 3.0)]),
+        RunPlan.load("demo", "idm", "litsim", settings=[("policy", "horizon", 2.0)]),
+    ]
+    assert len({each.identity for each in (plan, *others)}) == len(others) + 1
+
+
+def test_how_it_is_carried_out_does_not(plan: RunPlan) -> None:
+    patient = RunPlan.load("demo", "idm", "litsim", settings=[("bridge", "answer_timeout_s", 60.0)])
+    assert patient.identity == plan.identity
+    replays = [RunPlan.load("demo", "idm", "replay", predictor=model).identity for model in ("kinematic", None)]
+    assert replays[0] == replays[1], "nothing is forecast in a replay"
+
+
+def test_no_two_executions_go_by_the_same_name(plan: RunPlan) -> None:
+    assert plan.run_id == plan.identity == plan.facts()["run_id"], "in process nobody else can be heard"
+    ids = {replace(plan, execution=new_execution()).run_id for _ in range(100)}
+    assert len(ids) == 100 and all(each.startswith(f"{plan.identity}@") for each in ids)
