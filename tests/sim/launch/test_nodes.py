@@ -30,7 +30,7 @@ def test_who_drives_the_ego_is_a_program_of_its_own() -> None:
 
 
 def test_what_is_set_reaches_its_node_and_the_bridge_knows_of_all() -> None:
-    settings = [("conflict", "horizon", 2.5), ("ego", "time", (0.0, 1.0)), ("bridge", "handshake_timeout_s", 9.0)]
+    settings = [("conflict", "horizon", 2.5), ("ego", "headway", 2.0), ("bridge", "handshake_timeout_s", 9.0)]
     found = nodes(predictor="kinematic", ego_id=7, seed=5, vehicle={"lag_s": 0.2}, settings=settings)
     assert found["conflict"].parameters == {"horizon": 2.5}
     assert found["predictor"].parameters == {"model": "kinematic"}
@@ -39,7 +39,7 @@ def test_what_is_set_reaches_its_node_and_the_bridge_knows_of_all() -> None:
     bridge = found["bridge"].parameters
     assert (bridge["ego_id"], bridge["seed"], bridge["vehicle.lag_s"], bridge["scenario"]) == (7, 5, 0.2, "demo")
     assert bridge["handshake_timeout_s"] == 9.0
-    told = {"predictor": {"model": "kinematic"}, "conflict": {"horizon": 2.5}, "ego": {"time": [0.0, 1.0]}}
+    told = {"predictor": {"model": "kinematic"}, "conflict": {"horizon": 2.5}, "ego": {"headway": 2.0}}
     assert json.loads(bridge["stage_parameters"]) == told
 
 

@@ -43,8 +43,8 @@ class BridgeOptions:
         external_timeout_s: for an external ego to answer step 0.
         progress: how the progress of the run is shown.
         vehicle: of the ego.
-        stage_parameters: what the stages' parameters are set to, by stage and name, in YAML; part of the run's identity,
-            not set by it.
+        stage_parameters: what the stages' parameters are set to, by stage and name, in YAML; part of the identity
+            of the run, not set by it.
     """
 
     scenario: str = "demo"

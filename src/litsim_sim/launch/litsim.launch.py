@@ -1,0 +1,94 @@
+"""A whole run: `ros2 launch litsim_sim litsim.launch.py scenario:=demo ego:=idm policy:=litsim`.
+
+Starts the nodes that the launcher script `ros2 run litsim_sim launch` starts, with the same parameters, and ends when the
+run is recorded. `ros2 run litsim_sim analyze OUT` measures it then.
+"""
+
+from pathlib import Path
+
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from launch import LaunchContext, LaunchDescription
+from litsim_sim.core.parameters import one_setting
+from litsim_sim.core.stages import BRIDGE, RECORDER
+from litsim_sim.ego_port.answer import AUTO, INTERFACES
+from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphOptions, nodes_of
+from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan
+
+NONE = ""  # of an argument that leaves it to the scenario, or to the node
+
+ARGUMENTS = (
+    ("scenario", "demo", "name of a packaged scenario, or a YAML file", None),
+    ("ego", "idm", "what drives the ego; external: your own stack, over topics", EGOS),
+    ("policy", "litsim", "what moves the background", POLICIES),
+    ("predictor", NONE, "packaged model, or weights", None),
+    ("ego_id", NONE, "another vehicle of the recording as the ego", None),
+    ("seed", NONE, "another seed than the scenario's", None),
+    ("set", NONE, "parameters of the stages, STAGE.NAME=VALUE, with spaces between", None),
+    ("out", NONE, "folder of the recording; bags/SCENARIO where not given", None),
+    ("overwrite", "false", "replace a recording that is there already", ("true", "false")),
+    ("mode", MODES[0], "who waits for whom", MODES),
+    ("on_missing", STOP_OR_HOLD[0], "in lockstep, after the timeout", STOP_OR_HOLD),
+    ("on_invalid", STOP_OR_HOLD[0], "where the ego's answer is no use", STOP_OR_HOLD),
+    ("ego_interface", AUTO, "of an external ego; auto: that of its first message", INTERFACES),
+)
+"""Name, default, description and choices."""
+
+
+def generate_launch_description() -> LaunchDescription:
+    """The arguments, and the graph that follows from them."""
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=text, choices=list(choices) if choices else None)
+        for name, default, text, choices in ARGUMENTS
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=graph)])
+
+
+def graph(context: LaunchContext) -> list[object]:
+    """The nodes, and what happens when the bridge or the recorder ends."""
+    given = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
+    plan = RunPlan.load(
+        given["scenario"],
+        given["ego"],
+        given["policy"],
+        predictor=given["predictor"] or None,
+        ego_id=int(given["ego_id"]) if given["ego_id"] else None,
+        seed=int(given["seed"]) if given["seed"] else None,
+        settings=[one_setting(each) for each in given["set"].split()],
+    )
+    how = GraphOptions(
+        given["scenario"],
+        Path(given["out"] or f"bags/{plan.scenario.name}"),
+        overwrite=given["overwrite"] == "true",
+        progress="none",
+        **{name: given[name] for name in ("mode", "on_missing", "on_invalid", "ego_interface")},
+    )
+    nodes = {
+        node.name: Node(
+            package=node.package, executable=node.executable, parameters=[dict(node.parameters)], output="screen"
+        )
+        for node in nodes_of(plan, how)
+    }
+    over = EmitEvent(event=Shutdown(reason=f"the run is over, recorded in {how.out}"))
+    ends = {
+        BRIDGE: lambda event, _: None if event.returncode == 0 else failed(BRIDGE, event.returncode),
+        RECORDER: lambda event, _: over if event.returncode == 0 else failed(RECORDER, event.returncode),
+    }
+    handlers = [
+        RegisterEventHandler(OnProcessExit(target_action=nodes[name], on_exit=on_exit))
+        for name, on_exit in ends.items()
+    ]
+    return [*handlers, *nodes.values()]
+
+
+def failed(name: str, status: int) -> None:
+    """End the launch with an exit status that is not 0, which only an exception does.
+
+    Raises:
+        RuntimeError: always.
+    """
+    raise RuntimeError(f"node {name} ended with exit status {status}; the run is not complete")
