@@ -1,57 +1,95 @@
-"""The YAML file of every node says what the node does without it."""
+"""The YAML file of every node says what the node does without it, with the unit and the meaning of every value."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields, is_dataclass
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from litsim_policy.conflict.detection import ConflictConfig
-from litsim_policy.conflict.takeover import TakeoverConfig
-from litsim_policy.driving.handback import HandbackConfig
-from litsim_policy.driving.policy_c import PolicyCConfig
-from litsim_policy.driving.yield_policy import YieldConfig
-from litsim_policy.ego.bat import BatConfig
-from litsim_policy.ego.idm import CAREFUL
-from litsim_policy.ego.perturbed import PerturbedConfig
-from litsim_predictor.models import PredictorConfig
+from litsim_sim.core.parameters import Config, ParameterOverrides
+from litsim_sim.core.quantities import field_type, unit
+from litsim_sim.core.stage_registry import GROUP
 
 SOURCES = Path(__file__).parents[2] / "src"
+FILES = {
+    "bridge": "litsim_sim/config/bridge.yaml",
+    "recorder": "litsim_sim/config/recorder.yaml",
+    "predictor": "litsim_predictor/config/predictor.yaml",
+    "conflict": "litsim_policy/config/conflict.yaml",
+    "policy": "litsim_policy/config/policy.yaml",
+    "ego_bat": "litsim_policy/config/ego_bat.yaml",
+    "ego_idm": "litsim_policy/config/ego_idm.yaml",
+    "ego_perturbed": "litsim_policy/config/ego_perturbed.yaml",
+}
+"""File of each stage that has parameters, by the name under which it is registered."""
 
 
-def flat(config: Any, prefix: str = "") -> dict[str, Any]:
-    """Fields as parameter names, nested ones with a dot, tuples as lists."""
-    found = {}
-    for field in fields(config):
-        value = getattr(config, field.name)
-        if is_dataclass(value):
-            found |= flat(value, f"{prefix}{field.name}.")
-        else:
-            found[prefix + field.name] = list(value) if isinstance(value, tuple) else value
+class Units(ParameterOverrides):
+    """Reads a stage's configurations and remembers the units of their fields."""
+
+    def __init__(self, stage: str, values: dict[str, Any]) -> None:
+        super().__init__(stage, values)
+        self.units: dict[str, str] = {}
+
+    def __call__(self, default: Config, prefix: str = "") -> Config:
+        for field in fields(default):  # type: ignore[arg-type]
+            if not is_dataclass(getattr(default, field.name)):
+                self.units[prefix + field.name] = unit(field_type(type(default), field.name))
+        return super().__call__(default, prefix)
+
+
+def read_by(name: str, values: dict[str, Any]) -> Units:
+    """What the stage registered as `name` makes of `values`."""
+    (entry,) = entry_points(group=GROUP, name=name)
+    read = Units(name, values)
+    entry.load()(read)
+    read.check()
+    return read
+
+
+def in_file(name: str) -> dict[str, Any]:
+    """Parameters in the file of a stage, by flat names."""
+    node = "ego" if name.startswith("ego_") else name
+    values = yaml.safe_load((SOURCES / FILES[name]).read_text())
+    return flat(values[node]["ros__parameters"])
+
+
+def flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Values of nested mappings by names with dots."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        found |= flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
     return found
 
 
-@pytest.mark.parametrize(
-    ("file", "node", "expected"),
-    [
-        ("litsim_policy/config/conflict.yaml", "conflict", flat(ConflictConfig()) | flat(TakeoverConfig())),
-        (
-            "litsim_policy/config/policy.yaml",
-            "policy",
-            flat(YieldConfig()) | flat(HandbackConfig(), "handback.") | flat(PolicyCConfig()),
-        ),
-        ("litsim_policy/config/ego_bat.yaml", "ego", flat(BatConfig())),
-        ("litsim_policy/config/ego_idm.yaml", "ego", flat(CAREFUL)),
-        ("litsim_policy/config/ego_perturbed.yaml", "ego", flat(PerturbedConfig())),
-        (
-            "litsim_predictor/config/predictor.yaml",
-            "predictor",
-            flat(PredictorConfig()),
-        ),
-    ],
-)
-def test_file_holds_the_defaults(file: str, node: str, expected: dict[str, Any]) -> None:
-    assert yaml.safe_load((SOURCES / file).read_text()) == {node: {"ros__parameters": expected}}
+def test_every_stage_with_parameters_has_a_file() -> None:
+    names = [entry.name for entry in entry_points(group=GROUP)]
+    assert {name for name in names if read_by(name, {}).values} == set(FILES)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_file_holds_the_defaults(name: str) -> None:
+    defaults = read_by(name, {}).values
+    assert in_file(name) == {key: list(v) if isinstance(v, tuple) else v for key, v in defaults.items()}
+    assert read_by(name, in_file(name)).values == defaults
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_file_says_unit_and_meaning_beside_every_value(name: str) -> None:
+    units = read_by(name, {}).units
+    values = in_file(name)
+    lines = (SOURCES / FILES[name]).read_text().splitlines()
+    for parameter in values:
+        written = (
+            parameter if any(line.strip().startswith(f"{parameter}:") for line in lines) else parameter.split(".")[-1]
+        )
+        (line,) = (line for line in lines if line.strip().startswith(f"{written}:"))
+        comment = line.partition(" # ")[2]
+        assert comment, f"{parameter}: no comment"
+        told = re.match(r"\[([^]]+)\]", comment)
+        assert (told[1] if told else "") == units[parameter], f"{parameter}: {comment}"

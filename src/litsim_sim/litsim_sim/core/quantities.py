@@ -135,7 +135,7 @@ def field_type(config: type, field: str) -> Any:
 
 
 def _bracketed(notes: tuple[Any, ...]) -> str:
-    return "".join(f" [{note.symbol}]" for note in notes if isinstance(note, Unit))
+    return "".join(f" [{note.symbol}]" for note in notes if isinstance(note, Unit) and note.symbol)
 
 
 def _flat(notes: tuple[Any, ...]) -> Iterator[Any]:

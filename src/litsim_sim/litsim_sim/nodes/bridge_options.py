@@ -9,7 +9,7 @@ import yaml
 from pydantic import Field, model_validator
 
 from litsim_sim.core.parameters import ParameterReader, Parameters
-from litsim_sim.core.quantities import Duration, Number, OneOf, Positive, Whole, configuration
+from litsim_sim.core.quantities import Duration, Number, OneOf, Positive, Unit, Whole, configuration, field_type, unit
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.ego_port.answer import INTERFACES
 from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan, new_execution
@@ -18,8 +18,9 @@ from litsim_sim.scenario.scenario import Scenario
 OF_THE_SCENARIO = -1
 """Value of a parameter that leaves it to the scenario."""
 
+_TYPES = {name: Annotated[Number, Unit(unit(field_type(VehicleModel, name)))] for name in VEHICLE_FIELDS}
 VehicleOptions: Any = configuration(
-    make_dataclass("VehicleOptions", [(name, Number, float(OF_THE_SCENARIO)) for name in VEHICLE_FIELDS], frozen=True)
+    make_dataclass("VehicleOptions", [(name, kind, float(OF_THE_SCENARIO)) for name, kind in _TYPES.items()])
 )
 """The fields of :class:`litsim_sim.core.vehicle.VehicleModel`, each with the value that leaves it to the scenario."""
 
