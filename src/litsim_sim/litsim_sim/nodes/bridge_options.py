@@ -20,7 +20,9 @@ OF_THE_SCENARIO = -1
 
 _TYPES = {name: Annotated[Number, Unit(unit(field_type(VehicleModel, name)))] for name in VEHICLE_FIELDS}
 VehicleOptions: Any = configuration(
-    make_dataclass("VehicleOptions", [(name, kind, float(OF_THE_SCENARIO)) for name, kind in _TYPES.items()])
+    make_dataclass(
+        "VehicleOptions", [(name, kind, float(OF_THE_SCENARIO)) for name, kind in _TYPES.items()], frozen=True
+    )
 )
 """The fields of :class:`litsim_sim.core.vehicle.VehicleModel`, each with the value that leaves it to the scenario."""
 
