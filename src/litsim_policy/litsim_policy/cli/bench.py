@@ -1,4 +1,4 @@
-"""`bench`: what a step costs, by stage and number of agents, in process and over the graph; detection; throughput."""
+"""`bench`: what a step costs in process and over the graph; detection alone; throughput; the memory of a long run."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from litsim_policy.run.benchmark import measure, table_rows, time_highway_env
 from litsim_policy.run.conflict_benchmark import detection_rows, measure_detection
+from litsim_policy.run.memory_benchmark import measure_memory, memory_rows
 from litsim_policy.run.throughput import measure_throughput, throughput_rows
 from litsim_sim.cli.program import program
 from litsim_sim.io.files import replacing
@@ -46,6 +47,9 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--scenario", nargs="+", default=["demo"], help="with --throughput: what is evaluated")
     p.add_argument("--processes", type=int, default=2, help="with --throughput: of an evaluation")
+    p.add_argument(
+        "--memory", type=float, metavar="MINUTES", help="of simulated time: whether the memory of a long run grows"
+    )
     p.add_argument("--conflicts", action="store_true", help="conflict detection alone, over 50 steps of horizon")
     return p
 
@@ -56,6 +60,8 @@ def main() -> None:
     arguments = parser().parse_args()
     if arguments.conflicts:
         show(*detection_table(arguments.agents), None)
+    elif arguments.memory is not None:
+        show(*memory_table(arguments.agents[0], arguments.memory), arguments.markdown)
     elif arguments.throughput:
         show(*throughput_table(arguments), arguments.markdown)
     else:
@@ -101,6 +107,13 @@ def run_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[
             found[agents] = measure(Path(folder), agents, arguments.seconds, arguments.repeats, beside, bar.update)
     title = f"a step, median (minimum to maximum) of {arguments.repeats} repetitions, {_machine()}"
     return title, ["", *(f"{agents} agents" for agents in found)], [list(row) for row in table_rows(found)]
+
+
+def memory_table(agents: int, minutes: float) -> tuple[str, list[str], list[list[str]]]:
+    """Memory of a long run by process: title, head and rows."""
+    head = ["resident memory, MB", "step 0", "after a quarter", "at the end", "growth since, MB per simulated minute"]
+    found = measure_memory(agents, minutes)
+    return f"a run of {minutes:g} min, {agents} agents, {_machine()}", head, list(memory_rows(found, minutes))
 
 
 def throughput_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[str]]]:

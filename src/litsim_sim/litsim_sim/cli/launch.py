@@ -6,7 +6,6 @@ import argparse
 import sys
 from pathlib import Path
 
-from litsim_sim.analysis.analyze import analyze
 from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.cli.program import interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
@@ -16,8 +15,6 @@ from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, nodes_of
 from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
-from litsim_sim.report.run_report import write_report
-from litsim_sim.report.terminal import print_metrics
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan
 
 STATUS_HELP = "Exit status: 0, the run is valid; 1, it failed or is not valid, and stderr says why; 2, bad input."
@@ -68,6 +65,10 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], quiet: bo
 
 def _measure(out: Path, quiet: bool) -> int:
     """Measures and report of the recording in `out`; returns the exit status."""
+    from litsim_sim.analysis.analyze import analyze
+    from litsim_sim.report.run_report import write_report
+    from litsim_sim.report.terminal import print_metrics
+
     metrics = analyze(out)
     write_report(out, metrics=metrics)
     if not quiet:

@@ -24,6 +24,10 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 GRACE_S = 8.0  # [s] that the bridge and the recorder get to end a run in good order
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+"""Variables by which a user has Fast DDS read settings; where one is set, the launcher leaves it at that."""
+DISCOVERY = Path(__file__).with_name("discovery.xml")
+"""Settings by which nodes that are started together find each other in tenths of a second."""
 DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 
 _LIBC = ctypes.CDLL(None)
@@ -79,11 +83,16 @@ class Graph:
         for log in self._log_folder.glob("*.log"):  # of a run that is overwritten
             log.unlink()
         discovery = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        self._environment = os.environ | {
-            "ROS_DOMAIN_ID": str(domain_id),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": discovery,
-            "PYTHONUNBUFFERED": "1",
-        }
+        profiles = {} if any(name in os.environ for name in PROFILES) else {PROFILES[0]: str(DISCOVERY)}
+        self._environment = (
+            os.environ
+            | profiles
+            | {
+                "ROS_DOMAIN_ID": str(domain_id),
+                "ROS_AUTOMATIC_DISCOVERY_RANGE": discovery,
+                "PYTHONUNBUFFERED": "1",
+            }
+        )
         self.children: dict[str, Child] = {}
         self._progress: threading.Thread | None = None
 

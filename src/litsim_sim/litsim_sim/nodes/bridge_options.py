@@ -42,7 +42,8 @@ class BridgeOptions:
         on_invalid: what happens where an answer of the ego cannot be used.
         ego_interface: with what an external ego answers; auto is the interface of its first message.
         answer_timeout_s: for the answers to one step.
-        handshake_timeout_s: for every stage to get ready.
+        handshake_timeout_s: for every stage to get ready; on a busy machine that takes its time, and whom the run waits
+            for is said every few seconds.
         external_timeout_s: for an external ego to answer step 0.
         progress: how the progress of the run is shown.
         vehicle: of the ego.
@@ -60,7 +61,7 @@ class BridgeOptions:
     on_invalid: Literal["stop", "hold"] = "stop"
     ego_interface: Annotated[str, OneOf(INTERFACES)] = INTERFACES[0]
     answer_timeout_s: Positive[Duration] = 5.0
-    handshake_timeout_s: Positive[Duration] = 20.0
+    handshake_timeout_s: Positive[Duration] = 120.0
     external_timeout_s: Positive[Duration] = 60.0
     progress: Literal["bar", "lines", "none"] = "bar"
     vehicle: Any = field(default_factory=VehicleOptions)
