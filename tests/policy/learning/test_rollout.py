@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.environment import EnvironmentConfig, PolicyEnvironment
 from litsim_policy.learning.network import GaussianPolicy
 from litsim_policy.learning.reward import Penalties
-from litsim_policy.learning.rollout import EMPTY_EPISODES_MAX, collect, drive, validate
+from litsim_policy.learning.rollout import EMPTY_EPISODES_MAX, HereDriving, collect, drive, validate
 from litsim_sim.core.errors import InputError
 
 SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
@@ -47,7 +46,7 @@ def lonely(make_scenario, track) -> PolicyEnvironment:
 
 
 def test_tracks_are_whole(busy, policy, config) -> None:
-    tracks, rates = collect(busy, policy, config, 0, torch.Generator().manual_seed(0))
+    tracks, rates = collect(HereDriving(busy), policy, config, 0)
     assert sum(len(track) for track in tracks) == rates["transitions"] >= config.transitions
     for track in tracks:
         assert len(track.observation) == len(track) + 1 and track.raw.shape == (len(track), 3)
@@ -73,18 +72,27 @@ class TwoCollide(PolicyEnvironment):
 
 def test_the_share_of_collided_episodes_counts_episodes(busy, policy, config) -> None:
     environment = TwoCollide(busy._scenarios, SMALL)
-    rates = validate(policy, environment, config.model_copy(update={"validation_episodes": 4}))
+    rates = validate(policy, HereDriving(environment), config.model_copy(update={"validation_episodes": 4}))
     assert rates["validation_collided_share"] == 0.5, "two agents in each of two of four episodes"
     assert rates["validation_collisions"] > 0.0
 
 
 def test_where_nobody_is_driven_training_ends_and_says_so(lonely, policy, config) -> None:
-    assert drive(lonely, policy, 0, defaultdict(float), None) == []
+    assert drive(lonely, policy, 0, draws=False).tracks == []
     said = f"nobody is driven in {EMPTY_EPISODES_MAX} episodes in a row, expected scenarios"
     with pytest.raises(InputError, match=said):
-        collect(lonely, policy, config, 0, torch.Generator())
+        collect(HereDriving(lonely), policy, config, 0)
 
 
 def test_a_validation_in_which_nobody_is_driven_is_no_perfect_score(lonely, policy, config) -> None:
     with pytest.raises(InputError, match="nobody is driven in the 2 episodes of validation"):
-        validate(policy, lonely, config)
+        validate(policy, HereDriving(lonely), config)
+
+
+def test_an_episode_is_the_same_whatever_was_driven_before(busy, policy) -> None:
+    first = drive(busy, policy, 5, draws=True)
+    drive(busy, policy, 6, draws=True)
+    again = drive(busy, policy, 5, draws=True)
+    assert first.sums == again.sums and len(first.tracks) == len(again.tracks) > 0
+    for one, other in zip(first.tracks, again.tracks, strict=True):
+        assert np.array_equal(one.raw, other.raw) and np.array_equal(one.observation, other.observation)

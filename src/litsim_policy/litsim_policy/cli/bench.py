@@ -17,7 +17,7 @@ from litsim_policy.run.benchmark import measure, table_rows, time_highway_env
 from litsim_policy.run.conflict_benchmark import detection_rows, measure_detection
 from litsim_policy.run.memory_benchmark import measure_memory, memory_rows
 from litsim_policy.run.throughput import measure_throughput, throughput_rows
-from litsim_sim.cli.program import program
+from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.io.files import replacing
 
 HIGHWAY_ENV_MOST = 250  # more vehicles take it minutes
@@ -46,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
         "--beside", type=Path, metavar="CHECKOUT", help="with --throughput: in turns with another one, built"
     )
     p.add_argument("--scenario", nargs="+", default=["demo"], help="with --throughput: what is evaluated")
-    p.add_argument("--processes", type=int, default=2, help="with --throughput: of an evaluation")
+    p.add_argument("--processes", type=at_least_one, default=2, help="with --throughput: of an evaluation")
     p.add_argument(
         "--memory", type=float, metavar="MINUTES", help="of simulated time: whether the memory of a long run grows"
     )

@@ -16,7 +16,7 @@ from litsim_policy.run.batch import Job, run_batch
 from litsim_policy.run.evaluation import summarise
 from litsim_policy.run.runner import configured
 from litsim_sim.cli.arguments import DefaultsFormatter
-from litsim_sim.cli.program import program
+from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.cli.run_arguments import add_batch_arguments
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
 from litsim_sim.core.parameters import by_stage
@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed and ego, instead of the scenario's seed")
     p.add_argument("--graph", action="store_true", help="run each over DDS instead of in process")
     p.add_argument("--out", default="bags/evaluation", help="folder of the results, and of recordings over DDS")
-    p.add_argument("--processes", type=_at_least_one, default=2, help="runs at a time, in process")
+    p.add_argument("--processes", type=at_least_one, default=2, help="runs at a time, in process")
     return p
 
 
@@ -160,17 +160,6 @@ def problems(result: dict[str, Any]) -> list[str]:
         if not metrics["valid"]
     ]
     return [f"{row}: {run}: {why}" for row, run, why in (*failed, *invalid)]
-
-
-def _at_least_one(text: str) -> int:
-    """A number of processes from the text of an option.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is no such number.
-    """
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected a whole number of at least 1")
-    return int(text)
 
 
 def _egos(choice: str, scenario: Scenario) -> tuple[int, ...]:

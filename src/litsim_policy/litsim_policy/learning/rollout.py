@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import count
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -17,12 +21,51 @@ EMPTY_EPISODES_MAX = 100  # episodes in a row without anybody to drive, after wh
 VALIDATION_SEED = 10_000_019  # of the first episode of every validation
 
 
+@dataclass(frozen=True)
+class Episode:
+    """What came of an episode.
+
+    Attributes:
+        tracks: one for every stretch that an agent was driven; empty where nobody was.
+        sums: totals of what happened, by name.
+    """
+
+    tracks: list[Track]
+    sums: Mapping[str, float]
+
+
+class Driving(Protocol):
+    """Drives episodes, in this process or in others; what comes of an episode is the same."""
+
+    def episodes(
+        self, policy: GaussianPolicy, seeds: Iterable[int], enough: float, *, draws: bool
+    ) -> Iterator[Episode]:
+        """The episodes of `seeds`, in this order, until they are over or nobody asks for the next one.
+
+        Args:
+            policy: which drives every agent in a slot.
+            seeds: of the episodes.
+            enough: agent-steps with which nobody will ask for the next one.
+            draws: whether actions are drawn; otherwise they are the policy's means.
+        """
+
+
+class HereDriving:
+    """Drives in this process."""
+
+    def __init__(self, environment: PolicyEnvironment) -> None:
+        self._environment = environment
+
+    def episodes(
+        self, policy: GaussianPolicy, seeds: Iterable[int], enough: float, *, draws: bool
+    ) -> Iterator[Episode]:
+        """See :class:`Driving`."""
+        del enough
+        return (drive(self._environment, policy, seed, draws=draws) for seed in seeds)
+
+
 def collect(
-    environment: PolicyEnvironment,
-    policy: GaussianPolicy,
-    config: TrainConfig,
-    iteration: int,
-    generator: torch.Generator,
+    driving: Driving, policy: GaussianPolicy, config: TrainConfig, iteration: int
 ) -> tuple[list[Track], dict[str, float]]:
     """Drive whole episodes until they have `config.transitions` agent-steps.
 
@@ -34,40 +77,27 @@ def collect(
     """
     tracks: list[Track] = []
     sums: dict[str, float] = defaultdict(float)
-    episode = empty = 0
-    while sums["transitions"] < config.transitions:
-        seed = int(np.random.SeedSequence([config.seed, iteration, episode]).generate_state(1)[0])
-        driven = drive(environment, policy, seed, sums, generator)
-        tracks += driven
-        episode += 1
-        empty = 0 if driven else empty + 1
+    number = empty = 0
+    seeds = (_episode_seed(config.seed, iteration, episode) for episode in count())
+    for episode in driving.episodes(policy, seeds, config.transitions, draws=True):
+        tracks += episode.tracks
+        _add(sums, episode.sums)
+        number += 1
+        empty = 0 if episode.tracks else empty + 1
+        if sums["transitions"] >= config.transitions:
+            break
         if empty == EMPTY_EPISODES_MAX:
             raise InputError(
                 f"training: nobody is driven in {empty} episodes in a row, expected scenarios with vehicles within "
                 f"environment.draft_radius ({config.environment.draft_radius} m) of the ego, or in conflict with it"
             )
-    return tracks, _rates(sums, episode)
+    return tracks, _rates(sums, number)
 
 
-def drive(
-    environment: PolicyEnvironment,
-    policy: GaussianPolicy,
-    seed: int,
-    sums: dict[str, float],
-    generator: torch.Generator | None,
-) -> list[Track]:
-    """Drive one episode, and add what happens in it to `sums`.
-
-    Args:
-        environment: to drive in.
-        policy: which drives every agent in a slot.
-        seed: of the episode.
-        sums: totals by name, which are increased.
-        generator: of the policy's actions; None drives by their means.
-
-    Returns:
-        a track for every stretch that an agent was driven; empty where nobody was.
-    """
+def drive(environment: PolicyEnvironment, policy: GaussianPolicy, seed: int, *, draws: bool) -> Episode:
+    """Drive the episode of `seed`; `policy` draws its actions, or drives by their means."""
+    generator = torch.Generator().manual_seed(seed)
+    sums: dict[str, float] = defaultdict(float)
     collided = False
     tracks: list[Track] = []
     open_tracks: dict[int, list[tuple[np.ndarray, ...]]] = defaultdict(list)
@@ -76,12 +106,12 @@ def drive(
     while not over:
         present = info["agents"] != NOBODY
         seen = tensor(observation[present])
-        if generator is None:
+        if draws:
+            raw, density = policy.sample(seen, generator)
+        else:
             with torch.no_grad():
                 raw = policy(seen)
                 density = policy.log_probability(seen, raw)
-        else:
-            raw, density = policy.sample(seen, generator)
         action = np.zeros(environment.action_space.shape or ())
         action[present] = torch.tanh(raw).double().numpy()
         before = observation[present]
@@ -101,10 +131,10 @@ def drive(
         collided = collided or bool(terms.collision.any())
         over = terminated or truncated or not (info["agents"] != NOBODY).any()
     sums["collided_episodes"] += float(collided)
-    return tracks
+    return Episode(tracks, dict(sums))
 
 
-def validate(policy: GaussianPolicy, environment: PolicyEnvironment, config: TrainConfig) -> dict[str, float]:
+def validate(policy: GaussianPolicy, driving: Driving, config: TrainConfig) -> dict[str, float]:
     """Drive episodes that are the same each time by the means of the policy.
 
     Returns:
@@ -114,8 +144,9 @@ def validate(policy: GaussianPolicy, environment: PolicyEnvironment, config: Tra
         InputError: nobody is driven in any of them, so that there is nothing to score.
     """
     sums: dict[str, float] = defaultdict(float)
-    for episode in range(config.validation_episodes):
-        drive(environment, policy, VALIDATION_SEED + episode, sums, None)
+    seeds = range(VALIDATION_SEED, VALIDATION_SEED + config.validation_episodes)
+    for episode in driving.episodes(policy, seeds, np.inf, draws=False):
+        _add(sums, episode.sums)
     if not sums["transitions"]:
         raise InputError(
             f"training: nobody is driven in the {config.validation_episodes} episodes of validation, expected "
@@ -125,6 +156,15 @@ def validate(policy: GaussianPolicy, environment: PolicyEnvironment, config: Tra
     wanted = ("penalty", "collisions", "off_road", "hard_brake", "guard", "collided_share")
     found = {f"validation_{name}": rates[name] for name in wanted}
     return found | {"validation_score": rates["penalty"]}
+
+
+def _episode_seed(seed: int, iteration: int, episode: int) -> int:
+    return int(np.random.SeedSequence([seed, iteration, episode]).generate_state(1)[0])
+
+
+def _add(sums: dict[str, float], others: Mapping[str, float]) -> None:
+    for name, value in others.items():
+        sums[name] += value
 
 
 def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:

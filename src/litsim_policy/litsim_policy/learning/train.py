@@ -25,18 +25,18 @@ from tqdm import tqdm
 from litsim_policy.learning.checkpoint import BEST, CHECKPOINT, CURVES, Training
 from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.critic import update_critic
-from litsim_policy.learning.data import prepare
-from litsim_policy.learning.environment import PolicyEnvironment
+from litsim_policy.learning.data import TrainingData, prepare
 from litsim_policy.learning.expert import ExpertPairs, expert_pairs
 from litsim_policy.learning.network import GaussianPolicy, driving_network, save
 from litsim_policy.learning.ppo import Demonstrations, executed_pairs, make_batch, tensor, update_policy
-from litsim_policy.learning.rollout import collect, validate
-from litsim_sim.cli.program import program
+from litsim_policy.learning.rollout import Driving, collect, validate
+from litsim_policy.learning.rollout_pool import rollouts
+from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.io.yaml_input import read_yaml
 
 
-def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool = True) -> Training:
-    """Train, from the start or from the checkpoint in `out`.
+def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool = True, processes: int = 1) -> Training:
+    """Train, from the start or from the checkpoint in `out`; `processes` drive the episodes, which changes no weight.
 
     Raises:
         InputError: the data or the checkpoint cannot be used.
@@ -46,8 +46,16 @@ def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool 
     training = Training(config)
     if resume:
         training.read(out / CHECKPOINT)
-    parts = (config.environment, config.observation, config.penalty)
-    environment, validation = PolicyEnvironment(data.train, *parts), PolicyEnvironment(data.validation, *parts)
+    with rollouts(data, config, processes) as (driving, validation):
+        _train(training, data, driving, validation, out, progress=progress)
+    return training
+
+
+def _train(
+    training: Training, data: TrainingData, driving: Driving, validation: Driving, out: Path, *, progress: bool
+) -> None:
+    """Make the iterations that are left of `training`, and what comes before the first of them."""
+    config = training.config
     random = np.random.default_rng([config.seed, 1])
     each_once = list({scenario.name: scenario for scenario in data.train}.values())
     experts = expert_pairs(each_once, config.observation, config.expert, random)
@@ -58,7 +66,7 @@ def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool 
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
             begin = time.perf_counter()
-            found = _iterate(training, environment, expert, shown, iteration)
+            found = _iterate(training, driving, expert, shown, iteration)
             last = iteration == config.iterations - 1
             if iteration % config.validate_every == 0 or last:
                 found |= validate(training.policy, validation, config)
@@ -71,12 +79,11 @@ def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool 
                 training.write(out)
             bar.set_postfix({"penalty": f"{found['penalty']:.3f}", "collisions/1000": f"{found['collisions']:.2f}"})
             bar.update()
-    return training
 
 
 def _iterate(
     training: Training,
-    environment: PolicyEnvironment,
+    driving: Driving,
     expert: Tensor,
     shown: Demonstrations,
     iteration: int,
@@ -88,7 +95,7 @@ def _iterate(
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
-    tracks, counts = collect(environment, training.policy, config, iteration, generator)
+    tracks, counts = collect(driving, training.policy, config, iteration)
     pairs = executed_pairs(tracks)
     critic = update_critic(training.critic, training.critic_optimiser, expert, pairs, config.critic, generator)
     passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
@@ -143,6 +150,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--config", type=Path, required=True, help="YAML file, such as config/policy_c.yaml")
     p.add_argument("--out", type=Path, required=True, help="folder of the results")
     p.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+    p.add_argument("--processes", type=at_least_one, default=2, help="that drive the episodes; default %(default)s")
     p.add_argument("--threads", type=int, default=1, help="of torch; default %(default)s")
     return p
 
@@ -154,7 +162,7 @@ def main() -> None:
     torch.set_num_threads(arguments.threads)
     config = read_yaml(arguments.config, TrainConfig)
     try:
-        training = run(config, arguments.out, resume=arguments.resume)
+        training = run(config, arguments.out, resume=arguments.resume, processes=arguments.processes)
     except KeyboardInterrupt:
         print(f"\ninterrupted; to go on: --resume with --out {arguments.out}", file=sys.stderr)
         raise

@@ -1,7 +1,8 @@
-"""How every command-line program ends: what it prints of an error, and its exit status."""
+"""What every command-line program has in common: what it prints of an error, its exit status, numbers as options."""
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
@@ -64,3 +65,14 @@ def interrupt_on_signals() -> None:
     for number in SIGNALS:
         if number != signal.SIGHUP or signal.getsignal(number) == signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
+
+
+def at_least_one(text: str) -> int:
+    """A number of processes from the text of an option.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is no such number.
+    """
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected a whole number of at least 1")
+    return int(text)

@@ -1,0 +1,75 @@
+"""Episodes in several processes: the same as in one, in the same order."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+import pytest
+import torch
+
+from litsim_policy.learning.config import TrainConfig
+from litsim_policy.learning.data import TrainingData
+from litsim_policy.learning.environment import EnvironmentConfig
+from litsim_policy.learning.network import GaussianPolicy
+from litsim_policy.learning.rollout import Driving, Episode, collect, validate
+from litsim_policy.learning.rollout_pool import rollouts
+
+SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
+
+
+@pytest.fixture(scope="module")
+def config() -> TrainConfig:
+    return TrainConfig(data={}, transitions=150, validation_episodes=3, environment=SMALL)
+
+
+@pytest.fixture(scope="module")
+def data(make_scenario, track, lane_centres) -> TrainingData:
+    def scenario(speed: float):
+        return make_scenario(
+            *(
+                track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=speed + lane, last=45)
+                for lane in range(3)
+                for k in range(3)
+            )
+        )
+
+    return TrainingData((scenario(9.0),), (scenario(7.0),))
+
+
+def policies(config: TrainConfig) -> list[GaussianPolicy]:
+    """Two that drive differently: the processes are to notice that the weights change."""
+    torch.manual_seed(0)
+    return [GaussianPolicy(config.observation) for _ in range(2)]
+
+
+def assert_same(one: Episode, other: Episode) -> None:
+    assert one.sums == other.sums and len(one.tracks) == len(other.tracks)
+    for a, b in zip(one.tracks, other.tracks, strict=True):
+        assert vars(a).keys() == vars(b).keys()
+        assert all(np.array_equal(getattr(a, name), getattr(b, name)) for name in vars(a))
+
+
+def test_what_several_processes_drive_is_what_one_drives(data, config) -> None:
+    def drawn(driving: Driving, policy: GaussianPolicy) -> list[Episode]:
+        """More than are enough are asked for: guesses of what will be asked for must not lose any."""
+        return list(islice(driving.episodes(policy, iter(range(7, 100)), 1.0, draws=True), 5))
+
+    with rollouts(data, config, 1) as here, rollouts(data, config, 2) as pool:
+        for policy in policies(config):
+            alone, together = (drawn(driving, policy) for driving, _ in (here, pool))
+            for one, other in zip(alone, together, strict=True):
+                assert one.tracks
+                assert_same(one, other)
+            (tracks, rates), (same_tracks, same_rates) = (
+                collect(driving, policy, config, 3) for driving, _ in (here, pool)
+            )
+            assert rates == same_rates and len(tracks) == len(same_tracks)
+            assert validate(policy, here[1], config) == validate(policy, pool[1], config)
+        first, second = (drawn(here[0], policy)[0] for policy in policies(config))
+        assert not np.array_equal(first.tracks[0].raw, second.tracks[0].raw)
+
+
+def test_seeds_that_end_end_the_episodes(data, config) -> None:
+    with rollouts(data, config, 2) as (driving, _):
+        assert len(list(driving.episodes(policies(config)[0], [1, 2, 3], np.inf, draws=False))) == 3
