@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator
@@ -84,9 +86,19 @@ def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | 
 def network(model: str) -> Network:
     """The trained model `model`, compiled; by torch where no graph of its kind is shipped.
 
+    Runs of one process share it: it remembers nothing of a scene.
+
     Raises:
         InputError: its file cannot be used, or torch is needed and is not installed.
     """
+    file = Path(model)
+    return _network(model, file.stat().st_mtime_ns if file.is_file() else 0)
+
+
+@lru_cache(maxsize=4)
+def _network(model: str, modified: int) -> Network:
+    """See :func:`network`; `modified` is when its file was [ns], so that another file is another model."""
+    del modified
     from litsim_predictor.inference.compiled import compiled
 
     found = compiled(model)

@@ -13,7 +13,11 @@ import pytest
 from litsim_policy.run import batch
 from litsim_policy.run.batch import Job, run_batch, run_graph, run_in_process
 from litsim_policy.run.evaluation import summarise
+from litsim_policy.run.runner import Runner, record
+from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import Scenario
 
 GOOD = Job("demo", "log", "replay", 7)
 
@@ -28,10 +32,21 @@ class Fatal:
         return self._end, (self._how,)
 
 
-def test_a_job_is_run_with_sumo_and_measured() -> None:
+def test_a_job_is_run_without_sumo_and_measured() -> None:
     found = run_in_process(GOOD)
     assert found["valid"] and found["collision"]["excess"] == 0 and found["policy"] == "replay"
-    assert found["world"]["sumo_deviation_m"] < 0.01
+    assert found["world"]["sumo_deviation_m"] is None
+
+
+def test_a_job_is_the_run_of_its_own_scenario_whatever_was_run_before() -> None:
+    jobs = [Job("demo", "idm", "replay", 3), Job("demo", "idm", "replay", 3, seed=5), GOOD]
+    found = [run_in_process(job) for job in jobs]
+    for job, metrics in zip(jobs, found, strict=True):
+        scenario = Scenario.load("demo", ego=job.ego_id, seed=job.seed)
+        alone = compute_metrics(record(Runner(RunPlan(scenario, job.ego, job.policy))))
+        assert (metrics["digest"], metrics["run_id"]) == (alone["digest"], alone["run_id"])
+        assert metrics["ledger"] == alone["ledger"] and metrics["safety"] == alone["safety"]
+    assert len({metrics["run_id"] for metrics in found}) == len(jobs)
 
 
 def test_a_batch_answers_every_job_in_order_from_processes_of_its_own() -> None:

@@ -526,7 +526,7 @@ def test_a_reset_knows_nothing_of_the_runs_before(blocked: Scenario, entry: Call
     assert unguarded.contacts
     assert guarded.entries.waiting
     assert outwaited.entries.never_entered
-    nothing = {"contacts": 0, "late_entries": [], "never_entered": [], "sumo_deviation_m": 0.0}
+    nothing = {"contacts": 0, "late_entries": [], "never_entered": [], "sumo_deviation_m": None}
     for world in (unguarded, guarded, outwaited):
         tables = [world.reset()]
         assert world.summary() == nothing

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-
 import numpy as np
 
 from litsim_policy.driving.task import DrivingTask
@@ -20,10 +18,7 @@ GOAL_STEPS = 50  # steps until its goal is due, fewer where its log ends before
 
 def with_ego(scenario: Scenario, random: np.random.Generator) -> Scenario:
     """The same scenario around one of its egos, with another seed; recording, log and lane map are shared."""
-    other = copy.copy(scenario)
-    drawn = {"ego": int(random.choice(scenario.egos)), "seed": int(random.integers(2**31))}
-    other.file = scenario.file.model_copy(update=drawn)
-    return other
+    return scenario.around(int(random.choice(scenario.egos)), int(random.integers(2**31)))
 
 
 def drawn_ego(scenario: Scenario, random: np.random.Generator) -> Ego:

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,10 @@ from typing import Any
 from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics
 from litsim_sim.core.errors import reason
+from litsim_sim.core.parameters import by_stage
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.scenario.run_info import RunPlan
-from litsim_sim.world.sumo import SumoMirror
+from litsim_sim.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -82,13 +83,19 @@ class Batch:
 
 
 def run_in_process(job: Job) -> dict[str, Any]:
-    """Metrics of a run in this process, SUMO included.
+    """Metrics of a run in this process, without SUMO: it would only show what is measured.
 
     Raises:
         InputError: the run cannot be run.
     """
-    plan = RunPlan.load(job.scenario, job.ego, job.policy, ego_id=job.ego_id, seed=job.seed, settings=job.parameters)
-    return compute_metrics(record(Runner(plan, SumoMirror(plan.scenario.net_path, plan.scenario.seed))))
+    scenario = _scenario(job.scenario).around(job.ego_id, job.seed)
+    return compute_metrics(record(Runner(RunPlan(scenario, job.ego, job.policy, by_stage(job.parameters)))))
+
+
+@lru_cache(maxsize=8)
+def _scenario(name: str) -> Scenario:
+    """A scenario, read once in a process for all its egos and policies."""
+    return Scenario.load(name)
 
 
 def run_graph(job: Job, folder: Path) -> dict[str, Any]:

@@ -38,11 +38,14 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
     Times between boxes that overlap in space at different steps, to the resolution of a step. Whoever follows in the
     same lane encroaches too: its time is the headway to the leader's rear.
     """
-    own_step, own = _track(tables, agent)
+    tracks = _tracks(tables)
+    if agent not in tracks:
+        return []
+    own_step, own = tracks[agent]
     found = []
     others = {int(i) for table in tables if table.row(agent) >= 0 for i in table.id.tolist()} - {agent}
     for other in sorted(others):
-        other_step, track = _track(tables, other)
+        other_step, track = tracks[other]
         entry = _shortest(own_step, own, other_step, track)
         if entry is not None:
             i, j, gap = entry
@@ -51,12 +54,17 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
     return sorted(found, key=lambda e: (e.pet, e.agent))
 
 
-def _track(tables: Sequence[AgentTable], agent: int) -> tuple[IntArray, FloatArray]:
-    """Steps (n,) and boxes (n, 5) x, y, yaw, length, width of an agent."""
-    rows = [(table, table.row(agent)) for table in tables]
-    there = [(table, row) for table, row in rows if row >= 0]
-    boxes = [[getattr(t, f)[row] for f in ("x", "y", "yaw", "length", "width")] for t, row in there]
-    return np.array([t.step for t, _ in there], np.int64), np.array(boxes).reshape(-1, 5)
+def _tracks(tables: Sequence[AgentTable]) -> dict[int, tuple[IntArray, FloatArray]]:
+    """Of every agent, the steps (n,) at which it is on the road and its boxes (n, 5) x, y, yaw, length, width."""
+    if not tables:
+        return {}
+    step = np.repeat([t.step for t in tables], [len(t) for t in tables])
+    columns = {f: np.concatenate([getattr(t, f) for t in tables]) for f in ("id", "x", "y", "yaw", "length", "width")}
+    order = np.argsort(columns["id"], kind="stable")
+    ids, first = np.unique(columns.pop("id")[order], return_index=True)
+    boxes = np.column_stack(list(columns.values()))[order]
+    parts = (np.split(values, first[1:]) for values in (step[order], boxes))
+    return {int(agent): track for agent, track in zip(ids, zip(*parts, strict=True), strict=True)}
 
 
 def _shortest(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray) -> tuple[int, int, int] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import re
 from functools import cached_property
@@ -112,7 +113,7 @@ class Scenario:
         kept = recording.table[(frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps)]
         self.recording = Recording(recording.header, kept.reset_index(drop=True))
         self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
-        self._check_agents(where)
+        self._check_agents(self.file, where)
         self._check_coverage(where)
 
     @classmethod
@@ -144,6 +145,21 @@ class Scenario:
             InputError: the scenario cannot be used.
         """
         return cls._build(text, where, Path.cwd(), {})
+
+    def around(self, ego: int | None, seed: int | None) -> Scenario:
+        """The same scenario around another ego and with another seed; recording, log and lane map are shared.
+
+        None leaves a thing as it is.
+
+        Raises:
+            InputError: the ego is not there from step 0 through the first simulated step, or the seed is negative.
+        """
+        given = {name: value for name, value in (("ego", ego), ("seed", seed)) if value is not None}
+        file = ScenarioFile.model_validate(self.file.model_dump() | given)
+        self._check_agents(file, self.name)
+        other = copy.copy(self)
+        other.file = file
+        return other
 
     def to_yaml(self) -> str:
         """The resolved scenario, with absolute paths; :meth:`from_yaml` builds the same from it."""
@@ -207,13 +223,13 @@ class Scenario:
         """The lanes of the net, and queries on them."""
         return LaneMap.from_net(self.net_path)
 
-    def _check_agents(self, where: str) -> None:
-        """Check that the ego, and every ego of the lists, is there from step 0 through the first simulated step."""
-        both = sorted(set(self.file.egos) & set(self.file.tuning))
+    def _check_agents(self, file: ScenarioFile, where: str) -> None:
+        """Check that the ego of `file`, and every ego of its lists, is there from step 0 through the first simulated step."""
+        both = sorted(set(file.egos) & set(file.tuning))
         if both:
             raise InputError(f"{where}: field tuning repeats {both} of field egos, expected disjoint lists")
         needed = self.history_steps + 1
-        for field, agents in (("ego", [self.file.ego]), ("egos", self.file.egos), ("tuning", self.file.tuning)):
+        for field, agents in (("ego", [file.ego]), ("egos", file.egos), ("tuning", file.tuning)):
             for agent in agents:
                 row = self.log.row(agent)
                 if row < 0:

@@ -131,7 +131,7 @@ class World:
             "contacts": len(self.contacts),
             "late_entries": sorted(self.entries.late),
             "never_entered": sorted(self.entries.never_entered | self.entries.waiting.keys()),
-            "sumo_deviation_m": self._mirror_deviation,
+            "sumo_deviation_m": self._mirror_deviation if self._mirror is not None else None,
         }
 
     def close(self) -> None:
