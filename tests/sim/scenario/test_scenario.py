@@ -301,3 +301,15 @@ def test_of_the_vehicle_only_what_is_given_is_replaced(tmp_path: Path, fields: d
     path = saved(tmp_path, fields | {"vehicle": {"jerk_max": 10.0, "lag_s": 0.3}})
     assert Scenario.load(path, vehicle={"lag_s": 0.1}).vehicle == VehicleModel(jerk_max=10.0, lag_s=0.1)
     assert Scenario.load(path).vehicle == VehicleModel(jerk_max=10.0, lag_s=0.3)
+
+
+def test_a_scenario_around_another_ego_is_the_one_that_is_loaded_so() -> None:
+    demo = Scenario.load("demo")
+    other, loaded = demo.around(demo.egos[1], 5), Scenario.load("demo", ego=demo.egos[1], seed=5)
+    assert other.file == loaded.file and other.log is demo.log
+    assert (demo.ego_id, demo.seed) == (demo.file.ego, demo.file.seed) != (other.ego_id, other.seed)
+    assert demo.around(None, None).file == demo.file
+    with pytest.raises(InputError, match="field ego: no vehicle 99999"):
+        demo.around(99999, None)
+    with pytest.raises(InputError, match="field seed"):
+        demo.around(None, -1)

@@ -155,7 +155,7 @@ class Scenario:
             InputError: the ego is not there from step 0 through the first simulated step, or the seed is negative.
         """
         given = {name: value for name, value in (("ego", ego), ("seed", seed)) if value is not None}
-        file = ScenarioFile.model_validate(self.file.model_dump() | given)
+        file = validate_yaml(self.file.model_dump() | given, ScenarioFile, self.name, "")
         self._check_agents(file, self.name)
         other = copy.copy(self)
         other.file = file
@@ -224,7 +224,7 @@ class Scenario:
         return LaneMap.from_net(self.net_path)
 
     def _check_agents(self, file: ScenarioFile, where: str) -> None:
-        """Check that the ego of `file`, and every ego of its lists, is there from step 0 through the first simulated step."""
+        """Check that every ego that `file` names is there from step 0 through the first simulated step."""
         both = sorted(set(file.egos) & set(file.tuning))
         if both:
             raise InputError(f"{where}: field tuning repeats {both} of field egos, expected disjoint lists")
