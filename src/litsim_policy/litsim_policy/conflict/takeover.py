@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector, PredictedMotion
-from litsim_policy.motion.car_following import along_path
-from litsim_policy.motion.reference_path import ReferencePath, logged_path, window_of
+from litsim_policy.conflict.life_cycle import Residuals, review
+from litsim_policy.conflict.off_log import OffLog
+from litsim_policy.motion.reference_path import ReferencePath, logged_path
 from litsim_policy.motion.route import Router
 from litsim_predictor.forecast import Forecast
-from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import (
     Angle,
@@ -26,8 +26,8 @@ from litsim_sim.core.quantities import (
     Whole,
     configuration,
 )
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, IntArray
-from litsim_sim.core.takeover import PathSource, Pose, Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.scene import AgentTable, BoolArray, Controller, IntArray
+from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -61,24 +61,6 @@ class TakeoverConfig:
 
 
 @dataclass
-class _Record:
-    """What is remembered of an agent off its log.
-
-    Attributes:
-        path: to its goal and on, which it follows while it is HELD.
-        logged: where it went in the recording, which it follows back.
-        goal_s: arc length of the goal on `path` [m].
-        clear: steps in a row without conflict.
-    """
-
-    takeover: Takeover
-    path: ReferencePath
-    logged: ReferencePath
-    goal_s: float
-    clear: int = 0
-
-
-@dataclass
 class TakeoverManager:
     """The conflict stage: :meth:`update` is called once a step, in order.
 
@@ -95,7 +77,8 @@ class TakeoverManager:
         log = self.scenario.log
         self._detector = ConflictDetector(log, self.scenario.roi_m, self.conflict_config)
         self._router = Router(self.scenario.lane_map)
-        self._records: dict[int, _Record] = {}
+        self._off = OffLog.empty()
+        self._logged: dict[int, ReferencePath] = {}
         self._suspected: dict[int, int] = {}
         self._lag: IntArray = np.zeros(len(log.ids), np.int64)  # steps by which the replay of each log lags, or would
 
@@ -103,34 +86,38 @@ class TakeoverManager:
         """Who is off its log at this step, and why."""
         if table.step < self.scenario.history_steps:
             return TakeoverTable(table.step)
-        self._records = {agent: r for agent, r in self._records.items() if table.row(agent) >= 0}
-        for row in np.flatnonzero(table.controller == Controller.POLICY):
-            if int(table.id[row]) not in self._records:
-                self._adopt(table, int(row))
+        self._off = self._off.take(table.rows(self._off.agent) >= 0)
+        for row in np.flatnonzero((table.controller == Controller.POLICY) & ~self._is_off(table)):
+            self._adopt(table, int(row))
         self._choose_lags(table)
         lag = self._lag[np.searchsorted(self.scenario.log.ids, table.id)]
         logged = self._detector.logged_future(table, lag)
         lagged = (lag > 0) & (table.controller == Controller.LOG)
         expected = self._detector.forecast_future(table, forecast).replaced(lagged, logged)
-        known = set(self._records)
+        before = self._off
         iterations, converged = self._take_over(table, logged, expected, lagged)
-        self._review(table, logged, expected, known, lagged)
-        takeovers = tuple(self._report(table, self._records[agent]) for agent in sorted(self._records))
-        self._records = {a: r for a, r in self._records.items() if r.takeover.state != TakeoverState.RELEASED}
+        self._review(table, logged, expected, np.isin(self._off.agent, before.agent), lagged)
+        takeovers = self._report(table)
+        self._off = self._off.take(self._off.state != TakeoverState.RELEASED)
         return TakeoverTable(table.step, takeovers, iterations, converged)
 
     def _choose_lags(self, table: AgentTable) -> None:
         """Choose for each agent off its log the lag of the log that it would go back to at this step."""
-        log = self.scenario.log
-        for agent in self._records:
-            row, log_row = table.row(agent), log.row(agent)
-            shifts = self.config.handback == "time_shift"
-            self._lag[log_row] = log.lag(log_row, table.step, table.x[row], table.y[row]) if shifts else 0
+        rows, log_rows = self._rows(table, self._off)
+        if self.config.handback == "time_shift":
+            self._lag[log_rows] = self.scenario.log.lags(log_rows, table.step, table.x[rows], table.y[rows])
+        else:
+            self._lag[log_rows] = 0
 
-    def _off_log(self, table: AgentTable) -> BoolArray:
+    def _rows(self, table: AgentTable, off: OffLog) -> tuple[IntArray, IntArray]:
+        """Rows (r,) of agents off their logs in `table`, and in the log."""
+        return table.rows(off.agent), np.searchsorted(self.scenario.log.ids, off.agent)
+
+    def _is_off(self, table: AgentTable) -> BoolArray:
         """(n,) the ego, and those that are driven."""
         off = table.id == self.scenario.ego_id
-        return off | np.isin(table.id, np.array(sorted(self._records), np.int64))
+        off[table.rows(self._off.agent)] = True
+        return off
 
     def _take_over(
         self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, lagged: BoolArray
@@ -140,139 +127,73 @@ class TakeoverManager:
         Each iteration looks at the agents that the one before has put off their logs; the first, at all that were.
         """
         suspected: dict[int, int] = {}
-        fresh, iterations = self._off_log(table) | lagged, 0
+        fresh, iterations = self._is_off(table) | lagged, 0
         while fresh.any() and iterations < self.config.iterations_max:
             iterations += 1
-            before = self._off_log(table)
+            before = self._is_off(table)
             for conflict in self._detector.detect(table, ~before, fresh, logged, expected):
                 seen = self._suspected.get(conflict.agent, 0) + 1
                 suspected[conflict.agent] = seen
                 if seen >= self.config.confirm_steps or conflict.time_to_conflict <= self.config.urgent_time:
                     self._open(table, conflict)
-            fresh = self._off_log(table) & ~before
+            fresh = self._is_off(table) & ~before
         self._suspected = suspected
         return iterations, not fresh.any()
 
     def _open(self, table: AgentTable, conflict: Conflict) -> None:
         """Take over the agent of `conflict`, towards the crossing point."""
-        row = table.row(conflict.agent)
-        logged = logged_path(self.scenario.log, self.scenario.lane_map, conflict.agent)
+        row, logged = table.row(conflict.agent), self._logged_path(conflict.agent)
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
-        path = self._router.path(pose, float(table.speed[row]), conflict.pose)
-        if path is None:
-            self._record(table, conflict, TakeoverReason.CONFLICT, logged, logged)
-        else:
-            self._record(table, conflict, TakeoverReason.CONFLICT, path.followed_by(logged), logged)
+        route = self._router.path(pose, float(table.speed[row]), conflict.pose)
+        path = logged if route is None else route.followed_by(logged)
+        opened = OffLog.opened(conflict, table.step, TakeoverReason.CONFLICT, path, logged)
+        self._off = self._off.joined(opened)
 
     def _adopt(self, table: AgentTable, row: int) -> None:
         """Take over an agent that entered late: its log began where the road was not free."""
-        off = np.flatnonzero(self._off_log(table) & (np.arange(len(table)) != row))
+        off = np.flatnonzero(self._is_off(table) & (np.arange(len(table)) != row))
         nearest = (
             off[np.argmin(np.hypot(table.x[off] - table.x[row], table.y[off] - table.y[row]))] if len(off) else row
         )
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
         conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, pose, 1.0)
-        logged = logged_path(self.scenario.log, self.scenario.lane_map, conflict.agent)
-        self._record(table, conflict, TakeoverReason.BLOCKED_ENTRY, logged, logged)
+        logged = self._logged_path(conflict.agent)
+        opened = OffLog.opened(conflict, table.step, TakeoverReason.BLOCKED_ENTRY, logged, logged)
+        self._off = self._off.joined(opened)
 
-    def _record(
-        self, table: AgentTable, conflict: Conflict, reason: TakeoverReason, path: ReferencePath, logged: ReferencePath
-    ) -> None:
-        goal_s, _ = path.project(conflict.pose[:1], conflict.pose[1:2])
-        pose: Pose = tuple(conflict.pose.tolist())
-        takeover = Takeover(
-            agent=conflict.agent,
-            opponent=conflict.opponent,
-            state=TakeoverState.HELD,
-            reason=reason,
-            detected_step=table.step,
-            time_to_conflict=conflict.time_to_conflict,
-            overlap_probability=conflict.overlap_probability,
-            conflict_pose=pose,
-            goal_pose=pose,
-            reference_path=path.points,
-            log_collision_predicted=True,
-            residual_position=0.0,
-            residual_speed=0.0,
-            path_source=PathSource.LOGGED if path is logged else PathSource.ROUTE,
-        )
-        self._records[conflict.agent] = _Record(takeover, path, logged, float(goal_s[0]))
+    def _logged_path(self, agent: int) -> ReferencePath:
+        """Where `agent` went in the recording; made once."""
+        if agent not in self._logged:
+            self._logged[agent] = logged_path(self.scenario.log, self.scenario.lane_map, agent)
+        return self._logged[agent]
 
     def _review(
-        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, known: set[int], lagged: BoolArray
+        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, known: BoolArray, lagged: BoolArray
     ) -> None:
-        """Move the agents that were off their log before this step through their life cycle."""
-        if not known:
+        """Move the agents of the mask `known` (r,), off their logs before this step, through their life cycle."""
+        if not known.any():
             return
-        on_log = self.scenario.log.table(table.step, self._lag)
-        mine = np.isin(table.id, sorted(known))
-        in_conflict = self._detector.still_in_conflict(table, mine, self._off_log(table) | lagged, logged, expected)
-        for agent in sorted(known):
-            record, row, log_row = self._records[agent], table.row(agent), on_log.row(agent)
-            blocked = bool(in_conflict[row])
-            if log_row < 0 or blocked or self._obstructed(table, row, on_log, log_row, record.logged):
-                record.clear = 0
-                state = TakeoverState.HELD
-            else:
-                record.clear += 1
-                state = self._next_state(table, row, on_log, log_row, record)
-            if state == TakeoverState.HANDBACK and record.path is not record.logged:
-                record.path = record.logged
-                goal = np.array(record.takeover.goal_pose)
-                record.goal_s = float(record.path.project(goal[:1], goal[1:2])[0][0])
-                record.takeover = replace(record.takeover, path_source=PathSource.LOGGED)
-            record.takeover = replace(record.takeover, state=state, log_collision_predicted=blocked)
+        off = self._off.take(known)
+        rows, log_rows = self._rows(table, off)
+        mine = np.zeros(len(table), np.bool_)
+        mine[rows] = True
+        in_conflict = self._detector.still_in_conflict(table, mine, self._is_off(table) | lagged, logged, expected)
+        residuals = Residuals.of(self.scenario.log, log_rows, self._lag[log_rows], table, rows)
+        review(self.config, off, table, rows, residuals, in_conflict[rows])
+        if off is not self._off:
+            self._off = off.joined(self._off.take(~known))
 
-    def _next_state(
-        self, table: AgentTable, row: int, on_log: AgentTable, log_row: int, record: _Record
-    ) -> TakeoverState:
-        """State of an agent that is free of conflict."""
-        if record.takeover.state == TakeoverState.HELD:
-            s, _ = record.path.project(table.x[row : row + 1], table.y[row : row + 1])
-            needed = self.config.clear_steps * (1 if s[0] >= record.goal_s else 2)
-            held = table.step - record.takeover.detected_step
-            return (
-                TakeoverState.HANDBACK
-                if record.clear >= needed and held >= self.config.held_steps_min
-                else TakeoverState.HELD
-            )
-        position, speed, yaw = _residual(table, row, on_log, log_row)
-        within = position <= self.config.release_position and abs(speed) <= self.config.release_speed
-        return TakeoverState.RELEASED if within and abs(yaw) <= self.config.release_yaw else TakeoverState.HANDBACK
+    def _report(self, table: AgentTable) -> tuple[Takeover, ...]:
+        """The takeovers as they are published.
 
-    def _obstructed(self, table: AgentTable, row: int, on_log: AgentTable, log_row: int, path: ReferencePath) -> bool:
-        """Whether somebody stands between an agent and its place in the log."""
-        s, _ = path.project(np.array([table.x[row], on_log.x[log_row]]), np.array([table.y[row], on_log.y[log_row]]))
-        view = along_path(path, table, row)
-        between = view.ahead & view.in_path & (view.gap < s[1] - s[0])
-        return bool(between.any())
-
-    def _report(self, table: AgentTable, record: _Record) -> Takeover:
-        """The takeover as it is published: path from the agent on, residuals of this step.
-
-        Residuals are measured against the log that the agent goes back to, with its lag, as the release measures them.
+        Residuals are measured against the log that an agent goes back to, with its lag, as the release measures them.
         """
-        row = table.row(record.takeover.agent)
-        on_log = self.scenario.log.table(table.step, self._lag)
-        log_row = on_log.row(record.takeover.agent)
-        position, speed, _ = _residual(table, row, on_log, log_row) if log_row >= 0 else (-1.0, 0.0, 0.0)
-        lag = int(self._lag[self.scenario.log.row(record.takeover.agent)])
-        s, _ = record.path.project(table.x[row : row + 1], table.y[row : row + 1])
-        points = record.path.points[window_of(record.path.s, float(s[0]))]
-        return replace(
-            record.takeover,
-            reference_path=points,
-            residual_position=position,
-            residual_speed=speed,
-            time_shift=lag * STEP_S,
-        )
-
-
-def _residual(table: AgentTable, row: int, on_log: AgentTable, log_row: int) -> tuple[float, float, float]:
-    """Distance [m], speed [m/s] and heading [rad] of an agent relative to its log."""
-    position = np.hypot(table.x[row] - on_log.x[log_row], table.y[row] - on_log.y[log_row])
-    yaw = wrap_angle(table.yaw[row : row + 1] - on_log.yaw[log_row : log_row + 1])
-    return float(position), float(table.speed[row] - on_log.speed[log_row]), float(yaw[0])
+        rows, log_rows = self._rows(table, self._off)
+        lag = self._lag[log_rows]
+        residuals = Residuals.of(self.scenario.log, log_rows, lag, table, rows)
+        position = np.where(residuals.known, residuals.position, -1.0)
+        speed = np.where(residuals.known, residuals.speed, 0.0)
+        return self._off.report(table.x[rows], table.y[rows], position, speed, lag)
 
 
 def conflict_stage(read: ParameterReader) -> Callable[[Scenario], TakeoverManager]:

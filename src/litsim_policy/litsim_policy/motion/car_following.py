@@ -72,8 +72,8 @@ class AlongPath:
     """Agents as a vehicle on a path sees them, or as m vehicles do: arrays (n,) or (m, n), columns as in their table.
 
     Attributes:
-        s: arc length of the agent's place on the path [m]; -inf beyond SIGHT.
-        d: offset of the agent from the path, to the left [m]; inf beyond SIGHT.
+        s: arc length of the agent's place on the path [m]; -inf out of sight.
+        d: offset of the agent from the path, to the left [m]; inf out of sight.
         gap: from the vehicle's front bumper to the agent's rear, along the path [m]; negative alongside.
         speed: of the agent along the path [m/s].
         ahead: whether the agent's centre is ahead of the vehicle's.
@@ -96,7 +96,9 @@ def along_path(path: ReferencePath, agents: AgentTable, row: int, margin: float 
     return AlongPath(*(getattr(view, field.name)[0] for field in fields(AlongPath)))
 
 
-def along_paths(paths: PathBatch, agents: AgentTable, rows: IntArray, margin: float = MARGIN) -> AlongPath:
+def along_paths(
+    paths: PathBatch, agents: AgentTable, rows: IntArray, margin: float = MARGIN, sight: float | FloatArray = SIGHT
+) -> AlongPath:
     """Agents relative to those in `rows`, each of which follows a path of its own; itself it sees nowhere ahead.
 
     Args:
@@ -104,12 +106,14 @@ def along_paths(paths: PathBatch, agents: AgentTable, rows: IntArray, margin: fl
         agents: everybody, n agents.
         rows: (m,) of the agents that look.
         margin: [m] kept to the side of the agents' boxes.
+        sight: (m,) or one for all: how far away each still sees somebody [m]; no farther than SIGHT.
 
     Returns:
         arrays (m, n).
     """
     dx, dy = agents.x - agents.x[rows, None], agents.y - agents.y[rows, None]
-    viewer, agent = near = np.nonzero(dx * dx + dy * dy < SIGHT * SIGHT)
+    reach = np.broadcast_to(np.minimum(sight, SIGHT), rows.shape)
+    viewer, agent = near = np.nonzero(dx * dx + dy * dy < (reach * reach)[:, None])
     at = paths.project(viewer, agents.x[agent], agents.y[agent])
     segment = at.segment + (at.s >= paths.s[viewer, at.segment + 1])
     segment = np.minimum(segment, paths.count[viewer] - 2)
@@ -130,7 +134,7 @@ def along_paths(paths: PathBatch, agents: AgentTable, rows: IntArray, margin: fl
     # the strip is swept from where the vehicle is to the path: over the first metres it includes the vehicle's offset
     offset = own_d[viewer] * np.clip(1.0 - (at.s - own_s[viewer]) / MERGE, 0.0, 1.0)
     own = rows[viewer]
-    passing, reach = np.abs(at.d - offset), 0.5 * agents.width[own]
+    passing, half_width = np.abs(at.d - offset), 0.5 * agents.width[own]
     ahead = s > own_s[:, None]
     ahead[each, rows] = False
     return AlongPath(
@@ -139,6 +143,6 @@ def along_paths(paths: PathBatch, agents: AgentTable, rows: IntArray, margin: fl
         gap=spread(at.s - half_along - own_s[viewer] - 0.5 * agents.length[own], -np.inf),
         speed=spread(agents.speed[agent] * cos, 0.0),
         ahead=ahead,
-        aside=spread(passing - (half_across + reach), np.inf),
-        in_path=spread(passing < half_across + (reach + margin), 0),
+        aside=spread(passing - (half_across + half_width), np.inf),
+        in_path=spread(passing < half_across + (half_width + margin), 0),
     )

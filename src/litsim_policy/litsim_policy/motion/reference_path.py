@@ -18,7 +18,6 @@ from litsim_sim.scenario.log import Log
 SPACING = 1.0  # [m] between points; recorded positions jitter at shorter distances
 LANE_LENGTH = 2000.0  # [m] of lane that a path along it covers: more than any run drives
 CHANGE_MIN = 10.0  # [m] that a change of lane takes at least, also for a vehicle that stands
-PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of a path before and beyond an agent that a policy is given
 BEYOND = 300.0  # [m] by which a logged path goes on along its lane, for vehicles whose log ends
 
 
@@ -166,18 +165,5 @@ def towards(target: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray, s
 def window(path: ReferencePath, x: float, y: float) -> ReferencePath:
     """The part of `path` from a little behind a place on it, as takeovers carry it."""
     s, _ = path.project(np.array([x]), np.array([y]))
-    return ReferencePath.of(path.points[window_of(path.s, float(s[0]))])
-
-
-def window_of(arc_length: FloatArray, s: float) -> slice:
-    """Which points of a path are given to a policy whose agent is at arc length `s` [m].
-
-    Args:
-        arc_length: (m,) of the points [m].
-        s: of the agent [m].
-
-    Returns:
-        those from PATH_BEHIND to PATH_AHEAD; the last two points, where fewer than two are.
-    """
-    begin, end = np.searchsorted(arc_length, s - PATH_BEHIND), np.searchsorted(arc_length, s + PATH_AHEAD, "right")
-    return slice(int(begin), int(end)) if end - begin >= 2 else slice(len(arc_length) - 2, len(arc_length))
+    (begin,), (end,) = path.batch.window(s)
+    return ReferencePath.of(path.points[begin:end])

@@ -127,8 +127,14 @@ class Log:
         0 where that is now, or where the agent has no logged pose up to `step`. A log that stands and waits is near
         for long: the time that it waited is not waited again.
         """
-        known = np.flatnonzero(self.valid[row, : step + 1])
-        if not len(known):
-            return 0
-        distance = np.hypot(self.x[row, known] - x, self.y[row, known] - y)
-        return int(step - known[np.flatnonzero(distance <= distance.min() + LAG_TOLERANCE)[-1]])
+        return int(self.lags(np.array([row]), step, np.array([x]), np.array([y]))[0])
+
+    def lags(self, rows: IntArray, step: int, x: FloatArray, y: FloatArray) -> IntArray:
+        """(r,) lags as :meth:`lag` defines them, of the agents in `rows` (r,) that are at `x`, `y` (r,) [m]."""
+        until = slice(0, step + 1)
+        distance = np.hypot(self.x[rows, until] - x[:, None], self.y[rows, until] - y[:, None])
+        distance[~self.valid[rows, until]] = np.inf
+        near = distance <= distance.min(axis=1, initial=np.inf, keepdims=True) + LAG_TOLERANCE
+        nearest = np.max(np.where(near, np.arange(near.shape[1]), -1), axis=1, initial=-1)
+        known = np.isfinite(distance).any(axis=1)
+        return np.where(known, step - nearest, 0)

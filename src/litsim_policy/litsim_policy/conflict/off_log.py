@@ -1,0 +1,192 @@
+"""The agents that are off their logs, as one table: why, since when, where they are going, and how far they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from litsim_policy.conflict.detection import Conflict
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray, IntArray
+from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
+
+ObjectArray = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class OffLog:
+    """r agents off their logs, ids ascending; arrays (r,) unless said otherwise.
+
+    States, counts and paths change from step to step, in place (:meth:`return_to_log`); when agents come or go, it is
+    another table.
+
+    Attributes:
+        agent, opponent: ids.
+        state: :class:`TakeoverState`.
+        reason: :class:`TakeoverReason`.
+        detected_step: at which the agent was taken over.
+        time_to_conflict: from then on [s].
+        overlap_probability: largest within the horizon, then.
+        pose: (r, 3) x, y [m], yaw [rad] of the agent at the predicted overlap: its goal.
+        in_conflict: whether its log leads into a conflict at this step.
+        clear: steps in a row without conflict.
+        path: :class:`ReferencePath` that it follows: to its goal and on while it is HELD, later `logged`.
+        logged: :class:`ReferencePath` where it went in the recording.
+        source: :class:`PathSource` of `path`.
+        goal_s: arc length of the goal on `path` [m].
+    """
+
+    agent: IntArray
+    opponent: IntArray
+    state: ByteArray
+    reason: ByteArray
+    detected_step: IntArray
+    time_to_conflict: FloatArray
+    overlap_probability: FloatArray
+    pose: FloatArray
+    in_conflict: BoolArray
+    clear: IntArray
+    path: ObjectArray
+    logged: ObjectArray
+    source: ByteArray
+    goal_s: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.agent)
+
+    @classmethod
+    def empty(cls) -> OffLog:
+        """Return a table of nobody."""
+        whole, real, byte = np.empty(0, np.int64), np.empty(0), np.empty(0, np.uint8)
+        flags, paths = np.empty(0, np.bool_), np.empty(0, object)
+        return cls(
+            whole, whole, byte, byte, whole, real, real, np.empty((0, 3)), flags, whole, paths, paths, byte, real
+        )
+
+    @classmethod
+    def opened(
+        cls, conflict: Conflict, step: int, reason: TakeoverReason, path: ReferencePath, logged: ReferencePath
+    ) -> OffLog:
+        """Return the table of one agent that is taken over at `step`."""
+        goal_s, _ = path.project(conflict.pose[:1], conflict.pose[1:2])
+        paths, recorded = np.empty(1, object), np.empty(1, object)
+        paths[0], recorded[0] = path, logged
+        return cls(
+            agent=np.array([conflict.agent]),
+            opponent=np.array([conflict.opponent]),
+            state=np.array([TakeoverState.HELD], np.uint8),
+            reason=np.array([reason], np.uint8),
+            detected_step=np.array([step]),
+            time_to_conflict=np.array([conflict.time_to_conflict]),
+            overlap_probability=np.array([conflict.overlap_probability]),
+            pose=conflict.pose[None],
+            in_conflict=np.array([True]),
+            clear=np.array([0]),
+            path=paths,
+            logged=recorded,
+            source=np.array([PathSource.LOGGED if path is logged else PathSource.ROUTE], np.uint8),
+            goal_s=goal_s,
+        )
+
+    def take(self, which: BoolArray) -> OffLog:
+        """The agents of the mask `which` (r,)."""
+        return self if which.all() else OffLog(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def joined(self, other: OffLog) -> OffLog:
+        """Both tables in one; no agent is in both."""
+        order = np.argsort(np.concatenate([self.agent, other.agent]), kind="stable")
+        columns = (np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self))
+        return OffLog(*(column[order] for column in columns))
+
+    @cached_property
+    def paths(self) -> PathBatch:
+        """What the agents follow."""
+        return PathBatch([path.points for path in self.path])
+
+    @cached_property
+    def logged_paths(self) -> PathBatch:
+        """Where the agents went in the recording."""
+        return PathBatch([path.points for path in self.logged])
+
+    def return_to_log(self, which: BoolArray) -> None:
+        """Let the agents of the mask `which` (r,) follow their logged paths from now on."""
+        at = np.flatnonzero(which & (self.source != PathSource.LOGGED))
+        if len(at):
+            self.path[at], self.source[at] = self.logged[at], PathSource.LOGGED
+            self.goal_s[at] = self.logged_paths.project(at, self.pose[at, 0], self.pose[at, 1]).s
+            self.__dict__.pop("paths", None)
+
+    def report(
+        self, x: FloatArray, y: FloatArray, off_position: FloatArray, off_speed: FloatArray, lag: IntArray
+    ) -> tuple[Takeover, ...]:
+        """What is published of each agent at a step.
+
+        Args:
+            x, y: (r,) of the agents now, frame map [m]; their reference paths begin a little behind.
+            off_position, off_speed: (r,) residuals from the log [m], [m/s].
+            lag: (r,) steps by which the log lags that each goes back to.
+        """
+        if not len(self):
+            return ()
+        begin, end = self.paths.window(self.paths.project(np.arange(len(self)), x, y).s)
+        poses = [(px, py, yaw) for px, py, yaw in self.pose.tolist()]
+        return tuple(
+            Takeover(
+                agent=agent,
+                opponent=opponent,
+                state=TakeoverState(state),
+                reason=TakeoverReason(reason),
+                detected_step=detected,
+                time_to_conflict=time,
+                overlap_probability=probability,
+                conflict_pose=pose,
+                goal_pose=pose,
+                reference_path=path.points[first:last],
+                log_collision_predicted=in_conflict,
+                residual_position=position,
+                residual_speed=speed,
+                path_source=PathSource(source),
+                time_shift=lagging * STEP_S,
+            )
+            for (
+                agent,
+                opponent,
+                state,
+                reason,
+                detected,
+                time,
+                probability,
+                pose,
+                path,
+                first,
+                last,
+                in_conflict,
+                position,
+                speed,
+                source,
+                lagging,
+            ) in zip(
+                self.agent.tolist(),
+                self.opponent.tolist(),
+                self.state.tolist(),
+                self.reason.tolist(),
+                self.detected_step.tolist(),
+                self.time_to_conflict.tolist(),
+                self.overlap_probability.tolist(),
+                poses,
+                self.path,
+                begin.tolist(),
+                end.tolist(),
+                self.in_conflict.tolist(),
+                off_position.tolist(),
+                off_speed.tolist(),
+                self.source.tolist(),
+                lag.tolist(),
+                strict=True,
+            )
+        )
