@@ -70,6 +70,15 @@ def test_figures_are_said_as_median_and_range_of_the_repetitions() -> None:
     ]
 
 
+def test_the_parts_of_the_way_through_the_graph_have_rows_of_their_own_in_its_order() -> None:
+    samples = [{"graph: hop to predictor": 0.5, "graph: policy": 3.0, "graph with recording": 9.0}]
+    assert [row[0] for row in table_rows({50: samples})] == [
+        "graph with recording, ms",
+        "graph: hop to predictor, ms",
+        "graph: policy, ms",
+    ]
+
+
 def test_a_step_in_process_is_told_apart_by_stage(tmp_path: Path) -> None:
     """In a process of its own, as the benchmark does it: libsumo holds one simulation."""
     scenario = write_scenario(tmp_path, 20, seconds=5.0)

@@ -43,9 +43,13 @@ RATIOS = {
     "highway-env / in process": (HIGHWAY_ENV, IN_PROCESS),
 }
 
+PATH = "graph: "
+"""Begins the names of the parts of a step's way through the graph, see :mod:`litsim_sim.analysis.step_path`."""
+
 Sample = dict[str, float]
 """Of one repetition: time of a step [ms] by what it was spent on: :data:`PARTS` (medians over the steps of the run, but
-for transport, which is what is left of a step) and the whole steps, of the run's wall time."""
+for transport, which is what is left of a step), the parts of its way through the graph (medians as well), and the whole
+steps, of the run's wall time."""
 
 
 def write_scenario(folder: Path, agents: int, seconds: float) -> Path:
@@ -147,7 +151,8 @@ def time_graph(scenario_file: Path, bag: Path) -> Sample:
     metrics = json.loads((bag / METRICS_FILE).read_text())
     whole = 1e3 * metrics["timing"]["wall_s"] / (metrics["steps"] + 1)
     stages = {name: times["median"] for name, times in metrics["timing"]["stage_ms"].items()}
-    return {GRAPH: whole, TRANSPORT: whole - stages["bridge"] - sum(stages[name] for name in LOOP)}
+    path = {f"{PATH}{name}": times["median"] for name, times in metrics["timing"]["path_ms"].items()}
+    return {GRAPH: whole, TRANSPORT: whole - stages["bridge"] - sum(stages[name] for name in LOOP)} | path
 
 
 def time_recording(bag: Path, folder: Path) -> Sample:
@@ -208,7 +213,8 @@ def spread(samples: Sequence[Sample], name: str) -> str:
 
 def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
     """Rows of the table: what, and its figure for each number of agents; a dash where it was not measured."""
-    for name in (*PARTS, IN_PROCESS, GRAPH, HIGHWAY_ENV, *RATIOS):
+    path = dict.fromkeys(name for each in by_agents.values() for name in each[0] if name.startswith(PATH))
+    for name in (*PARTS, IN_PROCESS, GRAPH, *path, HIGHWAY_ENV, *RATIOS):
         if any(name in samples[0] for samples in by_agents.values()):
             cells = (spread(samples, name) if name in samples[0] else "-" for samples in by_agents.values())
             yield [name if name in RATIOS else f"{name}, ms", *cells]
