@@ -46,6 +46,7 @@ def parser() -> argparse.ArgumentParser:
         "--beside", type=Path, metavar="CHECKOUT", help="with --throughput: in turns with another one, built"
     )
     p.add_argument("--scenario", nargs="+", default=["demo"], help="with --throughput: what is evaluated")
+    p.add_argument("--egos", default="egos", help="with --throughput: of these, as `evaluate` has them")
     p.add_argument("--processes", type=at_least_one, default=2, help="with --throughput: of an evaluation")
     p.add_argument(
         "--memory", type=float, metavar="MINUTES", help="of simulated time: whether the memory of a long run grows"
@@ -123,7 +124,13 @@ def throughput_table(arguments: argparse.Namespace) -> tuple[str, list[str], lis
         tqdm(total=arguments.repeats, unit="pair", dynamic_ncols=True) as bar,
     ):
         found = measure_throughput(
-            Path(folder), arguments.beside, arguments.scenario, arguments.processes, arguments.repeats, bar.update
+            Path(folder),
+            arguments.beside,
+            arguments.scenario,
+            arguments.egos,
+            arguments.processes,
+            arguments.repeats,
+            bar.update,
         )
     title = f"throughput, median (minimum to maximum) of {arguments.repeats} repetitions, {_machine()}"
     return title, ["", *found], list(throughput_rows(found))

@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 
 from litsim_policy.driving.task import DrivingScene, DrivingTask
+from litsim_policy.motion.car_following import Poses
 from litsim_policy.motion.followers import PathFollowers
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.quantities import Length, Positive, Whole, configuration
@@ -87,27 +88,31 @@ class Observer:
         self._to_left = np.array([_beyond(lane_map, row, "left") for row in range(len(lanes))])
         self._to_right = np.array([_beyond(lane_map, row, "right") for row in range(len(lanes))])
 
-    def observe(self, table: AgentTable, tasks: Sequence[DrivingTask]) -> FloatArray:
-        """Features (m, size) of the agents with `tasks` (m), all of which are in `table`."""
-        return self.features(DrivingScene.of(self._lane_map, table, tasks))
+    def observe(self, table: AgentTable, tasks: Sequence[DrivingTask], poses: Poses | None = None) -> FloatArray:
+        """Features (m, size) of the agents with `tasks` (m), all of which are in `table`.
+
+        Where `poses` are given, each agent is seen as it would be if it alone were displaced to its pose.
+        """
+        return self.features(DrivingScene.of(self._lane_map, table, tasks, poses))
 
     def features(self, scene: DrivingScene) -> FloatArray:
         """Features (m, size) of the m agents of `scene`."""
         if not len(scene):
             return np.empty((0, self.config.size))
         table, rows = scene.agents.table, scene.agents.rows
-        groups = [_core(table, rows), self._surrounding(table, rows), self._road(scene.agents), self._way(scene)]
+        groups = [_core(table, rows), self._surrounding(scene.agents), self._road(scene.agents), self._way(scene)]
         return np.clip(np.concatenate(groups, axis=1), -LIMIT, LIMIT)
 
-    def _surrounding(self, table: AgentTable, rows: IntArray) -> FloatArray:
-        """Features (m, slots * SLOT) of those around the agents in `rows` (m,)."""
-        seen = np.hypot(table.x - table.x[rows, None], table.y - table.y[rows, None]) <= self.config.sight
+    def _surrounding(self, agents: PathFollowers) -> FloatArray:
+        """Features (m, slots * SLOT) of those around the agents."""
+        table, rows = agents.table, agents.rows
+        own_x, own_y, own_yaw = agents.x[:, None], agents.y[:, None], agents.yaw[:, None]
+        seen = np.hypot(table.x - own_x, table.y - own_y) <= self.config.sight
         seen[np.arange(len(rows)), rows] = False
         columns = np.flatnonzero(seen.any(axis=0))
         seen = seen[:, columns]
-        dx, dy = table.x[columns] - table.x[rows, None], table.y[columns] - table.y[rows, None]
-        ahead, left = to_body(dx, dy, table.yaw[rows, None])
-        turn = table.yaw[columns] - table.yaw[rows, None]
+        ahead, left = to_body(table.x[columns] - own_x, table.y[columns] - own_y, own_yaw)
+        turn = table.yaw[columns] - own_yaw
         cos, sin, front = np.cos(turn), np.sin(turn), 0.5 * table.length
         apart = np.hypot(ahead + front[columns] * cos - front[rows, None], left + front[columns] * sin)
         bearing = np.arctan2(left, ahead)

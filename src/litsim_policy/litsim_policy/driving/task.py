@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from litsim_policy.motion.car_following import Poses
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
@@ -65,14 +66,17 @@ class DrivingScene:
         return len(self.id)
 
     @classmethod
-    def of(cls, lane_map: LaneMap, table: AgentTable, tasks: Sequence[DrivingTask]) -> DrivingScene:
-        """Return the scene of `tasks`, whose agents are all in `table`."""
+    def of(
+        cls, lane_map: LaneMap, table: AgentTable, tasks: Sequence[DrivingTask], poses: Poses | None = None
+    ) -> DrivingScene:
+        """Return the scene of `tasks`, whose agents are all in `table`; `poses` as in :class:`PathFollowers`."""
         return cls._made(
             lane_map,
             table,
             [task.path.points for task in tasks],
             [task.goal for task in tasks],
             [(task.agent, task.due_step, task.opponent) for task in tasks],
+            poses,
         )
 
     @classmethod
@@ -94,9 +98,10 @@ class DrivingScene:
         points: Sequence[FloatArray],
         goals: Sequence[FloatArray] | Sequence[tuple[float, float]],
         numbers: Sequence[tuple[int, int, int]],
+        poses: Poses | None = None,
     ) -> DrivingScene:
         ids, due, opponent = np.array(numbers, np.int64).reshape(-1, 3).T
-        agents = PathFollowers(lane_map, table, table.rows(ids), PathBatch(points))
+        agents = PathFollowers(lane_map, table, table.rows(ids), PathBatch(points), poses)
         return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent)
 
 

@@ -6,7 +6,7 @@ Of NGSIM these are people, of generated segments SUMO's driver models.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import model_validator
@@ -14,6 +14,7 @@ from pydantic import model_validator
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.observation import ObservationConfig, Observer
 from litsim_policy.driving.task import DrivingTask
+from litsim_policy.motion.car_following import Poses
 from litsim_policy.motion.reference_path import logged_path, pursuit_yaw_rate, window
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.quantities import Angle, Duration, Length, NonNegative, Positive, Speed, Steps, configuration
@@ -112,8 +113,8 @@ def _of_scenario(
         speed = table.speed[chosen]
         seen.append(observer.observe(table, tasks))
         done.append(normalised(consistent(acceleration, yaw_rate, speed)))
-        pushed, steering = _displaced(table, chosen, tasks, config, random)
-        moved.append(np.concatenate([observer.observe(t, [e]) for t, e in zip(pushed, tasks, strict=True)]))
+        poses, steering = _displaced(table, chosen, tasks, config, random)
+        moved.append(observer.observe(table, tasks, poses))
         back.append(normalised(consistent(acceleration, steering, speed)))
     size = observation.size
     if not seen:
@@ -147,20 +148,16 @@ def _inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tup
 
 def _displaced(
     table: AgentTable, chosen: np.ndarray, tasks: list[DrivingTask], config: ExpertConfig, random: np.random.Generator
-) -> tuple[list[AgentTable], FloatArray]:
-    """Displace the vehicles in the rows `chosen` (m,), one at a time.
+) -> tuple[Poses, FloatArray]:
+    """Displace the vehicles in the rows `chosen` (m,), each alone.
 
     Returns:
-        m tables with one vehicle displaced each, and the yaw rates (m,) [rad/s] of a pursuit of its path from there.
+        their poses (m,), and the yaw rates (m,) [rad/s] of a pursuit of their paths from there.
     """
-    tables, steering = [], []
-    for row, task in zip(chosen.tolist(), tasks, strict=True):
-        offset, turn = random.normal(0.0, config.offset), random.normal(0.0, config.turn)
-        x, y, yaw = table.x.copy(), table.y.copy(), table.yaw.copy()
-        x[row] -= offset * np.sin(yaw[row])
-        y[row] += offset * np.cos(yaw[row])
-        yaw[row] += turn
-        tables.append(replace(table, x=x, y=y, yaw=yaw))
-        pose = (float(x[row]), float(y[row]), float(yaw[row]))
-        steering.append(pursuit_yaw_rate(task.path, *pose, float(table.speed[row])))
-    return tables, np.array(steering)
+    draws = [(random.normal(0.0, config.offset), random.normal(0.0, config.turn)) for _ in tasks]
+    offset, turn = np.array(draws).reshape(-1, 2).T
+    yaw = table.yaw[chosen]
+    poses = table.x[chosen] - offset * np.sin(yaw), table.y[chosen] + offset * np.cos(yaw), yaw + turn
+    columns = (values.tolist() for values in (*poses, table.speed[chosen]))
+    steering = [pursuit_yaw_rate(task.path, *own) for task, *own in zip(tasks, *columns, strict=True)]
+    return poses, np.array(steering)

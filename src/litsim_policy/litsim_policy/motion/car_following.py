@@ -17,6 +17,9 @@ MARGIN = 0.2  # [m] kept to the side of others, unless said otherwise
 MERGE = 15.0  # [m] over which a vehicle beside its path is taken to come onto it
 GAP_MIN = 0.1  # [m] below which the model is not evaluated: it has a pole at zero
 
+Poses = tuple[FloatArray, FloatArray, FloatArray]
+"""x, y [m] and yaw [rad] of m agents; arrays (m,)."""
+
 
 @configuration
 class IdmConfig:
@@ -97,7 +100,12 @@ def along_path(path: ReferencePath, agents: AgentTable, row: int, margin: float 
 
 
 def along_paths(
-    paths: PathBatch, agents: AgentTable, rows: IntArray, margin: float = MARGIN, sight: float | FloatArray = SIGHT
+    paths: PathBatch,
+    agents: AgentTable,
+    rows: IntArray,
+    margin: float = MARGIN,
+    sight: float | FloatArray = SIGHT,
+    poses: Poses | None = None,
 ) -> AlongPath:
     """Agents relative to those in `rows`, each of which follows a path of its own; itself it sees nowhere ahead.
 
@@ -107,17 +115,23 @@ def along_paths(
         rows: (m,) of the agents that look.
         margin: [m] kept to the side of the agents' boxes.
         sight: (m,) or one for all: how far away each still sees somebody [m]; no farther than SIGHT.
+        poses: at which each of those that look takes itself to be; None for where it is.
 
     Returns:
         arrays (m, n).
     """
-    dx, dy = agents.x - agents.x[rows, None], agents.y - agents.y[rows, None]
+    own_x, own_y, own_yaw = poses or (agents.x[rows], agents.y[rows], agents.yaw[rows])
+    dx, dy = agents.x - own_x[:, None], agents.y - own_y[:, None]
     reach = np.broadcast_to(np.minimum(sight, SIGHT), rows.shape)
     viewer, agent = near = np.nonzero(dx * dx + dy * dy < (reach * reach)[:, None])
-    at = paths.project(viewer, agents.x[agent], agents.y[agent])
+    x, y, yaw = agents.x[agent], agents.y[agent], agents.yaw[agent]
+    if poses is not None:
+        itself = agent == rows[viewer]
+        x[itself], y[itself], yaw[itself] = (own[viewer[itself]] for own in (own_x, own_y, own_yaw))
+    at = paths.project(viewer, x, y)
     segment = at.segment + (at.s >= paths.s[viewer, at.segment + 1])
     segment = np.minimum(segment, paths.count[viewer] - 2)
-    turn = agents.yaw[agent] - paths.heading(viewer, segment)
+    turn = yaw - paths.heading(viewer, segment)
     cos = np.cos(turn)
     along, across, length, width = np.abs(cos), np.abs(np.sin(turn)), agents.length[agent], agents.width[agent]
     half_along = 0.5 * (length * along + width * across)

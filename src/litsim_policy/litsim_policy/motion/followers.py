@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from litsim_policy.motion.car_following import AlongPath, along_paths
+from litsim_policy.motion.car_following import AlongPath, Poses, along_paths
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import pursuit_reach, towards
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
@@ -20,12 +20,16 @@ class PathFollowers:
         table: everybody.
         rows: of the followers in `table`.
         paths: m paths.
-        x, y, yaw, speed: of the followers [m], [rad], [m/s].
+        x, y, yaw, speed: of the followers [m], [rad], [m/s]; where `poses` are given, each follower is there, and all
+            others are where the table has them.
     """
 
-    def __init__(self, lane_map: LaneMap, table: AgentTable, rows: IntArray, paths: PathBatch) -> None:
+    def __init__(
+        self, lane_map: LaneMap, table: AgentTable, rows: IntArray, paths: PathBatch, poses: Poses | None = None
+    ) -> None:
         self.table, self.rows, self.paths = table, rows, paths
-        self.x, self.y, self.yaw, self.speed = (getattr(table, f)[rows] for f in ("x", "y", "yaw", "speed"))
+        self.x, self.y, self.yaw = poses or (table.x[rows], table.y[rows], table.yaw[rows])
+        self.speed, self._poses = table.speed[rows], poses
         self._lane_map = lane_map
 
     def __len__(self) -> int:
@@ -34,7 +38,7 @@ class PathFollowers:
     @cached_property
     def view(self) -> AlongPath:
         """Everybody as the followers see them, (m, n)."""
-        return along_paths(self.paths, self.table, self.rows)
+        return along_paths(self.paths, self.table, self.rows, poses=self._poses)
 
     @cached_property
     def s(self) -> FloatArray:

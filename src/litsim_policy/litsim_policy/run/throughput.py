@@ -23,7 +23,8 @@ from litsim_sim.traffic.segment_set import write_segment_set
 EVALUATE = "evaluate, scenario-seconds a second"
 TRAIN = "train, agent-steps a second"
 ITERATIONS = "train, its iterations alone, agent-steps a second"
-FIGURES = (EVALUATE, TRAIN, ITERATIONS)
+CPU = " of the processor"
+FIGURES = (EVALUATE, EVALUATE + CPU, TRAIN, TRAIN + CPU, ITERATIONS)
 HERE, BESIDE, RATIO = "this checkout", "the other", "ratio"
 
 POLICIES = ("replay", "yield", "litsim")
@@ -39,12 +40,18 @@ TRAINING = {
 }
 """Configuration of the training that is timed: that of `policy_c.yaml`, but for its length and its data."""
 
-TIMED = (
-    "import subprocess, sys, time; begin = time.perf_counter(); "
-    "ended = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode; "
-    "print(time.perf_counter() - begin); sys.exit(ended)"
-)
-"""Runs its arguments and prints how long that took [s]: setting up the environment of a checkout does not count."""
+TIMED = """
+import resource, subprocess, sys, time
+begin = time.perf_counter()
+ended = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode
+wall, used = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
+print(wall, used.ru_utime + used.ru_stime)
+sys.exit(ended)
+"""
+"""Runs its arguments and prints how long that took, of the clock and of the processor [s].
+
+Setting up the environment of a checkout does not count.
+"""
 OF_A_CHECKOUT = ("PYTHONPATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH")
 """Variables of the environment that say where a checkout lies."""
 
@@ -82,8 +89,8 @@ class Side:
         train = "litsim_policy.learning.train" if moved else "litsim_policy.train"
         return cls((str(checkout.absolute() / "litsim"), "exec", "python"), train, environment)
 
-    def seconds(self, module: str, *arguments: str) -> float:
-        """How long a program of the checkout runs [s].
+    def rates(self, module: str, *arguments: str) -> Callable[[str, float], Sample]:
+        """Run a program of the checkout; returns what makes a figure's rates of an amount that it got done.
 
         Raises:
             InputError: it fails.
@@ -91,19 +98,20 @@ class Side:
         run, *given = self.python
         inner = "python" if given else run
         said = execute(Path(run), *given, "-c", TIMED, inner, "-m", module, *arguments, environment=self.environment)
-        return float(said.strip().splitlines()[-1])
+        wall, processor = (float(seconds) for seconds in said.strip().splitlines()[-1].split())
+        return lambda figure, amount: {figure: amount / wall, figure + CPU: amount / processor}
 
 
-def time_evaluation(side: Side, scenarios: Sequence[str], processes: int, out: Path) -> Sample:
-    """Time `evaluate` of all policies on all egos of `scenarios`, in process.
+def time_evaluation(side: Side, scenarios: Sequence[str], egos: str, processes: int, out: Path) -> Sample:
+    """Time `evaluate` of the policies :data:`POLICIES` on `egos` of `scenarios`, in process.
 
     Raises:
         InputError: it fails.
     """
-    options = ["--scenario", *scenarios, "--ego", "idm", "--policy", *POLICIES, "--egos", "egos", "--out", str(out)]
-    seconds = side.seconds("litsim_policy.cli.evaluate", *options, "--processes", str(processes))
+    options = ["--scenario", *scenarios, "--ego", "idm", "--policy", *POLICIES, "--egos", egos, "--out", str(out)]
+    rates = side.rates("litsim_policy.cli.evaluate", *options, "--processes", str(processes))
     runs = json.loads((out / "evaluation.json").read_text())["runs"].values()
-    return {EVALUATE: STEP_S * sum(run["steps"] for of_row in runs for run in of_row.values()) / seconds}
+    return rates(EVALUATE, STEP_S * sum(run["steps"] for of_row in runs for run in of_row.values()))
 
 
 def time_training(side: Side, data: Path, out: Path) -> Sample:
@@ -116,21 +124,27 @@ def time_training(side: Side, data: Path, out: Path) -> Sample:
     shutil.copytree(data, out / "data")
     config = out / "config.yaml"
     config.write_text(yaml.safe_dump(TRAINING))
-    seconds = side.seconds(side.train, "--config", str(config), "--out", str(out))
+    rates = side.rates(side.train, "--config", str(config), "--out", str(out))
     history = json.loads((out / "history.json").read_text())
     steps = sum(entry["transitions"] for entry in history)
-    return {TRAIN: steps / seconds, ITERATIONS: steps / sum(entry["seconds"] for entry in history)}
+    return rates(TRAIN, steps) | {ITERATIONS: steps / sum(entry["seconds"] for entry in history)}
 
 
 def measure_throughput(
-    folder: Path, beside: Path | None, scenarios: Sequence[str], processes: int, pairs: int, done: Callable[[], object]
+    folder: Path,
+    beside: Path | None,
+    scenarios: Sequence[str],
+    egos: str,
+    processes: int,
+    pairs: int,
+    done: Callable[[], object],
 ) -> dict[str, list[Sample]]:
     """Time this checkout and the one `beside` in turns.
 
     Args:
         folder: for what the programs write.
         beside: the other checkout; None times this one alone.
-        scenarios: to evaluate.
+        scenarios, egos: to evaluate; egos as the option of `evaluate` has them.
         processes: of an evaluation.
         pairs: times that each side is timed.
         done: called after each pair.
@@ -147,7 +161,7 @@ def measure_throughput(
     found: dict[str, list[Sample]] = {name: [] for name in sides}
     for pair in range(pairs):
         for name, side in list(sides.items())[:: 1 if pair % 2 else -1]:  # neither always meets the warmer machine
-            sample = time_evaluation(side, scenarios, processes, folder / "evaluation")
+            sample = time_evaluation(side, scenarios, egos, processes, folder / "evaluation")
             found[name].append(sample | time_training(side, data, folder / "training"))
         done()
     if beside is not None:
