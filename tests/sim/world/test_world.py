@@ -538,10 +538,11 @@ def test_a_reset_knows_nothing_of_the_runs_before(blocked: Scenario, entry: Call
 
 
 class RecordingMirror:
-    """Notes what it is shown; at step 2 it is 0.25 m off."""
+    """Notes what it is shown and asked; it is 0.5 m off at step 9 and 0.25 m at step 10."""
 
     def __init__(self) -> None:
         self.shown: list[AgentTable] = []
+        self.asked: list[int] = []
         self.closed = 0
 
     def show(self, table: AgentTable) -> None:
@@ -549,19 +550,21 @@ class RecordingMirror:
 
     def deviation(self, table: AgentTable) -> np.ndarray:
         assert table is self.shown[-1]
-        return np.full(len(table), 0.25 if table.step == 2 else 0.0)
+        self.asked.append(table.step)
+        return np.full(len(table), {9: 0.5, 10: 0.25}.get(table.step, 0.0))
 
     def close(self) -> None:
         self.closed += 1
 
 
-def test_the_mirror_is_shown_every_step_and_its_worst_deviation_kept(three: Scenario) -> None:
+def test_the_mirror_is_shown_every_step_and_its_deviation_checked_once_a_second(three: Scenario) -> None:
     mirror = RecordingMirror()
     world = World(three, mirror=mirror)
     first = world.reset()
-    tables = [first, *advance(world, first, 5)]
+    tables = [first, *advance(world, first, 22)]
     world.catch_up()
     assert all(a is b for a, b in zip(mirror.shown, tables, strict=True))
+    assert mirror.asked == [0, 10, 20]
     assert world.summary()["sumo_deviation_m"] == 0.25
     assert mirror.closed == 0
     world.close()

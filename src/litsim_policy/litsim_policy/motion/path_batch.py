@@ -95,7 +95,7 @@ class PathBatch:
     def segment(self, s: FloatArray) -> IntArray:
         """(m, ...) segment of each path at arc lengths `s` (m, ...) [m] of it; the ends count as prolonged."""
         others = [1] * (s.ndim - 1)
-        rows = self.s.reshape([len(self), *others, -1])
+        rows = self.s.reshape([len(self), *others, self.s.shape[1]])
         last = (self.count - 2).reshape([len(self), *others])
         return np.clip((rows <= s[..., None]).sum(axis=-1) - 1, 0, last)
 

@@ -11,6 +11,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
 
 _ROUTE, _TYPE = "litsim", "litsim"
+_NEVER = "86400"  # [s] between two decisions of SUMO's own driver models: they drive nobody here, but cost time
 _KEEP_ROUTE = 2  # moveToXY: exactly there, on the network or off it
 
 
@@ -27,7 +28,7 @@ class SumoMirror:
             libsumo.start(
                 [
                     *("sumo", "--net-file", str(net_path), "--step-length", str(STEP_S), "--seed", str(seed)),
-                    *("--collision.action", "none", "--time-to-teleport", "-1"),
+                    *("--default.action-step-length", _NEVER, "--collision.action", "none", "--time-to-teleport", "-1"),
                     *("--no-step-log", "true", "--no-warnings", "true"),
                 ]
             )
@@ -50,7 +51,7 @@ class SumoMirror:
         front_x = (table.x + 0.5 * table.length * np.cos(table.yaw)).tolist()
         front_y = (table.y + 0.5 * table.length * np.sin(table.yaw)).tolist()
         degrees = ((90.0 - np.degrees(table.yaw)) % 360.0).tolist()
-        speeds, lengths, widths = table.speed.tolist(), table.length.tolist(), table.width.tolist()
+        lengths, widths = table.length.tolist(), table.width.tolist()
         for row, agent in enumerate(table.id.tolist()):
             name = str(agent)
             if agent in new:
@@ -59,7 +60,6 @@ class SumoMirror:
                 libsumo.vehicle.setWidth(name, widths[row])
                 libsumo.vehicle.setSpeedMode(name, 0)
                 libsumo.vehicle.setLaneChangeMode(name, 0)
-            libsumo.vehicle.setPreviousSpeed(name, speeds[row])
             libsumo.vehicle.moveToXY(name, "", -1, front_x[row], front_y[row], degrees[row], _KEEP_ROUTE)
         libsumo.simulationStep()
         self._present = present
