@@ -94,10 +94,9 @@ class PathBatch:
 
     def segment(self, s: FloatArray) -> IntArray:
         """(m, ...) segment of each path at arc lengths `s` (m, ...) [m] of it; the ends count as prolonged."""
-        others = [1] * (s.ndim - 1)
-        rows = self.s.reshape([len(self), *others, self.s.shape[1]])
-        last = (self.count - 2).reshape([len(self), *others])
-        return np.clip((rows <= s[..., None]).sum(axis=-1) - 1, 0, last)
+        others = tuple(range(1, s.ndim))
+        before = (np.expand_dims(self.s, others) <= s[..., None]).sum(axis=-1)
+        return np.clip(before - 1, 0, np.expand_dims(self.count - 2, others))
 
     def window(self, s: FloatArray) -> tuple[IntArray, IntArray]:
         """Which points of the paths are given to policies whose agents are at arc lengths `s` (m,) [m].
