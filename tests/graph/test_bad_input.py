@@ -118,6 +118,7 @@ def test_choices_of_the_command_line(graph: Any) -> None:
             ("-p", "time:=[2, 1]"),
             "ego: parameter time is (2.0, 1.0), expected the earliest before the latest",
         ),
+        (("litsim_sim", "live"), ("-p", "rate:=3.0"), "live: unknown parameter rate; expected none"),
         (("litsim_sim", "recorder"), ("-p", "output:=5"), "recorder: parameter output is 5, expected a text"),
         (
             ("litsim_sim", "bridge"),

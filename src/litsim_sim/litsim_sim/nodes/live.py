@@ -24,7 +24,8 @@ from litsim_sim.record.bag import BagTopic
 from litsim_sim.ros import cdr, messages
 from litsim_sim.ros.definitions import definition, type_name
 from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
-from litsim_sim.ros.stage import check_parameters, process, serve
+from litsim_sim.ros.parameters import check_given, undeclare_given
+from litsim_sim.ros.stage import process, serve
 from litsim_sim.ros.topics import (
     AGENTS,
     CLOCK,
@@ -49,8 +50,8 @@ class LiveNode(Node):
     """Draws the newest messages when asked to; passes on to `server`, if there is one, what comes."""
 
     def __init__(self, server: LiveServer | None = None) -> None:
-        super().__init__(NAME)
-        check_parameters(self)
+        super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
+        check_given(self, undeclare_given(self))  # it has none
         self._server = server
         self._agents, self._forecasts, self._conflicts = AgentLayer(), ForecastLayer(), ConflictLayer()
         self._newest: dict[Topic, bytes] = {}

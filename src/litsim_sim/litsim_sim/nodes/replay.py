@@ -22,7 +22,8 @@ from litsim_sim.nodes.keyboard import Keyboard
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.player import Player, checked_rate, is_latched, messages_of, offered_qos, selected
 from litsim_sim.ros.definitions import type_hash
-from litsim_sim.ros.stage import check_parameters, process, serve
+from litsim_sim.ros.parameters import check_given, undeclare_given
+from litsim_sim.ros.stage import process, serve
 
 NAME = "replay"
 ATTENTION_S = 0.05  # after which a key is noticed at the latest
@@ -46,7 +47,8 @@ class ReplayNode(Node):
         Raises:
             InputError: the bag cannot be played like that.
         """
-        super().__init__(NAME)
+        super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
+        given = undeclare_given(self)
         reader = BagReader(bag)
         if reader.problem:
             self.get_logger().warning(
@@ -61,7 +63,7 @@ class ReplayNode(Node):
         self.declare_parameter("loop", self.player.loop)
         about = "seconds from the first message; setting it seeks"
         self.declare_parameter("seek_to", nan, ParameterDescriptor(description=about))
-        check_parameters(self)
+        check_given(self, given)
         self._apply(self.get_parameters(["rate", "loop", "seek_to"]))
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._apply)

@@ -10,6 +10,7 @@ import yaml
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides, ParameterReader
 
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
@@ -35,6 +36,31 @@ def read_parameters(node: Node, stage: Callable[[ParameterReader], Made]) -> Mad
             node.undeclare_parameter(name)
         node.declare_parameter(name, value, ParameterDescriptor(read_only=True), ignore_override=True)
     return made
+
+
+def undeclare_given(node: Node) -> frozenset[str]:
+    """Take back the declarations of what `node` was given, to be declared with a type and a default; returns the names.
+
+    The node has to be made with ``automatically_declare_parameters_from_overrides``. For nodes whose parameters may
+    change while they run; all others use :func:`read_parameters`.
+    """
+    given = frozenset(parameters(node))
+    for name in given:
+        node.undeclare_parameter(name)
+    return given
+
+
+def check_given(node: Node, given: frozenset[str]) -> None:
+    """Refuse parameters that were given and that `node` has not declared; ROS would ignore them.
+
+    Raises:
+        InputError: there are such.
+    """
+    declared = parameters(node)
+    if unknown := sorted(given - declared.keys()):
+        raise InputError(
+            f"{node.get_name()}: unknown parameter {', '.join(unknown)}; expected {', '.join(declared) or 'none'}"
+        )
 
 
 def parameters(node: Node) -> dict[str, Any]:

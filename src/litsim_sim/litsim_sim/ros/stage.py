@@ -29,7 +29,7 @@ from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.step_marks import step_marks
 from litsim_sim.ros import messages
 from litsim_sim.ros.endpoints import publisher_on, subscribe
-from litsim_sim.ros.parameters import OF_EVERY_NODE, parameters_yaml
+from litsim_sim.ros.parameters import parameters_yaml
 from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario.scenario import Scenario
 
@@ -242,21 +242,6 @@ def process(interrupted: int = EXIT_INTERRUPTED) -> Iterator[None]:
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is ending already
         rclpy.try_shutdown()
-
-
-def check_parameters(node: Node) -> None:
-    """Refuse parameters that were given and that `node` has not declared.
-
-    Raises:
-        InputError: there are such; rclpy would ignore them.
-    """
-    given = node._parameter_overrides  # noqa: SLF001 - there is no public way to ask
-    unknown = sorted(name for name in given if not node.has_parameter(name))
-    if unknown:
-        known = sorted(set(node.list_parameters([], 0).names) - set(OF_EVERY_NODE))
-        raise InputError(
-            f"{node.get_name()}: unknown parameter {', '.join(unknown)}; expected {', '.join(known) or 'none'}"
-        )
 
 
 def _init() -> None:
