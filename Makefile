@@ -1,7 +1,7 @@
 # The commands that people type. `make` alone lists them.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-.PHONY: help setup build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture architecture format bench clean distclean
+.PHONY: help setup setup-all build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture architecture format bench clean distclean
 
 # Choices, also taken from the environment; see tools/bootstrap.sh --help.
 PYTHON ?=
@@ -11,6 +11,8 @@ export PYTHON LITSIM_TORCH TORCH_INDEX
 
 # Passed on to pytest, for example: make test ARGS="-k takeover -x"
 ARGS ?=
+# Processes of pytest: more than there are cores, since tests of the graph mostly wait.
+JOBS ?= $(shell expr 2 + $$(nproc))
 
 BIN := .venv/bin
 SOURCES := src/litsim_sim:src/litsim_predictor:src/litsim_policy
@@ -18,10 +20,12 @@ SOURCES := src/litsim_sim:src/litsim_predictor:src/litsim_policy
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 	@echo "  ./litsim        run one executable; alone, it lists them"
-	@echo "Variables: PYTHON, LITSIM_TORCH=cpu|gpu|none, TORCH_INDEX (tools/bootstrap.sh --help), ARGS for pytest"
+	@echo "Variables: PYTHON, LITSIM_TORCH=cpu|gpu|none, TORCH_INDEX (tools/bootstrap.sh --help); ARGS, JOBS for pytest"
 
-setup: ## Python packages, ROS 2 Jazzy and torch, into .venv
+setup: ## what runs need, into .venv: Python packages and ROS 2 Jazzy
 	@tools/bootstrap.sh
+setup-all: ## setup, and torch for training, and all that tests, lint and maps need
+	@tools/bootstrap.sh --all
 
 build: setup ## setup, then the ROS 2 workspace, into build/ and install/
 	@tools/build.sh
@@ -29,27 +33,27 @@ build: setup ## setup, then the ROS 2 workspace, into build/ and install/
 demo: build ## the embedded scenario, closed loop; leaves bags/demo
 	./litsim litsim_sim launch --scenario demo --ego idm --policy litsim --out bags/demo --overwrite
 
-test: build ## every test
-	./litsim exec python -m pytest $(ARGS)
+test: setup-all build ## every test, in JOBS processes; prints the slowest
+	./litsim exec python -m pytest -n $(JOBS) --dist worksteal --durations=20 $(ARGS)
 
 lint: lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture ## ruff, mypy, codespell, import-linter
-lint-rules: setup
+lint-rules: setup-all
 	$(BIN)/ruff check
-lint-format: setup
+lint-format: setup-all
 	$(BIN)/ruff format --check
-lint-types: setup
+lint-types: setup-all
 	$(BIN)/mypy
-lint-spelling: setup
+lint-spelling: setup-all
 	$(BIN)/codespell
-lint-imports: setup
+lint-imports: setup-all
 	PYTHONPATH=$(SOURCES) $(BIN)/lint-imports
-lint-architecture: setup
+lint-architecture: setup-all
 	PYTHONPATH=$(SOURCES) $(BIN)/python tools/architecture.py --check
 
-architecture: setup ## draw the imports between folders into ARCHITECTURE.md
+architecture: setup-all ## draw the imports between folders into ARCHITECTURE.md
 	PYTHONPATH=$(SOURCES) $(BIN)/python tools/architecture.py
 
-format: setup ## put the sources into the format that lint asks for
+format: setup-all ## put the sources into the format that lint asks for
 	$(BIN)/ruff check --fix-only --quiet
 	$(BIN)/ruff format
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import struct
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -26,6 +28,11 @@ from litsim_sim.scenario.scenario import Scenario
 BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"
 if BESIDE.is_dir():
     os.environ.setdefault("LITSIM_DATA", str(BESIDE))
+US101 = "ngsim/us101_0750_frames_0126_1149.parquet"
+
+# Tests run in several processes at a time: more threads in each would wait for each other.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
 
 # How long an example takes says nothing on a machine that is shared; on CI, hypothesis also fixes its seed.
 settings.register_profile("litsim", settings(), deadline=None)
@@ -98,6 +105,25 @@ class Track:
             "lane": -1,
         }
         return pd.DataFrame(values)[list(COLUMNS)]
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Clean up, once for all processes, the shared memory that nodes leave behind when they are killed."""
+    if not hasattr(session.config, "workerinput") and (fastdds := shutil.which("fastdds")):
+        subprocess.run([fastdds, "shm", "clean"], capture_output=True, check=False)
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Callable[..., Path]:
+    """Finds a file of real recordings below LITSIM_DATA, US-101 unless named; without it, the test is skipped."""
+
+    def find(name: str = US101) -> Path:
+        path = Path(os.environ.get("LITSIM_DATA") or BESIDE) / name
+        if not path.is_file():
+            pytest.skip(f"{path} is not there: LITSIM_DATA names no folder with that file")
+        return path
+
+    return find
 
 
 @pytest.fixture(scope="session", name="agent_table")

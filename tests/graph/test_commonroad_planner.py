@@ -34,7 +34,7 @@ def test_it_drives_the_demo(graph: Any) -> None:
             options = ("--ego", "external", "--policy", "litsim", "--answer-timeout", 60, "--domain-id", graph.domain)
             done = graph.launch("--scenario", "demo", "--out", bag, *options)
             assert done.returncode == 0, done.stderr
-            assert planner.wait(timeout=20) == 0  # it has heard that the run is over
+            assert planner.wait(timeout=60) == 0  # it has heard that the run is over
         finally:
             planner.kill()
     metrics = json.loads((bag / "metrics.json").read_text())

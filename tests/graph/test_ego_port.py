@@ -19,13 +19,17 @@ from litsim_sim.record.repair import repair
 from litsim_sim.record.run import Run, read_run
 
 ERROR, WARN = b"\x02", b"\x01"
+PATIENT, IMPATIENT = (
+    30.0,
+    4.0,
+)  # [s] for an answer: of an ego that answers, however busy the machine; of one that may not
 COUNTS = {"answered": 36, "late": 0, "stale": 0, "future": 0, "surplus": 0, "invalid": 0, "refused": 0}
 
 
-def launch(graph: Any, *ego: object, launcher: tuple[object, ...] = ()) -> Any:
+def launch(graph: Any, *ego: object, launcher: tuple[object, ...] = (), timeout: float = PATIENT) -> Any:
     graph.start_script("standard_ego.py", *ego)
     options = ("--ego", "external", "--policy", "replay", "--out", graph.folder / "run", "--domain-id", graph.domain)
-    return graph.launch("--scenario", graph.scenario(), "--answer-timeout", 1.5, *options, *launcher)
+    return graph.launch("--scenario", graph.scenario(), "--answer-timeout", timeout, *options, *launcher)
 
 
 def lockstep(graph: Any) -> dict[str, Any]:
@@ -131,9 +135,9 @@ def test_what_is_not_asked_for_is_counted_and_changes_nothing(
     ("fault", "silent"), [("silence", "is it running in "), ("leaving", "its publisher has left)")]
 )
 def test_silence_ends_the_run(graph: Any, fault: str, silent: str) -> None:
-    done = launch(graph, "--fault", fault)
+    done = launch(graph, "--fault", fault, timeout=IMPATIENT)
     assert done.returncode == 1
-    error = f"error: no answer to step 12 on /litsim/ego/twist within 1.5 s; silent: the external ego ({silent}"
+    error = f"error: no answer to step 12 on /litsim/ego/twist within 4 s; silent: the external ego ({silent}"
     assert error in done.stderr
     assert (WARN, "waiting for /litsim/ego/twist") in said(graph.folder / "run")
     assert BagReader(graph.folder / "run").complete
@@ -141,10 +145,10 @@ def test_silence_ends_the_run(graph: Any, fault: str, silent: str) -> None:
 
 @pytest.mark.parametrize("interface", ["twist", "trajectory"])
 def test_an_ego_that_died_is_held(graph: Any, interface: str) -> None:
-    launcher = ("--on-missing", "hold", "--answer-timeout", 0.3)
-    done = launch(graph, "--interface", interface, "--fault", "death", "--at", 20, launcher=launcher)
+    fault = ("--interface", interface, "--fault", "death", "--at", 32)
+    done = launch(graph, *fault, launcher=("--on-missing", "hold"), timeout=IMPATIENT)
     assert done.returncode == 1
-    assert f"the run is not valid: 16 answers missed on /litsim/ego/{interface}" in done.stderr
+    assert f"the run is not valid: 4 answers missed on /litsim/ego/{interface}" in done.stderr
     run = read_run(graph.folder / "run")
     assert sorted(run.ego_commands) == list(range(36))
     assert ego(run, "speed") == pytest.approx(np.full(36, 15.0), abs=0.01)  # its last trajectory is 2 s long

@@ -6,7 +6,6 @@ first takeover are therefore left out, and after a release the log's own jitter 
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
@@ -30,9 +29,8 @@ pytestmark = pytest.mark.data
 
 
 @pytest.fixture(scope="module")
-def real() -> Scenario:
-    if not os.environ.get("LITSIM_DATA"):
-        pytest.skip("LITSIM_DATA names no folder with real recordings (ngsim/us101_0750_frames_0126_1149.parquet)")
+def real(real_data) -> Scenario:
+    real_data()
     return Scenario.load("us101_0750")
 
 

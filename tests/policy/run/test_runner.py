@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
@@ -221,9 +219,8 @@ def test_how_eagerly_is_taken_over_can_be_chosen(demo: Scenario, recorded: Run) 
 
 
 @pytest.fixture(scope="module")
-def real() -> Scenario:
-    if not os.environ.get("LITSIM_DATA"):
-        pytest.skip("LITSIM_DATA names no folder with real recordings (ngsim/us101_0750_frames_0126_1149.parquet)")
+def real(real_data) -> Scenario:
+    real_data()
     return Scenario.load("us101_0750")
 
 

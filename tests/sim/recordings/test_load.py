@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -22,16 +21,12 @@ from litsim_sim.scenario.scenario import packaged
 from litsim_sim.traffic.synthetic import STRETCH, synthesize
 
 EMBEDDED = packaged("scenarios/us101_like.parquet")
-DATA = Path(os.environ.get("LITSIM_DATA") or Path(__file__).parents[3] / ".." / "shared" / "data")
 WINDOW = {"frame": [316, 543], "local_y_m": [180, 415]}
 
 
 @pytest.fixture(scope="module")
-def real_file() -> Path:
-    path = DATA / US101_FILE
-    if not path.is_file():
-        pytest.skip(f"{path} is absent: set LITSIM_DATA to the folder that holds {US101_FILE}")
-    return path
+def real_file(real_data) -> Path:
+    return real_data(US101_FILE)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_scenarios
 
-DATA = Path(os.environ.get("LITSIM_DATA") or Path(__file__).parents[3] / ".." / "shared" / "data")
 EMBEDDED = load_recording(packaged("scenarios/us101_like.parquet"))
 
 
@@ -81,10 +79,8 @@ def test_demo_ego_has_a_follower_and_neighbours(demo: Scenario) -> None:
 
 
 @pytest.mark.data
-def test_us101(monkeypatch: pytest.MonkeyPatch) -> None:
-    if not DATA.is_dir():
-        pytest.skip(f"{DATA} is absent: set LITSIM_DATA to the folder of the real recordings")
-    monkeypatch.setenv("LITSIM_DATA", str(DATA))
+def test_us101(real_data) -> None:
+    real_data()
     scenario = Scenario.load("us101_0750")
     assert (scenario.history_steps, scenario.total_steps, scenario.shortened) == (30, 227, True)
     assert len(scenario.egos) == 20

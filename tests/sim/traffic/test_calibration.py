@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +27,6 @@ from litsim_sim.traffic.calibration import (
 from litsim_sim.traffic.calibration_data import I80_PAIRS, STEPS_MAX, STEPS_MIN, car_following, count_lane_changes
 from litsim_sim.traffic.drivers import PARAMETERS, calibrated
 
-DATA = Path(os.environ.get("LITSIM_DATA") or Path(__file__).parents[3] / ".." / "shared" / "data")
 DRIVERS = np.array([[22.0, 1.2, 2.5, 1.4, 1.8], [28.0, 0.8, 3.5, 1.0, 1.2]])
 
 
@@ -134,10 +132,8 @@ def test_parameter_files_are_json_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.data
-def test_the_real_pairs() -> None:
-    if not (DATA / I80_PAIRS).is_file():
-        pytest.skip(f"{DATA / I80_PAIRS} is absent: set LITSIM_DATA")
-    pairs = car_following(DATA)
+def test_the_real_pairs(real_data) -> None:
+    pairs = car_following(real_data(I80_PAIRS).parents[1])
     assert set(pairs.name) == {"I-80", "US-101"}
     assert len(pairs) > 500
     steps = pairs.valid.sum(axis=1)

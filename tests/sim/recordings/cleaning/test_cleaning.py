@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +19,6 @@ from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged
 
-DATA = Path(os.environ.get("LITSIM_DATA") or Path(__file__).parents[4] / ".." / "shared" / "data")
-US101 = DATA / "ngsim/us101_0750_frames_0126_1149.parquet"
 LENGTH = 4.5
 
 
@@ -326,10 +323,8 @@ def test_clean_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.data
-def test_the_real_window() -> None:
-    if not US101.is_file():
-        pytest.skip(f"{US101} is absent: set LITSIM_DATA")
-    recording = load_recording(US101, {"frame": [316, 543], "local_y_m": [180, 415]})
+def test_the_real_window(real_data) -> None:
+    recording = load_recording(real_data(), {"frame": [316, 543], "local_y_m": [180, 415]})
     table, report = clean(front_centres(recording.table))
     assert Recording.from_table(recording.header, table, "cleaned").table["vehicle_id"].nunique() == 108
     assert report.published is not None and report.published.acceleration > 0.08

@@ -27,8 +27,6 @@ from litsim_sim.recordings.ngsim.tracks import PIECE
 from litsim_sim.recordings.recording import Recording
 from made_ngsim import Traffic, global_from_map, table, write_portal, write_text
 
-DATA = Path(os.environ.get("LITSIM_DATA") or Path(__file__).parents[4] / ".." / "shared" / "data")
-WINDOWS = DATA / "ngsim/us101_0750_frames_0126_1149.parquet"
 LANE = 3.66  # [m]
 
 
@@ -510,10 +508,9 @@ def test_summary_counts_without_converting(portal: Path) -> None:
 
 
 @pytest.mark.data
-def test_the_real_window_through_the_official_format(tmp_path: Path) -> None:
-    if not WINDOWS.is_file():
-        pytest.skip(f"{WINDOWS} is absent: set LITSIM_DATA")
-    real = pd.read_parquet(WINDOWS)
+def test_the_real_window_through_the_official_format(tmp_path: Path, real_data) -> None:
+    windows = real_data()
+    real = pd.read_parquet(windows)
     real = real[(real["src"] < 2) & real["frame"].between(316, 543) & real["local_y_m"].between(180, 415)]
     official = pd.DataFrame({"vehicle_id": real["vehicle_id"], "frame": real["frame"], "time_ms": real["t_ms"]})
     official = official.assign(lane=real["lane_est"], location="us-101", vehicle_class=2, total_frames=0)
@@ -524,7 +521,7 @@ def test_the_real_window_through_the_official_format(tmp_path: Path) -> None:
     official["speed"], official["acceleration"] = real["speed_mps"] / FOOT, real["accel_mps2"] / FOOT
     path = tmp_path / "window.txt"
     write_text(official, path)
-    here = load_recording(WINDOWS, {"frame": [316, 543], "local_y_m": [180, 415]}).table
+    here = load_recording(windows, {"frame": [316, 543], "local_y_m": [180, 415]}).table
     for cleaned, near in ((False, 0.1), (True, 0.5)):
         (one,) = ngsim.convert(path, tmp_path / f"{cleaned}.parquet", cleaned=cleaned)
         there = Recording.read(one.path)

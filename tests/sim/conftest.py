@@ -23,7 +23,7 @@ from litsim_sim.record.digest import CONTROL_FIELDS
 from litsim_sim.record.run import Run, RunInfo, Status
 from litsim_sim.recordings.recording import COLUMNS
 
-MESSAGES = Path(__file__).resolve().parents[3] / "src/litsim_msgs/msg"
+MESSAGES = Path(__file__).resolve().parents[2] / "src/litsim_msgs/msg"
 START_FRAME = 100
 EGO = 1
 
