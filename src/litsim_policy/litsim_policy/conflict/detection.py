@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from pydantic import model_validator
@@ -97,8 +98,27 @@ class PredictedMotion:
     covariance: FloatArray
     valid: BoolArray
 
+    @cached_property
+    def spread(self) -> FloatArray:
+        """(n, T) root of the sum of the variances [m]."""
+        return np.sqrt(self.covariance[0] + self.covariance[1])
+
+    @cached_property
+    def spread_max(self) -> FloatArray:
+        """(n,) largest `spread` of each agent [m]."""
+        return np.asarray(self.spread.max(axis=1))
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """(4, n) least x, least y, greatest x, greatest y of the centres while they are valid [m]; else inf, -inf."""
+        low = [np.where(self.valid, v, np.inf).min(axis=1) for v in (self.x, self.y)]
+        high = [np.where(self.valid, v, -np.inf).max(axis=1) for v in (self.x, self.y)]
+        return np.stack([*low, *high])
+
     def replaced(self, rows: BoolArray, other: PredictedMotion) -> PredictedMotion:
         """These, with those of `other` for the agents of the mask `rows` (n,)."""
+        if not rows.any():
+            return self
         which = rows[:, None]
         return PredictedMotion(
             np.where(which, other.x, self.x),
@@ -161,19 +181,17 @@ class ConflictDetector:
         before = np.minimum(np.floor(time + 1e-9).astype(np.int64), instants - 1)
         share = time - before
 
-        def at(values: FloatArray, now: FloatArray) -> FloatArray:
-            """(k, T) of values (k, instants) with those of now (k,) in front."""
-            series = np.concatenate([now[:, None], values], axis=1)
-            return np.asarray(series[:, before] + share * (series[:, before + 1] - series[:, before]))
-
-        x[known] = at(forecast.mean[rows, :, 0], table.x[known])
-        y[known] = at(forecast.mean[rows, :, 1], table.y[known])
-        turned = wrap_angle(forecast.yaw[rows].astype(np.float64) - table.yaw[known, None])
-        yaw[known] = table.yaw[known, None] + at(np.unwrap(turned, axis=1), np.zeros(len(known)))
         sigma_x, sigma_y, rho = np.moveaxis(forecast.covariance[rows].astype(np.float64), -1, 0)
-        variances = (sigma_x**2, sigma_y**2, rho * sigma_x * sigma_y)
-        for entry, values in zip(covariance, variances, strict=True):
-            entry[known] = self._config.sigma_scale**2 * at(values, np.zeros(len(known)))
+        turned = wrap_angle(forecast.yaw[rows].astype(np.float64) - table.yaw[known, None])
+        series = np.zeros((6, len(known), instants + 1))
+        series[:2, :, 0] = table.x[known], table.y[known]
+        series[:2, :, 1:] = np.moveaxis(forecast.mean[rows], -1, 0)
+        series[2, :, 1:] = np.unwrap(turned, axis=1)
+        series[3:, :, 1:] = sigma_x**2, sigma_y**2, rho * sigma_x * sigma_y
+        between = series[..., before] + share * np.diff(series, axis=-1)[..., before]
+        x[known], y[known] = between[:2]
+        yaw[known] = table.yaw[known, None] + between[2]
+        covariance[:, known] = self._config.sigma_scale**2 * between[3:]
         valid[known] = time <= instants + 1e-9
         braking = known[
             (-table.acceleration[known] >= self._config.braking_hard) & (table.controller[known] == Controller.EGO)
@@ -209,14 +227,14 @@ class ConflictDetector:
         length, width = table.length + self._config.margin, table.width
         reach = 0.5 * np.hypot(length, width)
         tail = max(0.0, -float(ndtri(least)))
-        spread_a, spread_b = (tail * np.sqrt(f.covariance[0] + f.covariance[1]) for f in (futures_a, futures_b))
-        away = (reach + spread_a.max(axis=1))[a] + (reach + spread_b.max(axis=1))[b]
+        away = (reach + tail * futures_a.spread_max)[a] + (reach + tail * futures_b.spread_max)[b]
         near = np.flatnonzero(_may_meet(futures_a, futures_b, pairs, away))
         if not len(near):
             return found
         i, j = a[near], b[near]
         dx, dy = futures_b.x[j] - futures_a.x[i], futures_b.y[j] - futures_a.y[i]
-        close = dx**2 + dy**2 < (reach[i, None] + reach[j, None] + spread_a[i] + spread_b[j]) ** 2
+        apart = reach[i, None] + reach[j, None] + tail * futures_a.spread[i] + tail * futures_b.spread[j]
+        close = dx**2 + dy**2 < apart**2
         close &= futures_a.valid[i] & futures_b.valid[j]
         pair, step = np.nonzero(close)
         dx, dy, i, j = dx[pair, step], dy[pair, step], i[pair], j[pair]
@@ -229,6 +247,12 @@ class ConflictDetector:
         chance[likely] = strips.take(likely).probability(dx[likely], dy[likely], covariance[:, likely])
         found[near[pair], step] = np.where(chance >= least, chance, 0.0)
         return found
+
+    def around(self, table: AgentTable, agents: BoolArray) -> BoolArray:
+        """(n,) those no farther than the ROI from one of `agents` (n,), and these themselves."""
+        of = np.flatnonzero(agents)
+        distance = np.hypot(table.x[of, None] - table.x, table.y[of, None] - table.y)
+        return np.asarray((distance <= self._roi_m).any(axis=0))
 
     def near(self, table: AgentTable, of: BoolArray, others: BoolArray) -> IntArray:
         """Pairs (m, 2) of rows, the first of `of`, the second of `others`, no farther apart than the ROI."""
@@ -286,17 +310,8 @@ class ConflictDetector:
 
 def _may_meet(futures_a: PredictedMotion, futures_b: PredictedMotion, pairs: IntArray, reach: FloatArray) -> BoolArray:
     """(m,) False for pairs (m, 2) whose futures stay farther apart than `reach` (m,) [m], whenever they are there."""
-
-    def bounds(futures: PredictedMotion, rows: IntArray) -> tuple[FloatArray, ...]:
-        used = np.unique(rows)
-        at = np.searchsorted(used, rows)
-        x, y, valid = futures.x[used], futures.y[used], futures.valid[used]
-        low = (np.where(valid, v, np.inf).min(axis=1)[at] for v in (x, y))
-        high = (np.where(valid, v, -np.inf).max(axis=1)[at] for v in (x, y))
-        return (*low, *high)
-
-    x0, y0, x1, y1 = bounds(futures_a, pairs[:, 0])
-    x2, y2, x3, y3 = bounds(futures_b, pairs[:, 1])
+    x0, y0, x1, y1 = futures_a.bounds[:, pairs[:, 0]]
+    x2, y2, x3, y3 = futures_b.bounds[:, pairs[:, 1]]
     return np.asarray((x0 <= x3 + reach) & (x2 <= x1 + reach) & (y0 <= y3 + reach) & (y2 <= y1 + reach))
 
 

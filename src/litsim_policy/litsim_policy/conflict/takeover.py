@@ -8,9 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector, PredictedMotion
+from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector
 from litsim_policy.conflict.life_cycle import Residuals, review
 from litsim_policy.conflict.off_log import OffLog
+from litsim_policy.conflict.scene import ConflictScene
 from litsim_policy.motion.reference_path import ReferencePath, logged_path
 from litsim_policy.motion.route import Router
 from litsim_predictor.forecast import Forecast
@@ -91,12 +92,11 @@ class TakeoverManager:
             self._adopt(table, int(row))
         self._choose_lags(table)
         lag = self._lag[np.searchsorted(self.scenario.log.ids, table.id)]
-        logged = self._detector.logged_future(table, lag)
         lagged = (lag > 0) & (table.controller == Controller.LOG)
-        expected = self._detector.forecast_future(table, forecast).replaced(lagged, logged)
         before = self._off
-        iterations, converged = self._take_over(table, logged, expected, lagged)
-        self._review(table, logged, expected, np.isin(self._off.agent, before.agent), lagged)
+        scene = ConflictScene(self._detector, table, forecast, lag, lagged)
+        iterations, converged = self._take_over(table, scene, lagged)
+        self._review(table, scene, np.isin(self._off.agent, before.agent), lagged)
         takeovers = self._report(table)
         self._off = self._off.take(self._off.state != TakeoverState.RELEASED)
         return TakeoverTable(table.step, takeovers, iterations, converged)
@@ -119,9 +119,7 @@ class TakeoverManager:
         off[table.rows(self._off.agent)] = True
         return off
 
-    def _take_over(
-        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, lagged: BoolArray
-    ) -> tuple[int, bool]:
+    def _take_over(self, table: AgentTable, scene: ConflictScene, lagged: BoolArray) -> tuple[int, bool]:
         """Add the agents whose conflict is confirmed; returns the iterations needed and whether nothing was left.
 
         Each iteration looks at the agents that the one before has put off their logs; the first, at all that were.
@@ -131,7 +129,7 @@ class TakeoverManager:
         while fresh.any() and iterations < self.config.iterations_max:
             iterations += 1
             before = self._is_off(table)
-            for conflict in self._detector.detect(table, ~before, fresh, logged, expected):
+            for conflict in scene.detect(~before, fresh):
                 seen = self._suspected.get(conflict.agent, 0) + 1
                 suspected[conflict.agent] = seen
                 if seen >= self.config.confirm_steps or conflict.time_to_conflict <= self.config.urgent_time:
@@ -167,9 +165,7 @@ class TakeoverManager:
             self._logged[agent] = logged_path(self.scenario.log, self.scenario.lane_map, agent)
         return self._logged[agent]
 
-    def _review(
-        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, known: BoolArray, lagged: BoolArray
-    ) -> None:
+    def _review(self, table: AgentTable, scene: ConflictScene, known: BoolArray, lagged: BoolArray) -> None:
         """Move the agents of the mask `known` (r,), off their logs before this step, through their life cycle."""
         if not known.any():
             return
@@ -177,7 +173,7 @@ class TakeoverManager:
         rows, log_rows = self._rows(table, off)
         mine = np.zeros(len(table), np.bool_)
         mine[rows] = True
-        in_conflict = self._detector.still_in_conflict(table, mine, self._is_off(table) | lagged, logged, expected)
+        in_conflict = scene.still_in_conflict(mine, self._is_off(table) | lagged)
         residuals = Residuals.of(self.scenario.log, log_rows, self._lag[log_rows], table, rows)
         review(self.config, off, table, rows, residuals, in_conflict[rows])
         if off is not self._off:

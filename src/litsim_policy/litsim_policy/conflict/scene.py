@@ -1,0 +1,61 @@
+"""The agents that detection looks at in one step, and their futures: only those near somebody off the log."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_policy.conflict.detection import Conflict, ConflictDetector
+from litsim_predictor.forecast import Forecast
+from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
+
+
+class ConflictScene:
+    """One step as detection sees it. Masks are (n,), of all agents of the step.
+
+    Futures are made for agents within the ROI of those whose conflicts are asked for. The answers are the same as if
+    they were made for everybody; who is far from everybody off the log costs next to nothing.
+    """
+
+    def __init__(
+        self, detector: ConflictDetector, table: AgentTable, forecast: Forecast, lag: IntArray, lagged: BoolArray
+    ) -> None:
+        """Make no futures yet.
+
+        Args:
+            detector: that compares futures.
+            table: everybody, n agents.
+            forecast: of the same step.
+            lag: (n,) steps by which the replay of each log lags.
+            lagged: mask of those that follow a log that lags, which then is what is expected of them.
+        """
+        self._detector, self._table, self._forecast = detector, table, forecast
+        self._lag, self._lagged = lag, lagged
+        self._covered = np.zeros(len(table), np.bool_)
+        self._rows: IntArray = np.empty(0, np.int64)
+
+    def detect(self, on_log: BoolArray, off_log: BoolArray) -> list[Conflict]:
+        """Conflicts of agents `on_log` with agents `off_log`; see :meth:`ConflictDetector.detect`."""
+        self._cover(off_log)
+        rows = self._rows
+        return self._detector.detect(self._near, on_log[rows], off_log[rows], self._logged, self._expected)
+
+    def still_in_conflict(self, agents: BoolArray, off_log: BoolArray) -> BoolArray:
+        """Mask of `agents` that would be in conflict; see :meth:`ConflictDetector.still_in_conflict`."""
+        self._cover(agents)
+        rows, found = self._rows, np.zeros(len(self._table), np.bool_)
+        found[rows] = self._detector.still_in_conflict(
+            self._near, agents[rows], off_log[rows], self._logged, self._expected
+        )
+        return found
+
+    def _cover(self, agents: BoolArray) -> None:
+        """Make the futures of `agents` and of everybody near them, where they are not made yet."""
+        missing = self._detector.around(self._table, agents) & ~self._covered
+        if len(self._rows) and not missing.any():
+            return
+        self._covered |= missing
+        self._rows = np.flatnonzero(self._covered)
+        self._near, lag = self._table.take(self._rows), self._lag[self._rows]
+        self._logged = self._detector.logged_future(self._near, lag)
+        expected = self._detector.forecast_future(self._near, self._forecast)
+        self._expected = expected.replaced(self._lagged[self._rows], self._logged)
