@@ -88,7 +88,7 @@ def test_existing_recording_is_replaced_only_on_demand(graph: Any) -> None:
     arguments = ("--scenario", "a: 'b'.yaml", "--out", "1e3", "--policy", "replay", "--quiet")
     refused = graph.launch(*arguments)
     assert refused.returncode == 2
-    assert refused.stderr == "error: 1e3: holds a recording already; give another --out, or --overwrite\n"
+    assert refused.stderr == "error: 1e3: holds a recording already; give another folder (out), or overwrite it\n"
     assert (bag / "old_0.mcap").read_text() == "old"
 
     replaced = graph.launch(*arguments, "--overwrite")

@@ -1,10 +1,16 @@
 """A whole run: `ros2 launch litsim_sim litsim.launch.py scenario:=demo ego:=idm policy:=litsim`.
 
 Starts the nodes that the launcher script `ros2 run litsim_sim launch` starts, with the same parameters, and ends when
-the run is recorded. `ros2 run litsim_sim analyze OUT` measures it then.
+the run is over and recorded. `ros2 run litsim_sim analyze OUT` measures it then.
 """
 
+from __future__ import annotations
+
+import shlex
+from argparse import ArgumentTypeError
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
@@ -13,10 +19,12 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import one_setting
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphOptions, nodes_of
+from litsim_sim.launch.output import check_output
 from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan
 
 NONE = ""  # of an argument that leaves it to the scenario, or to the node
@@ -28,7 +36,7 @@ ARGUMENTS = (
     ("predictor", NONE, "packaged model, or weights", None),
     ("ego_id", NONE, "another vehicle of the recording as the ego", None),
     ("seed", NONE, "another seed than the scenario's", None),
-    ("set", NONE, "parameters of the stages, STAGE.NAME=VALUE, with spaces between", None),
+    ("set", NONE, "parameters of the stages, STAGE.NAME=VALUE, with spaces between; quote one with spaces in it", None),
     ("out", NONE, "folder of the recording; bags/SCENARIO where not given", None),
     ("overwrite", "false", "replace a recording that is there already", ("true", "false")),
     ("mode", MODES[0], "who waits for whom", MODES),
@@ -49,16 +57,20 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def graph(context: LaunchContext) -> list[object]:
-    """The nodes, and what happens when the bridge or the recorder ends."""
+    """The nodes, and what happens when the bridge or the recorder ends.
+
+    Raises:
+        InputError: an argument cannot be used; found before anything is started.
+    """
     given = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
     plan = RunPlan.load(
         given["scenario"],
         given["ego"],
         given["policy"],
         predictor=given["predictor"] or None,
-        ego_id=int(given["ego_id"]) if given["ego_id"] else None,
-        seed=int(given["seed"]) if given["seed"] else None,
-        settings=[one_setting(each) for each in given["set"].split()],
+        ego_id=whole("ego_id", given["ego_id"]),
+        seed=whole("seed", given["seed"]),
+        settings=settings(given["set"]),
     )
     how = GraphOptions(
         given["scenario"],
@@ -73,16 +85,53 @@ def graph(context: LaunchContext) -> list[object]:
         )
         for node in nodes_of(plan, how)
     }
+    check_output(how.out, how.overwrite)
     over = EmitEvent(event=Shutdown(reason=f"the run is over, recorded in {how.out}"))
-    ends = {
-        BRIDGE: lambda event, _: None if event.returncode == 0 else failed(BRIDGE, event.returncode),
-        RECORDER: lambda event, _: over if event.returncode == 0 else failed(RECORDER, event.returncode),
-    }
+    running = {BRIDGE, RECORDER}
     handlers = [
-        RegisterEventHandler(OnProcessExit(target_action=nodes[name], on_exit=on_exit))
-        for name, on_exit in ends.items()
+        RegisterEventHandler(OnProcessExit(target_action=nodes[name], on_exit=on_exit(name, running, over)))
+        for name in sorted(running)
     ]
     return [*handlers, *nodes.values()]
+
+
+def whole(name: str, text: str) -> int | None:
+    """The whole number that an argument holds; None where it is empty.
+
+    Raises:
+        InputError: it holds something else.
+    """
+    try:
+        return int(text) if text else None
+    except ValueError:
+        raise InputError(f"{name}:={text}: expected a whole number") from None
+
+
+def settings(text: str) -> list[tuple[str, str, Any]]:
+    """Stage, name and value of each parameter in `set`, split as a shell splits words.
+
+    Raises:
+        InputError: they are not of that form.
+    """
+    try:
+        return [one_setting(each) for each in shlex.split(text)]
+    except (ArgumentTypeError, ValueError) as error:  # shlex: of quotes that are not closed
+        raise InputError(f"set:={text}: {error}") from None
+
+
+def on_exit(name: str, running: set[str], over: EmitEvent) -> Callable[[Any, object], EmitEvent | None]:
+    """What is done when the node `name` ends: `over` once it is the last of those that are `running`.
+
+    The bridge is still closing when the recorder has ended, and a node that is sent SIGINT does not end with 0.
+    """
+
+    def ended(event: Any, _: object) -> EmitEvent | None:
+        if event.returncode != 0:
+            failed(name, event.returncode)
+        running.discard(name)
+        return None if running else over
+
+    return ended
 
 
 def failed(name: str, status: int) -> None:

@@ -14,13 +14,12 @@ from rclpy.serialization import serialize_message
 
 from litsim_policy.cli import rerun as command
 from litsim_policy.conflict.messages import takeovers_to_message
-from litsim_policy.conflict.takeover import TakeoverConfig
 from litsim_policy.run.message_diff import differences
 from litsim_policy.run.recorded_run import open_record
 from litsim_policy.run.rerun import rerun_stage, resimulate
 from litsim_policy.run.runner import Runner
 from litsim_predictor.messages import forecast_to_message
-from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig, make_predictor
+from litsim_predictor.models import DEFAULT_MODEL, make_predictor
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import BagWriter, qos_yaml
 from litsim_sim.ros import messages, topics
@@ -176,10 +175,21 @@ def test_an_external_ego_answers_as_recorded(write: Any) -> None:
 def test_recorded_parameters_are_taken(write: Any) -> None:
     told = {"predictor": "{model: kinematic, kinematic.horizon: 4.0}", "conflict": "conflict: {confirm_steps: 1}"}
     with open_record(write(**told)) as record:
-        assert record.read("conflict")(TakeoverConfig()) == TakeoverConfig(confirm_steps=1)
-        assert record.read("predictor")(PredictorConfig()).kinematic.horizon == 4.0
+        assert record.parameters["conflict"] == {"confirm_steps": 1}
         assert rerun_stage(record, "predictor").first.field == "horizon"
     assert not any("predictor" in note for note in record.notes)
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ("{confirm_stepz: 1}", r"conflict: unknown parameter confirm_stepz \(near: confirm_steps"),
+        ("{confirm_steps: -1}", "conflict: parameter confirm_steps is -1"),
+    ],
+)
+def test_recorded_parameters_are_checked_as_those_of_a_run(write: Any, told: str, said: str) -> None:
+    with open_record(write(conflict=told)) as record, pytest.raises(InputError, match=said):
+        rerun_stage(record, "conflict")
 
 
 def test_a_record_with_gaps_is_compared_as_far_as_it_goes(write: Any) -> None:

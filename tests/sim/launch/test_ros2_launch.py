@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from litsim_sim.core.errors import InputError
 from litsim_sim.launch.nodes import GraphOptions, nodes_of
 from litsim_sim.scenario.run_info import RunPlan
 
@@ -91,17 +92,67 @@ def test_it_starts_the_nodes_of_the_launcher_with_the_same_parameters(written_do
     ]
 
 
-def test_the_run_is_over_when_the_recorder_has_ended_well(written_down: ModuleType) -> None:
-    actions = written_down.graph(arguments(written_down, policy="replay"))
-    ends = {
-        a.given[0].target_action.executable: a.given[0].on_exit for a in actions if a.what == "RegisterEventHandler"
-    }
-    well, badly = SimpleNamespace(returncode=0), SimpleNamespace(returncode=1)
-    assert ends["bridge"](well, None) is None
-    assert ends["recorder"](well, None).event.what == "Shutdown"
-    for name in ("bridge", "recorder"):
-        with pytest.raises(RuntimeError, match=f"node {name} ended with exit status 1"):
-            ends[name](badly, None)
+def ends_of(actions: list[Any]) -> dict[str, Callable[[Any, None], Any]]:
+    """What is done when a node ends, by the name of its executable."""
+    handlers = [a.given[0] for a in actions if a.what == "RegisterEventHandler"]
+    return {each.target_action.executable: each.on_exit for each in handlers}
+
+
+WELL = SimpleNamespace(returncode=0)
+
+
+@pytest.mark.parametrize(("first", "last"), [("recorder", "bridge"), ("bridge", "recorder")])
+def test_the_run_is_over_when_bridge_and_recorder_have_ended_well(
+    written_down: ModuleType, tmp_path: Path, first: str, last: str
+) -> None:
+    ends = ends_of(written_down.graph(arguments(written_down, policy="replay", out=str(tmp_path))))
+    assert ends[first](WELL, None) is None
+    assert ends[last](WELL, None).event.what == "Shutdown"
+
+
+@pytest.mark.parametrize("name", ["bridge", "recorder"])
+@pytest.mark.parametrize("status", [1, 2, 130, -9])
+def test_any_other_end_of_either_is_that_of_a_launch_that_failed(
+    written_down: ModuleType, tmp_path: Path, name: str, status: int
+) -> None:
+    ends = ends_of(written_down.graph(arguments(written_down, policy="replay", out=str(tmp_path))))
+    (other,) = set(ends) - {name}
+    assert ends[other](WELL, None) is None
+    with pytest.raises(RuntimeError, match=f"node {name} ended with exit status {status}"):
+        ends[name](SimpleNamespace(returncode=status), None)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"seed": "abc"}, "seed:=abc: expected a whole number"),
+        ({"ego_id": "1.5"}, "ego_id:=1.5: expected a whole number"),
+        ({"set": "conflict.horizon"}, "set:=conflict.horizon: 'conflict.horizon': expected STAGE.NAME=VALUE"),
+        ({"set": "ego.kind='brake"}, "set:=ego.kind='brake: No closing quotation"),
+        ({"set": "conflict.horizon=-1"}, "conflict: parameter horizon is -1, expected a number of at least"),
+        ({"scenario": "none.yaml"}, "none.yaml"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_line_before_anything_starts(
+    written_down: ModuleType, tmp_path: Path, values: dict[str, str], said: str
+) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(InputError) as error:
+        written_down.graph(arguments(written_down, out=str(out), **values))
+    assert said in str(error.value) and "\n" not in str(error.value)
+    assert not out.exists()
+
+
+def test_a_recording_that_is_there_stays_unless_it_is_to_go(written_down: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "run_0.mcap").touch()
+    with pytest.raises(InputError, match="holds a recording already"):
+        written_down.graph(arguments(written_down, out=str(tmp_path)))
+    assert written_down.graph(arguments(written_down, out=str(tmp_path), overwrite="true"))
+
+
+def test_values_of_parameters_may_hold_spaces(written_down: ModuleType) -> None:
+    given = written_down.settings("conflict.horizon=2 'ego.time=[0.0, 1.5]' policy.safety.horizon=3")
+    assert given == [("conflict", "horizon", 2), ("ego", "time", (0.0, 1.5)), ("policy", "safety.horizon", 3)]
 
 
 def test_every_argument_says_what_it_is_and_what_it_may_be(written_down: ModuleType) -> None:
@@ -113,7 +164,7 @@ def test_every_argument_says_what_it_is_and_what_it_may_be(written_down: ModuleT
 
 
 @pytest.mark.skipif(not is_installed(), reason="ROS 2's launch and launch_ros are not installed: no wheels bring them")
-def test_ros_2_launch_reads_it() -> None:
+def test_ros_2_launch_reads_it(tmp_path: Path) -> None:
     from launch import LaunchContext, LaunchDescription
 
     described: Any = load().generate_launch_description()
@@ -121,4 +172,5 @@ def test_ros_2_launch_reads_it() -> None:
     context = LaunchContext()
     for entity in described.entities[:-1]:
         entity.visit(context)
+    context.launch_configurations["out"] = str(tmp_path)
     assert len(described.entities[-1].visit(context)) == 8  # two handlers, six nodes

@@ -14,7 +14,6 @@ from litsim_msgs.msg import StageStatus
 from rclpy.serialization import deserialize_message
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.io.yaml_input import parse_yaml
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import NET_FILE, RECORDING_FILE, SCENARIO_FILE
@@ -48,10 +47,6 @@ class Record:
     messages: dict[str, dict[int, Any]]
     parameters: dict[str, dict[str, Any]]
     notes: list[str] = field(default_factory=list)
-
-    def read(self, stage: str) -> ParameterOverrides:
-        """The parameters of `stage` as it has told them in the record, to configure its core with."""
-        return ParameterOverrides(stage, self.parameters.get(stage, {}))
 
 
 @contextmanager

@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from litsim_policy.conflict.messages import takeovers_from_message, takeovers_to_message
-from litsim_policy.conflict.takeover import conflict_stage
-from litsim_policy.driving.registry import policy_stage
-from litsim_policy.ego.registry import ego_stage
 from litsim_policy.run.message_diff import DiffSummary
 from litsim_policy.run.recorded_run import Record
 from litsim_policy.run.runner import Runner
 from litsim_predictor.messages import forecast_from_message, forecast_to_message
-from litsim_predictor.models import predictor_stage
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, EgoCommand
+from litsim_sim.core.stage_registry import configured, registered_name
+from litsim_sim.core.stages import CONFLICT, EGO, POLICY, PREDICTOR
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.ros.messages import (
     agents_from_message,
@@ -46,7 +44,7 @@ def rerun_stage(record: Record, name: str) -> DiffSummary:
     answers = record.messages[stage.output.name]
     if not answers:
         raise InputError(f"{record.path}: stage {name} has left no answers (ego {info.ego}, policy {info.policy})")
-    if name == "ego" and info.ego == EXTERNAL:
+    if name == EGO and info.ego == EXTERNAL:
         raise InputError(f"{record.path}: the ego is external: its stage is not here to be run again")
     if name not in record.parameters:
         record.notes.append(f"the record does not tell the parameters of {name}: taking the defaults")
@@ -152,35 +150,41 @@ class Stage:
     make: Callable[[Record], Callable[..., Any]]
 
 
-def _predictor_stage(record: Record) -> Callable[..., Any]:
-    core = predictor_stage(record.read("predictor"))(record.scenario)
+def _core(record: Record, stage: str, *of_run: Any) -> Any:
+    """The core of a stage, made by the function that its package registers of what the record tells of it."""
+    made = configured({stage: registered_name(stage, record.info.ego)}, {stage: record.parameters.get(stage, {})})
+    return made[stage](*of_run, record.scenario)
+
+
+def _predictor(record: Record) -> Callable[..., Any]:
+    core = _core(record, PREDICTOR)
     return lambda agents: forecast_to_message(core.forecast(agents_from_message(agents)), record.info.run_id)
 
 
-def _conflict_stage(record: Record) -> Callable[..., Any]:
-    core = conflict_stage(record.read("conflict"))(record.scenario)
+def _conflict(record: Record) -> Callable[..., Any]:
+    core = _core(record, CONFLICT)
     return lambda agents, forecast: takeovers_to_message(
         core.update(agents_from_message(agents), forecast_from_message(forecast)), record.info.run_id
     )
 
 
-def _policy_stage(record: Record) -> Callable[..., Any]:
-    core = policy_stage(record.read("policy"))(record.info.policy, record.scenario)
+def _policy(record: Record) -> Callable[..., Any]:
+    core = _core(record, POLICY, record.info.policy)
     return lambda agents, takeovers: controls_to_message(
         core.act(agents_from_message(agents), takeovers_from_message(takeovers)), record.info.run_id
     )
 
 
-def _ego_stage(record: Record) -> Callable[..., Any]:
-    core = ego_stage(record.info.ego, record.read("ego"))(record.scenario)
+def _ego(record: Record) -> Callable[..., Any]:
+    core = _core(record, EGO)
     return lambda agents: ego_to_message(core.plan(agents_from_message(agents)), record.info.run_id)
 
 
 STAGES = {
-    "predictor": Stage((AGENTS,), FORECASTS, _predictor_stage),
-    "conflict": Stage((AGENTS, FORECASTS), TAKEOVERS, _conflict_stage),
-    "policy": Stage((AGENTS, TAKEOVERS), CONTROLS, _policy_stage),
-    "ego": Stage((AGENTS,), EGO_CONTROL, _ego_stage),
+    PREDICTOR: Stage((AGENTS,), FORECASTS, _predictor),
+    CONFLICT: Stage((AGENTS, FORECASTS), TAKEOVERS, _conflict),
+    POLICY: Stage((AGENTS, TAKEOVERS), CONTROLS, _policy),
+    EGO: Stage((AGENTS,), EGO_CONTROL, _ego),
 }
 
 

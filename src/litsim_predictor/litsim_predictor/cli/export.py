@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 from litsim_predictor.inference import SHIPPED
-from litsim_sim.core.errors import EXIT_INPUT, InputError
+from litsim_sim.cli.program import program
+from litsim_sim.core.errors import InputError
 
 NEEDED = ("torch", "onnx")
 
@@ -24,14 +24,11 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+@program
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_predictor export``."""
     arguments = parser().parse_args(argv)
-    try:
-        _export(arguments)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(EXIT_INPUT)
+    _export(arguments)
     print(arguments.out)
 
 

@@ -9,11 +9,12 @@ from pathlib import Path
 from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.cli.program import interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
-from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
+from litsim_sim.core.errors import EXIT_FAILED, print_error
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, nodes_of
+from litsim_sim.launch.output import check_output
 from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan
 
@@ -31,7 +32,7 @@ def launch(arguments: argparse.Namespace) -> int:
     options = _options(arguments, plan)
     nodes = nodes_of(plan, options)
     paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
-    _check_output(options.out, options.overwrite)
+    check_output(options.out, options.overwrite)
     with domain as domain_id:
         graph = Graph(options.out, domain_id)
         _announce(arguments, plan, domain_id)
@@ -123,19 +124,6 @@ def say(arguments: argparse.Namespace, text: str) -> None:
     """Tell the user, unless told to be quiet."""
     if not arguments.quiet:
         print(text, flush=True)
-
-
-def _check_output(out: Path, overwrite: bool) -> None:
-    """Refuse before anything is started."""
-    if out.is_dir() and any(out.glob("*.mcap")) and not overwrite:
-        raise InputError(f"{out}: holds a recording already; give another --out, or --overwrite")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        probe = out / ".write"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror}") from error
 
 
 @program
