@@ -1,0 +1,63 @@
+"""The table of agents off their logs: who is in it, in which order, and what is reported of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from litsim_policy.conflict.detection import Conflict
+from litsim_policy.conflict.off_log import OffLog
+from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState
+
+STRAIGHT = ReferencePath.of(np.column_stack([np.arange(300.0), np.zeros(300)]))
+ROUTE = ReferencePath.of(np.column_stack([np.arange(20.0, 260.0), np.full(240, 1.0)]))
+
+
+def opened(agent: int, path: ReferencePath = ROUTE, x: float = 50.0) -> OffLog:
+    conflict = Conflict(agent, agent + 100, 1.5, np.array([x, 0.5, 0.1]), 0.75)
+    return OffLog.opened(conflict, 7, TakeoverReason.CONFLICT, path, STRAIGHT)
+
+
+def test_tables_join_in_order_of_ids_and_keep_their_columns_together() -> None:
+    both = opened(9, x=50.0).joined(opened(4, STRAIGHT, x=60.0)).joined(opened(6, x=70.0))
+    assert both.agent.tolist() == [4, 6, 9] and both.opponent.tolist() == [104, 106, 109]
+    assert both.goal_s.tolist() == pytest.approx([60.0, 50.0, 30.0])
+    assert both.source.tolist() == [PathSource.LOGGED, PathSource.ROUTE, PathSource.ROUTE]
+    kept = both.take(both.agent != 6)
+    assert kept.agent.tolist() == [4, 9] and kept.pose[:, 0].tolist() == [60.0, 50.0]
+    assert [path is ROUTE for path in kept.path] == [False, True]
+    assert len(OffLog.empty().joined(kept)) == 2 and len(OffLog.empty()) == 0
+
+
+def test_who_returns_follows_the_logged_path_to_the_same_goal() -> None:
+    off = opened(1).joined(opened(2))
+    before = off.paths.points
+    off.return_to_log(np.array([False, True]))
+    assert off.path.tolist() == [ROUTE, STRAIGHT]
+    assert off.source.tolist() == [PathSource.ROUTE, PathSource.LOGGED]
+    assert off.goal_s.tolist() == pytest.approx([30.0, 50.0])
+    assert off.paths.points.shape[1] > before.shape[1], "the batch of paths is that of the paths now"
+
+
+def test_a_report_gives_the_path_from_a_little_behind_the_agent_on() -> None:
+    off = opened(1).joined(opened(2, STRAIGHT))
+    off.in_conflict[:] = [True, False]
+    here = np.array([100.0, 200.0])
+    first, second = off.report(
+        here, np.array([1.0, 0.0]), np.array([0.5, -1.0]), np.array([2.0, 0.0]), np.array([0, 3])
+    )
+    assert first.reference_path[:, 0].tolist() == list(range(95, 251))
+    assert second.reference_path[:, 0].tolist() == list(range(195, 300))
+    assert (first.agent, first.opponent, first.state, first.reason) == (
+        1,
+        101,
+        TakeoverState.HELD,
+        TakeoverReason.CONFLICT,
+    )
+    assert (first.detected_step, first.time_to_conflict, first.overlap_probability) == (7, 1.5, 0.75)
+    assert first.goal_pose == first.conflict_pose == (50.0, 0.5, 0.1)
+    assert (first.log_collision_predicted, second.log_collision_predicted) == (True, False)
+    assert (first.residual_position, first.residual_speed, first.time_shift) == (0.5, 2.0, 0.0)
+    assert (second.residual_position, second.time_shift) == (-1.0, pytest.approx(0.3))
+    assert OffLog.empty().report(*[np.empty(0)] * 4, np.empty(0, np.int64)) == ()
