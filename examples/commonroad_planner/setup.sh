@@ -20,7 +20,8 @@ rm -rf .venv
 "$python" -m venv .venv
 echo '*' >.venv/.gitignore
 touch .venv/COLCON_IGNORE
-wanted=(-c "$root/requirements/constraints.txt" -r "$root/requirements/ros.txt" -r requirements.txt)
+grep -v '^protobuf==' "$root/requirements/constraints.txt" >.venv/constraints.txt # the planner needs an older one than ONNX
+wanted=(-c .venv/constraints.txt -r "$root/requirements/ros.txt" -r requirements.txt)
 "$root/.venv/bin/uv" pip install -q --compile-bytecode --python .venv/bin/python "${wanted[@]}" 2>/dev/null || # quicker
   .venv/bin/python -m pip --disable-pip-version-check install -qq "${wanted[@]}" ||
   fail "pip could not install the packages; its message is above"
