@@ -27,6 +27,7 @@ FILES = {
     "ego_perturbed": "litsim_policy/config/ego_perturbed.yaml",
 }
 """File of each stage that has parameters, by the name under which it is registered."""
+TRAININGS = (*SOURCES.glob("litsim_policy/config/policy_c*.yaml"), *SOURCES.glob("litsim_predictor/*/configs/*.yaml"))
 
 
 class Units(ParameterOverrides):
@@ -93,3 +94,10 @@ def test_file_says_unit_and_meaning_beside_every_value(name: str) -> None:
         assert comment, f"{parameter}: no comment"
         told = re.match(r"\[([^]]+)\]", comment)
         assert (told[1] if told else "") == units[parameter], f"{parameter}: {comment}"
+
+
+@pytest.mark.parametrize("path", TRAININGS, ids=lambda path: path.stem)
+def test_a_training_configuration_says_what_every_number_is(path: Path) -> None:
+    numbers = [line for line in path.read_text().splitlines() if re.match(r" *\w+: *[-+.\d]", line)]
+    assert numbers
+    assert [line for line in numbers if not re.search(r"\d +# \S", line)] == []

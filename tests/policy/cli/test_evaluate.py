@@ -6,10 +6,13 @@ import json
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from litsim_policy.cli import evaluate, run
+from litsim_sim.report.experiment import write_experiment_report
 
 
 @pytest.fixture
@@ -62,6 +65,38 @@ def test_all_are_those_that_can_be_the_ego(monkeypatch, tmp_path, scenario) -> N
     monkeypatch.setattr(sys, "argv", ["evaluate", *words])
     evaluate.main()
     assert list(json.loads((tmp_path / "evaluation.json").read_text())["runs"]["replay"]) == ["short/1", "short/2"]
+
+
+def test_a_run_that_fails_is_marked_in_the_table_listed_and_counted(monkeypatch, capsys, tmp_path, scenario) -> None:
+    net = tmp_path / "lost.net.xml"
+    other = tmp_path / "lost.yaml"
+    fields = yaml.safe_load(scenario.read_text())
+    shutil.copy(fields["net"], net)
+    fields["net"] = str(net)
+    other.write_text(yaml.safe_dump(fields))
+    whole_batch = evaluate.run_batch
+
+    def without_net(*given: Any) -> Any:
+        net.unlink()  # gone after all was checked, before the run
+        return whole_batch(*given)
+
+    monkeypatch.setattr(evaluate, "run_batch", without_net)
+    words = ["--scenario", str(scenario), str(other), "--egos", "1", "--policy", "replay", "--out", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", ["evaluate", *words])
+    with pytest.raises(SystemExit) as stop:
+        evaluate.main()
+    assert stop.value.code == 1
+    said = capsys.readouterr()
+    rows = {line.split("│")[1].strip(): line.split("│")[2].strip() for line in said.out.splitlines() if "│" in line}
+    assert (rows["runs"], rows["failed runs"]) == ("2", "1")
+    assert rows["agents"].endswith("*") and rows["takeovers"].endswith("*") and not rows["reactive %"].endswith("*")
+    assert "* over the runs that did not fail: replay: 1 of 2" in " ".join(said.out.split())
+    (line,) = [each for each in said.err.splitlines() if each.startswith("error:")]
+    assert line.startswith("error: replay: lost/1: failed: ") and "lost.net.xml" in line
+    result = json.loads((tmp_path / "evaluation.json").read_text())
+    assert list(result["runs"]["replay"]) == ["short/1"] and list(result["failures"]["replay"]) == ["lost/1"]
+    page = write_experiment_report(tmp_path).read_text()
+    assert "<td>replay</td><td>lost/1</td><td>" in page and "1 run failed" in page
 
 
 @pytest.mark.parametrize("policy", ["replay", "yield"])

@@ -30,6 +30,28 @@ def test_page(evaluation: Write, tmp_path: Path) -> None:
     )  # not in this evaluation
 
 
+def test_failed_runs_are_listed_with_the_reason(evaluation: Write, tmp_path: Path) -> None:
+    lost = "its process was ended by SIGKILL"
+    failures = {"litsim": {"made/9": "node policy ended: <b>no weights</b>", "made/10": lost}}
+    html = write_experiment_report(evaluation(tmp_path, failures=failures)).read_text()
+    listed = html[html.index("Failed runs") : html.index("Every run</h2>")]
+    why = "node policy ended: &lt;b&gt;no weights&lt;/b&gt;"
+    assert f"<tr><td>litsim</td><td>made/9</td><td>{why}</td></tr>" in listed
+    assert f"<td>made/10</td><td>{lost}</td>" in listed
+    assert "2 runs failed" in html and "6 runs ·" in html and "every run valid" not in html
+
+
+def test_without_failures_there_is_no_list_of_them(evaluation: Write, tmp_path: Path) -> None:
+    html = write_experiment_report(evaluation(tmp_path, failures={})).read_text()
+    assert "Failed runs" not in html and "every run valid" in html and "4 runs ·" in html
+
+
+def test_an_experiment_of_which_every_run_failed_has_a_page(evaluation: Write, tmp_path: Path) -> None:
+    nothing = {"summary": {"replay": {"runs": 1, "failed": 1}}, "runs": {"replay": {}}}
+    html = write_experiment_report(evaluation(tmp_path, **nothing, failures={"replay": {"made/7": "lost"}})).read_text()
+    assert "<td>made/7</td><td>lost</td>" in html
+
+
 def test_links_lead_from_where_the_page_is(evaluation: Write, tmp_path: Path) -> None:
     (tmp_path / "runs/idm-litsim-made-7").mkdir(parents=True)
     (tmp_path / "runs/idm-litsim-made-7/report.html").write_text("")
@@ -38,7 +60,17 @@ def test_links_lead_from_where_the_page_is(evaluation: Write, tmp_path: Path) ->
     assert 'href="../runs/idm-litsim-made-7/report.html"' in out.read_text()
 
 
-@pytest.mark.parametrize("text", [None, "no JSON", "[]", '{"summary": {}}', '{"summary": {"a": 1}, "runs": {"a": {}}}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        None,
+        "no JSON",
+        "[]",
+        '{"summary": {}}',
+        '{"summary": {"a": 1}, "runs": {"a": {}}}',
+        '{"summary": {"a": {}}, "runs": {"a": {}}, "failures": [1]}',
+    ],
+)
 def test_what_is_no_evaluation(text: str | None, tmp_path: Path) -> None:
     if text is not None:
         (tmp_path / "evaluation.json").write_text(text)

@@ -43,6 +43,7 @@ def _key(name: str) -> Callable[[dict[str, Any]], Any]:
 
 SUMMARY = (
     Column("runs", _key("runs")),
+    Column("failed", _key("failed"), better=min),
     Column("not valid", _key("invalid"), better=min),
     Column("agents", _key("agents")),
     Column("agents that collide", _key("colliding_agents"), better=min),
@@ -106,7 +107,10 @@ def _read(source: Path) -> dict[str, Any]:
     except ValueError as error:
         raise InputError(f"{source}: not JSON: {error}") from error
     good = isinstance(content, dict) and all(isinstance(content.get(k), dict) for k in ("summary", "runs"))
-    rows = [*content["summary"].values(), *content["runs"].values()] if good else []
+    if good:
+        content.setdefault("failures", {})  # older evaluations ended at the first
+    good = good and isinstance(content["failures"], dict)
+    rows = [each for name in ("summary", "runs", "failures") for each in content[name].values()] if good else []
     metrics = [m for runs in content["runs"].values() for m in runs.values()] if good else []
     if not good or not rows or not all(isinstance(each, dict) for each in (*rows, *metrics)):
         raise InputError(f"{source}: expected the fields summary and runs, as `litsim_policy evaluate` writes them")
@@ -118,13 +122,15 @@ def _render(content: dict[str, Any], source: Path, beside: Path) -> str:
     every = [metrics for by_ego in runs.values() for metrics in by_ego.values()]
     scenarios = sorted({str(m.get("scenario", NOTHING)) for m in every})
     egos = sorted({str(m.get("ego", NOTHING)) for m in every})
-    invalid = sum(not m.get("valid", True) for m in every)
+    failures = [(row, run, why) for row, mine in content["failures"].items() for run, why in mine.items()]
+    bad = {"not valid": sum(not m.get("valid", True) for m in every), "failed": len(failures)}
     return render_page(
         "experiment.html.j2",
         title=f"{', '.join(scenarios)}: {', '.join(summary)}",
         heading=", ".join(scenarios) or source.parent.name,
-        subtitle=f"ego by {', '.join(egos)} · {len(every)} runs · policies {', '.join(summary)}",
-        invalid=invalid,
+        subtitle=f"ego by {', '.join(egos)} · {len(every) + len(failures)} runs · policies {', '.join(summary)}",
+        problems=", ".join(f"{n} {'run' if n == 1 else 'runs'} {what}" for what, n in bad.items() if n),
+        failures=failures,
         policies=list(summary),
         bars=[_chart(column, summary) for column in BARS],
         summary=_side_by_side(summary, SUMMARY),
