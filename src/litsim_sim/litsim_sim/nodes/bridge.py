@@ -25,7 +25,7 @@ from litsim_sim.nodes.run_loop import RunLoop
 from litsim_sim.ros import ego_port, messages
 from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
-from litsim_sim.ros.stage import process, serve
+from litsim_sim.ros.stage import process, serve, spare_from_collection
 from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, STATUS, TIMING, Topic
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.sumo import SumoMirror
@@ -77,6 +77,7 @@ class BridgeNode(Node):
         config = WorldConfig(guard_entries=self.plan.policy != "replay")
         world = World(scenario, config, SumoMirror(scenario.net_path, scenario.seed))
         loop = RunLoop(self, self.plan, self.options, world, self._port, self._attendance, self._answers)
+        spare_from_collection()
         try:
             loop.run()
         except BaseException as error:
