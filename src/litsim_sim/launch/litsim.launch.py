@@ -50,7 +50,12 @@ ARGUMENTS = (
 def generate_launch_description() -> LaunchDescription:
     """The arguments, and the graph that follows from them."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=text, choices=list(choices) if choices else None)
+        DeclareLaunchArgument(
+            name,
+            default_value=default,
+            description=text,
+            choices=[str(each) for each in choices] if choices else None,
+        )
         for name, default, text, choices in ARGUMENTS
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=graph)])

@@ -161,6 +161,7 @@ def test_every_argument_says_what_it_is_and_what_it_may_be(written_down: ModuleT
     for each in declared:
         assert each.description
         assert each.choices is None or each.default_value in each.choices
+        assert all(type(choice) is str for choice in each.choices or ())  # not a member of an enum: they are shown
 
 
 @pytest.mark.skipif(not is_installed(), reason="ROS 2's launch and launch_ros are not installed: no wheels bring them")
