@@ -102,7 +102,7 @@ def test_parameters_of_a_node_that_takes_no_part_are_refused(graph: Any, tmp_pat
     words = ["--policy", "replay", "--set", "policy.weights=mine"]
     done = graph.launch("--scenario", graph.scenario(), "--out", tmp_path / "run", *words)
     assert done.returncode == 2 and not (tmp_path / "run").exists()
-    assert done.stderr == "error: --set policy: takes no part in this run, expected bridge, ego, recorder\n"
+    assert done.stderr == "error: no stage of this run: policy; expected bridge, ego, recorder\n"
 
 
 def test_folder_that_cannot_be_written_is_refused(graph: Any, tmp_path: Path) -> None:
