@@ -6,12 +6,15 @@ import multiprocessing
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from litsim_policy.run.benchmark import (
     execute,
+    graph_sample,
     straight_road,
     table_rows,
     time_highway_env,
@@ -86,6 +89,28 @@ def test_a_step_in_process_is_told_apart_by_stage(tmp_path: Path) -> None:
         sample = process.submit(time_in_process, scenario).result()
     parts = ("world", "SUMO", "predictor", "conflict", "policy", "ego")
     assert set(sample) == {*parts, "in process"} and min(sample.values()) > 0.0
+
+
+def test_a_step_over_the_graph_is_what_lies_between_steps_after_the_history() -> None:
+    """Three steps of 20 ms after two of 1 ms; each stage computes for 4 ms, the bridge for 1 ms."""
+    begins = [0.0, 0.001, 0.002, 0.022, 0.042, 0.062]
+    bridge = {
+        step: {"begin": at, "shown": at + 0.001, "free": at + 0.002, "answered": at + 0.017, "complete": at + 0.018}
+        for step, at in enumerate(begins)
+    }
+    stages = {
+        stage: {
+            step: {"begin": at + 0.002 + 0.005 * k, "answered": at + 0.006 + 0.005 * k}
+            for step, at in enumerate(begins)
+        }
+        for k, stage in enumerate(("predictor", "conflict", "policy"))
+    }
+    timing = {stage: dict.fromkeys(range(6), 0.004) for stage in stages} | {"bridge": dict.fromkeys(range(6), 0.001)}
+    run: Any = SimpleNamespace(marks={"bridge": bridge, **stages}, timing=timing, info=SimpleNamespace(history_steps=2))
+    sample = graph_sample(run)
+    assert sample["graph with recording"] == pytest.approx(20.0)
+    assert sample["transport and waiting"] == pytest.approx(20.0 - 3 * 4.0 - 1.0)
+    assert sample["graph: hop to conflict"] == pytest.approx(1.0)
 
 
 def test_recording_is_timed_by_writing_the_messages_again(tmp_path: Path) -> None:

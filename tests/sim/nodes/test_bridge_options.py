@@ -69,8 +69,8 @@ def test_what_is_out_of_range_is_named_with_what_was_expected(values: dict[str, 
 
 
 def test_unknown_parameters_are_named() -> None:
-    with pytest.raises(InputError, match="bridge: unknown parameter polcy"):
-        options(polcy="litsim")
+    with pytest.raises(InputError, match="bridge: unknown parameter policz"):
+        options(policz="litsim")
 
 
 def test_a_vehicle_that_is_not_in_the_recording_is_refused() -> None:

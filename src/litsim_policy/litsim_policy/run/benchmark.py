@@ -6,7 +6,6 @@ ratios within a repetition.
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import statistics
@@ -20,11 +19,13 @@ import yaml
 
 from litsim_policy.run.runner import Runner
 from litsim_predictor.benchmark import LANE_WIDTH, LANES, columns_of_traffic
-from litsim_sim.analysis.metrics import METRICS_FILE
+from litsim_sim.analysis.step_path import step_path
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+from litsim_sim.core.stages import BRIDGE
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.record.bag import BagReader, BagWriter
+from litsim_sim.record.run import Run, read_run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.sumo import SumoMirror
@@ -141,18 +142,28 @@ def time_in_process(scenario_file: Path) -> Sample:
 
 
 def time_graph(scenario_file: Path, bag: Path) -> Sample:
-    """Run a scenario over DDS, recorded to `bag`.
+    """Run a scenario over DDS, recorded to `bag`; the steps after the history, as :func:`time_in_process`.
 
     Raises:
         InputError: the run failed.
     """
     command = ["--quiet", "--overwrite", "--out", str(bag), "--scenario", str(scenario_file)]
     execute(find_executable("litsim_sim", "launch"), *command, "--ego", EGO, "--policy", POLICY)
-    metrics = json.loads((bag / METRICS_FILE).read_text())
-    whole = 1e3 * metrics["timing"]["wall_s"] / (metrics["steps"] + 1)
-    stages = {name: times["median"] for name, times in metrics["timing"]["stage_ms"].items()}
-    path = {f"{PATH}{name}": times["median"] for name, times in metrics["timing"]["path_ms"].items()}
-    return {GRAPH: whole, TRANSPORT: whole - stages["bridge"] - sum(stages[name] for name in LOOP)} | path
+    return graph_sample(read_run(bag))
+
+
+def graph_sample(run: Run) -> Sample:
+    """What the steps after the history took in a run over DDS, by the marks that bridge and stages have recorded."""
+    begins = {step: at["begin"] for step, at in run.marks[BRIDGE].items() if step >= run.info.history_steps}
+    first, last = min(begins), max(begins)
+    whole = 1e3 * (begins[last] - begins[first]) / (last - first)
+    paths = [path for step in begins if (path := step_path(step, run.marks))]
+    parts = {f"{PATH}{name}": 1e3 * statistics.median(path[name] for path in paths) for name in paths[0]}
+    spent = sum(
+        1e3 * statistics.median(s for step, s in run.timing[stage].items() if step in begins)
+        for stage in (BRIDGE, *LOOP)
+    )
+    return {GRAPH: whole, TRANSPORT: whole - spent} | parts
 
 
 def time_recording(bag: Path, folder: Path) -> Sample:
