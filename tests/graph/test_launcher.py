@@ -47,7 +47,7 @@ def test_children_of_a_killed_launcher_end_by_themselves(graph: Any) -> None:
     graph.wait_under_way(bag)
     graph.end(launcher, signal.SIGKILL)
     graph.wait("the nodes to end", lambda: not graph.running())
-    assert read_run(bag).complete
+    graph.wait("the end of the record", lambda: read_run(bag).complete)
 
 
 def test_interrupt_before_the_run_has_begun(graph: Any) -> None:
