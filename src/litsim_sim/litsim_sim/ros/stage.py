@@ -35,6 +35,7 @@ from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario.scenario import Scenario
 
 SIGNAL_PERIOD = 0.2  # [s] for which Ctrl-C may go unnoticed: waiting for DDS does not wake up for signals
+TOGETHER_S = 0.5  # [s] within which signals are one
 
 
 class StageNode(Node):
@@ -203,10 +204,13 @@ def _serve_round(executor: SingleThreadedExecutor) -> bool:
 
 
 class _Interruption:
-    """Ctrl-C and SIGTERM: the first is noticed between two callbacks, so that none is cut in two; another at once."""
+    """Ctrl-C and SIGTERM: the first is noticed between two callbacks, so that none is cut in two; another at once.
+
+    Signals that come together count as one: when a launcher is killed, its nodes get one for each of its threads.
+    """
 
     def __init__(self) -> None:
-        self._asked = False
+        self._asked, self._since = False, 0.0
 
     def install(self) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):  # SIGINT too: background jobs of scripts begin with it ignored
@@ -218,9 +222,11 @@ class _Interruption:
             raise KeyboardInterrupt
 
     def _on_signal(self, *_: object) -> None:
-        if self._asked:
+        now = time.monotonic()
+        if not self._asked:
+            self._asked, self._since = True, now
+        elif now - self._since > TOGETHER_S:
             raise KeyboardInterrupt
-        self._asked = True
 
 
 _interruption = _Interruption()
