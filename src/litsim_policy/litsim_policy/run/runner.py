@@ -23,9 +23,6 @@ from litsim_sim.record.run import Run as RecordedRun
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
 from litsim_sim.world.world import Mirror, World, WorldConfig
 
-STAGES = (*POLICY_STAGES, EGO)
-"""Stages that have a core here."""
-
 
 @dataclass(frozen=True)
 class StepResult:

@@ -11,9 +11,10 @@ from typing import NoReturn
 from litsim_sim.cli.arguments import number
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.stages import EGO, POLICY_STAGES
 from litsim_sim.launch.executables import find_executable
 
-STAGES = ("predictor", "conflict", "policy", "ego")
+STAGES = (*POLICY_STAGES, EGO)
 RERUN = ("litsim_policy", "rerun")
 """Package and executable that has all stages in one process; this package is below it and imports nothing of it."""
 
