@@ -29,7 +29,7 @@ from litsim_sim.recordings.recording import Recording, RecordingHeader
 
 HERE = Path(__file__).parent
 MARK = "LITSIM_TEST"  # variable by which a graph's processes are known
-PATIENCE_S = 60.0  # for what takes a second or two; only a failing test waits so long
+PATIENCE_S = 120.0  # for what takes a second or two; only a failing test waits so long
 SHORT: dict[str, Any] = {
     "name": "short",
     "recording": "traffic.parquet",

@@ -23,7 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 from litsim_sim.record.bag import BagReader
 from litsim_sim.ros import topics
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0  # for what takes a second or two; only a failing test waits so long
 CHOSEN = (topics.AGENTS, topics.CONTROLS, topics.RUN_INFO)
 LISTENED = (topics.CLOCK, *CHOSEN, topics.TAKEOVERS)
 
