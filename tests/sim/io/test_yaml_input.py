@@ -65,12 +65,23 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
             r"line 4, field wheels\.1\.radius: Input should be a valid number.*, found 'x'$",
         ),
         ("name: a\nwheels:\n  - radius: 1\n  - {}\n", r"line 4, field wheels\.1\.radius: Field required$"),
+        ("name: a\ndoors: 2\ndoors: 4\n", "^malformed YAML: key 'doors' is there twice in .*, line 3, "),
+        ("name: a\nwheels:\n  - {radius: 1, radius: 2}\n", "key 'radius' is there twice in .*, line 3, "),
+        ("name: " + "[" * 3000 + "]" * 3000, "^malformed YAML: nested deeper than 50 levels in .*, line 1, "),
+        ("name: " + "{a: " * 3000 + "}" * 3000, "nested deeper than 50 levels"),
+        ("name: a\ndoors: 2020-13-45\n", "^malformed YAML: month must be in 1..12"),
         ("name: [1]\ndoors: x\n", "^line 1, field name: Input should be a valid string; line 2, field doors: "),
     ],
 )
 def test_slips(tmp_path: Path, text: str, message: str) -> None:
     said = refusal(tmp_path / "car.yaml", text)
     assert re.search(message, said), said
+
+
+def test_merged_fields_may_be_overridden(tmp_path: Path) -> None:
+    path = tmp_path / "car.yaml"
+    path.write_text("name: a\nwheels:\n  - &usual {radius: 0.3}\n  - {<<: *usual, radius: 0.4}\n")
+    assert [wheel.radius for wheel in read_yaml(path, Car).wheels] == [0.3, 0.4]
 
 
 def test_many_slips_are_counted(tmp_path: Path) -> None:

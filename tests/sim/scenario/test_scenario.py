@@ -202,8 +202,21 @@ def test_malformed_yaml(tmp_path: Path, text: str, message: str) -> None:
         ({"start_frame": 81}, "start_frame is 81, expected one of 0 to 80"),
         ({"start_frame": 50}, "recording is too short: 30 steps"),
         ({"recording": "absent.parquet"}, "field recording: "),
-        ({"vehicle": {"delay_s": 0.25}}, "field vehicle: Value error, delay_s is 0.25, expected a multiple of 0.1 s"),
-        ({"vehicle": {"wheels": 4}}, "field vehicle: Value error, wheels is unknown, expected some of "),
+        ({"recording": "a\0b"}, "field recording: expected the path of a file, found 'a\\x00b'"),
+        ({"recording": ""}, "field recording: expected the path of a file"),
+        ({"net": "a\0b"}, "field net: expected the path of a file"),
+        ({"net": "us102_like"}, "no such net; expected a file, or one of i80, urban_like, us101, us101_like"),
+        ({"name": "../../x"}, "field name: expected up to 100 letters, digits and . _ + = -"),
+        ({"name": ".."}, "field name: expected"),
+        ({"name": "a" * 101}, "field name: expected"),
+        ({"simulation_s": float("inf")}, "field simulation_s: Input should be a finite number"),
+        ({"history_s": float("nan")}, "field history_s: Input should be a finite number"),
+        ({"history_s": 1e300}, "expected more than the history of 1e+300 s"),
+        ({"roi_m": float("inf")}, "field roi_m: Input should be a finite number"),
+        ({"vehicle": {"lag_s": float("inf")}}, "field vehicle.lag_s: Input should be a finite number"),
+        ({"seed": 10**40}, "field seed: Input should be less than 18446744073709551616"),
+        ({"vehicle": {"delay_s": 0.25}}, "field vehicle: delay_s is 0.25, expected a multiple of 0.1 s"),
+        ({"vehicle": {"wheels": 4}}, "field vehicle: wheels is unknown, expected some of "),
         ({"vehicle": {"lag_s": "much"}}, "field vehicle.lag_s: Input should be a valid number"),
     ],
 )
@@ -237,7 +250,7 @@ def test_net_that_does_not_cover_the_recording(tmp_path: Path, fields: dict[str,
 
 
 def test_nets_that_cannot_be_read(tmp_path: Path, fields: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=r"absent\.net\.xml: no such net"):
+    with pytest.raises(InputError, match=r"\.yaml: field net: .*absent\.net\.xml: no such net"):
         Scenario.load(saved(tmp_path, fields | {"net": "absent.net.xml"}))
 
 

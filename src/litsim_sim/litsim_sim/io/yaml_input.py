@@ -14,6 +14,7 @@ from litsim_sim.core.errors import InputError
 
 SHOWN = 5  # problems that one message lists
 FOUND_MAX = 60  # characters of a wrong value that a message repeats
+DEEPEST = 50  # lists and mappings within each other; what people write has two or three
 MISNAMED = ("missing", "extra_forbidden")  # pydantic's types of problems with names, not values
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -47,11 +48,11 @@ def load_yaml(text: str | bytes, where: str) -> Any:
     """What a YAML text says, whatever it is; `where` names the text in errors.
 
     Raises:
-        InputError: it is no YAML.
+        InputError: it is no YAML, gives a key twice, or nests deeper than `DEEPEST`.
     """
     try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        return yaml.load(text, _Loader)  # noqa: S506 - a SafeLoader
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: a date that is none
         raise InputError(f"{where}: malformed YAML: {' '.join(str(error).split())}") from error
 
 
@@ -85,6 +86,29 @@ def validate_yaml(values: dict[str, Any], model: type[_Model], where: str, text:
         raise InputError(f"{where}: {said}{more}{known}") from error
 
 
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe loader, which takes the last of several equal keys and any depth, but for these two."""
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise yaml.MarkedYAMLError(
+                problem=f"nested deeper than {DEEPEST} levels", problem_mark=self.peek_event().start_mark
+            )
+        node: yaml.Node | None = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        for place, (key, _) in enumerate(node.value):
+            if isinstance(key, yaml.ScalarNode) and key.value in names[:place]:
+                raise yaml.MarkedYAMLError(problem=f"key {key.value!r} is there twice", problem_mark=key.start_mark)
+        return super().construct_mapping(node, deep)
+
+
 def _said(problems: list[ErrorDetails], text: str | bytes) -> Iterator[str]:
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     for problem in problems:
@@ -93,7 +117,7 @@ def _said(problems: list[ErrorDetails], text: str | bytes) -> Iterator[str]:
         field = f"field {'.'.join(map(str, problem['loc']))}" if problem["loc"] else "the fields together"
         plain = isinstance(problem["input"], str | int | float | None)
         found = f", found {problem['input']!r:.{FOUND_MAX}}" if plain and problem["type"] not in MISNAMED else ""
-        yield f"{at}{field}: {problem['msg']}{found}"
+        yield f"{at}{field}: {problem['msg'].removeprefix('Value error, ')}{found}"
 
 
 def _line(node: yaml.Node | None, place: tuple[int | str, ...]) -> int | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
@@ -23,15 +23,34 @@ from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
 
 DATA_VARIABLE = "LITSIM_DATA"
+SEEDS = 2**64  # as many as RunInfo has a place for
 COVERAGE_MIN = 0.9  # share of recorded box centres that must lie on the road
 PACKAGE = "litsim_sim"
+
+
+def _usable_name(name: str) -> str:
+    if not re.fullmatch(r"\w[\w.+=-]{0,99}", name):
+        raise ValueError(
+            "expected up to 100 letters, digits and . _ + = -, the first a letter or digit: folders are named so"
+        )
+    return name
+
+
+def _usable_path(path: str) -> str:
+    if not path or not path.isprintable():
+        raise ValueError("expected the path of a file")
+    return path
+
+
+_Path = Annotated[str, AfterValidator(_usable_path)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class ScenarioFile(BaseModel):
     """The fields of a scenario's YAML file.
 
     Attributes:
-        name: short name; runs and reports carry it.
+        name: short name; runs, reports and folders carry it.
         description: what happens in it.
         recording: file of the recording, relative to the YAML file; may begin with ``$LITSIM_DATA``.
         crop: by column of that file, the [low, high] to keep.
@@ -50,20 +69,20 @@ class ScenarioFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Annotated[str, AfterValidator(_usable_name)]
     description: str = ""
-    recording: str
+    recording: _Path
     crop: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] | None = None
-    net: str
+    net: _Path
     start_frame: int | None = None
-    history_s: Annotated[float, Field(gt=0)] = 3.0
-    simulation_s: Annotated[float, Field(gt=0)] = 25.0
+    history_s: Annotated[_Finite, Field(gt=0)] = 3.0
+    simulation_s: Annotated[_Finite, Field(gt=0)] = 25.0
     ego: int
     egos: list[int] = []
     tuning: list[int] = []
-    roi_m: Annotated[float, Field(gt=0)] = 30.0
-    seed: Annotated[int, Field(ge=0)] = 0
-    vehicle: dict[str, float] = {}
+    roi_m: Annotated[_Finite, Field(gt=0)] = 30.0
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
+    vehicle: dict[str, _Finite] = {}
 
     @field_validator("vehicle")
     @classmethod
@@ -108,7 +127,7 @@ class Scenario:
         if self.total_steps <= self.history_steps:
             raise InputError(
                 f"{where}: the recording is too short: {last - self.start_frame} steps of {STEP_S} s follow frame "
-                f"{self.start_frame}, expected more than the history of {self.history_steps}"
+                f"{self.start_frame}, expected more than the history of {file.history_s:g} s"
             )
         kept = recording.table[(frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps)]
         self.recording = Recording(recording.header, kept.reset_index(drop=True))
@@ -174,6 +193,10 @@ class Scenario:
         values.update(given)
         file = validate_yaml(values, ScenarioFile, where, text)
         net = packaged(f"nets/{file.net}.net.xml") if file.net in packaged_nets() else folder / file.net
+        if not net.is_file():
+            raise InputError(
+                f"{where}: field net: {net}: no such net; expected a file, or one of {', '.join(packaged_nets())}"
+            )
         resolved = {"recording": str(_data_path(file.recording, folder, where)), "net": str(net.resolve())}
         return cls(file.model_copy(update=resolved), where)
 
