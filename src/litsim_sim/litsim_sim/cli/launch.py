@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 
 from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.cli.program import interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
-from litsim_sim.core.errors import EXIT_FAILED, print_error
+from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
@@ -28,7 +29,9 @@ def launch(arguments: argparse.Namespace) -> int:
         InputError: something cannot be used; found before anything is started.
     """
     plan = plan_of(arguments)
-    domain = graph_domain(arguments.domain_id, reserve=arguments.ego != EXTERNAL)
+    if arguments.command and plan.ego != EXTERNAL:
+        raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
+    domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
     options = _options(arguments, plan)
     nodes = nodes_of(plan, options)
     paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
@@ -37,7 +40,7 @@ def launch(arguments: argparse.Namespace) -> int:
         graph = Graph(options.out, domain_id)
         _announce(arguments, plan, domain_id)
         try:
-            _run(graph, nodes, paths, arguments.quiet)
+            _run(graph, nodes, paths, arguments)
         except GraphFailed as error:
             print_error(f"{error} (logs: {options.out / 'log'})")
             return EXIT_FAILED
@@ -47,16 +50,19 @@ def launch(arguments: argparse.Namespace) -> int:
     return status
 
 
-def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], quiet: bool) -> None:
-    """Start `nodes`, wait for the run to end, and leave no process behind, whatever happens.
+def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments: argparse.Namespace) -> None:
+    """Start `nodes`, and the user's stack; wait for the run to end, and leave no process behind, whatever happens.
 
     Raises:
         GraphFailed: the run has failed.
+        InputError: the stack cannot be started.
     """
     try:
+        if arguments.command:  # first: it may take long to get ready
+            graph.start_stack(arguments.command)
         for node in nodes:
             graph.start(node.name, paths[node.name], dict(node.parameters))
-        graph.watch(quiet)
+        graph.watch(arguments.quiet)
     except KeyboardInterrupt:
         print("\ninterrupted: ending the graph", file=sys.stderr)
         raise
@@ -92,7 +98,7 @@ def _options(arguments: argparse.Namespace, plan: RunPlan) -> GraphOptions:
 
 def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> None:
     say(arguments, f"run {plan.identity} in ROS_DOMAIN_ID {domain_id}")
-    if plan.ego == EXTERNAL:
+    if plan.ego == EXTERNAL and not arguments.command:
         topics = [INPUTS[each] for each in Interface if arguments.ego_interface in (AUTO, each)]
         say(arguments, f"waiting for an external ego to answer on {' or '.join(topics)}")
 
@@ -113,10 +119,13 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--domain-id",
         type=int,
-        help="ROS_DOMAIN_ID of the graph; else the one of the environment, or else a free one (external ego: 0)",
+        help="ROS_DOMAIN_ID; else the environment's, or else a free one (external ego that you start yourself: 0)",
     )
     p.add_argument("--no-analyze", dest="analyze", action="store_false", help="record only")
     p.add_argument("--quiet", action="store_true", help="no progress, no table")
+    p.add_argument(
+        "command", nargs="*", metavar="COMMAND", help="after --: starts an external ego; else start it yourself"
+    )
     return p
 
 

@@ -6,20 +6,24 @@ import contextlib
 import ctypes
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
+import sys
+import textwrap
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 from tqdm import tqdm
 
-from litsim_sim.core.errors import EXIT_FAILED
+from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.core.stages import BRIDGE, RECORDER
+from litsim_sim.launch import keeper
 
 GRACE_S = 8.0  # [s] that the bridge and the recorder get to end a run in good order
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
@@ -28,18 +32,26 @@ PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Variables by which a user has Fast DDS read settings; where one is set, the launcher leaves it at that."""
 DISCOVERY = Path(__file__).with_name("discovery.xml")
 """Settings by which nodes that are started together find each other in tenths of a second."""
-DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
+NAME_MAX = 60  # characters of a command by which a stack is named
+STACK = "ads"
+"""Name of the process that a user's command starts to drive the ego; its log is `ads.log`."""
 
 _LIBC = ctypes.CDLL(None)
 
 
 @dataclass
 class Child:
-    """A node's process, in a process group of its own, its output in a log file."""
+    """A process of the graph, in a process group of its own, its output in a log file.
+
+    Attributes:
+        name: of the node, or :data:`STACK`.
+        command: of a stack, as the user gave it; empty of a node.
+    """
 
     name: str
     process: subprocess.Popen[str]
     log: Path
+    command: Sequence[str] = ()
 
     def signal(self, number: int) -> None:
         """Signal the whole group; `ros2 run`-like wrappers pass nothing on."""
@@ -54,8 +66,12 @@ class Child:
     @property
     def errors(self) -> list[str]:
         """Errors in its log."""
-        lines = self.log.read_text(errors="replace").splitlines()
-        return [line.removeprefix("error: ") for line in lines if line.startswith("error: ") or "[ERROR]" in line]
+        return [line.removeprefix("error: ") for line in self._lines if line.startswith("error: ") or "[ERROR]" in line]
+
+    @property
+    def last_line(self) -> str:
+        """The last line of its log that says anything; empty where none does."""
+        return next((line.strip() for line in reversed(self._lines) if line.strip()), "")
 
     def obituary(self) -> str:
         """How the process ended, and the last thing in its log where that may say why."""
@@ -66,8 +82,19 @@ class Child:
             how = f"was ended by {signal.Signals(-code).name}"
         else:
             how = f"ended with exit status {code}"
-            words = words or (self.log.read_text(errors="replace").strip().splitlines() if code > 0 else [])
-        return f"node {self.name} {how}{''.join(f': {line}' for line in words[-1:])}"
+            words = words or ([self.last_line] if code > 0 and self.last_line else [])
+        if self.command:  # what is an error in a log of somebody else's is not known; the last word is the nearest
+            words = [self.last_line or "it has said nothing"]
+        return f"{self} {how}{''.join(f': {line}' for line in words[-1:])}"
+
+    def __str__(self) -> str:
+        if self.command:
+            return f"the stack ({textwrap.shorten(shlex.join(self.command), NAME_MAX, placeholder=' …')})"
+        return f"node {self.name}"
+
+    @property
+    def _lines(self) -> list[str]:
+        return self.log.read_text(errors="replace").splitlines()
 
 
 class GraphFailed(Exception):
@@ -94,7 +121,7 @@ class Graph:
             }
         )
         self.children: dict[str, Child] = {}
-        self._progress: threading.Thread | None = None
+        self._progress: Progress | None = None
 
     def start(self, name: str, path: Path, parameters: dict[str, object]) -> None:
         """Start the executable at `path` as node `name`."""
@@ -102,10 +129,23 @@ class Graph:
         for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
             quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str | tuple) else value
             arguments += ["-p", f"{key}:={quoted}"]
+        self._spawn(name, arguments)
+
+    def start_stack(self, command: Sequence[str]) -> None:
+        """Start the command of a user that is to drive the ego: in the domain of the graph, kept by a keeper.
+
+        Raises:
+            InputError: there is no such program.
+        """
+        if shutil.which(command[0]) is None:
+            raise InputError(f"{command[0]}: no such program, expected the command that starts a driving stack")
+        self._spawn(STACK, [sys.executable, "-I", "-S", keeper.__file__, *command], command)
+
+    def _spawn(self, name: str, words: Sequence[str], command: Sequence[str] = ()) -> None:
         log = self._log_folder / f"{name}.log"
         with log.open("w") as stream, _held_back():
             process = subprocess.Popen(
-                arguments,
+                words,
                 env=self._environment,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE if name == BRIDGE else stream,
@@ -114,7 +154,7 @@ class Graph:
                 start_new_session=True,
                 preexec_fn=_begin_child,  # noqa: PLW1509 - two system calls
             )
-            self.children[name] = Child(name, process, log)
+            self.children[name] = Child(name, process, log, tuple(command))
 
     def watch(self, quiet: bool) -> None:
         """Wait for the run to end.
@@ -124,23 +164,37 @@ class Graph:
         """
         bridge, recorder = self.children[BRIDGE], self.children[RECORDER]
         assert bridge.process.stdout is not None
-        self._progress = threading.Thread(target=_show_progress, args=(bridge.process.stdout, quiet), daemon=True)
+        self._progress = Progress(bridge.process.stdout, quiet)
         self._progress.start()
         while bridge.running:
-            dead = [c for c in self.children.values() if not c.running and c is not bridge]
-            dead = [c for c in dead if c is not recorder or recorder.process.returncode != 0]
+            dead = [c for c in self.children.values() if not c.running and c is not bridge and not self._may_leave(c)]
             if dead:
                 if all(child.process.returncode >= 0 for child in dead):
-                    _wait([bridge], 1.0)  # they have told it, and it ends over it
-                if bridge.running:
+                    _wait([bridge], _patience(dead))  # it has told them, or they it, that the run is over
+                if bridge.running and not all(map(self._may_leave, dead)):
                     raise GraphFailed("; ".join(child.obituary() for child in dead))
             time.sleep(0.05)
         _wait([recorder], GRACE_S if bridge.process.returncode == 0 else 0.0)
         if bridge.process.returncode == EXIT_FAILED and bridge.errors:
-            raise GraphFailed(bridge.errors[-1])
+            raise GraphFailed(bridge.errors[-1] + self._about_the_stack())
         for child in (bridge, recorder):
             if child.process.returncode != 0:
                 raise GraphFailed(child.obituary())
+
+    def _may_leave(self, child: Child) -> bool:
+        """Whether a process that has ended was free to: a recorder that is done, a stack after the last step."""
+        if child.name == RECORDER:
+            return child.process.returncode == 0
+        return child.name == STACK and self._progress is not None and self._progress.complete
+
+    def _about_the_stack(self) -> str:
+        """What to add to the bridge's reason: how the stack ended, or what it said last."""
+        stack = self.children.get(STACK)
+        if stack is None:
+            return ""
+        if not stack.running:
+            return f"; {stack.obituary()}"
+        return f"; {stack} still runs, and said last: {stack.last_line or 'nothing'}"
 
     def stop(self) -> None:
         """End what still runs: first the bridge, which tells the recorder to close its file, then the rest."""
@@ -163,18 +217,41 @@ class Graph:
                 subprocess.run([fastdds, "shm", "clean"], capture_output=True, check=False, timeout=10)
 
 
-def _show_progress(lines: IO[str], quiet: bool) -> None:
-    """A bar from the bridge's lines `step K of N`."""
-    bar = None
-    for line in lines:
-        words = line.split()
-        if quiet or len(words) != 4 or words[0] != "step":
-            continue
-        step, total = int(words[1]), int(words[3])
-        bar = bar or tqdm(total=total, unit="step", dynamic_ncols=True)
-        bar.update(step - bar.n)
-    if bar is not None:
-        bar.close()
+class Progress(threading.Thread):
+    """Reads the bridge's lines `step K of N`, and makes a bar of them unless `quiet`.
+
+    Attributes:
+        complete: whether the last step has been answered.
+    """
+
+    def __init__(self, lines: IO[str], quiet: bool) -> None:
+        super().__init__(daemon=True)
+        self._lines, self._quiet = lines, quiet
+        self.complete = False
+
+    def run(self) -> None:
+        """See :class:`threading.Thread`."""
+        bar = None
+        for line in self._lines:
+            words = line.split()
+            if len(words) != 4 or words[0] != "step":
+                continue
+            step, total = int(words[1]), int(words[3])
+            self.complete = step == total
+            if not self._quiet:
+                bar = bar or tqdm(total=total, unit="step", dynamic_ncols=True)
+                bar.update(step - bar.n)
+        if bar is not None:
+            bar.close()
+
+
+def _patience(dead: list[Child]) -> float:
+    """Seconds for the bridge to end after others have ended by themselves.
+
+    A node has told it why. A stack that leaves in good order has heard that the run has failed, which the recorder
+    is writing down meanwhile; one that fails has told nobody.
+    """
+    return GRACE_S if any(c.name == STACK and c.process.returncode == 0 for c in dead) else 1.0
 
 
 def _wait(children: list[Child], timeout: float) -> None:
@@ -196,7 +273,7 @@ def _held_back() -> Iterator[None]:
 
 def _begin_child() -> None:
     """In a child before its program starts: end when the launcher is gone, whatever has ended it; hear signals."""
-    _LIBC.prctl(DIE_WITH_PARENT, signal.SIGTERM)
+    _LIBC.prctl(keeper.DIE_WITH_PARENT, signal.SIGTERM)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 

@@ -1,0 +1,100 @@
+"""Keeps a command of somebody else's: started in a session of its own, and ended with all that it has started.
+
+A driving stack is often a script that starts more processes, some of which leave its process group. The launcher
+starts this program in its place, which hands signals on to the whole tree and leaves nothing of it behind, however the
+command, or the launcher, ends. It needs nothing but Python: ``python keeper.py COMMAND...`` ends as COMMAND does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+GRACE_S = 2.0  # [s] from SIGTERM to SIGKILL, shorter than the launcher's patience
+TICK_S = 0.05  # [s] between two looks
+NOT_FOUND = 127  # exit status of a command that cannot be started, as shells have it
+DIE_WITH_PARENT, SUBREAPER = 1, 36  # PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER
+HANDED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+_LIBC = ctypes.CDLL(None)
+
+
+def descendants(of: int) -> set[int]:
+    """Ids of the processes that process `of` has started, and those that they have, as far as they still run."""
+    children: dict[int, list[int]] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it ended meanwhile
+            state, parent = stat.read_text(errors="replace").rpartition(")")[2].split()[:2]
+            if state not in "ZX":  # neither waits to be asked how it ended
+                children.setdefault(int(parent), []).append(int(stat.parent.name))
+    found: set[int] = set()
+    open_ends = [of]
+    while open_ends:
+        new = children.get(open_ends.pop(), [])
+        found.update(new)
+        open_ends += new
+    return found
+
+
+def _signal_all(number: int) -> None:
+    for process in descendants(os.getpid()):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, number)
+
+
+def _end_rest() -> None:
+    """End what is left: orphans have become children of this process."""
+    until = time.monotonic() + GRACE_S
+    _signal_all(signal.SIGTERM)
+    while descendants(os.getpid()):
+        if time.monotonic() > until:
+            _signal_all(signal.SIGKILL)
+        time.sleep(TICK_S)
+
+
+def _begin() -> None:
+    """In the command's process before it starts: not to outlive the keeper, which cannot help it if it is killed."""
+    _LIBC.prctl(DIE_WITH_PARENT, signal.SIGKILL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, HANDED_ON)
+
+
+def keep(command: list[str]) -> int:
+    """Run `command` to its end; returns its exit status, that of a signal as a negative number."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, HANDED_ON)  # taken one by one below
+    _LIBC.prctl(SUBREAPER, 1)
+    try:
+        process = subprocess.Popen(
+            command,
+            start_new_session=True,
+            preexec_fn=_begin,  # noqa: PLW1509 - two system calls
+        )
+    except OSError as error:
+        print(f"error: {command[0]}: cannot be started: {error.strerror or error}", file=sys.stderr)
+        return NOT_FOUND
+    killed_at = None
+    while process.poll() is None:
+        info = signal.sigtimedwait(HANDED_ON, TICK_S)
+        if info is not None:
+            _signal_all(info.si_signo)
+            if info.si_signo != signal.SIGINT:  # the launcher has lost patience, or is gone
+                killed_at = killed_at or time.monotonic() + GRACE_S
+        if killed_at is not None and time.monotonic() > killed_at:
+            _signal_all(signal.SIGKILL)
+    _end_rest()
+    return process.returncode
+
+
+if __name__ == "__main__":
+    status = keep(sys.argv[1:])
+    if status < 0:  # end in the same way, so that whoever watches is told of the signal
+        if -status != signal.SIGKILL:
+            signal.signal(-status, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, HANDED_ON)
+        os.kill(os.getpid(), -status)
+    sys.exit(status)

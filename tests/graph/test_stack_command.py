@@ -1,0 +1,79 @@
+"""The launcher starts the stack that drives the ego, watches it like a node, and leaves nothing of it behind."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+STACK = (sys.executable, str(Path(__file__).with_name("external_ego.py")))
+EXTERNAL = ("--ego", "external", "--policy", "replay", "--quiet")
+
+
+def launch(graph: Any, *stack: object, options: tuple[object, ...] = ()) -> subprocess.CompletedProcess[str]:
+    words = ("--scenario", graph.scenario(), "--out", graph.folder / "run", *EXTERNAL, *options)
+    return graph.launch(*words, "--", *stack)
+
+
+def test_it_drives_in_a_domain_that_nobody_had_to_choose(graph: Any) -> None:
+    options = ("--set", "bridge.external_timeout_s=100.0")  # an option of many values before the command
+    done = launch(graph, *STACK, options=options)
+    assert (done.returncode, done.stderr) == (0, "")
+    metrics = json.loads((graph.folder / "run/metrics.json").read_text())
+    assert (metrics["valid"], metrics["ego"], metrics["lockstep"]["ego_port"]["answered"]) == (True, "external", 36)
+    assert (graph.folder / "run/log/ads.log").is_file()
+    assert not graph.running()
+
+
+@pytest.mark.parametrize(
+    ("stack", "words"),
+    [
+        ((*STACK, "--die-at", 12), "ended with exit status 3: it has said nothing"),
+        (("sh", "-c", "echo ready; echo no licence; exit 0"), "ended with exit status 0: no licence"),
+        (("sh", "-c", "sleep 1; echo far; kill -SEGV $$"), "was ended by SIGSEGV: far"),
+    ],
+)
+def test_one_that_ends_before_the_run_fails_it(graph: Any, stack: tuple[object, ...], words: str) -> None:
+    done = launch(graph, *stack)
+    assert done.returncode == 1
+    (error,) = done.stderr.splitlines()
+    assert error.startswith(f"error: the stack ({stack[0]} ") and words in error
+    assert not graph.running()
+
+
+def test_one_that_hangs_is_named_beside_the_reason_of_the_bridge(graph: Any) -> None:
+    script = f"print('tired', flush=True)\nimport runpy\nrunpy.run_path({STACK[1]!r}, run_name='__main__')"
+    done = launch(graph, sys.executable, "-c", script, "--skip", "12-99", options=("--answer-timeout", 4))
+    assert done.returncode == 1
+    (error,) = done.stderr.splitlines()
+    assert error.startswith("error: no answer to step 12 on /litsim/ego/control within 4 s")
+    assert "; the stack (" in error and " still runs, and said last: tired" in error
+    assert not graph.running()
+
+
+def test_all_of_it_ends_with_a_launcher_that_is_killed(graph: Any) -> None:
+    words = ("--scenario", graph.scenario(), "--out", graph.folder / "run", *EXTERNAL)
+    launcher = graph.start_launch(*words, "--", "sh", "-c", "setsid sleep 600 & sleep 601")
+    graph.wait("the stack", lambda: {"sleep 600 ", "sleep 601 "} <= set(graph.running().values()))
+    graph.end(launcher, signal.SIGKILL)
+    graph.wait("the end of all", lambda: not graph.running())
+
+
+@pytest.mark.parametrize(
+    ("options", "stack", "said"),
+    [
+        (("--ego", "idm"), STACK, "the ego is idm, expected --ego external"),
+        (EXTERNAL, ("no_such_stack",), "no_such_stack: no such program, expected the command that starts"),
+    ],
+)
+def test_what_cannot_be_is_refused(
+    graph: Any, options: tuple[object, ...], stack: tuple[object, ...], said: str
+) -> None:
+    done = graph.launch("--scenario", graph.scenario(), "--out", graph.folder / "run", *options, "--", *stack)
+    assert done.returncode == 2
+    assert said in done.stderr and len(done.stderr.splitlines()) == 1
