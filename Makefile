@@ -64,6 +64,7 @@ bench: build ## what a step costs on this machine, by stage, beside highway-env
 
 clean: ## remove what build made
 	rm -rf build install log
+	find src -name '*.nb[ic]' -delete
 
 distclean: clean ## remove the environment and every cache as well
 	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -7,7 +7,8 @@ if [ $# -gt 0 ]; then
 Usage: tools/build.sh   (make build)
 
 colcon build --symlink-install into build/, install/ and log/. Python sources are linked, so that only messages, build
-descriptions and the set of data files call for another build. On stock ROS 2 Jazzy, use plain `colcon build`.
+descriptions and the set of data files call for another build. Then the kernels (litsim_sim/core/compiled.py) are compiled
+beside their sources. On stock ROS 2 Jazzy, use plain `colcon build`, and `ros2 run litsim_sim compile` after it.
 TEXT
   exit 0
 fi
@@ -28,7 +29,26 @@ key=$(
       -o -name '*.srv' \) -print0 | sort -z | xargs -0 sha256sum
   } | sha256sum
 )
-[ -f "$stamp" ] && [ "$(cat "$stamp")" = "$key" ] && exit 0
+# What kernels are made of, as far as it is cheap to say (what else there is, the first start finds out), and how many lie
+# beside their sources, which are none after `make clean`.
+kernels_key() {
+  {
+    cat .venv/.litsim-packages
+    grep -rlZ --include='*.py' '^@kernel(' src | sort -z | xargs -0r sha256sum
+    find src -name '*.nbi' -printf .
+  } | sha256sum
+}
+
+compile_kernels() {
+  [ "$(cat install/.litsim-kernels 2>/dev/null)" = "$(kernels_key)" ] && return
+  PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy .venv/bin/python -m litsim_sim.cli.compile
+  kernels_key >install/.litsim-kernels
+}
+
+if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$key" ]; then
+  compile_kernels
+  exit 0
+fi
 
 # A ROS 2 that the shell has sourced would become a second underlay, of another build.
 unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
@@ -51,3 +71,4 @@ rm -f "$stamp"
 colcon build --symlink-install --event-handlers console_direct- --cmake-args -G Ninja -DLITSIM_PYTHON_ONLY=ON ||
   { echo "build: colcon failed; its whole output is in log/latest_build" >&2; exit 1; }
 printf '%s\n' "$key" >"$stamp"
+compile_kernels

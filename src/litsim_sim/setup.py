@@ -38,6 +38,7 @@ setup(
             "compare = litsim_sim.cli.compare:main",
             "live = litsim_sim.cli.live:main",
             "data = litsim_sim.cli.data:main",
+            "compile = litsim_sim.cli.compile:main",
         ],
         "litsim.stages": [  # what reads the parameters of each, see litsim_sim.core.stage_registry
             "bridge = litsim_sim.nodes.bridge_options:bridge_stage",

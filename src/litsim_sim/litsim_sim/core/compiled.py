@@ -1,0 +1,191 @@
+"""Compiled kernels: the loops of a step as machine code, by numba.
+
+A kernel is a function of numbers and C-ordered arrays, decorated with its types::
+
+    @kernel(float64(FLOATS, FLOATS))
+    def dot(a, b): ...
+
+It is compiled for these types alone, when its module is imported and never in a step. The machine code is kept on disk:
+only the first import on a machine compiles (``ros2 run litsim_sim compile`` does it ahead of time), all others load it.
+
+Kernels compute in the order that is written, in one thread, without fused or reassociated operations. The same inputs
+give the same bits in every process of a machine.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import pkgutil
+import re
+import sys
+from collections.abc import Callable
+from enum import Enum, EnumMeta
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from types import FunctionType
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+from llvmlite import binding
+from numba import types
+
+MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # in the source of every module that holds kernels
+F = TypeVar("F", bound=Callable[..., Any])
+
+_stamps: dict[int, str] = {}  # of kernels, by the identity of what `kernel` returned, which lives as long as its module
+
+
+def read_array(dtype: types.Type, ndim: int) -> types.Array:
+    """Type of a C-ordered array that a kernel only reads; writable ones and those that are not are both taken."""
+    return types.Array(dtype, ndim, "C", readonly=True)
+
+
+def written_array(dtype: types.Type, ndim: int) -> types.Array:
+    """Type of a C-ordered array that a kernel writes to or returns."""
+    return types.Array(dtype, ndim, "C")
+
+
+boolean, float64, int64, uint8, void = types.boolean, types.float64, types.int64, types.uint8, types.void
+FLOATS, FLOATS2, FLOATS3 = (read_array(float64, ndim) for ndim in (1, 2, 3))
+INTS, INTS2 = (read_array(int64, ndim) for ndim in (1, 2))
+BOOLS, BOOLS2 = (read_array(boolean, ndim) for ndim in (1, 2))
+BYTES = read_array(uint8, 1)
+OUT_FLOATS, OUT_FLOATS2, OUT_FLOATS3 = (written_array(float64, ndim) for ndim in (1, 2, 3))
+OUT_INTS, OUT_INTS2 = (written_array(int64, ndim) for ndim in (1, 2))
+OUT_BOOLS, OUT_BOOLS2 = (written_array(boolean, ndim) for ndim in (1, 2))
+
+
+def kernel(signature: Any) -> Callable[[F], F]:
+    """Return a decorator that compiles a function for one signature of numba's types, or loads its machine code.
+
+    Of its module, the function may use numbers, enumerations, arrays and other kernels; of others, `math` and numpy.
+    Arguments that do not fit the signature are a TypeError. Numbers divided by zero give what numpy gives.
+
+    Raises:
+        TypeError: the function uses something else, changes of which would go unnoticed by what is kept on disk.
+    """
+
+    def compiled(function: F) -> F:
+        source, stamp = Path(function.__code__.co_filename), _stamp(cast(FunctionType, function))
+        directory = cache_directory(source)
+        if directory is None or not any(directory.glob(f"*-{stamp}.*.nbi")):
+            _announce()
+        before = numba.config.CACHE_LOCATOR_CLASSES
+        numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.KernelLocator"
+        try:
+            found = numba.njit(signature, cache=directory is not None, error_model="numpy")(function)
+        finally:
+            numba.config.CACHE_LOCATOR_CLASSES = before
+        _stamps[id(found)] = stamp
+        return cast(F, found)
+
+    return compiled
+
+
+def compile_package(name: str) -> list[str]:
+    """Import all modules of package `name` that hold kernels, compiling what is not on disk; return their names."""
+    found = []
+    for module in pkgutil.walk_packages(import_module(name).__path__, f"{name}."):
+        spec = find_spec(module.name)
+        if spec is not None and spec.origin is not None and MARK.search(Path(spec.origin).read_text("utf-8")):
+            import_module(module.name)
+            found.append(module.name)
+    return found
+
+
+def cache_directory(source: Path) -> Path | None:
+    """Where kernels of the file `source` are kept: the first of these that can be written to, None if none can.
+
+    `NUMBA_CACHE_DIR`, where it is set; `__pycache__` beside `source`; `litsim/kernels` in the user's cache directory,
+    for installations that are read-only.
+    """
+    user = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    named = [Path(numba.config.CACHE_DIR)] if numba.config.CACHE_DIR else []
+    return next(filter(_writable, (*named, source.parent / "__pycache__", user / "litsim" / "kernels")), None)
+
+
+class KernelLocator:
+    """Says to numba where it keeps a kernel, and under which name: see numba's `NUMBA_CACHE_LOCATOR_CLASSES`.
+
+    The name holds all that the machine code depends on, so that a file is never stale and never another's, however
+    many processes compile at once. (numba's own locators know a function's file alone, not the kernels and constants
+    that it takes from others.)
+    """
+
+    def __init__(self, directory: Path, stamp: str) -> None:
+        self._directory, self._stamp = directory, stamp
+
+    @classmethod
+    def from_function(cls, function: FunctionType, file: str) -> KernelLocator | None:
+        """Return the locator of a function, None where nothing can be kept."""
+        directory = cache_directory(Path(file))
+        return None if directory is None else cls(directory, _stamp(function))
+
+    def ensure_cache_path(self) -> None:
+        """Make the directory."""
+        self._directory.mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        """Return the directory."""
+        return str(self._directory)
+
+    def get_source_stamp(self) -> str:
+        """Return what must be equal for machine code to be used."""
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        """Return what distinguishes files of functions of one name."""
+        return self._stamp
+
+
+@cache
+def _writable(directory: Path) -> bool:
+    """Whether files can be made in `directory`, which is made where it is missing."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(directory, os.W_OK | os.X_OK)
+
+
+@cache
+def _announce() -> None:
+    """Say once in a process why it takes a while."""
+    print("litsim: compiling kernels, once for this machine (some seconds)", file=sys.stderr, flush=True)
+
+
+@cache
+def _source_and_machine(file: str) -> bytes:
+    """Hash of a source file, numba's version and this processor."""
+    machine = f"{numba.__version__} {binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
+    return hashlib.sha256(Path(file).read_bytes() + machine.encode()).digest()
+
+
+def _stamp(function: FunctionType) -> str:
+    """16 hexadecimal digits over all that the machine code of `function` depends on."""
+    code, known = function.__code__, function.__globals__
+    found = hashlib.sha256(_source_and_machine(code.co_filename))
+    for name in code.co_names:
+        if name in known:
+            found.update(f"{name}={_constant(name, known[name])};".encode())
+    return found.hexdigest()[:16]
+
+
+def _constant(name: str, value: object) -> str:
+    """What a kernel sees of a global `value`, which is frozen into its machine code."""
+    if id(value) in _stamps:
+        return _stamps[id(value)]
+    if value is math or value is np:
+        return ""
+    if isinstance(value, EnumMeta):
+        return repr(list(value))
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}{value.shape}{value.tobytes().hex()}"
+    if isinstance(value, bool | int | float | Enum):
+        return repr(value)
+    raise TypeError(f"a kernel cannot use {name}: neither a number, an enumeration, an array nor a kernel")
