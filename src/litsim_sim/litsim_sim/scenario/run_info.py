@@ -98,7 +98,7 @@ class RunPlan:
         described = file.model_copy(update=names).model_dump_json(exclude=default)
         described = f"{described}\n{self.ego}\n{self.policy}"
         if self.stage_parameters:
-            described += f"\n{json.dumps(_plain(self.stage_parameters), sort_keys=True)}"
+            described += f"\n{json.dumps(plain_values(self.stage_parameters), sort_keys=True)}"
         digest = hashlib.sha256(described.encode()).hexdigest()[:8]
         return f"{self.scenario.name}-{self.ego}-{self.policy}-{self.scenario.ego_id}-{self.scenario.seed}-{digest}"
 
@@ -134,12 +134,12 @@ def new_execution() -> str:
     return secrets.token_hex(4)
 
 
-def _plain(value: Any) -> Any:
+def plain_values(value: Any) -> Any:
     """`value` for JSON, numbers of equal value alike: 2 sets a parameter to the same as 2.0."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
+        return {str(key): plain_values(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [plain_values(each) for each in value]
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 

@@ -1,0 +1,1 @@
+"""Campaigns: a suite of cases, criteria, a verdict on each run, the folder of results, two campaigns compared."""

@@ -1,0 +1,304 @@
+"""Cases: one run of a suite each, and by what it is known again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+from litsim_sim.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import Parameters, by_stage
+from litsim_sim.core.stage_registry import GROUP
+from litsim_sim.core.stages import POLICY_STAGES
+from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, plain_values, versions
+from litsim_sim.scenario.scenario import Scenario
+
+ID_LENGTH = 16
+MODEL = "model"  # a parameter that rows of tables name by its value alone
+NOT_OF_THE_RESULT = ("commit",)
+"""Versions that stand in reports but decide nothing: the digest of the sources does."""
+
+Shell = Literal["graph", "process"]
+GRAPH: Shell = "graph"
+PROCESS: Shell = "process"
+Settings = tuple[tuple[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run of a campaign.
+
+    Attributes:
+        id: of everything that decides its result; equal for equal runs.
+        key: the same, but for what may differ between two versions of one system: versions of packages, and how the ego
+            of that name is made. By it two campaigns are compared.
+        name: for people, unique in a campaign.
+        scenario: a packaged name, or the absolute path of a file.
+        ego_id: vehicle that is the ego.
+        ego: who drives it.
+        policy: what moves the background.
+        label: what tells its row from others of the same ego and policy; may be empty.
+        seed: of everything random; None is the scenario's.
+        parameters: `stage.name` and value of each that is set by the row; those of the ego are in `ego`.
+        shell: over DDS or in process.
+        tags, events: as the suite gives them.
+    """
+
+    id: str
+    key: str
+    name: str
+    scenario: str
+    ego_id: int
+    ego: EgoSetup
+    policy: str
+    label: str
+    seed: int | None
+    parameters: Settings
+    shell: Shell
+    tags: tuple[str, ...] = ()
+    events: tuple[Mapping[str, Any], ...] = ()
+
+    def __hash__(self) -> int:
+        """By the id alone: setups and events have no hash."""
+        return hash(self.id)
+
+    @property
+    def row(self) -> str:
+        """Name of the row of tables that the run is counted in: ego, policy and label."""
+        return ", ".join(part for part in (self.ego.name, self.policy, self.label) if part)
+
+    @property
+    def stage_parameters(self) -> Parameters:
+        """All parameters of the run, the ego's own included, by stage and name."""
+        given = {**self.ego.parameters, **dict(self.parameters)}
+        return by_stage((*name.split(".", 1), value) for name, value in given.items())
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for JSON; :meth:`from_json` makes the same of them."""
+        return {
+            "id": self.id,
+            "key": self.key,
+            "name": self.name,
+            "scenario": self.scenario,
+            "ego_id": self.ego_id,
+            "ego": self.ego.name,
+            "ego_setup": self.ego.model_dump(mode="json"),
+            "policy": self.policy,
+            "label": self.label,
+            "row": self.row,
+            "seed": self.seed,
+            "parameters": dict(self.parameters),
+            "shell": self.shell,
+            "tags": list(self.tags),
+            "events": [dict(event) for event in self.events],
+        }
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> Case:
+        """The case that :meth:`to_json` has written; KeyError and ValueError where it has not."""
+        own = {field: values[field] for field in cls.__dataclass_fields__ if field not in ("ego", "parameters")}
+        own |= {"tags": tuple(values["tags"]), "events": tuple(values["events"])}
+        return cls(ego=EgoSetup(**values["ego_setup"]), parameters=tuple(values["parameters"].items()), **own)
+
+
+def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, str] | None = None) -> list[Case]:
+    """Every case of a suite, in the order of its rows, then of its seeds, then of its cases.
+
+    Of entries that ask for the same run one case is made, with the tags and events of both.
+
+    Args:
+        suite: with scenarios that :meth:`Scenario.load` finds from here.
+        graph: whether egos of LitSim's own are run over DDS, too; external ones always are.
+        with_versions: of what a run depends on; those of this installation where not given.
+
+    Raises:
+        InputError: a scenario cannot be used, an ego is not in it, or two scenarios have the same name.
+    """
+    _check_scenario_names(suite)
+    found = code_versions() if with_versions is None else with_versions
+    deciding = {name: version for name, version in found.items() if name not in NOT_OF_THE_RESULT}
+    roads = [road for entry in suite.cases for road in _roads(entry)]
+    seeds: list[int | None] = [*suite.seeds] or [None]
+    cases: dict[str, Case] = {}
+    for row, seed, road in product(_rows(suite), seeds, roads):
+        case = _case(row, seed, road, graph=graph, deciding=deciding)
+        cases[case.id] = _merged(cases[case.id], case) if case.id in cases else case
+    return list(cases.values())
+
+
+def chosen_egos(choice: EgoChoice | Sequence[int], scenario: Scenario) -> tuple[int, ...]:
+    """Ids of the vehicles of `scenario` that are the ego, one run each.
+
+    Raises:
+        InputError: the scenario lists none, or one that was chosen is not there at its start.
+    """
+    if choice == "ego":
+        return (scenario.ego_id,)
+    if choice == "all":
+        return scenario.possible_egos
+    if isinstance(choice, str):
+        listed = scenario.egos if choice == "egos" else scenario.tuning_egos
+        if not listed:
+            raise InputError(f"{scenario.name}: field {choice} of the scenario lists no egos")
+        return listed
+    if absent := sorted(set(choice) - set(scenario.possible_egos)):
+        named = ", ".join(map(str, absent))
+        raise InputError(f"egos: {named} not there at the start of {scenario.name}, expected vehicles that are")
+    return tuple(choice)
+
+
+def code_versions() -> dict[str, str]:
+    """Versions of what a run depends on, and as `sources` a digest of all files of the packages that have stages."""
+    return {**versions(), "sources": _sources()}
+
+
+@dataclass(frozen=True)
+class _Row:
+    """What is the same for all runs of a row of tables."""
+
+    ego: EgoSetup
+    policy: str
+    parameters: Settings
+    label: str
+
+
+@dataclass(frozen=True)
+class _Road:
+    """An entry of the suite around one of its egos: with the seed of its scenario and what that scenario says."""
+
+    entry: CaseEntry
+    ego_id: int
+    seed: int
+    content: Mapping[str, Any]
+
+
+def _rows(suite: Suite) -> Iterator[_Row]:
+    """Ego, policy, parameters and label of every row: each ego with each policy and combination of parameters.
+
+    A replay has no stages of the policy, so their parameters make no rows of it.
+    """
+    for ego, policy in product(suite.egos, suite.policies):
+        mine = {
+            name: values
+            for name, values in suite.parameters.items()
+            if policy != REPLAY or name.split(".")[0] not in POLICY_STAGES
+        }
+        for values in product(*mine.values()):
+            parameters = tuple(zip(mine, values, strict=True))
+            told = [
+                str(value) if short == MODEL else f"{short}={value}"
+                for name, value in parameters
+                for short in [name.split(".", 1)[1]]
+                if len(mine[name]) > 1 or short == MODEL
+            ]
+            yield _Row(ego, policy, parameters, ", ".join(told))
+
+
+def _roads(entry: CaseEntry) -> Iterator[_Road]:
+    """What happens on the road, once for each vehicle that is the ego.
+
+    Raises:
+        InputError: the scenario cannot be used, or an ego is not in it.
+    """
+    scenario = Scenario.load(entry.scenario)
+    of_no_run = {"name", "description", "ego", "egos", "tuning", "seed"}
+    content = scenario.file.model_dump(mode="json", exclude=of_no_run)
+    content |= {field: file_digest(Path(getattr(scenario.file, field))) for field in ("recording", "net")}
+    for ego_id in chosen_egos(entry.chosen, scenario):
+        yield _Road(entry, ego_id, scenario.seed, content)
+
+
+def _case(row: _Row, seed: int | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]) -> Case:
+    short, ego = Path(road.entry.scenario).stem, row.ego
+    question = {
+        "scenario": [short, road.content],
+        "ego_id": str(road.ego_id),
+        "ego": ego.name,
+        "policy": row.policy,
+        "label": row.label,
+        "parameters": dict(row.parameters),
+        "seed": road.seed if seed is None else seed,
+    }
+    shell = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
+    given = [*ego.command, *ego.parameters.values(), *dict(row.parameters).values()]
+    setup = {"ego": ego.model_dump(mode="json"), "files": _files(given)}
+    name = "/".join((short, str(road.ego_id), ego.name, row.policy, *([] if seed is None else [str(seed)])))
+    return Case(
+        id=_digest({"question": question, "setup": setup, "shell": shell, "versions": deciding}),
+        key=_digest(question),
+        name=", ".join(part for part in (name, row.label) if part),
+        scenario=road.entry.scenario,
+        ego_id=road.ego_id,
+        ego=ego,
+        policy=row.policy,
+        label=row.label,
+        seed=seed,
+        parameters=row.parameters,
+        shell=shell,
+        tags=tuple(road.entry.tags),
+        events=tuple(road.entry.events),
+    )
+
+
+def _check_scenario_names(suite: Suite) -> None:
+    """Runs are told apart by the name of the scenario's file.
+
+    Raises:
+        InputError: two files have the same.
+    """
+    by_name: dict[str, set[str]] = {}
+    for entry in suite.cases:
+        by_name.setdefault(Path(entry.scenario).stem, set()).add(entry.scenario)
+    for name, files in by_name.items():
+        if len(files) > 1:
+            raise InputError(f"suite {suite.name}: scenarios {', '.join(sorted(files))} are all called {name}")
+
+
+def _merged(one: Case, other: Case) -> Case:
+    """The same run, asked for twice: tags and events of both."""
+    events = [*one.events, *(event for event in other.events if event not in one.events)]
+    return replace(one, tags=tuple(dict.fromkeys((*one.tags, *other.tags))), events=tuple(events))
+
+
+@lru_cache(maxsize=1)
+def _sources() -> str:
+    packages = {entry.module.split(".")[0] for entry in entry_points(group=GROUP)} | {__name__.split(".")[0]}
+    total = hashlib.sha256()
+    for package in sorted(packages):
+        spec = find_spec(package)
+        for folder in sorted((spec and spec.submodule_search_locations) or ()):
+            for path in sorted(Path(folder).rglob("*")):
+                if path.is_file() and "__pycache__" not in path.parts:
+                    total.update(f"{package}/{path.relative_to(folder)}\0{file_digest(path)}\n".encode())
+    return total.hexdigest()[:ID_LENGTH]
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of the file at `path`, in hexadecimal digits."""
+    status = path.stat()
+    return _file_digest(path, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=4096)
+def _file_digest(path: Path, size: int, changed_ns: int) -> str:  # noqa: ARG001 - another size or time: another file
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _files(values: Sequence[Any]) -> dict[str, str]:
+    """Digests of those of `values` that are paths of files, such as scripts of a command and weights."""
+    paths = [Path(value) for value in values if isinstance(value, str) and value]
+    return {str(path): file_digest(path.resolve()) for path in paths if path.is_file()}
+
+
+def _digest(values: Mapping[str, Any]) -> str:
+    text = json.dumps(plain_values(values), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:ID_LENGTH]

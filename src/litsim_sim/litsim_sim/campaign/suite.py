@@ -1,0 +1,172 @@
+"""Suites: which scenarios are driven by which egos under which policies, and by what criteria that is judged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from litsim_sim.campaign.criteria import Criteria
+from litsim_sim.core.quantities import OneOf
+from litsim_sim.ego_port.answer import AUTO, INTERFACES
+from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
+from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES, REPLAY
+from litsim_sim.scenario.scenario import packaged_scenarios
+
+Name = Annotated[str, Field(min_length=1)]
+EgoChoice = Literal["egos", "tuning", "ego", "all"]
+"""Which vehicles of a scenario are the ego, one run each: those that its fields `egos`, `tuning` or `ego` list, or all
+that are there from step 0 through the first simulated step."""
+
+DEFAULT_EGOS: EgoChoice = "egos"
+
+
+class CaseEntry(BaseModel):
+    """What happens on the road: a scenario and the vehicles that are the ego in it, one run each.
+
+    Attributes:
+        scenario: a packaged name, or a YAML file, relative to the suite's file.
+        ego_id: the one vehicle that is the ego.
+        egos: or several of them, by id or by :data:`EgoChoice`.
+        tags: words to filter by.
+        events: what happens, as found in the recording; each with `kind`, its name, and numbers of it.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    scenario: Name
+    ego_id: int | None = None
+    egos: EgoChoice | Annotated[list[int], Field(min_length=1)] | None = None
+    tags: list[Name] = []
+    events: list[dict[str, Any]] = []
+
+    @property
+    def chosen(self) -> EgoChoice | list[int]:
+        """The vehicles that are the ego, as the entry names them; the scenario's own list where it names none."""
+        return [self.ego_id] if self.ego_id is not None else self.egos or DEFAULT_EGOS
+
+    @model_validator(mode="after")
+    def _check_egos(self) -> CaseEntry:
+        if self.ego_id is not None and self.egos is not None:
+            raise ValueError("ego_id and egos, expected one of them")
+        return self
+
+    @field_validator("events")
+    @classmethod
+    def _check_events(cls, events: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        if any(not isinstance(event.get("kind"), str) for event in events):
+            raise ValueError("an event without kind, expected the name of what happens")
+        return events
+
+
+class EgoSetup(BaseModel):
+    """Who drives the ego.
+
+    Attributes:
+        name: in tables; that of the kind where none is given.
+        kind: one of :data:`litsim_sim.scenario.run_info.EGOS`.
+        parameters: values by `stage.name`, such as ``{ego.kind: brake}``.
+        command: of an external ego: words that start the stack; none where it is started elsewhere.
+        interface: of an external ego: with what it answers, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
+        ready_s: of an external ego: how long a run waits for its first answer [s]; None is the launcher's default.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    name: Name
+    kind: Annotated[str, OneOf(EGOS)]
+    parameters: dict[str, Any] = {}
+    command: list[Name] = []
+    interface: Annotated[str, OneOf(INTERFACES)] = AUTO
+    ready_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_by_kind(cls, values: Any) -> Any:
+        if isinstance(values, str):
+            values = {"kind": values}
+        return {"name": values.get("kind"), **values} if isinstance(values, dict) else values
+
+    @field_validator("parameters")
+    @classmethod
+    def _check_parameters(cls, values: dict[str, Any]) -> dict[str, Any]:
+        return {_stage_and_name(name): value for name, value in values.items()}
+
+    @model_validator(mode="after")
+    def _check_command(self) -> EgoSetup:
+        if self.kind != EXTERNAL and (self.command or self.interface != AUTO or self.ready_s is not None):
+            raise ValueError(f"ego {self.name}: command, interface and ready_s belong to kind {EXTERNAL} alone")
+        return self
+
+
+class Suite(BaseModel):
+    """What a campaign runs and how it judges: every case with every ego, policy, combination of parameters and seed.
+
+    Attributes:
+        name: short name; reports carry it.
+        description: what the suite is for.
+        cases: scenarios, and which of their vehicles are the ego.
+        egos: who drives it.
+        policies: of :data:`litsim_sim.scenario.run_info.POLICIES`.
+        seeds: a run for each; where there are none, one with the scenario's seed.
+        parameters: values to try, by `stage.name`; several values of one make several rows.
+        criteria: by which each run is judged, and the campaign as a whole.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    name: Name
+    description: str = ""
+    cases: Annotated[list[CaseEntry], Field(min_length=1)]
+    egos: Annotated[list[EgoSetup], Field(min_length=1)]
+    policies: Annotated[list[Annotated[str, OneOf(POLICIES)]], Field(min_length=1)] = [REPLAY, "litsim"]
+    seeds: list[Annotated[int, Field(ge=0)]] = []
+    parameters: dict[str, Annotated[list[Any], Field(min_length=1)]] = {}
+    criteria: Annotated[Criteria, Field(default_factory=Criteria.load)]
+
+    @field_validator("parameters", mode="before")
+    @classmethod
+    def _check_parameters(cls, values: Any) -> Any:
+        """A single value is a list of one."""
+        if not isinstance(values, dict):
+            return values
+        return {_stage_and_name(name): v if isinstance(v, list) else [v] for name, v in values.items()}
+
+    @model_validator(mode="after")
+    def _check_names(self) -> Suite:
+        for field in ("egos", "policies", "seeds"):
+            names = [each.name if isinstance(each, EgoSetup) else each for each in getattr(self, field)]
+            if twice := sorted({str(name) for name in names if names.count(name) > 1}):
+                raise ValueError(f"{field}: {', '.join(twice)} more than once, expected different ones")
+        return self
+
+    @classmethod
+    def load(cls, path: Path) -> Suite:
+        """Read a suite file; its scenarios, and the file of its criteria, are found relative to it.
+
+        Raises:
+            InputError: it cannot be read, or a field does not fit.
+        """
+        text = read_text(path)
+        values = parse_yaml(text, str(path), cls)
+        if isinstance(values.get("criteria"), str):
+            values["criteria"] = Criteria.load(values["criteria"], path.parent)
+        suite = validate_yaml(values, cls, str(path), text)
+        cases = [case.model_copy(update={"scenario": located(case.scenario, path.parent)}) for case in suite.cases]
+        return suite.model_copy(update={"cases": cases})
+
+
+def located(scenario: str, folder: Path) -> str:
+    """A scenario as :meth:`litsim_sim.scenario.scenario.Scenario.load` finds it from anywhere.
+
+    A packaged name stays as it is; the path of a file, relative to `folder`, becomes absolute.
+    """
+    return scenario if scenario in packaged_scenarios() else str((folder / scenario).resolve())
+
+
+def _stage_and_name(name: Any) -> str:
+    stage, _, rest = str(name).partition(".")
+    if not (stage and rest):
+        raise ValueError(f"{name!r}, expected STAGE.NAME, such as conflict.horizon")
+    return str(name)

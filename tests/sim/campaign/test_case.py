@@ -1,0 +1,177 @@
+"""Which runs a suite makes, and by what each is known again."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from campaigns import VERSIONS, cases, suite
+from litsim_sim.campaign.case import Case, cases_of
+from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.scenario import Scenario, packaged
+
+
+def scenario_file(folder: Path, name: str = "own", **values: Any) -> str:
+    """A copy of the demo with its recording beside it; returns the path of its file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    demo = yaml.safe_load(packaged("scenarios/demo.yaml").read_text())
+    shutil.copy(packaged(f"scenarios/{demo['recording']}"), folder / "demo.parquet")
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump(demo | {"recording": "demo.parquet"} | values))
+    return str(path)
+
+
+def one(**values: Any) -> Case:
+    (case,) = cases(**({"policies": ["litsim"]} | values))
+    return case
+
+
+def test_every_ego_policy_seed_and_value_is_a_case() -> None:
+    made = cases(egos=["idm", "log"], seeds=[1, 2], parameters={"conflict.horizon": [2.0, 3.0]})
+    assert [case.name for case in made] == [
+        f"demo/7/{ego}/{row[0]}/{seed}{row[1]}"
+        for ego in ("idm", "log")
+        for row in (("replay", ""), ("litsim", ", horizon=2.0"), ("litsim", ", horizon=3.0"))
+        for seed in (1, 2)
+    ]
+    assert len({case.id for case in made}) == len({case.key for case in made}) == len(made)
+    assert [case.row for case in made][::2] == [
+        f"{ego}, {row}" for ego in ("idm", "log") for row in ("replay", "litsim, horizon=2.0", "litsim, horizon=3.0")
+    ]
+
+
+def test_a_replay_has_no_rows_of_the_stages_of_the_policy() -> None:
+    made = cases(policies=["replay"], parameters={"conflict.horizon": [2.0, 3.0], "ego.headway": [1.0]})
+    assert [case.parameters for case in made] == [(("ego.headway", 1.0),)]
+
+
+def test_a_model_is_named_by_its_value_alone() -> None:
+    assert one(parameters={"predictor.model": ["kinematic"]}).label == "kinematic"
+
+
+@pytest.mark.parametrize("choice", ["egos", "ego", "all", [1, 3]])
+def test_which_vehicles_are_the_ego(choice: Any) -> None:
+    demo = Scenario.load("demo")
+    wanted = {"egos": demo.egos, "ego": (demo.ego_id,), "all": demo.possible_egos}
+    found = cases(cases=[{"scenario": "demo", "egos": choice}], policies=["litsim"])
+    assert tuple(case.ego_id for case in found) == (wanted[choice] if isinstance(choice, str) else (1, 3))
+
+
+def test_an_ego_that_is_not_there() -> None:
+    with pytest.raises(InputError, match="egos: 99999 not there at the start of demo"):
+        cases(cases=[{"scenario": "demo", "ego_id": 99999}])
+
+
+def test_a_scenario_without_egos_for_tuning() -> None:
+    with pytest.raises(InputError, match="field tuning of the scenario lists no egos"):
+        cases(cases=[{"scenario": "demo", "egos": "tuning"}])
+
+
+def test_the_same_run_asked_for_twice_is_one_case() -> None:
+    entries = [
+        {"scenario": "demo", "ego_id": 1, "tags": ["a"], "events": [{"kind": "cut_in"}]},
+        {"scenario": "demo", "ego_id": 1, "tags": ["a", "b"], "events": [{"kind": "cut_in"}, {"kind": "merge"}]},
+    ]
+    case = one(cases=entries)
+    assert case.tags == ("a", "b")
+    assert case.events == ({"kind": "cut_in"}, {"kind": "merge"})
+
+
+def test_json_keeps_a_case() -> None:
+    ego = {"name": "mine", "kind": "external", "command": ["python3", "mine.py"], "ready_s": 3.0}
+    case = one(egos=[ego], seeds=[3], parameters={"conflict.horizon": [2.0]})
+    assert Case.from_json(json.loads(json.dumps(case.to_json()))) == case
+    assert case.shell == "graph"
+
+
+def test_parameters_of_ego_and_row_go_together() -> None:
+    ego = {"name": "braker", "kind": "perturbed", "parameters": {"ego.kind": "brake"}}
+    case = one(egos=[ego], parameters={"conflict.horizon": [2.0]})
+    assert case.stage_parameters == {"ego": {"kind": "brake"}, "conflict": {"horizon": 2.0}}
+
+
+def test_equal_runs_have_equal_ids_wherever_their_files_lie(tmp_path: Path) -> None:
+    there = [one(cases=[{"scenario": scenario_file(tmp_path / at), "ego_id": 1}]) for at in ("a", "b")]
+    assert there[0].id == there[1].id and there[0].scenario != there[1].scenario
+
+
+def test_the_scenarios_seed_is_the_same_as_that_seed_given() -> None:
+    given = one(seeds=[Scenario.load("demo").seed])
+    assert given.id == one().id
+
+
+def test_whole_numbers_are_equal_to_those_with_a_point() -> None:
+    horizons = [one(parameters={"conflict.horizon": [value]}) for value in (2, 2.0)]
+    assert horizons[0].id == horizons[1].id
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"cases": [{"scenario": "demo", "ego_id": 1}]},
+        {"egos": ["log"]},
+        {"policies": ["replay"]},
+        {"seeds": [77]},
+        {"parameters": {"conflict.horizon": [1.5]}},
+    ],
+)
+def test_another_run_has_another_id_and_is_compared_with_another(other: dict[str, Any]) -> None:
+    assert one(**other).id != one().id
+    assert one(**other).key != one().key
+
+
+def test_another_recording_is_another_run(tmp_path: Path) -> None:
+    path = scenario_file(tmp_path)
+    before = one(cases=[{"scenario": path, "ego_id": 1}])
+    crop = Scenario.load(path).recording
+    crop.table.loc[0, "speed"] += 0.5
+    crop.write(tmp_path / "demo.parquet")
+    after = one(cases=[{"scenario": path, "ego_id": 1}])
+    assert after.id != before.id and after.key != before.key
+
+
+def test_another_length_of_the_run_is_another_run(tmp_path: Path) -> None:
+    ids = {
+        one(cases=[{"scenario": scenario_file(tmp_path / str(s), simulation_s=s), "ego_id": 1}]).id for s in (3.0, 4.0)
+    }
+    assert len(ids) == 2
+
+
+def test_versions_change_the_id_and_not_the_key() -> None:
+    some = suite(policies=["litsim"])
+    now, later = (cases_of(some, with_versions=VERSIONS | {"sources": each})[0] for each in ("b", "c"))
+    assert now.id != later.id and now.key == later.key
+    (elsewhere,) = cases_of(some, with_versions=VERSIONS | {"commit": "another"})
+    assert elsewhere.id == now.id
+
+
+def test_an_ego_made_otherwise_is_compared_with_the_one_of_its_name() -> None:
+    made = [{"name": "mine", "kind": "perturbed", "parameters": {"ego.kind": kind}} for kind in ("brake", "keep_speed")]
+    first, second = (one(egos=[ego]) for ego in made)
+    assert first.id != second.id and first.key == second.key
+
+
+def test_a_changed_script_of_the_command_is_another_run(tmp_path: Path) -> None:
+    script = tmp_path / "ads.py"
+    ids = set()
+    for text in ("a = 1", "a = 22"):
+        script.write_text(text)
+        ids.add(one(egos=[{"name": "mine", "kind": "external", "command": ["python3", str(script)]}]).id)
+    assert len(ids) == 2
+
+
+def test_two_scenarios_of_one_name(tmp_path: Path) -> None:
+    entries = [{"scenario": scenario_file(tmp_path / at), "ego_id": 1} for at in ("a", "b")]
+    with pytest.raises(InputError, match="are all called own"):
+        cases(cases=entries)
+
+
+def test_graph_or_not_is_part_of_the_run() -> None:
+    some = suite(policies=["litsim"])
+    ids = {cases_of(some, graph=graph, with_versions=VERSIONS)[0].id for graph in (False, True)}
+    assert len(ids) == 2

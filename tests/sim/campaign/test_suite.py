@@ -1,0 +1,99 @@
+"""What a suite file may say, and how what it may not say is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from litsim_sim.campaign.suite import Suite
+from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.scenario import packaged
+
+GOOD = """
+name: some
+cases:
+  - {scenario: demo, ego_id: 17, tags: [cut_in], events: [{kind: cut_in, time_s: 12.3}]}
+  - {scenario: windows/a.yaml, egos: all}
+egos:
+  - idm
+  - {name: braker, kind: perturbed, parameters: {ego.kind: brake}}
+  - {name: mine, kind: external, command: [python3, mine.py], interface: twist, ready_s: 30}
+policies: [replay]
+seeds: [1, 2]
+parameters: {conflict.horizon: 2.0, predictor.model: [kinematic, default]}
+"""
+
+
+def load(folder: Path, text: str) -> Suite:
+    path = folder / "suite.yaml"
+    path.write_text(text)
+    return Suite.load(path)
+
+
+def test_fields_are_read(tmp_path: Path) -> None:
+    suite = load(tmp_path, GOOD)
+    assert [case.chosen for case in suite.cases] == [[17], "all"]
+    assert suite.cases[0].events == [{"kind": "cut_in", "time_s": 12.3}]
+    assert [ego.name for ego in suite.egos] == ["idm", "braker", "mine"]
+    assert suite.egos[1].parameters == {"ego.kind": "brake"}
+    assert suite.egos[2].command == ["python3", "mine.py"] and suite.egos[2].ready_s == 30.0
+    assert suite.parameters == {"conflict.horizon": [2.0], "predictor.model": ["kinematic", "default"]}
+
+
+def test_scenarios_are_found_beside_the_suite(tmp_path: Path) -> None:
+    suite = load(tmp_path, GOOD)
+    assert [case.scenario for case in suite.cases] == ["demo", str(tmp_path / "windows/a.yaml")]
+
+
+def test_what_is_left_out_is_the_default(tmp_path: Path) -> None:
+    suite = load(tmp_path, "name: some\ncases: [{scenario: demo}]\negos: [idm]")
+    assert suite.cases[0].chosen == "egos"
+    assert suite.policies == ["replay", "litsim"]
+    assert suite.seeds == [] and suite.parameters == {}
+    assert len(suite.criteria.runs) > 0
+
+
+def test_criteria_from_a_file_beside_the_suite(tmp_path: Path) -> None:
+    (tmp_path / "limits.yaml").write_text("runs: [{field: takeovers, max: 3}]")
+    suite = load(tmp_path, GOOD + "criteria: limits.yaml")
+    assert [criterion.title for criterion in suite.criteria.runs] == ["takeovers at most 3"]
+
+
+def test_the_packaged_criteria_are_those_of_default(tmp_path: Path) -> None:
+    text = packaged("criteria/default.yaml").read_text()
+    (tmp_path / "copy.yaml").write_text(text)
+    assert load(tmp_path, GOOD + "criteria: default").criteria == load(tmp_path, GOOD + "criteria: copy.yaml").criteria
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("  - idm", "  - idmm", r"line 7, field egos\.0\.kind: .*'idm'.*found 'idmm'"),
+        ("  - idm", "  - braker2: 1", r"line 7, field egos\.0\.name"),
+        ("  - idm", "  - {name: braker, kind: idm}", "egos: braker more than once"),
+        (
+            "  - idm",
+            "  - {kind: idm, command: [python3]}",
+            "ego idm: command, interface and ready_s belong",
+        ),
+        ("policies: [replay]", "policies: [reply]", r"line 10, field policies\.0"),
+        ("policies: [replay]", "policy: [replay]", "field policy: .*known fields: name, description, cases"),
+        ("ego_id: 17", "ego_id: 17, egos: all", r"line 4, field cases\.0: .*ego_id and egos, expected one of them"),
+        ("kind: cut_in, ", "", r"line 4, field cases\.0\.events: .*an event without kind"),
+        ("conflict.horizon", "horizon", "line 12, field parameters: .*'horizon', expected STAGE.NAME"),
+        ("seeds: [1, 2]", "seeds: [1, 1]", "seeds: 1 more than once"),
+        ("seeds: [1, 2]", "seeds: [-1]", r"line 11, field seeds\.0"),
+        ("name: some", "name: ''", "line 2, field name"),
+        ("interface: twist", "interface: twists", r"line 9, field egos\.2\.interface"),
+    ],
+)
+def test_what_does_not_fit_is_told_by_line_and_field(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert GOOD.count(old) == 1
+    with pytest.raises(InputError, match=said):
+        load(tmp_path, GOOD.replace(old, new))
+
+
+def test_no_suite(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        Suite.load(tmp_path / "none.yaml")
