@@ -12,9 +12,9 @@ import pytest
 
 from litsim_policy.run import batch
 from litsim_policy.run.batch import Job, run_batch, run_graph, run_in_process
-from litsim_policy.run.evaluation import summarise
 from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.analysis.summary import summarise
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario

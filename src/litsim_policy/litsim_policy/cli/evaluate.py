@@ -13,8 +13,8 @@ from rich.table import Table
 from tqdm import tqdm
 
 from litsim_policy.run.batch import Job, run_batch
-from litsim_policy.run.evaluation import summarise
 from litsim_policy.run.runner import configured
+from litsim_sim.analysis.summary import summarise
 from litsim_sim.cli.arguments import DefaultsFormatter
 from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.cli.run_arguments import add_batch_arguments

@@ -1,0 +1,93 @@
+"""What the runs of a row of a table come to together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from litsim_sim.analysis.summary import summarise
+
+
+def metrics(**changes: Any) -> dict[str, Any]:
+    """Metrics of a run as `compute_metrics` would give them, as far as `summarise` reads them."""
+    usual: dict[str, Any] = {
+        "valid": True,
+        "agents": 10,
+        "reactive": True,
+        "takeovers": 2,
+        "ledger": [{"released_step": 80, "held_s": 3.0}, {"released_step": None, "held_s": 5.5}],
+        "detection": {"bound_hits": 1, "max_rounds": 3},
+        "false_alarms": 1,
+        "comfort": {"controlled": {"hard_brakes": 4, "guarded": {"count": 5, "share": 0.1}}},
+        "off_road_controlled": 0.1,
+        "relevant_ratio": 0.2,
+        "ade_controlled_m": {"5": 1.0},
+        "ade_all_m": {"5": 0.5},
+        "replay_error_max_m": 0.0,
+        "progress_m": 100.0,
+        "collision": {"agents": 0, "excess": 0, "ego_contacts": [], "rate_all": 0.0, "rate_controlled": 0.0},
+        "handback": {"max_position_jump_m": 0.01, "max_residual_m": 0.4},
+        "timing": {"realtime_factor": 20.0},
+    }
+    for name, value in changes.items():
+        usual[name] = {**usual[name], **value} if isinstance(value, dict) else value
+    return usual
+
+
+def test_counts_are_summed_and_rates_averaged() -> None:
+    bad = metrics(
+        agents=30,
+        reactive=False,
+        valid=False,
+        takeovers=5,
+        relevant_ratio=0.4,
+        collision={"agents": 3, "excess": 2, "ego_contacts": [{}, {}], "rate_all": 0.1},
+    )
+    row = summarise([metrics(), bad])
+    assert (row["runs"], row["invalid"], row["agents"], row["takeovers"]) == (2, 1, 40, 7)
+    assert (row["colliding_agents"], row["colliding_runs"], row["excess_pairs"], row["ego_contacts"]) == (3, 1, 2, 2)
+    assert row["rate_all"] == pytest.approx(0.05) and row["reactive"] == pytest.approx(0.5)
+    assert row["relevant_ratio"] == pytest.approx(0.3)
+    assert (row["releases"], row["held_s"], row["bound_hits"]) == (2, 17.0, 2)
+    assert (row["takeovers_per_run"], row["hard_brakes"], row["off_road"]) == (3.5, 8, 0.1)
+    assert row["guarded"] == pytest.approx(0.1)
+
+
+def test_largest_values_are_kept() -> None:
+    row = summarise(
+        [
+            metrics(handback={"max_position_jump_m": 0.2, "max_residual_m": None}, replay_error_max_m=None),
+            metrics(replay_error_max_m=1e-7),
+        ]
+    )
+    assert row["max_position_jump_m"] == 0.2 and row["max_residual_m"] == 0.4 and row["replay_error_max_m"] == 1e-7
+
+
+def test_what_no_run_measures_is_none() -> None:
+    alone = metrics(
+        collision={"rate_controlled": None},
+        ade_controlled_m={"5": None},
+        handback={"max_residual_m": None},
+        replay_error_max_m=None,
+    )
+    row = summarise([alone, alone])
+    assert row["max_residual_m"] is None and row["replay_error_max_m"] is None
+    assert row["rate_controlled"] is None
+    assert row["ade_controlled_m"] == dict.fromkeys(("5", "10", "15", "20", "25"))
+    mixed = summarise([alone, metrics(collision={"rate_controlled": 0.5})])
+    assert mixed["rate_controlled"] == 0.5, "the mean is over the runs that measure it"
+
+
+def test_a_table_of_no_runs_is_empty_not_an_error() -> None:
+    row = summarise([])
+    assert row["runs"] == 0 and row["rate_all"] is None and row["max_position_jump_m"] is None
+
+
+def test_failed_runs_stay_in_the_denominator_and_are_told() -> None:
+    row = summarise([metrics(), metrics(reactive=False)], failed=2)
+    assert (row["runs"], row["failed"], row["measured"], row["invalid"]) == (4, 2, 2, 0)
+    assert row["reactive"] == 0.25, "a run of which nothing is known is not known to be free of collisions"
+    assert row["relevant_ratio"] == pytest.approx(0.2) and row["takeovers"] == 4
+    lost = summarise([], failed=3)
+    assert (lost["runs"], lost["reactive"], lost["rate_all"]) == (3, 0.0, None)
