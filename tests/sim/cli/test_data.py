@@ -214,7 +214,7 @@ def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[st
         (["convert", str(EMBEDDED), "out.parquet", "--raw"], "are for official NGSIM files"),
         (["convert", str(EMBEDDED), "out.parquet", "--mapping", "absent.yaml"], "cannot be read"),
         (["convert", str(EMBEDDED), "."], "is a folder, expected a file name"),
-        (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes with none of"),
+        (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes with neither"),
         (["convert", "cut.txt", "out"], "line 2: the file ends within this line"),
         (["info", "cut.txt"], "line 2: the file ends within this line"),
         (["plot", str(EMBEDDED), "out.gif"], "expected a name that ends with .png or .html"),

@@ -12,6 +12,8 @@ from litsim_sim.recordings.recording import COLUMNS, HEADER_KEY, Recording
 
 __all__ = ["Crop", "load_recording"]
 
+OTHER_TABLES = "any other table needs a mapping: data convert --mapping (one is drafted by data convert --draft)"
+
 
 def load_recording(path: Path, crop: Crop | None = None) -> Recording:
     """Read a recording, whatever its format.
@@ -35,7 +37,7 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
             return ngsim.load(path, crop)
         raise InputError(
             f"{path}: format not recognised: neither Parquet nor an official NGSIM file (text of 18 or 24 columns, or "
-            f"CSV with its header); other tables need a mapping: data convert --mapping"
+            f"CSV with its header); {OTHER_TABLES}"
         )
     schema = read_schema(path)
     columns = list(schema.names)
@@ -48,7 +50,7 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
         return Recording.from_table(recording.header, cropped(recording.table, crop, str(path)), str(path))
     raise InputError(
         f"{path}: format not recognised: columns are {columns}; expected {list(COLUMNS)} with a LitSim header, or the "
-        f"US-101 windows file (columns {list(ngsim_windows.MARKERS)} among others)"
+        f"US-101 windows file (columns {list(ngsim_windows.MARKERS)} among others); {OTHER_TABLES}"
     )
 
 

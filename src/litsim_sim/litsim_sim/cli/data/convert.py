@@ -8,6 +8,7 @@ from typing import Any
 
 from litsim_sim.cli.recordings import describe
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
 
@@ -26,6 +27,9 @@ def add(subparsers: Any) -> None:
     crop_help = "keep rows with COLUMN, as named in IN (NGSIM: as docs/data.md names them), from LOW through HIGH"
     command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help=crop_help)
     command.add_argument("--mapping", type=Path, metavar="M.yaml", help="IN is any CSV or Parquet, described by M.yaml")
+    command.add_argument("--clip", metavar="CLIP", help="with --mapping: which of several clips in IN")
+    draft_help = "write to OUT a mapping (YAML) for IN, guessed from its columns, to be checked by you"
+    command.add_argument("--draft", action="store_true", help=draft_help)
     raw_help = "official NGSIM: keep published speeds and accelerations, do not smooth positions"
     command.add_argument("--raw", action="store_true", help=raw_help)
     truncated_help = "official NGSIM: accept a file that ends within a line"
@@ -40,14 +44,12 @@ def run(arguments: argparse.Namespace) -> None:
         InputError: IN cannot be used, `--crop` or the mapping do not fit it, or OUT cannot be written.
     """
     crop = parse_crop(arguments.crop)
-    if arguments.mapping is not None:
-        if crop or arguments.raw or arguments.truncated:
-            raise InputError("--mapping goes with none of --crop, --raw, --truncated")
-        from litsim_sim.recordings import generic
-
-        recording = generic.convert(arguments.source, generic.read_mapping(arguments.mapping))
-        recording.write(_file(arguments.out))
-        print(describe(recording))
+    if arguments.draft:
+        _draft(arguments)
+    elif arguments.mapping is not None:
+        _convert_mapped(arguments, crop)
+    elif arguments.clip is not None:
+        raise InputError("--clip goes with --mapping")
     elif _is_official(arguments.source):
         from litsim_sim.recordings.ngsim import official as ngsim
 
@@ -60,6 +62,36 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError(f"{arguments.source}: --raw and --truncated are for official NGSIM files")
     else:
         print(describe(convert(arguments.source, arguments.out, crop)))
+
+
+def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]]) -> None:
+    from litsim_sim.recordings.generic.convert import convert as convert_mapped
+    from litsim_sim.recordings.generic.mapping import Span, read_mapping
+
+    if arguments.raw or arguments.truncated:
+        raise InputError("--mapping goes with neither --raw nor --truncated")
+    mapping = read_mapping(arguments.mapping)
+    rows = mapping.rows | {column: Span(min=low, max=high) for column, (low, high) in crop.items()}
+    clip = mapping.clip if arguments.clip is None else arguments.clip
+    if clip is not None and mapping.columns.clip is None:
+        raise InputError(f"{arguments.mapping}: a clip is chosen, but field columns.clip does not say where clips are")
+    recording, counts = convert_mapped(arguments.source, mapping.model_copy(update={"rows": rows, "clip": clip}))
+    recording.write(_file(arguments.out))
+    print(describe(recording))
+    print(counts.text())
+
+
+def _draft(arguments: argparse.Namespace) -> None:
+    from litsim_sim.recordings.generic.draft import draft
+
+    out = _file(arguments.out)
+    if out.exists():
+        raise InputError(f"{out}: is there already; --draft replaces nothing")
+    text = draft(arguments.source)
+    with replacing(out) as new:
+        new.write_text(text, encoding="utf-8")
+    print(text, end="")
+    print(f"look it over, above all what is marked: data convert --mapping {out} {arguments.source} OUT.parquet")
 
 
 def convert(source: Path, out: Path, crop: dict[str, list[float]]) -> Recording:

@@ -1,0 +1,166 @@
+"""A table of trajectories with its mapping, as a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
+from litsim_sim.recordings.cleaning.cleaning import clean, front_centres
+from litsim_sim.recordings.generic.counts import Counts
+from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
+from litsim_sim.recordings.generic.plausibility import check_plausible, heading
+from litsim_sim.recordings.generic.reading import Source, read_rows
+from litsim_sim.recordings.generic.resampling import in_order, resampled, split
+from litsim_sim.recordings.ngsim.tracks import PIECE, direction_of_motion
+from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
+
+IDS_KEPT = 5000  # names of vehicles that are kept in the header; of more, only the count
+DROP = "drop"
+
+
+def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
+    """The table at `path` (CSV or Parquet) as a recording, and what became of its rows.
+
+    Raises:
+        InputError: a column is missing, a cell is no number (with its row), a vehicle is at two places at a time, a
+            kind is not in the mapping, the table does not move as traffic does, or the result fails a check of
+            :meth:`Recording.from_table`.
+    """
+    source, counts = Source.open(path), Counts()
+    given = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
+    table, names = _in_si(given, mapping, source)
+    table = in_order(table, source, counts)
+    check_plausible(table, mapping, str(source))
+    table = resampled(split(table, counts), source, counts)
+    moving = _with_motion(table, mapping)
+    if mapping.clean:
+        moving, _ = clean(front_centres(moving).drop(columns=["speed", "acceleration"]))
+    header = RecordingHeader(
+        name=mapping.name,
+        source=mapping.source,
+        licence=mapping.licence,
+        net=mapping.net,
+        notes={"file": path.name, "mapping": mapping.model_dump(exclude_defaults=True), **counts.note(), **names},
+    )
+    return Recording.from_table(header, moving[list(COLUMNS)], str(path)), counts
+
+
+def _in_si(given: pd.DataFrame, mapping: Mapping, source: Source) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Columns in SI units and frame map: vehicle_id, t [s], x, y, yaw, speed, acceleration where given, length, width,
+    kind, lane, row; and what the header says of the ids.
+    """
+    units, columns = mapping.units, mapping.columns
+    row = given["row"].to_numpy()
+
+    def numbers(name: str, unit: str = "m") -> FloatArray:
+        values = pd.to_numeric(given[name], errors="coerce").to_numpy(np.float64, na_value=np.nan)
+        bad = ~np.isfinite(values)
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise InputError(
+                f"{source.at(row[at])}: column {getattr(columns, name)!r} is {str(given[name].iloc[at])!r}, expected a "
+                f"number; {int(bad.sum())} such rows"
+            )
+        return values * FACTORS[unit]
+
+    ids, names = _ids(given["vehicle_id"], source)
+    time = numbers("time", units.time) if columns.time is not None else numbers("frame") / mapping.rate_hz
+    if columns.time is not None:  # frame 0 is the first one
+        time = time - np.floor(time.min() * RATE_HZ) / RATE_HZ
+    turn, mirror = np.deg2rad(mapping.transform.yaw_deg), -1.0 if mapping.transform.mirror_y else 1.0
+    x, y = numbers("x", units.position), mirror * numbers("y", units.position)
+    table = pd.DataFrame(
+        {
+            "vehicle_id": ids,
+            "t": time,
+            "x": mapping.transform.x + np.cos(turn) * x - np.sin(turn) * y,
+            "y": mapping.transform.y + np.sin(turn) * x + np.cos(turn) * y,
+            "row": row,
+            "kind": _kinds(given),
+            "lane": numbers("lane") if columns.lane is not None else -1.0,
+        }
+    )
+    for name in ("length", "width"):
+        size = getattr(columns, name)
+        table[name] = numbers(name, units.size) if isinstance(size, str) else size * FACTORS[units.size]
+    if columns.yaw is not None:
+        angle = heading(numbers("yaw", units.angle), mapping.angles.zero, mapping.angles.positive)
+        table["yaw"] = mirror * angle + turn
+    if columns.speed is not None:
+        table["speed"] = numbers("speed", units.speed)
+    if columns.acceleration is not None:
+        table["acceleration"] = numbers("acceleration", units.acceleration)
+    return table, names
+
+
+def _ids(column: pd.Series, source: Source) -> tuple[IntArray, dict[str, Any]]:
+    """Ids as whole numbers: their own where they are small ones, else counted in the order of appearance."""
+    if column.isna().any():
+        raise InputError(f"{source}: {int(column.isna().sum())} rows have no vehicle id")
+    numeric = pd.to_numeric(column, errors="coerce")
+    if numeric.notna().all() and (numeric == np.floor(numeric)).all() and numeric.between(0, PIECE - 1).all():
+        return numeric.to_numpy(np.int64), {}
+    codes, names = pd.factorize(column)
+    if len(names) >= PIECE:
+        raise InputError(f"{source}: {len(names)} vehicles, expected fewer than {PIECE}")
+    kept = {str(name): number for number, name in enumerate(names, 1)} if len(names) <= IDS_KEPT else {}
+    return codes + 1, {"ids": kept} if kept else {"ids_renumbered": len(names)}
+
+
+def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: Source, counts: Counts) -> pd.DataFrame:
+    """The rows of kinds that the mapping keeps, whose kind is one of ours."""
+    if "kind" not in given:
+        return given
+    said = given["kind"].astype(str).str.strip()
+    unknown = sorted(set(said.unique()) - set(mapping.kinds))
+    if unknown:
+        row = given["row"][said == unknown[0]].iloc[0]
+        raise InputError(
+            f"{source.at(row)}: kind {unknown[0]!r} is not among kinds of the mapping, {sorted(mapping.kinds)}; not "
+            f"there either: {', '.join(unknown[1:]) or 'none'}"
+        )
+    ours = said.map(mapping.kinds)
+    for kind in sorted(set(said[ours == DROP])):
+        counts.leave_out(f"kind {kind}", int((said == kind).sum()))
+    if (ours == DROP).all():
+        raise InputError(f"{source}: field kinds of the mapping drops every row; the kinds are {sorted(set(said))}")
+    return given.assign(kind=ours)[ours != DROP]
+
+
+def _kinds(given: pd.DataFrame) -> IntArray:
+    if "kind" not in given:
+        return np.full(len(given), int(Kind.UNKNOWN))
+    return np.asarray(given["kind"].map({kind.name.lower(): int(kind) for kind in Kind}), np.int64)
+
+
+def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
+    """Box centres, and what of heading, speed and acceleration the file does not have."""
+    vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
+    if "yaw" not in table:
+        table = table.assign(yaw=direction_of_motion(vehicle, x, y, np.full(len(table), np.nan)))
+    yaw = wrap_angle(table["yaw"].to_numpy())
+    if mapping.reference == "front_centre":
+        half = 0.5 * table["length"].to_numpy()
+        table = table.assign(x=x - half * np.cos(yaw), y=y - half * np.sin(yaw))
+    table = table.assign(yaw=yaw)
+    if "speed" not in table:
+        table = table.assign(speed=np.hypot(_rate(vehicle, x), _rate(vehicle, y)))
+    if "acceleration" not in table:
+        table = table.assign(acceleration=_rate(vehicle, table["speed"].to_numpy()))
+    return table
+
+
+def _rate(vehicle: IntArray, values: FloatArray) -> FloatArray:
+    """Derivative (n,) by time of `values` (n,), by central differences within each vehicle; 0 of a single row."""
+    index = np.arange(len(vehicle))
+    begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
+    ends = np.r_[begins[1:], True]
+    before, after = np.where(begins, index, index - 1), np.where(ends, index, index + 1)
+    span = np.maximum(after - before, 1) * STEP_S
+    return np.asarray((values[after] - values[before]) / span, np.float64)

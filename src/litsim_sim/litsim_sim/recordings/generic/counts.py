@@ -1,0 +1,52 @@
+"""What became of the rows of a file: each is converted, or counted with the reason why not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass
+class Counts:
+    """Rows and tracks of one conversion.
+
+    Attributes:
+        read: rows of the file.
+        left_out: rows by the reason, in the words of the mapping.
+        tracks: vehicles of the rows that are left.
+        pieces: tracks after those with long holes were cut.
+        too_short: pieces that no frame of 10 Hz falls into.
+        rows: rows of the recording, one for each vehicle and frame of 10 Hz.
+    """
+
+    read: int = 0
+    left_out: dict[str, int] = field(default_factory=dict)
+    tracks: int = 0
+    pieces: int = 0
+    too_short: int = 0
+    rows: int = 0
+
+    def leave_out(self, reason: str, rows: int) -> None:
+        """Count `rows` that are left out for a reason; none are not worth a word."""
+        if rows:
+            self.left_out[reason] = self.left_out.get(reason, 0) + int(rows)
+
+    def note(self) -> dict[str, Any]:
+        """For the header of the recording."""
+        return {
+            "rows_read": self.read,
+            "rows_left_out": self.left_out,
+            "tracks": self.tracks,
+            "tracks_after_cuts": self.pieces,
+            "tracks_too_short": self.too_short,
+            "rows_at_10_hz": self.rows,
+        }
+
+    def text(self) -> str:
+        """The same for people, a line for each thing that happened."""
+        kept = self.read - sum(self.left_out.values())
+        lines = [f"rows       {self.read} read, {kept} used, {self.rows} at 10 Hz"]
+        lines += [f"left out   {rows} rows: {reason}" for reason, rows in self.left_out.items()]
+        cut = f", {self.pieces} after long holes were cut" if self.pieces > self.tracks else ""
+        short = f", {self.too_short} of them left out: seen between two frames of 10 Hz only" if self.too_short else ""
+        return "\n".join([*lines, f"tracks     {self.tracks}{cut}{short}"])

@@ -1,0 +1,230 @@
+"""A mapping drafted from a file's columns: names tell what they are, figures in which unit."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.scene import FloatArray
+from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
+from litsim_sim.recordings.generic.plausibility import (
+    ANGLE_UNITS,
+    MOVING,
+    POSITIVES,
+    STEP_RANGE_S,
+    WIDTH_RANGE,
+    ZEROS,
+    heading,
+)
+from litsim_sim.recordings.generic.reading import Source
+
+NAMES: dict[str, str] = {
+    "vehicle_id": r"(vehicle|track|agent|object|car|obj|veh)?_?id",
+    "time": r"(global_?)?(time|timestamp)(_?(s|ms|us|ns|sec|seconds))?|t|stamp",
+    "frame": r"frame(_?(id|number|no))?|step",
+    "x": r"(local_?|pos_?|position_?|utm_?|map_?)?x(_?(center|centre|m|ft|pos|position|utm))?",
+    "y": r"(local_?|pos_?|position_?|utm_?|map_?)?y(_?(center|centre|m|ft|pos|position|utm))?",
+    "length": r"(v_?|vehicle_?)?length(_?(m|ft))?",
+    "width": r"(v_?|vehicle_?)?width(_?(m|ft))?",
+    "yaw": r"yaw|heading|psi|theta|orientation|angle|(yaw|heading|psi|orientation)_?(rad|deg)",
+    "speed": r"speed|velocity|v|v_?vel|lon_?velocity|speed_?(ms|mps|kmh|mph|m_s)",
+    "acceleration": r"(lon_?)?(acceleration|accel|acc)(_?(mps2|m_?s2))?|v_?acc",
+    "kind": r"(agent|object|vehicle|track|v)?_?(type|class|kind|category)|classification",
+    "lane": r"lane(_?id)?",
+    "clip": r"(case|clip|recording|scenario|scene|sequence|file|log)_?(id|no|number)?",
+}
+"""By our name of a column, what those of files look like: lower case, words parted by underscores or by nothing."""
+
+KINDS: dict[str, str] = {
+    "car": r"car|van|suv|taxi|auto|passenger.*|vehicle|2",
+    "truck": r"truck.*|bus|lorry|trailer|heavy.*|medium.*|3",
+    "motorcycle": r"motor_?(cycle|bike).*|moped|scooter|1",
+    "drop": r"ped.*|person|bi?cycl.*|bike.*|cyclist|animal|static.*|unknown_obstacle",
+}
+"""By our name of a kind, what those of files look like, in lower case; numbers are NGSIM's."""
+
+USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, where the file has none
+CAMERA_RATES_HZ = (10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
+IDENTITY = ("vehicle_id", "x", "y")
+
+
+@dataclass
+class _Draft:
+    """The fields of a mapping, and what to tell whoever looks them over."""
+
+    fields: dict[str, Any]
+    remarks: dict[str, str] = field(default_factory=dict)
+
+
+def draft(path: Path) -> str:
+    """Text of a mapping file for the table at `path` (CSV or Parquet); what was guessed is marked by comments.
+
+    Raises:
+        InputError: the file cannot be read, or has no columns for id, place and time.
+    """
+    source = Source.open(path)
+    columns = _named(source)
+    raw = source.read(sorted(set(columns.values())))
+    table = pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()})
+    made = _Draft({"name": re.sub(r"\W+", "_", path.stem), "source": "", "licence": "", "net": ""})
+    made.remarks["source"] = "data set, site and period, as one would cite it"
+    made.remarks["net"] = "name of the SUMO net that it lies on"
+    sizes = {name: size for name, size in USUAL_SIZE.items() if name not in columns}
+    made.fields["columns"] = columns | sizes
+    if sizes:
+        made.remarks["columns"] = f"the file has no {' and '.join(sizes)}: a usual car's are taken, in metres"
+    made.fields["reference"] = "box_centre"
+    made.remarks["reference"] = "a guess: box_centre or front_centre"
+    if "clip" in columns and table["clip"].nunique() < 2:
+        del columns["clip"], made.fields["columns"]["clip"]
+    if "clip" in columns:
+        first = table["clip"].iloc[0]
+        made.fields["clip"] = first if isinstance(first, str) else int(first)
+        made.remarks["clip"] = f"the first of {table['clip'].nunique()}"
+        table = table[table["clip"] == first]
+    _clock(made, table)
+    _units(made, table)
+    if "kind" in columns:
+        _kinds(made, table["kind"])
+    unused = [name for name in source.columns if name not in columns.values()]
+    text = _written(made, f"Drafted from the columns of {path.name}; not used: {', '.join(unused) or 'none'}.")
+    Mapping.model_validate(yaml.safe_load(text))  # else this is wrong, not the user
+    return text
+
+
+def _named(source: Source) -> dict[str, str]:
+    """By our name, the column of the file that is called so; the first of several."""
+    found: dict[str, str] = {}
+    for ours, pattern in NAMES.items():
+        for theirs in source.columns:
+            plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", theirs.strip()).lower().replace(" ", "_").replace("-", "_")
+            if theirs not in found.values() and re.fullmatch(pattern, plain):
+                found[ours] = theirs
+                break
+    if "time" in found:
+        found.pop("frame", None)
+    missing = [name for name in IDENTITY if name not in found]
+    missing += [] if "time" in found or "frame" in found else ["time or frame"]
+    if missing:
+        raise InputError(
+            f"{source}: no column looks like {', '.join(missing)}; the file has {list(source.columns)}; "
+            f"write the mapping by hand (docs/data.md)"
+        )
+    return found
+
+
+def _clock(made: _Draft, table: pd.DataFrame) -> None:
+    """Unit of the times; of frame numbers, only that their rate has to be looked up."""
+    clock = "time" if "time" in table else "frame"
+    steps = _steps(table, clock)
+    if clock == "frame":
+        made.fields["rate_hz"] = 10.0
+        made.remarks["rate_hz"] = "a guess: frames a second of the camera"
+        return
+    low, high = STEP_RANGE_S
+    fits = [unit for unit in ("s", "ms", "us", "ns") if low <= float(np.median(steps)) * FACTORS[unit] <= high]
+    made.fields.setdefault("units", {})["time"] = fits[0] if fits else "s"
+    made.remarks["units.time"] = f"rows of a vehicle follow each other by {float(np.median(steps)):g}"
+
+
+def _units(made: _Draft, table: pd.DataFrame) -> None:
+    """Units of sizes, places, speeds and angles, by what fits together."""
+    units = made.fields.setdefault("units", {})
+    columns = made.fields["columns"]
+    if "width" in table:
+        width = float(table.groupby("vehicle_id")["width"].median().median())
+        low, high = 0.9 * WIDTH_RANGE[0], WIDTH_RANGE[1]
+        units["size"] = next((u for u in ("m", "ft", "cm") if low <= width * FACTORS[u] <= high), "m")
+        made.remarks["units.size"] = f"half of the vehicles are wider than {width:g}"
+    units["position"] = "ft" if re.search(r"_?(ft|feet)$", columns["x"].lower()) else "m"
+    clock = "time" if "time" in table else "frame"
+    scale = FACTORS[units["time"]] if clock == "time" else 1.0 / made.fields["rate_hz"]
+    ordered = table.sort_values(["vehicle_id", clock])
+    same = np.diff(pd.factorize(ordered["vehicle_id"])[0]) == 0
+    dt = np.diff(ordered[clock].to_numpy(np.float64))[same] * scale
+    dx, dy = (np.diff(ordered[name].to_numpy(np.float64))[same] * FACTORS[units["position"]] for name in ("x", "y"))
+    driven = np.hypot(dx, dy) / np.where(dt > 0, dt, np.inf)
+    moving = driven > MOVING
+    if "speed" in table and moving.any():
+        said = np.abs(ordered["speed"].to_numpy(np.float64)[:-1][same][moving])
+        ratio = float(np.median(said / driven[moving]))
+        rates = {0.0: 1.0}
+        if clock == "frame":  # whose rate is not in the file: that of a camera which makes speeds agree
+            rates = {rate: rate / made.fields["rate_hz"] for rate in CAMERA_RATES_HZ}
+        choices = {
+            (unit, rate): abs(float(np.log(max(ratio, 1e-9) * FACTORS[unit] / faster)))
+            for unit in ("m/s", "km/h", "mph", "ft/s")
+            for rate, faster in rates.items()
+        }
+        units["speed"], rate = min(choices, key=lambda choice: round(choices[choice], 2))
+        made.remarks["units.speed"] = f"column {columns['speed']} agrees so with how positions change"
+        if clock == "frame":
+            made.fields["rate_hz"] = rate
+            made.remarks["rate_hz"] = "a guess by how positions change: frames a second of the camera"
+    if "yaw" in table and moving.any():
+        _angles(made, ordered["yaw"].to_numpy(np.float64)[:-1][same][moving], np.arctan2(dy, dx)[moving])
+
+
+def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:
+    """The convention by which headings (n,) are nearest to the direction of motion (n,) [rad]."""
+    errors = {
+        (unit, zero, positive): float(
+            np.median(np.abs(wrap_angle(heading(angle * FACTORS[unit], zero, positive) - motion)))
+        )
+        for unit, zero, positive in product(ANGLE_UNITS, ZEROS, POSITIVES)
+    }
+    best = min(errors, key=lambda key: errors[key])
+    made.fields["units"]["angle"] = best[0]
+    made.fields["angles"] = {"zero": best[1], "positive": best[2]}
+    off = np.rad2deg(errors[best])
+    made.remarks["angles"] = f"so headings are {off:.2g} degrees off the direction of motion (median)"
+
+
+def _kinds(made: _Draft, kinds: pd.Series) -> None:
+    counts = kinds.astype(str).str.strip().value_counts()
+    found = {
+        str(said): next((ours for ours, like in KINDS.items() if re.fullmatch(like, str(said).lower())), "unknown")
+        for said in counts.index
+    }
+    made.fields["kinds"] = found
+    made.remarks["kinds"] = "drop leaves rows out: " + ", ".join(f"{said} {rows}" for said, rows in counts.items())
+
+
+def _steps(table: pd.DataFrame, clock: str) -> FloatArray:
+    ordered = table.sort_values(["vehicle_id", clock])
+    same = np.diff(pd.factorize(ordered["vehicle_id"])[0]) == 0
+    steps = np.diff(ordered[clock].to_numpy(np.float64))[same]
+    return steps if len(steps) else np.zeros(1)
+
+
+def _written(made: _Draft, head: str) -> str:
+    lines = [f"# {head}"]
+    for name, value in made.fields.items():
+        remark = made.remarks.get(name)
+        if isinstance(value, dict):
+            lines.append(f"{name}:{_comment(remark)}")
+            for inner, each in value.items():
+                told = _comment(made.remarks.get(f"{name}.{inner}"))
+                lines.append(f"  {_scalar(inner)}: {_scalar(each)}{told}")
+        else:
+            lines.append(f"{name}: {_scalar(value)}{_comment(remark)}")
+    return "\n".join(lines) + "\n"
+
+
+def _comment(remark: str | None) -> str:
+    return f"  # {' '.join(remark.split())}" if remark else ""
+
+
+def _scalar(value: Any) -> str:
+    return (
+        yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True).removesuffix("\n...\n").strip()
+    )

@@ -1,0 +1,163 @@
+"""The mapping file: which column is what, in which unit, of which point.
+
+docs/data.md has an example each for a source of front centres and one of box centres.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from litsim_sim.core.scene import RATE_HZ
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.recordings.ngsim.sites import FOOT
+
+FACTORS: dict[str, float] = {
+    "m": 1.0,
+    "ft": FOOT,
+    "cm": 0.01,
+    "m/s": 1.0,
+    "km/h": 1.0 / 3.6,
+    "mph": 0.44704,
+    "ft/s": FOOT,
+    "m/s2": 1.0,
+    "ft/s2": FOOT,
+    "g": 9.80665,
+    "rad": 1.0,
+    "deg": float(np.pi / 180.0),
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "ns": 1e-9,
+}
+"""By unit, what one of it is in SI units."""
+
+Length = Literal["m", "ft", "cm"]
+KindName = Literal["car", "truck", "motorcycle", "unknown", "drop"]
+Value = str | int | float | bool
+Check = Literal["time", "speed", "heading", "size"]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Span(_Strict):
+    """Numbers from `min` through `max`; either may be left out."""
+
+    min: float = -math.inf
+    max: float = math.inf
+
+
+class Columns(_Strict):
+    """Which column of the file is what; numbers in `length` and `width` are the same size for every vehicle.
+
+    Attributes:
+        vehicle_id: numbers or text.
+        frame: counts at `rate_hz`; either this or `time`.
+        time: of the row.
+        x, y: of the reference point.
+        length, width: column, or a number in the unit of sizes.
+        yaw: heading; derived from motion if not given.
+        speed, acceleration: along the heading; derived from positions if not given.
+        kind: class of the vehicle, translated by `kinds`.
+        clip: which of several clips a row is of; their times and vehicle ids have nothing to do with each other.
+        lane: counted from the left edge, 1 first.
+    """
+
+    vehicle_id: str
+    frame: str | None = None
+    time: str | None = None
+    x: str
+    y: str
+    length: str | Annotated[float, Field(gt=0)]
+    width: str | Annotated[float, Field(gt=0)]
+    yaw: str | None = None
+    speed: str | None = None
+    acceleration: str | None = None
+    kind: str | None = None
+    clip: str | None = None
+    lane: str | None = None
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> Columns:
+        if (self.frame is None) == (self.time is None):
+            raise ValueError("give either frame or time")
+        return self
+
+
+class Units(_Strict):
+    """The units of lengths, speeds, accelerations and times in the file, as the mapping names them."""
+
+    position: Length = "m"
+    size: Length = "m"
+    speed: Literal["m/s", "km/h", "mph", "ft/s"] = "m/s"
+    acceleration: Literal["m/s2", "ft/s2", "g"] = "m/s2"
+    angle: Literal["rad", "deg"] = "rad"
+    time: Literal["s", "ms", "us", "ns"] = "s"
+
+
+class Angles(_Strict):
+    """Convention of headings: where zero points, and which way they grow, in the axes of the file."""
+
+    zero: Literal["x", "y"] = "x"
+    positive: Literal["counterclockwise", "clockwise"] = "counterclockwise"
+
+
+class Transform(_Strict):
+    """Rigid transform to frame map: positions are turned by `yaw_deg` counter-clockwise, then moved by x, y [m].
+
+    `mirror_y` first changes the sign of y (and of headings): for images, whose y grows downwards.
+    """
+
+    yaw_deg: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    mirror_y: bool = False
+
+
+class Mapping(_Strict):
+    """The mapping file.
+
+    Attributes:
+        name, source, licence, net: for the header of the recording.
+        columns: which column is what.
+        reference: what x and y are of: the middle of the front bumper, or of the box.
+        rate_hz: frames per second of column `frame`.
+        units, angles, transform: of the file.
+        kinds: vehicle classes by what column `kind` says; ``drop`` leaves those rows out.
+        clip: the clip to convert, of those in column `clip`; needed where there are several.
+        rows: by column of the file, which rows to keep: a value, a list of values, or a :class:`Span`.
+        accept: checks of :mod:`litsim_sim.recordings.generic.plausibility` that are left out, the file being right.
+        clean: whether headings, speeds and accelerations are derived from smoothed positions. Needed where the file has
+            none and positions are noisy; left out, those of the file stay, and missing ones are plain differences.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    source: str = ""
+    licence: str = ""
+    net: str = ""
+    columns: Columns
+    reference: Literal["front_centre", "box_centre"]
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] = RATE_HZ
+    units: Units = Units()
+    angles: Angles = Angles()
+    transform: Transform = Transform()
+    kinds: dict[str, KindName] = {}
+    clip: Value | None = None
+    rows: dict[str, Value | list[Value] | Span] = {}
+    accept: list[Check] = []
+    clean: bool = False
+
+
+def read_mapping(path: Path) -> Mapping:
+    """Read a mapping file.
+
+    Raises:
+        InputError: it is missing, no YAML, or a field is missing, unknown or of the wrong type.
+    """
+    return read_yaml(path, Mapping)

@@ -1,0 +1,169 @@
+"""The columns and rows of a CSV or Parquet file that a mapping asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv as pcsv
+import pyarrow.parquet as pq
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.recordings.generic.counts import Counts
+from litsim_sim.recordings.generic.mapping import Mapping, Span, Value
+
+SHOWN = 12  # values of a column that a message lists
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file of rows, as errors name it and its places.
+
+    Attributes:
+        path: of the file.
+        parquet: whether it is Parquet, not CSV.
+        columns: their names.
+    """
+
+    path: Path
+    parquet: bool
+    columns: tuple[str, ...]
+
+    @classmethod
+    def open(cls, path: Path) -> Source:
+        """Look at the file at `path`.
+
+        Raises:
+            InputError: it is neither CSV nor Parquet.
+        """
+        if not path.is_file():
+            raise InputError(f"{path}: no such file")
+        try:
+            with path.open("rb") as file:
+                parquet = file.read(4) == b"PAR1"
+            if parquet:
+                return cls(path, parquet, tuple(pq.read_schema(path).names))
+            with pcsv.open_csv(path) as reader:
+                return cls(path, parquet, tuple(reader.schema.names))
+        except (pa.ArrowException, OSError) as error:
+            raise cls._unreadable(path, error) from error
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def at(self, *rows: int) -> str:
+        """The place of some rows: lines of a CSV file, or rows of a Parquet file, the first being 1."""
+        word = "row" if self.parquet else "line"
+        return f"{self.path}: {word}{'s' if len(rows) > 1 else ''} {' and '.join(map(str, rows))}"
+
+    def read(self, wanted: list[str]) -> pd.DataFrame:
+        """The columns `wanted`, and `row`, by which :meth:`at` names a place.
+
+        Raises:
+            InputError: it cannot be read, or lacks one.
+        """
+        missing = sorted(set(wanted) - set(self.columns))
+        if missing:
+            raise InputError(f"{self}: columns {missing} of the mapping are missing; the file has {list(self.columns)}")
+        twice = sorted({name for name in wanted if self.columns.count(name) > 1})
+        if twice:
+            raise InputError(f"{self}: several columns are called {twice}; expected names that tell columns apart")
+        try:
+            if self.parquet:
+                arrow = pq.read_table(self.path, columns=wanted)
+            else:
+                options = pcsv.ConvertOptions(include_columns=wanted, strings_can_be_null=True)
+                arrow = pcsv.read_csv(self.path, convert_options=options)
+        except (pa.ArrowException, OSError) as error:
+            raise self._unreadable(self.path, error) from error
+        if not len(arrow):
+            raise InputError(f"{self}: holds no rows")
+        table = pd.DataFrame({name: arrow.column(name).to_pandas() for name in wanted})
+        return table.assign(row=np.arange(len(table)) + (1 if self.parquet else 2))  # a CSV's first line has the names
+
+    @staticmethod
+    def _unreadable(path: Path, error: Exception) -> InputError:
+        return InputError(f"{path}: not readable as CSV or Parquet: {error}")
+
+
+def read_rows(source: Source, mapping: Mapping, counts: Counts) -> pd.DataFrame:
+    """The columns that the mapping names, by our names, of the rows that it keeps; and their places in `row`.
+
+    Raises:
+        InputError: the file cannot be read, lacks a column, has several clips of which none is chosen, or the mapping
+            keeps no row of it.
+    """
+    columns = {ours: theirs for ours, theirs in mapping.columns.model_dump().items() if isinstance(theirs, str)}
+    raw = source.read(sorted({*columns.values(), *mapping.rows}))
+    counts.read = len(raw)
+    raw = _filtered(raw, mapping, source, counts)
+    raw = _of_one_clip(raw, mapping, source, counts)
+    return pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()} | {"row": raw["row"]})
+
+
+def _filtered(raw: pd.DataFrame, mapping: Mapping, source: Source, counts: Counts) -> pd.DataFrame:
+    """The rows that `rows` of the mapping keeps."""
+    for column, rule in mapping.rows.items():
+        keep = _kept(raw[column], rule, f"{source}: field rows.{column}")
+        if not keep.any():
+            held = _values(raw[column])
+            raise InputError(f"{source}: field rows.{column} of the mapping keeps no row; the column holds {held}")
+        counts.leave_out(f"{column} is not {_words(rule)}", len(raw) - int(keep.sum()))
+        raw = raw[keep]
+    return raw
+
+
+def _kept(values: pd.Series, rule: Value | list[Value] | Span, where: str) -> pd.Series:
+    if isinstance(rule, Span):
+        numbers = pd.to_numeric(values, errors="coerce")
+        if numbers.isna().all():
+            raise InputError(f"{where}: min and max are for numbers; the column holds {_values(values)}")
+        return numbers.between(rule.min, rule.max)
+    wanted = {_plain(value) for value in (rule if isinstance(rule, list) else [rule])}
+    return values.map(_plain).isin(wanted)
+
+
+def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: Source, counts: Counts) -> pd.DataFrame:
+    """The rows of the clip that the mapping chooses, or of the only one."""
+    column = mapping.columns.clip
+    if column is None:
+        return raw
+    clips = raw[column].map(_plain)
+    if mapping.clip is None:
+        if len(clips.unique()) > 1:
+            raise InputError(
+                f"{source}: column {column!r} has several clips, {_values(raw[column])}; choose one by field clip of "
+                f"the mapping, or by --clip"
+            )
+        return raw
+    keep = clips == _plain(mapping.clip)
+    if not keep.any():
+        raise InputError(f"{source}: no clip {mapping.clip!r} in column {column!r}, which has {_values(raw[column])}")
+    counts.leave_out(f"of another clip than {mapping.clip}", len(raw) - int(keep.sum()))
+    return raw[keep]
+
+
+def _plain(value: object) -> str:
+    """A value as the text by which it is compared: 3, 3.0 and "3" are the same."""
+    if isinstance(value, bool | np.bool_):
+        return str(bool(value)).lower()
+    text = str(value).strip()
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    return text.removesuffix(".0") if number.is_integer() else repr(number)
+
+
+def _values(column: pd.Series) -> str:
+    found = [str(value) for value in column.dropna().unique()[: SHOWN + 1]]
+    return ", ".join(found[:SHOWN]) + (" and more" if len(found) > SHOWN else "")
+
+
+def _words(rule: Value | list[Value] | Span) -> str:
+    if isinstance(rule, Span):
+        return f"within [{rule.min:g}, {rule.max:g}]"
+    return " or ".join(map(str, rule if isinstance(rule, list) else [rule]))

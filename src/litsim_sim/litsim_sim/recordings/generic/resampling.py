@@ -1,0 +1,86 @@
+"""Tracks with rows at any times, at 10 Hz."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import RATE_HZ, STEP_S
+from litsim_sim.recordings.generic.counts import Counts
+from litsim_sim.recordings.generic.reading import Source
+from litsim_sim.recordings.ngsim.tracks import PIECE
+
+HOLE_MAX_S = 0.5  # [s] without a row that is interpolated; a longer hole splits the track
+
+
+def in_order(table: pd.DataFrame, source: Source, counts: Counts) -> pd.DataFrame:
+    """Rows sorted by vehicle and time; rows that say the same of a vehicle at the same time are one.
+
+    Raises:
+        InputError: a vehicle is at two places at a time.
+    """
+    kept = table.drop_duplicates([name for name in table.columns if name != "row"])
+    counts.leave_out("exact copy of another", len(table) - len(kept))
+    table = kept.sort_values(["vehicle_id", "t", "row"], ignore_index=True)
+    vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
+    twice = (vehicle[1:] == vehicle[:-1]) & (step <= 1e-9)
+    if twice.any():
+        at = int(np.argmax(twice))
+        rows = table["row"].to_numpy()[at : at + 2]
+        raise InputError(
+            f"{source.at(*rows)}: vehicle {vehicle[at]} is there twice at "
+            f"{table['t'].iloc[at]:.3f} s, with other values; {int(twice.sum())} such pairs; are there several clips "
+            f"in the file (field columns.clip of the mapping)?"
+        )
+    return table
+
+
+def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
+    """Tracks with long holes cut, and their pieces renumbered; rows are in order."""
+    vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
+    same = vehicle[1:] == vehicle[:-1]
+    begins = np.r_[True, ~same]
+    cuts = np.cumsum(np.r_[False, same & (step > HOLE_MAX_S + STEP_S)])
+    piece = cuts - cuts[np.flatnonzero(begins)][np.cumsum(begins) - 1]
+    counts.tracks = int(begins.sum())
+    counts.pieces = counts.tracks + int(cuts[-1])
+    return table.assign(vehicle_id=vehicle + PIECE * piece)
+
+
+def resampled(table: pd.DataFrame, source: Source, counts: Counts) -> pd.DataFrame:
+    """Every track at the frames of 10 Hz that lie within its time; values between rows are interpolated.
+
+    Pieces of tracks that are seen between two frames only are left out.
+
+    Raises:
+        InputError: all are.
+    """
+    pieces = []
+    for vehicle, rows in table.groupby("vehicle_id", sort=True):
+        t = rows["t"].to_numpy()
+        first, last = int(np.ceil(t[0] * RATE_HZ - 1e-6)), int(np.floor(t[-1] * RATE_HZ + 1e-6))
+        if last < first:
+            counts.too_short += 1
+            continue
+        frame = np.arange(first, last + 1)
+        at = frame * STEP_S
+        values: dict[str, Any] = {"vehicle_id": vehicle, "frame": frame}
+        for name in ("x", "y", "speed", "acceleration"):
+            if name in rows:
+                values[name] = np.interp(at, t, rows[name].to_numpy())
+        if "yaw" in rows:
+            values["yaw"] = np.interp(at, t, np.unwrap(rows["yaw"].to_numpy()))
+        nearest = np.clip(np.searchsorted(t, at - 1e-6), 0, len(t) - 1)
+        for name in ("length", "width"):
+            values[name] = float(rows[name].median())
+        for name in ("kind", "lane"):
+            values[name] = rows[name].to_numpy()[nearest]
+        pieces.append(pd.DataFrame(values))
+    if not pieces:
+        raise InputError(f"{source}: no vehicle is seen at a frame of 10 Hz: are times in the unit of the mapping?")
+    made = pd.concat(pieces, ignore_index=True)
+    counts.rows = len(made)
+    return made

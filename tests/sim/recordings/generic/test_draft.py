@@ -1,0 +1,73 @@
+"""A drafted mapping converts the file that it was drafted from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.recordings.generic.convert import convert
+from litsim_sim.recordings.generic.draft import draft
+from litsim_sim.recordings.generic.mapping import Mapping
+
+Traffic = Callable[..., pd.DataFrame]
+
+
+def drafted(path: Path) -> Mapping:
+    return Mapping.model_validate(yaml.safe_load(draft(path)))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda table: table,
+        lambda table: table.assign(timestamp=(1000 * table["timestamp"]).round().astype(int)),
+        lambda table: table.assign(heading=90.0 - np.rad2deg(table["heading"])),
+        lambda table: table.assign(speed=3.6 * table["speed"], length=table["length"] / 0.3048, width=1.8 / 0.3048),
+        lambda table: table.rename(
+            columns={"timestamp": "timestamp_s", "heading": "psi_rad", "x": "xCenter", "y": "yCenter"}
+        ),
+    ],
+)
+def test_units_and_conventions_are_found(tmp_path: Path, traffic: Traffic, change: Callable[..., pd.DataFrame]) -> None:
+    change(traffic()).to_csv(tmp_path / "case.csv", index=False)
+    traffic().to_csv(tmp_path / "plain.csv", index=False)
+    made = convert(tmp_path / "case.csv", drafted(tmp_path / "case.csv"))[0].table
+    plain = convert(tmp_path / "plain.csv", drafted(tmp_path / "plain.csv"))[0].table
+    assert plain["speed"].max() == pytest.approx(11.0)
+    pd.testing.assert_frame_equal(made, plain, atol=0.02, rtol=0.0)
+
+
+def test_kinds_clips_and_what_is_missing(tmp_path: Path, traffic: Traffic) -> None:
+    table = pd.concat([traffic().assign(case_id=case) for case in (7, 8)])
+    table.loc[table["track_id"] == 2, "agent_type"] = "pedestrian/bicycle"
+    table.loc[table["track_id"] == 3, "agent_type"] = "truck"
+    table.drop(columns=["length", "width"]).assign(note="-").to_csv(tmp_path / "case.csv", index=False)
+    text = draft(tmp_path / "case.csv")
+    mapping = Mapping.model_validate(yaml.safe_load(text))
+    assert mapping.kinds == {"car": "car", "pedestrian/bicycle": "drop", "truck": "truck"}
+    assert mapping.clip == 7
+    assert (mapping.columns.length, mapping.columns.width) == (4.6, 1.9)
+    assert "not used: note." in text.splitlines()[0]
+    assert "the file has no length and width" in text
+    assert set(convert(tmp_path / "case.csv", mapping)[0].table["vehicle_id"]) == {1, 3, 4, 5}
+
+
+def test_frames_have_a_rate_that_only_the_source_knows(tmp_path: Path, traffic: Traffic) -> None:
+    table = traffic().assign(frame=lambda rows: (rows["timestamp"] * 25).round().astype(int)).drop(columns="timestamp")
+    table.to_csv(tmp_path / "case.csv", index=False)
+    text = draft(tmp_path / "case.csv")
+    assert "rate_hz: 25.0  # a guess by how positions change" in text
+    table.drop(columns=["speed", "heading"]).to_csv(tmp_path / "case.csv", index=False)
+    assert "rate_hz: 10.0  # a guess: frames a second of the camera" in draft(tmp_path / "case.csv")
+
+
+def test_a_table_without_places(tmp_path: Path, traffic: Traffic) -> None:
+    traffic().drop(columns=["x", "timestamp"]).to_csv(tmp_path / "case.csv", index=False)
+    with pytest.raises(InputError, match=r"no column looks like x, time or frame; the file has \['track_id', 'y'"):
+        draft(tmp_path / "case.csv")

@@ -1,0 +1,129 @@
+"""Wrong units and conventions are found by what gives them away, and nothing is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.recordings.generic.convert import convert
+from litsim_sim.recordings.generic.mapping import Mapping
+
+COLUMNS = {
+    "vehicle_id": "track_id",
+    "time": "timestamp",
+    "x": "x",
+    "y": "y",
+    "yaw": "heading",
+    "speed": "speed",
+    "length": "length",
+    "width": "width",
+}
+FIELDS: dict[str, Any] = {"name": "made", "columns": COLUMNS, "reference": "box_centre"}
+FOOT = 1.0 / 0.3048
+
+Traffic = Callable[..., pd.DataFrame]
+
+
+def converted(folder: Path, table: pd.DataFrame, **fields: Any) -> pd.DataFrame:
+    table.to_parquet(folder / "in.parquet")
+    return convert(folder / "in.parquet", Mapping.model_validate(FIELDS | fields))[0].table
+
+
+def test_a_right_mapping_is_taken(tmp_path: Path, traffic: Traffic) -> None:
+    table = converted(tmp_path, traffic())
+    assert table["vehicle_id"].nunique() == 5
+    assert table["speed"].max() == pytest.approx(11.0)
+
+
+@pytest.mark.parametrize(
+    ("factors", "said", "mended"),
+    [
+        ({"heading": 180 / np.pi}, r"goes up to 75\.13 rad; units.angle deg would fit", {"angle": "deg"}),
+        ({"timestamp": 1000.0}, r"follow each other by 40 s .*; units.time ms would fit", {"time": "ms"}),
+        ({"x": FOOT, "y": FOOT}, r"change 3\.28 times as fast .*; units.position ft", {"position": "ft"}),
+        ({"speed": 3.6}, r"change 0\.278 times as fast .*units.speed km/h", {"speed": "km/h"}),
+        ({"length": FOOT, "width": FOOT}, r"wider than 5\.91 m, .*; units.size ft would fit", {"size": "ft"}),
+    ],
+)
+def test_units(tmp_path: Path, traffic: Traffic, factors: dict[str, float], said: str, mended: dict[str, str]) -> None:
+    table = traffic(**factors)
+    with pytest.raises(InputError, match=said):
+        converted(tmp_path, table)
+    right = converted(tmp_path, traffic())
+    pd.testing.assert_frame_equal(converted(tmp_path, table, units=mended), right, atol=1e-6, rtol=0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "mended", "said"),
+    [
+        (lambda yaw: -yaw, {"positive": "clockwise"}, "angles.positive clockwise would fit"),
+        (lambda yaw: yaw - np.pi / 2, {"zero": "y"}, "angles.zero y would fit"),
+        (
+            lambda yaw: np.pi / 2 - yaw,
+            {"zero": "y", "positive": "clockwise"},
+            "angles.zero y with angles.positive clockwise would fit",
+        ),
+    ],
+)
+def test_conventions_of_headings(
+    tmp_path: Path, traffic: Traffic, change: Callable[[pd.Series], pd.Series], mended: dict[str, str], said: str
+) -> None:
+    table = traffic().assign(heading=lambda rows: change(rows["heading"]))
+    with pytest.raises(InputError, match=said):
+        converted(tmp_path, table)
+    right = converted(tmp_path, traffic())
+    pd.testing.assert_frame_equal(converted(tmp_path, table, angles=mended), right, atol=1e-6, rtol=0.0)
+
+
+def test_a_mirrored_source_needs_its_mirror_for_positions_only(tmp_path: Path, traffic: Traffic) -> None:
+    """Headings turn with the axes: those of an image, whose y grows downwards, agree with motion in it."""
+    table = traffic().assign(y=lambda rows: -rows["y"], heading=lambda rows: -rows["heading"])
+    mirrored = converted(tmp_path, table, transform={"mirror_y": True})
+    pd.testing.assert_frame_equal(mirrored, converted(tmp_path, traffic()), atol=1e-6, rtol=0.0)
+    turned = converted(tmp_path, table, transform={"mirror_y": True, "yaw_deg": 40.0})
+    assert turned["yaw"].iloc[0] == pytest.approx(np.deg2rad(40.0), abs=1e-6)
+    with pytest.raises(InputError, match=r"angles\.positive clockwise would fit"):
+        converted(tmp_path, table.assign(heading=-table["heading"]), transform={"mirror_y": True, "yaw_deg": 40.0})
+
+
+def test_a_frame_rate_that_is_wrong(tmp_path: Path, traffic: Traffic) -> None:
+    table = traffic().assign(frame=lambda rows: (rows["timestamp"] * 25).round().astype(int))
+    columns = {name: column for name, column in COLUMNS.items() if name != "time"} | {"frame": "frame"}
+    assert len(converted(tmp_path, table, columns=columns, rate_hz=25))
+    with pytest.raises(InputError, match=r"change 0\.4 times as fast .* rate_hz 25 would fit"):
+        converted(tmp_path, table, columns=columns)
+
+
+def test_without_speeds_only_the_impossible_is_refused(tmp_path: Path, traffic: Traffic) -> None:
+    columns = {name: column for name, column in COLUMNS.items() if name != "speed"}
+    assert len(converted(tmp_path, traffic(), columns=columns))
+    with pytest.raises(InputError, match=r"change by 1\d\d\d m/s in one row of ten .* units\.position, which is m,"):
+        converted(tmp_path, traffic(x=100.0, y=100.0), columns=columns)
+
+
+def test_swapped_sizes(tmp_path: Path, traffic: Traffic) -> None:
+    with pytest.raises(InputError, match="are columns length and width swapped"):
+        converted(tmp_path, traffic().rename(columns={"length": "width", "width": "length"}))
+
+
+def test_every_problem_is_told_and_those_accepted_are_not(tmp_path: Path, traffic: Traffic) -> None:
+    table = traffic(speed=3.6, length=FOOT, width=FOOT)
+    with pytest.raises(InputError) as caught:
+        converted(tmp_path, table)
+    assert "(check speed)" in str(caught.value)
+    assert "(check size)" in str(caught.value)
+    with pytest.raises(InputError) as caught:
+        converted(tmp_path, table, accept=["speed"])
+    assert "(check speed)" not in str(caught.value)
+    assert "(check size)" in str(caught.value)
+
+
+def test_traffic_that_stands_has_no_direction(tmp_path: Path, traffic: Traffic) -> None:
+    parked = traffic().assign(x=5.0, y=lambda rows: 8.0 * rows["track_id"], heading=1.2, speed=0.0)
+    assert converted(tmp_path, parked)["yaw"].to_numpy() == pytest.approx(1.2)

@@ -1,0 +1,128 @@
+"""Which rows of a file are taken; of each that is not, the count and the reason are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import Kind
+from litsim_sim.recordings.generic.convert import convert
+from litsim_sim.recordings.generic.counts import Counts
+from litsim_sim.recordings.generic.mapping import Mapping
+from litsim_sim.recordings.recording import Recording
+
+COLUMNS = {"vehicle_id": "track_id", "time": "timestamp", "x": "x", "y": "y", "length": 4.4, "width": 1.8}
+FIELDS: dict[str, Any] = {"name": "made", "columns": COLUMNS, "reference": "box_centre"}
+
+Traffic = Callable[..., pd.DataFrame]
+
+
+@pytest.fixture
+def converted(tmp_path: Path) -> Callable[..., tuple[Recording, Counts]]:
+    def run(table: pd.DataFrame, name: str = "in.csv", **fields: Any) -> tuple[Recording, Counts]:
+        path = tmp_path / name
+        if path.suffix == ".csv":
+            table.to_csv(path, index=False)
+        else:
+            table.to_parquet(path)
+        return convert(path, Mapping.model_validate(FIELDS | fields))
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("rule", "left"),
+    [
+        (3, {3}),
+        ("3", {3}),
+        ([1, "4.0"], {1, 4}),
+        ({"min": 2, "max": 4}, {2, 3, 4}),
+        ({"max": 2.5}, {1, 2}),
+    ],
+)
+def test_rows_are_filtered(converted: Callable[..., Any], traffic: Traffic, rule: Any, left: set[int]) -> None:
+    recording, counts = converted(traffic(), rows={"track_id": rule})
+    assert set(recording.table["vehicle_id"]) == left
+    assert sum(counts.left_out.values()) == 300 * (5 - len(left))
+    assert counts.read == 1500
+    assert recording.header.notes["rows_left_out"] == counts.left_out
+
+
+def test_a_filter_by_a_column_that_is_otherwise_not_used(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic().assign(sensor=lambda rows: rows["track_id"] % 2 == 1)
+    recording, counts = converted(table, name="in.parquet", rows={"sensor": True})
+    assert set(recording.table["vehicle_id"]) == {1, 3, 5}
+    assert counts.left_out == {"sensor is not True": 600}
+    with pytest.raises(InputError, match=r"rows\.sensor of the mapping keeps no row; the column holds True"):
+        converted(table, rows={"sensor": "radar"})
+    with pytest.raises(InputError, match=r"columns \['camera'\] of the mapping are missing"):
+        converted(table, rows={"camera": 1})
+    with pytest.raises(InputError, match=r"field rows\.agent_type: min and max are for numbers; the column holds car"):
+        converted(table, rows={"agent_type": {"min": 1}})
+
+
+def test_one_of_several_clips(converted: Callable[..., Any], traffic: Traffic) -> None:
+    both = pd.concat([traffic().assign(case=1), traffic().assign(case=2, x=lambda rows: rows["x"] + 9.0)])
+    with pytest.raises(InputError, match=r"is there twice at 0.000 s, with other values; 1500 such .* columns.clip"):
+        converted(both)
+    clips = COLUMNS | {"clip": "case"}
+    with pytest.raises(InputError, match=r"column 'case' has several clips, 1, 2; choose one by field clip"):
+        converted(both, columns=clips)
+    with pytest.raises(InputError, match=r"no clip 3 in column 'case', which has 1, 2"):
+        converted(both, columns=clips, clip=3)
+    recording, counts = converted(both, columns=clips, clip="2")
+    assert recording.table["x"].min() == pytest.approx(109.0)
+    assert counts.left_out == {"of another clip than 2": 1500}
+    assert len(converted(traffic().assign(case=1), columns=clips)[0].table)
+
+
+def test_kinds_may_be_dropped(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic()
+    table.loc[table["track_id"] == 2, "agent_type"] = "pedestrian"
+    kinds = {"car": "car", "pedestrian": "drop"}
+    recording, counts = converted(table, columns=COLUMNS | {"kind": "agent_type"}, kinds=kinds)
+    assert set(recording.table["vehicle_id"]) == {1, 3, 4, 5}
+    assert set(recording.table["kind"]) == {Kind.CAR}
+    assert counts.left_out == {"kind pedestrian": 300}
+    with pytest.raises(InputError, match="field kinds of the mapping drops every row"):
+        converted(table, columns=COLUMNS | {"kind": "agent_type"}, kinds=dict.fromkeys(kinds, "drop"))
+
+
+def test_copies_are_taken_once_and_counted(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic()
+    recording, counts = converted(pd.concat([table, table.iloc[:7]]))
+    assert counts.left_out == {"exact copy of another": 7}
+    pd.testing.assert_frame_equal(recording.table, converted(table)[0].table)
+
+
+def test_what_resampling_leaves_out_is_counted(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic()
+    brief = table[table["track_id"] == 1].iloc[1:3].assign(track_id=9)  # from 0.04 to 0.08 s: between two frames
+    _, counts = converted(pd.concat([table, brief]))
+    assert (counts.tracks, counts.pieces, counts.too_short) == (6, 6, 1)
+    assert "1 of them left out: seen between two frames of 10 Hz only" in counts.text()
+    gap = table[(table["track_id"] != 1) | ~table["timestamp"].between(4.0, 6.0)]
+    _, counts = converted(gap)
+    assert (counts.tracks, counts.pieces) == (5, 6)
+    assert "5, 6 after long holes were cut" in counts.text()
+
+
+@pytest.mark.parametrize(("name", "place"), [("in.csv", "line 12"), ("in.parquet", "row 11")])
+def test_places_are_those_that_people_see(
+    converted: Callable[..., Any], traffic: Traffic, name: str, place: str
+) -> None:
+    table = traffic()
+    table.loc[10, "x"] = None
+    with pytest.raises(InputError, match=rf"{name}: {place}: column 'x' is 'nan', expected a number; 1 such rows"):
+        converted(table, name=name)
+
+
+def test_columns_with_the_same_name(tmp_path: Path) -> None:
+    (tmp_path / "in.csv").write_text("track_id,timestamp,x,x,y\n1,0.0,1,2,3\n")
+    with pytest.raises(InputError, match=r"several columns are called \['x'\]"):
+        convert(tmp_path / "in.csv", Mapping.model_validate(FIELDS))
