@@ -26,7 +26,7 @@ def test_shares_of_steps_off_the_road_and_over_its_edge(table, make_run) -> None
     run = make_run(driven, log=ways(table, [EDGE - 1.8] * 5), net_xml=NET.read_bytes())
     found = ego_motion(run)
     assert (found["off_road"], found["over_edge"]) == (0.25, 0.5)
-    assert found["log"] == {"off_road": 0.0, "over_edge": 0.0, "hard_brakes": 0}
+    assert found["log"] == {"off_road": 0.0, "over_edge": 0.0, "hard_brakes": 0, "progress_m": 3.0}
 
 
 def test_hard_brakes_of_the_ego_and_of_its_log(table, make_run) -> None:
@@ -45,4 +45,18 @@ def test_only_steps_after_the_history_count(table, make_run) -> None:
 
 def test_an_ego_that_is_gone_has_no_motion(table, make_run) -> None:
     found = ego_motion(make_run([table(0, {"id": 2, "x": 50.0, "y": -5.0})], net_xml=NET.read_bytes()))
-    assert found == {"off_road": None, "over_edge": None, "hard_brakes": None, "log": found["log"]}
+    nothing = dict.fromkeys(("off_road", "over_edge", "hard_brakes", "progress_m", "progress_ratio"))
+    assert found == nothing | {"log": found["log"]}
+
+
+def test_progress_of_the_ego_over_that_of_its_log(table, make_run) -> None:
+    log = [table(k, {"id": 1, "x": 50.0 + 2 * k, "y": 0.0}) for k in range(5)]
+    driven = [table(k, {"id": 1, "x": 50.0 + 0.5 * k, "y": 0.0}) for k in range(5)]  # step 0 is history
+    found = ego_motion(make_run(driven, log=log))
+    assert (found["progress_m"], found["log"]["progress_m"]) == (1.5, 6.0)
+    assert found["progress_ratio"] == 0.25
+
+
+def test_who_stands_where_the_log_stood_keeps_up(table, make_run) -> None:
+    standing = [table(k, {"id": 1, "x": 50.0, "y": 0.0}) for k in range(3)]
+    assert ego_motion(make_run(standing))["progress_ratio"] == 1.0

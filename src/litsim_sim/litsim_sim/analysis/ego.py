@@ -3,30 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from litsim_sim.analysis.comfort import comfort
 from litsim_sim.analysis.lanes import lane_map_of
+from litsim_sim.analysis.metrics_tree import DrivenMetrics, EgoMetrics
+from litsim_sim.analysis.progress import travelled
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.record.run import Run
 
+PROGRESS_LEAST_M = 0.1  # of both in the ratio: who stands where the recorded vehicle stood keeps up (nuPlan)
 
-def ego_motion(run: Run) -> dict[str, Any]:
+
+def ego_motion(run: Run) -> EgoMetrics:
     """Measures of the ego after the history; `log` holds those of the recorded vehicle. None: nothing to measure.
 
     - `off_road`, `over_edge`: shares of its steps at which its centre, or a corner of its box, is on no lane;
-    - `hard_brakes`: times that it began to brake harder than 3 m/s2.
+    - `hard_brakes`: times that it began to brake harder than 3 m/s2;
+    - `progress_m`: distance that it travelled; `progress_ratio`, of the ego alone: that over its log's.
     """
     lane_map = lane_map_of(run)
-    found = _motion(run.simulated, run.info.ego_id, lane_map, run.info.dt)
-    return found | {"log": _motion(run.simulated_log, run.info.ego_id, lane_map, run.info.dt)}
+    driven = _motion(run.simulated, run.info.ego_id, lane_map, run.info.dt)
+    log = _motion(run.simulated_log, run.info.ego_id, lane_map, run.info.dt)
+    return {**driven, "progress_ratio": _progress_ratio(driven["progress_m"], log["progress_m"]), "log": log}
 
 
-def _motion(tables: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, dt: float) -> dict[str, Any]:
+def _progress_ratio(driven: float | None, log: float | None) -> float | None:
+    if driven is None or log is None:
+        return None
+    return max(driven, PROGRESS_LEAST_M) / max(log, PROGRESS_LEAST_M)
+
+
+def _motion(tables: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, dt: float) -> DrivenMetrics:
     rows = [(table, table.row(agent)) for table in tables]
     x, y, yaw, length, width = (
         np.array([getattr(table, field)[row] for table, row in rows if row >= 0])
@@ -43,4 +54,5 @@ def _motion(tables: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, 
         "off_road": off_road,
         "over_edge": over_edge,
         "hard_brakes": None if felt is None else felt.hard_brakes,
+        "progress_m": travelled(tables).get(agent),
     }

@@ -18,6 +18,17 @@ from litsim_sim.analysis.encroachment import encroachments
 from litsim_sim.analysis.guard import guarded
 from litsim_sim.analysis.lanes import in_lane_of, lane_map_of, off_road_controlled
 from litsim_sim.analysis.lockstep import Lockstep, lockstep
+from litsim_sim.analysis.metrics_tree import (
+    CollisionMetrics,
+    ComfortMetrics,
+    HandbackMetrics,
+    LockstepMetrics,
+    Metrics,
+    RealismMetrics,
+    SafetyMetrics,
+    Spread,
+    TimingMetrics,
+)
 from litsim_sim.analysis.progress import mean_progress
 from litsim_sim.analysis.realism import realism
 from litsim_sim.analysis.safety import TTC_CRITICAL_S, safety_series
@@ -33,7 +44,7 @@ METRICS_FILE = "metrics.json"
 
 
 def compute_metrics(run: Run) -> dict[str, Any]:
-    """Every measure of a run.
+    """Every measure of a run: the tree of :class:`litsim_sim.analysis.metrics_tree.Metrics`.
 
     Measures cover the steps after the history. Rates are shares between 0 and 1; a measure without anything to measure
     is None. Agents are the background, without the ego, except in `collision` and in progress, where the ego is one of
@@ -45,7 +56,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
     background = hits.agents - {run.info.ego_id}
     taken = {entry.agent for entry in entries}
     problems = [*lock.problems, *_unusable(run)]
-    return {
+    metrics: Metrics = {
         "run_id": run.info.run_id,
         "scenario": run.info.scenario,
         "ego": run.info.ego,
@@ -81,10 +92,15 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "realism": _realism(run, hits),
         "lockstep": _lockstep(lock),
         "timing": _timing(timing(run)),
-        "world": {k: run.summary.get(k) for k in ("late_entries", "never_entered", "sumo_deviation_m")},
+        "world": {
+            "late_entries": run.summary.get("late_entries"),
+            "never_entered": run.summary.get("never_entered"),
+            "sumo_deviation_m": run.summary.get("sumo_deviation_m"),
+        },
         "valid": not problems,
         "why": "; ".join(problems),
     }
+    return dict(metrics)
 
 
 def digest(run: Run) -> str:
@@ -122,7 +138,7 @@ def _by_horizon(far: Displacements, measure: Callable[[int], float | None]) -> d
     return {str(horizon): measure(horizon) for horizon in far.horizons}
 
 
-def _collision(hits: Collisions) -> dict[str, Any]:
+def _collision(hits: Collisions) -> CollisionMetrics:
     return {
         "agents": len(hits.colliding),
         "pairs": len(hits.first),
@@ -148,7 +164,7 @@ def _collision(hits: Collisions) -> dict[str, Any]:
     }
 
 
-def _safety(run: Run, hits: Collisions) -> dict[str, Any]:
+def _safety(run: Run, hits: Collisions) -> SafetyMetrics:
     """Surrogate measures of the ego, and the verdict of the careful driver on each of its contacts."""
     tables, ego, dt = run.simulated, run.info.ego_id, run.info.dt
     series = safety_series(tables, ego)
@@ -165,10 +181,11 @@ def _safety(run: Run, hits: Collisions) -> dict[str, Any]:
             {"agent": d.agent, "step": d.contact_step, "perceived_step": d.perceived_step, "avoided": d.avoided}
             for d in drivers
         ],
+        "avoidable_contacts": sum(d.avoided for d in drivers),
     }
 
 
-def _comfort(run: Run, hits: Collisions) -> dict[str, Any]:
+def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:
     """Bounds of nuPlan for the ego and, as means and sums, for the agents ever under control; their guarded steps."""
     tables, dt = run.simulated, run.info.dt
     ego = comfort(tables, run.info.ego_id, dt)
@@ -184,7 +201,7 @@ def _comfort(run: Run, hits: Collisions) -> dict[str, Any]:
     }
 
 
-def _realism(run: Run, hits: Collisions) -> dict[str, Any] | None:
+def _realism(run: Run, hits: Collisions) -> RealismMetrics | None:
     """Likelihood of the agents ever under control under the log's histograms."""
     found = realism(run.simulated, run.simulated_log, hits.controlled, lane_map_of(run), run.info.dt)
     return None if found is None else {"score": found.score, "features": found.features, "agent_steps": found.steps}
@@ -198,7 +215,7 @@ def _mean(values: np.ndarray) -> float | None:
     return float(values.mean()) if len(values) else None
 
 
-def _handback(back: list[Handback]) -> dict[str, Any]:
+def _handback(back: list[Handback]) -> HandbackMetrics:
     found, noise = Jump(), Jump()
     for each in back:
         found, noise = found.largest(each.jump), noise.largest(each.log_jump)
@@ -216,7 +233,7 @@ def _handback(back: list[Handback]) -> dict[str, Any]:
     }
 
 
-def _lockstep(lock: Lockstep) -> dict[str, Any]:
+def _lockstep(lock: Lockstep) -> LockstepMetrics:
     return {
         "missed": sum(lock.missed.values()),
         "gaps": sum(len(g.missing) + len(g.duplicated) + len(g.unordered) for g in lock.gaps.values()),
@@ -225,8 +242,8 @@ def _lockstep(lock: Lockstep) -> dict[str, Any]:
     }
 
 
-def _timing(times: Timing) -> dict[str, Any]:
-    def spread(of: dict[str, StageTime]) -> dict[str, dict[str, float]]:
+def _timing(times: Timing) -> TimingMetrics:
+    def spread(of: dict[str, StageTime]) -> dict[str, Spread]:
         return {name: {"min": s.min, "median": s.median, "max": s.max} for name, s in of.items()}
 
     return {

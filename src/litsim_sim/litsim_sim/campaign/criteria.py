@@ -2,22 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+from math import fsum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from statistics import fmean, median
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from litsim_sim.analysis.metrics_tree import MetricField, find_field
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import packaged
 
 DEFAULT = "default"
 """Name of the packaged set of criteria."""
 
+_KINDS = {bool: "true or false", int: "a number", float: "a number", str: "a text"}
 Value = bool | int | float | str
 Limit = Annotated[float, Field(allow_inf_nan=False)]
 PASSED_SHARE = "passed_share"
+COUNTS = ("runs", "passed", "failed", "errors", "unfinished", PASSED_SHARE)
+"""Of a campaign: all its cases, those with each verdict, those that have not been run; passed ones over all cases."""
+
+Aggregate = Literal["mean", "median", "min", "max", "sum"]
+_AGGREGATES: dict[Aggregate, Callable[[list[float]], float]] = {
+    "mean": fmean,
+    "median": median,
+    "min": min,
+    "max": max,
+    "sum": fsum,
+}
+
+
+class Verdict(StrEnum):
+    """What a campaign says of a run."""
+
+    PASSED = "passed"
+    FAILED = "failed"  # a criterion is not met
+    ERROR = "error"  # it could not be judged: no measures, or not those of a valid run
 
 
 class Limits(BaseModel):
@@ -65,20 +90,25 @@ class Limits(BaseModel):
         )
 
     @property
+    def measure(self) -> str:
+        """What is judged, in words."""
+        return self.field
+
+    @property
     def title(self) -> str:
         """The name, or what is asked where it has none."""
-        return self.name or f"{self.field} {self.limit}"
+        return self.name or f"{self.measure} {self.limit}"
 
     def judge(self, value: Value | None) -> CriterionResult:
         """Hold `value` against the limits; None is a measure that is missing."""
         if value is None:
             passed = self.when_missing == "pass"
-            return CriterionResult(
-                self.title, self.field, None, self.limit, passed, "" if passed else f"{self.field} is missing"
-            )
-        passed = self._keeps(value)
-        reason = "" if passed else f"{self.field} is {_said(value)}, expected {self.limit}"
-        return CriterionResult(self.title, self.field, value, self.limit, passed, reason)
+            said = "is missing"
+        else:
+            passed = self._keeps(value)
+            said = f"is {_said(value)}, expected {self.limit}"
+        reason = "" if passed else f"{self.measure} {said}"
+        return CriterionResult(self.title, self.measure, value, self.limit, passed, reason)
 
     def _keeps(self, value: Value) -> bool:
         if self.min is not None or self.max is not None:
@@ -91,9 +121,66 @@ class Limits(BaseModel):
 class Criterion(Limits):
     """A limit on a field of `metrics.json`; a dotted path, of a list the number of its entries."""
 
+    @model_validator(mode="after")
+    def _check_field(self) -> Criterion:
+        _check_kinds(self, find_field(self.field))
+        return self
+
     def of_run(self, metrics: Mapping[str, Any]) -> CriterionResult:
         """Judge one run by its measures."""
         return self.judge(value_at(metrics, self.field))
+
+
+class SuiteCriterion(Limits):
+    """A limit on all runs together: on one of :data:`COUNTS`, or on an aggregate of a field of `metrics.json`.
+
+    Attributes:
+        aggregate: how the values of the runs are put together; of true and false, the mean is the share of true.
+            With a run that lacks the field it is missing; where `when_missing` is pass, such runs are left out.
+    """
+
+    aggregate: Aggregate | None = None
+
+    @model_validator(mode="after")
+    def _check_field(self) -> SuiteCriterion:
+        if self.aggregate is None:
+            if self.field not in COUNTS:
+                counts = ", ".join(COUNTS)
+                raise ValueError(f"field {self.field} without aggregate, expected one, or a field among {counts}")
+            return self
+        field = find_field(self.field)
+        if not field.counts and bool not in field.kinds:
+            raise ValueError(f"field {self.field}: aggregate of what is no number")
+        _check_kinds(self, MetricField(self.field, frozenset({float})))
+        return self
+
+    @property
+    def measure(self) -> str:
+        """What is judged, in words."""
+        return f"{self.aggregate} of {self.field}" if self.aggregate else self.field
+
+    def of_runs(self, outcomes: Sequence[Outcome]) -> CriterionResult:
+        """Judge all runs of a campaign."""
+        if self.aggregate is None:
+            return self.judge(_counts(outcomes)[self.field])
+        found = [value_at(outcome.metrics or {}, self.field) for outcome in outcomes]
+        known = [float(value) for value in found if value is not None and not isinstance(value, str)]
+        if len(known) < len(found) and self.when_missing == "fail":
+            reason = f"{self.field} is missing in {len(found) - len(known)} of {len(found)} runs"
+            return CriterionResult(self.title, self.measure, None, self.limit, passed=False, reason=reason)
+        return self.judge(_AGGREGATES[self.aggregate](known) if known else None)
+
+
+class Outcome(NamedTuple):
+    """What has become of one case, as far as criteria of the suite ask; no verdict: it has not been run."""
+
+    verdict: Verdict | None
+    metrics: Mapping[str, Any] | None
+
+
+ALL_PASS = SuiteCriterion(name="all runs pass", field=PASSED_SHARE, min=1.0)
+NO_ERRORS = SuiteCriterion(name="no errors", field="errors", max=0.0)
+NO_GAPS = SuiteCriterion(name="all runs are done", field="unfinished", max=0.0)
 
 
 class Criteria(BaseModel):
@@ -101,17 +188,31 @@ class Criteria(BaseModel):
 
     Attributes:
         runs: limits that every run is to keep.
+        suite: limits that all runs together are to keep: by them the campaign passes or fails.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     runs: Annotated[list[Criterion], Field(min_length=1)]
+    suite: Annotated[list[SuiteCriterion], Field(min_length=1)] = [ALL_PASS]
+
+    def of_runs(self, outcomes: Sequence[Outcome]) -> tuple[CriterionResult, ...]:
+        """Judge all cases of a campaign, whether they were run or not.
+
+        Runs that are errors fail it, unless :attr:`suite` says how many passes or errors it asks for; so do cases that
+        have not been run, unless it says that of them.
+        """
+        asked = {criterion.field for criterion in self.suite}
+        more = [] if asked & {"passed", PASSED_SHARE, "errors"} else [NO_ERRORS]
+        more += [] if "unfinished" in asked else [NO_GAPS]
+        return tuple(criterion.of_runs(outcomes) for criterion in (*self.suite, *more))
 
     @model_validator(mode="after")
     def _check_names(self) -> Criteria:
-        names = [each.title for each in self.runs]
-        if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"runs: {', '.join(twice)} more than once, expected different names")
+        for part in ("runs", "suite"):
+            names = [each.title for each in getattr(self, part)]
+            if twice := sorted({name for name in names if names.count(name) > 1}):
+                raise ValueError(f"{part}: {', '.join(twice)} more than once, expected different names")
         return self
 
     @classmethod
@@ -168,3 +269,27 @@ def _said(value: Value | None) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return f"{value:.6g}" if isinstance(value, float | int) else str(value)
+
+
+def _check_kinds(criterion: Limits, field: MetricField) -> None:
+    """Check that the limits are of the kind that the field is of.
+
+    Raises:
+        ValueError: one is not.
+    """
+    for name in ("min", "max"):
+        if getattr(criterion, name) is not None and not field.counts:
+            raise ValueError(f"field {criterion.field}: {name} of what is no number, expected equals or one_of")
+    kinds = field.kinds | ({int, float} if field.counts else set())
+    for value in criterion.one_of or ([] if criterion.equals is None else [criterion.equals]):
+        if type(value) not in kinds:
+            wanted = " or ".join(sorted({_KINDS[kind] for kind in kinds if kind in _KINDS}))
+            raise ValueError(f"field {criterion.field} never is {_said(value)}, expected {wanted}")
+
+
+def _counts(outcomes: Sequence[Outcome]) -> dict[str, float | int | None]:
+    verdicts = Counter(outcome.verdict for outcome in outcomes)
+    passed, every = verdicts[Verdict.PASSED], len(outcomes)
+    share = passed / every if every else None
+    counts = (every, passed, verdicts[Verdict.FAILED], verdicts[Verdict.ERROR], verdicts[None], share)
+    return dict(zip(COUNTS, counts, strict=True))

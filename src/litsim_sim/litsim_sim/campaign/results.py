@@ -9,12 +9,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 from litsim_sim.campaign.case import Case
-from litsim_sim.campaign.criteria import Criteria, CriterionResult
+from litsim_sim.campaign.criteria import Criteria, CriterionResult, Outcome, Verdict
 from litsim_sim.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
@@ -25,14 +24,6 @@ RESULT_FILE = "result.json"
 RESULTS_FILE = "results.json"
 RUNS_FOLDER = "runs"
 LOCK_FILE = ".lock"
-
-
-class Verdict(StrEnum):
-    """What a campaign says of a run."""
-
-    PASSED = "passed"
-    FAILED = "failed"  # a criterion is not met
-    ERROR = "error"  # it could not be judged: no measures, or not those of a valid run
 
 
 @dataclass(frozen=True)
@@ -121,6 +112,13 @@ class Campaign:
     cases: tuple[Case, ...]
     results: tuple[RunResult, ...]
     begun_at: str
+
+    @property
+    def judged(self) -> tuple[CriterionResult, ...]:
+        """The campaign held against the criteria of its suite; it passes where all of them do."""
+        by_id = {result.case.id: result for result in self.results}
+        found = (by_id.get(case.id) for case in self.cases)
+        return self.criteria.of_runs([Outcome(*((r.verdict, r.metrics) if r else (None, None))) for r in found])
 
     @property
     def missing(self) -> tuple[Case, ...]:

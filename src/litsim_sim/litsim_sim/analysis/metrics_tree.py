@@ -1,0 +1,287 @@
+"""The fields of `metrics.json` as types: what :func:`litsim_sim.analysis.metrics.compute_metrics` returns, and which
+fields there are before anything has been run.
+
+Numbers with ``| None`` are missing where there is nothing to measure. docs/metrics.md says what each is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from itertools import chain
+from types import NoneType, UnionType
+from typing import Annotated, Any, TypedDict, Union, get_args, get_origin, get_type_hints, is_typeddict
+
+from litsim_sim.analysis.comfort import BOUNDS
+from litsim_sim.analysis.displacement import HORIZONS_S
+from litsim_sim.analysis.realism import FEATURES
+from litsim_sim.analysis.safety import TTC_CRITICAL_S
+from litsim_sim.ego_port.port import COUNTS
+
+NEAR_MAX = 5
+ANY_KEY = "*"
+"""Stands in the name of a field for a key that only a run knows, such as a stage or a topic."""
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The keys of a dictionary, as part of its type; one without has keys that only a run knows."""
+
+    names: tuple[str, ...]
+
+
+Horizons = Annotated[dict[str, float | None], Keys(tuple(map(str, HORIZONS_S)))]
+"""By horizon [s]; a run that is shorter lacks it."""
+
+
+class CollisionMetrics(TypedDict):
+    """Contacts."""
+
+    agents: int
+    pairs: int
+    rate_all: float | None
+    rate_controlled: float | None
+    ego_at_fault: int
+    background_at_fault: int
+    log_floor: int
+    excess: int
+    contacts: list[dict[str, Any]]
+    ego_contacts: list[dict[str, Any]]
+
+
+class DrivenMetrics(TypedDict):
+    """How one vehicle drove."""
+
+    off_road: float | None
+    over_edge: float | None
+    hard_brakes: int | None
+    progress_m: float | None
+
+
+class EgoMetrics(DrivenMetrics):
+    """How the ego drove, and how the vehicle in its place did in the recording."""
+
+    progress_ratio: float | None
+    log: DrivenMetrics
+
+
+class DetectionMetrics(TypedDict):
+    """How often the detection of conflicts looked again within a step."""
+
+    max_rounds: int
+    bound_hits: int
+
+
+class HandbackMetrics(TypedDict):
+    """Agents that were handed back to their log."""
+
+    count: int
+    max_position_jump_m: float
+    max_speed_jump_mps: float
+    max_yaw_jump_rad: float
+    residual_m: float | None
+    max_residual_m: float | None
+    log_position_jump_m: float
+    log_speed_jump_mps: float
+    log_yaw_jump_rad: float
+
+
+class SafetyMetrics(TypedDict):
+    """Surrogate measures of the ego."""
+
+    min_ttc_s: float | None
+    ttc_below: Annotated[dict[str, float | None], Keys(tuple(map(str, TTC_CRITICAL_S)))]
+    min_headway_s: float | None
+    max_drac_mps2: float | None
+    min_pet_s: float | None
+    careful_driver: list[dict[str, Any]]
+    avoidable_contacts: int
+
+
+class EgoComfort(TypedDict):
+    """Comfort in the ego."""
+
+    within: Annotated[dict[str, float], Keys(tuple(BOUNDS))]
+    hard_brakes: int
+
+
+class Guard(TypedDict):
+    """Commands that the safety layer changed."""
+
+    count: int
+    share: float | None
+
+
+class ControlledComfort(TypedDict):
+    """Comfort in the agents ever under control."""
+
+    comfortable: float | None
+    hard_brakes: int
+    guarded: Guard
+
+
+class ComfortMetrics(TypedDict):
+    """Comfort."""
+
+    ego: EgoComfort | None
+    controlled: ControlledComfort
+
+
+class RealismMetrics(TypedDict):
+    """Likelihood of the motion of the agents ever under control."""
+
+    score: float
+    features: Annotated[dict[str, float], Keys(tuple(FEATURES))]
+    agent_steps: int
+
+
+class LockstepMetrics(TypedDict):
+    """Completeness of a run."""
+
+    missed: int
+    gaps: int
+    missed_by_topic: dict[str, int]
+    ego_port: Annotated[dict[str, int | str | None], Keys((*COUNTS, "interface"))]
+
+
+class Spread(TypedDict):
+    """Of compute times [ms]."""
+
+    min: float
+    median: float
+    max: float
+
+
+class TimingMetrics(TypedDict):
+    """Wall time."""
+
+    wall_s: float | None
+    realtime_factor: float | None
+    stage_ms: dict[str, Spread]
+    path_ms: dict[str, Spread]
+
+
+class WorldMetrics(TypedDict):
+    """What the world did on its own."""
+
+    late_entries: list[Any] | None
+    never_entered: list[Any] | None
+    sumo_deviation_m: float | None
+
+
+class Metrics(TypedDict):
+    """The whole tree."""
+
+    run_id: str
+    scenario: str
+    ego: str
+    policy: str
+    seed: int
+    steps: int
+    total_steps: int
+    agents: int
+    controlled_agents: int
+    digest: str
+    collision: CollisionMetrics
+    reactive: bool
+    ade_controlled_m: Horizons
+    ade_all_m: Horizons
+    ade_ego_m: Horizons
+    ego_motion: EgoMetrics
+    off_road_controlled: float | None
+    replay_error_max_m: float | None
+    progress_m: float | None
+    progress_controlled_m: float | None
+    progress_log_m: float | None
+    relevant_ratio: float | None
+    takeovers: int
+    false_alarms: int
+    detection: DetectionMetrics
+    ledger: list[dict[str, Any]]
+    handback: HandbackMetrics
+    safety: SafetyMetrics
+    comfort: ComfortMetrics
+    realism: RealismMetrics | None
+    lockstep: LockstepMetrics
+    timing: TimingMetrics
+    world: WorldMetrics
+    valid: bool
+    why: str
+
+
+@dataclass(frozen=True)
+class MetricField:
+    """A field of `metrics.json`.
+
+    Attributes:
+        name: its path, joined by dots; :data:`ANY_KEY` stands for a key that only a run knows.
+        kinds: what it may be: `int`, `float`, `bool`, `str` or `list`.
+    """
+
+    name: str
+    kinds: frozenset[type]
+
+    @property
+    def counts(self) -> bool:
+        """Whether it has a size that bounds can be set to: it is a number, or a list that has a length."""
+        return bool(self.kinds & {int, float, list})
+
+    def covers(self, name: str) -> bool:
+        """Whether `name` is this field."""
+        before, star, after = self.name.partition(ANY_KEY)
+        if not star:
+            return name == self.name
+        return name.startswith(before) and name.endswith(after) and len(name) > len(before) + len(after)
+
+
+@cache
+def metric_fields() -> tuple[MetricField, ...]:
+    """Every field that a run may have, in the order of `metrics.json`."""
+    return tuple(_fields(Metrics, ""))
+
+
+def find_field(name: str) -> MetricField:
+    """The field called `name`.
+
+    Raises:
+        ValueError: there is none; the text names those that are called nearly so.
+    """
+    for field in metric_fields():
+        if field.covers(name):
+            return field
+    raise ValueError(f"no field {name} of metrics.json{_near(name)}")
+
+
+def _near(name: str) -> str:
+    names = [field.name for field in metric_fields()]
+    last = name.rsplit(".", 1)[-1]
+    alike = get_close_matches(last, {each.rsplit(".", 1)[-1] for each in names}, NEAR_MAX, 0.75)
+    same_end = [each for each in names if each.rsplit(".", 1)[-1] in alike]
+    below = [each for each in names if each.startswith(f"{name}.")]
+    found = dict.fromkeys(chain(below, get_close_matches(name, names, NEAR_MAX), same_end))
+    return f" (near: {', '.join(list(found)[:NEAR_MAX])})" if found else "; docs/metrics.md has all"
+
+
+def _fields(annotation: Any, name: str) -> Iterator[MetricField]:
+    """The leaves of a type; of a dictionary whose keys nobody knows, one for all of them."""
+    kind: Any = annotation
+    keys: tuple[str, ...] = (ANY_KEY,)
+    if get_origin(annotation) is Annotated:
+        kind, *notes = get_args(annotation)
+        keys = next((note.names for note in notes if isinstance(note, Keys)), keys)
+    if is_typeddict(kind):
+        for key, inner in get_type_hints(kind, include_extras=True).items():
+            yield from _fields(inner, f"{name}.{key}" if name else key)
+    elif get_origin(kind) is dict:
+        for key in keys:
+            yield from _fields(get_args(kind)[1], f"{name}.{key}")
+    elif get_origin(kind) in (Union, UnionType):
+        parts = [part for part in get_args(kind) if part is not NoneType]
+        if len(parts) == 1:
+            yield from _fields(parts[0], name)
+        else:
+            yield MetricField(name, frozenset(parts))
+    else:
+        yield MetricField(name, frozenset({get_origin(kind) or kind}))
