@@ -136,3 +136,38 @@ def test_a_window_of_a_path_changes_nothing_near(scenario, agent_table, lane_cen
     assert len(part.path.s) < len(whole.path.s)
     observer = Observer(scenario.lane_map)
     assert observer.observe(table, [part]) == pytest.approx(observer.observe(table, [whole]))
+
+
+@pytest.mark.parametrize("arrange", ["sector", "distance"])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_surrounding_is_what_going_through_all_others_one_by_one_gives(
+    scenario, agent_table, lane_centres, arrange: str, seed: int
+) -> None:
+    random, config = np.random.default_rng(seed), ObservationConfig(arrange, 6, 40.0)
+    places = np.column_stack([100.0 + 60.0 * random.random(25), random.choice(lane_centres, 25)])
+    agents = [
+        {"id": k, "x": x, "y": y, "yaw": random.normal(0.0, 0.3), "speed": 10.0 * random.random()}
+        for k, (x, y) in enumerate(places.tolist())
+    ]
+    table = agent_table(NOW, *agents)
+    tasks = [task(k, lane_centres[1]) for k in range(0, 25, 4)]
+    features = Observer(scenario.lane_map, config).observe(table, tasks)
+    for own, row in zip(range(0, 25, 4), features, strict=True):
+        expected = np.zeros((6, o.SLOT))
+        near: list[tuple[float, int, list[float]]] = []
+        for j in range(25):
+            dx, dy, yaw = table.x[j] - table.x[own], table.y[j] - table.y[own], table.yaw[own]
+            if j == own or np.hypot(dx, dy) > 40.0:
+                continue
+            ahead, left = dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw)
+            turn, bearing = table.yaw[j] - yaw, np.arctan2(left, ahead)
+            apart = np.hypot(ahead + 2.25 * np.cos(turn) - 2.25, left + 2.25 * np.sin(turn))
+            directions = [np.sin(bearing), np.cos(bearing), np.sin(turn), np.cos(turn)]
+            sector = int(np.floor(bearing / (2 * np.pi / 6) + 0.5)) % 6
+            near.append((apart, sector, [1.0, apart / o.DISTANCE, table.speed[j] / o.SPEED, *directions]))
+        near.sort(key=lambda found: found[0])
+        for place, (_, sector, values) in reversed(list(enumerate(near))):
+            slot = sector if arrange == "sector" else place
+            if slot < 6:
+                expected[slot] = values
+        assert groups(row, 6)["around"] == pytest.approx(expected, abs=1e-12)

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.driving.safety import GUARDS, SafeCommands, SafetyConfig, SafetyLayer
+from litsim_policy.driving.safety import GUARDS, SafeCommands, SafetyConfig, SafetyLayer, following_cap
 from litsim_policy.driving.task import DrivingTask
+from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import lane_path
 from litsim_sim.core.scene import STEP_S, AgentTable
 
@@ -176,3 +178,29 @@ def test_where_nothing_helps_what_touches_last_and_brakes_hardest_is_done(ask) -
 def test_who_is_off_the_road_already_may_come_back(ask, lane_centres) -> None:
     """No command of the next second brings it back, and none is worse than the one that is asked for."""
     assert command(ask(only("road"), (0.3, 0.0), y=lane_centres[0] + 6.0)) == (0.3, 0.0)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_cap_is_the_least_of_those_behind_each_leader(lane_map, agent_table, lane_centres, seed: int) -> None:
+    random, config = np.random.default_rng(seed), SafetyConfig(relax=0.7, leader_brakes=0.05)
+    x = 100.0 + np.cumsum(3.0 + 12.0 * random.random(8))
+    drivers = random.normal([8.0, -1.0], [4.0, 2.0], (8, 2))
+    columns = ({"id": k, "x": x[k], "speed": abs(v), "acceleration": a} for k, (v, a) in enumerate(drivers.tolist()))
+    table: AgentTable = agent_table(5, *({"y": lane_centres[1]} | agent for agent in columns))
+    paths = PathBatch([lane_path(lane_map, 90.0, lane_centres[1], 0.0).points] * 6)
+    agents = PathFollowers(lane_map, table, np.arange(6), paths)
+    found = following_cap(config, agents)
+    for i in range(6):
+        caps = [config.acceleration_max]
+        for j in range(i + 1, 8):
+            gap, speed, lead = table.x[j] - table.x[i] - 4.5, table.speed[i], table.speed[j]
+            if gap <= -2.25:
+                continue
+            room, lag = gap - config.standstill_gap, config.own_braking * STEP_S
+            stop = 2.0 * config.own_braking * max(room, 0.0) + lead**2 * config.own_braking / config.leader_braking
+            cap = (np.sqrt(lag**2 + stop) - lag - speed) / config.relax
+            needed = max(speed - lead, 0.0) ** 2 / (2.0 * max(room, 0.1))
+            braking = max(-table.acceleration[j], 0.1)
+            needed = max(needed, speed**2 / (2.0 * max(room + lead**2 / (2.0 * braking), 0.1)))
+            caps.append(min(cap, -needed) if needed > config.imminent else cap)
+        assert found[i] == pytest.approx(max(min(caps), -config.braking_max))

@@ -12,15 +12,32 @@ Everything is seen from the agents' box centres, divided by fixed scales and cut
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+from numba.types import Tuple
 
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.car_following import Poses
 from litsim_policy.motion.followers import PathFollowers
-from litsim_sim.core.geometry import to_body, wrap_angle
+from litsim_sim.core.compiled import (
+    BOOLS2,
+    FLOATS,
+    FLOATS2,
+    INTS,
+    OUT_FLOATS,
+    OUT_FLOATS2,
+    OUT_INTS,
+    boolean,
+    float64,
+    int64,
+    kernel,
+    void,
+)
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.quantities import Length, Positive, Whole, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
@@ -36,6 +53,8 @@ CURVATURE = 0.05  # [1/m]
 HEADING = 0.2  # [rad] to lane and path
 YAW_RATE = 0.2  # [rad/s]
 TIME = 5.0  # [s]
+CURVE_LENGTH = 10.0  # [m] of lane around the agent over which its curvature is taken ...
+CURVE = np.array([[-0.5 * CURVE_LENGTH], [0.5 * CURVE_LENGTH]])  # ... from here to there
 
 CORE, SLOT, ROAD, WAY = 4, 7, 7, 14
 WAY_FEATURES = (
@@ -97,119 +116,266 @@ class Observer:
 
     def features(self, scene: DrivingScene) -> FloatArray:
         """Features (m, size) of the m agents of `scene`."""
-        if not len(scene):
-            return np.empty((0, self.config.size))
-        table, rows = scene.agents.table, scene.agents.rows
-        groups = [_core(table, rows), self._surrounding(scene.agents), self._road(scene.agents), self._way(scene)]
-        return np.clip(np.concatenate(groups, axis=1), -LIMIT, LIMIT)
+        features = np.zeros((len(scene), self.config.size))
+        if len(scene):
+            table, rows = scene.agents.table, scene.agents.rows
+            _see_core(table.length, table.width, table.speed, table.acceleration, rows, features)
+            self._see_surrounding(scene.agents, features)
+            self._see_road(scene.agents, features)
+            self._see_way(scene, features)
+            np.minimum(np.maximum(features, -LIMIT, out=features), LIMIT, out=features)
+        return features
 
-    def _surrounding(self, agents: PathFollowers) -> FloatArray:
-        """Features (m, slots * SLOT) of those around the agents."""
-        table, rows = agents.table, agents.rows
-        own_x, own_y, own_yaw = agents.x[:, None], agents.y[:, None], agents.yaw[:, None]
-        seen = np.hypot(table.x - own_x, table.y - own_y) <= self.config.sight
-        seen[np.arange(len(rows)), rows] = False
-        columns = np.flatnonzero(seen.any(axis=0))
-        seen = seen[:, columns]
-        ahead, left = to_body(table.x[columns] - own_x, table.y[columns] - own_y, own_yaw)
-        turn = table.yaw[columns] - own_yaw
-        cos, sin, front = np.cos(turn), np.sin(turn), 0.5 * table.length
-        apart = np.hypot(ahead + front[columns] * cos - front[rows, None], left + front[columns] * sin)
-        bearing = np.arctan2(left, ahead)
-        chosen = self._chosen(apart, bearing, seen)
-        present = chosen >= 0
-        if not present.any():
-            return np.zeros((len(rows), self.config.slots * SLOT))
-        at = np.where(present, chosen, 0)
-        line = np.arange(len(rows))[:, None]
-        features = np.stack(
-            [
-                np.ones(at.shape),
-                apart[line, at] / DISTANCE,
-                table.speed[columns][at] / SPEED,
-                np.sin(bearing[line, at]),
-                np.cos(bearing[line, at]),
-                sin[line, at],
-                cos[line, at],
-            ],
-            axis=-1,
+    def _see_surrounding(self, agents: PathFollowers, features: FloatArray) -> None:
+        """Write the features of those around the agents."""
+        table, config = agents.table, self.config
+        viewer, agent, ahead, left = _seen(table.x, table.y, agents.rows, agents.x, agents.y, agents.yaw, config.sight)
+        _see_surrounding(
+            viewer,
+            agent,
+            ahead,
+            left,
+            np.arctan2(left, ahead),
+            agents.rows,
+            agents.yaw,
+            table.yaw,
+            table.speed,
+            table.length,
+            config.arrange == "sector",
+            config.slots,
+            features,
         )
-        return np.where(present[..., None], features, 0.0).reshape(len(rows), self.config.slots * SLOT)
 
-    def _chosen(self, apart: FloatArray, bearing: FloatArray, seen: BoolArray) -> IntArray:
-        """(m, slots) columns of the agents that fill the slots, -1 where nobody does; ties go to the lower id."""
-        slots = self.config.slots
-        if not seen.shape[1]:
-            return np.full((len(seen), slots), -1)
-        distance = np.where(seen, apart, np.inf)
-        if self.config.arrange == "distance":
-            order = np.argsort(distance, axis=1, kind="stable")[:, :slots]
-            order = np.pad(order, ((0, 0), (0, slots - order.shape[1])))
-            near = np.take_along_axis(distance, order, axis=1)
-            count = np.minimum(seen.sum(axis=1), slots)[:, None]
-            return np.where(np.isfinite(near) & (np.arange(slots) < count), order, -1)
-        sector = np.floor(bearing / (2.0 * np.pi / slots) + 0.5).astype(np.int64) % slots
-        by_sector = np.where(sector[:, None, :] == np.arange(slots)[None, :, None], distance[:, None, :], np.inf)
-        nearest = np.argmin(by_sector, axis=2)
-        return np.where(np.isfinite(by_sector.min(axis=2)), nearest, -1)
-
-    def _road(self, agents: PathFollowers) -> FloatArray:
-        """Features (m, ROAD) of the road under the agents."""
+    def _see_road(self, agents: PathFollowers, features: FloatArray) -> None:
+        """Write the features of the road under the agents."""
         at = agents.lane
-        half = self._half_width[at.lane]
-        marker_left, marker_right = half - at.d, half + at.d
-        _, _, behind = self._lane_map.pose_at(at.lane, at.s - 5.0)
-        _, _, before = self._lane_map.pose_at(at.lane, at.s + 5.0)
-        return np.column_stack(
-            [
-                marker_left / LATERAL,
-                marker_right / LATERAL,
-                (marker_left + self._to_left[at.lane]) / EDGE,
-                (marker_right + self._to_right[at.lane]) / EDGE,
-                at.d / LATERAL,
-                wrap_angle(before - behind) / 10.0 / CURVATURE,
-                wrap_angle(agents.yaw - at.heading) / HEADING,
-            ]
-        )
+        _, _, heading = self._lane_map.pose_at(at.lane, at.s + CURVE)
+        sides = self._half_width, self._to_left, self._to_right
+        first = CORE + SLOT * self.config.slots
+        _see_road(at.lane, at.d, at.heading, heading, agents.yaw, *sides, first, features)
 
-    def _way(self, scene: DrivingScene) -> FloatArray:
-        """Features (m, WAY) of the ways to the goals, in the order of WAY_FEATURES."""
+    def _see_way(self, scene: DrivingScene, features: FloatArray) -> None:
+        """Write the features of the ways to the goals, in the order of WAY_FEATURES."""
         agents, table = scene.agents, scene.agents.table
         view, each = agents.view, np.arange(len(agents))
         ahead = agents.s[:, None] + agents.reach[:, None] * np.array([0.0, 0.5, 1.5])
-        heading = agents.paths.heading(each[:, None], agents.paths.segment(ahead))
-        gap = np.where(view.ahead & view.in_path & (view.gap < self.config.sight), view.gap, np.inf)
-        first = np.argmin(gap, axis=1)
-        led = np.isfinite(gap[each, first])
-        lead = [led, view.gap[each, first] / DISTANCE, (view.speed[each, first] - agents.speed) / SPEED]
-        other = table.rows(scene.opponent)
-        there = other >= 0
-        to_opponent = to_body(table.x[other] - agents.x, table.y[other] - agents.y, agents.yaw)
-        along = table.speed[other] * np.cos(table.yaw[other] - agents.yaw)
-        opponent = [there, to_opponent[0] / DISTANCE, to_opponent[1] / LATERAL, (along - agents.speed) / SPEED]
-        return np.column_stack(
-            [
-                agents.d / LATERAL,
-                wrap_angle(heading - agents.yaw[:, None]) / HEADING,
-                agents.path_yaw_rate / YAW_RATE,
-                *(np.where(led, values, 0.0) for values in lead),
-                agents.to_goal(scene.goal[:, 0], scene.goal[:, 1]) / DISTANCE,
-                (scene.due_step - table.step) * STEP_S / TIME,
-                *(np.where(there, values, 0.0) for values in opponent),
-            ]
+        way = features[:, -WAY:]
+        way[:, 0] = agents.d / LATERAL
+        way[:, 1:4] = (
+            wrap_angle(agents.paths.heading(each[:, None], agents.paths.segment(ahead)) - agents.yaw[:, None]) / HEADING
+        )
+        way[:, 4] = agents.path_yaw_rate / YAW_RATE
+        way[:, 8] = agents.to_goal(scene.goal[:, 0], scene.goal[:, 1]) / DISTANCE
+        way[:, 9] = (scene.due_step - table.step) * STEP_S / TIME
+        _see_leader(view.gap, view.speed, view.ahead, view.in_path, agents.speed, self.config.sight, features)
+        _see_opponent(
+            table.x,
+            table.y,
+            table.yaw,
+            table.speed,
+            table.rows(scene.opponent),
+            agents.x,
+            agents.y,
+            agents.yaw,
+            agents.speed,
+            features,
         )
 
 
-def _core(table: AgentTable, rows: IntArray) -> FloatArray:
-    """Features (m, CORE) of the agents in `rows` (m,) themselves."""
-    return np.column_stack(
-        [
-            table.length[rows] / LENGTH,
-            table.width[rows] / WIDTH,
-            table.speed[rows] / SPEED,
-            table.acceleration[rows] / ACCELERATION,
-        ]
-    )
+@kernel(void(FLOATS, FLOATS, FLOATS, FLOATS, INTS, OUT_FLOATS2))
+def _see_core(
+    length: FloatArray,
+    width: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    rows: IntArray,
+    features: FloatArray,
+) -> None:
+    """Write what the agents in `rows` (m,) of a table are themselves into `features` (m, size)."""
+    for i in range(len(rows)):
+        own = rows[i]
+        features[i, 0], features[i, 1] = length[own] / LENGTH, width[own] / WIDTH
+        features[i, 2], features[i, 3] = speed[own] / SPEED, acceleration[own] / ACCELERATION
+
+
+@kernel(Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS, OUT_FLOATS))(FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, float64))
+def _seen(
+    x: FloatArray,
+    y: FloatArray,
+    rows: IntArray,
+    own_x: FloatArray,
+    own_y: FloatArray,
+    own_yaw: FloatArray,
+    sight: float,
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Who sees whom, from where.
+
+    Args:
+        x, y: (n,) of everybody [m].
+        rows: (m,) of those that look.
+        own_x, own_y, own_yaw: (m,) where they look from [m], [rad].
+        sight: how far [m].
+
+    Returns:
+        k pairs, those of the first viewer first: position among the viewers and row of whom it sees, both (k,), and
+        where that is, ahead and to the left (k,) [m].
+    """
+    viewer, agent = np.empty(len(rows) * len(x), np.int64), np.empty(len(rows) * len(x), np.int64)
+    ahead, left = np.empty(len(viewer)), np.empty(len(viewer))
+    k = 0
+    for i in range(len(rows)):
+        cos, sin = math.cos(own_yaw[i]), math.sin(own_yaw[i])
+        for j in range(len(x)):
+            dx, dy = x[j] - own_x[i], y[j] - own_y[i]
+            if j != rows[i] and math.hypot(dx, dy) <= sight:
+                viewer[k], agent[k] = i, j
+                ahead[k], left[k] = dx * cos + dy * sin, dy * cos - dx * sin
+                k += 1
+    return viewer[:k], agent[:k], ahead[:k], left[:k]
+
+
+@kernel(void(INTS, INTS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, boolean, int64, OUT_FLOATS2))
+def _see_surrounding(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    viewer: IntArray,
+    agent: IntArray,
+    ahead: FloatArray,
+    left: FloatArray,
+    bearing: FloatArray,
+    rows: IntArray,
+    own_yaw: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    length: FloatArray,
+    by_sector: bool,
+    slots: int,
+    features: FloatArray,
+) -> None:
+    """Write who is around: the nearest of each sector, or the nearest of all; of equally near ones the lower row.
+
+    Args:
+        viewer, agent, ahead, left: k pairs as :func:`_seen` gives them.
+        bearing: (k,) of the agents from the viewers' headings [rad].
+        rows, own_yaw: (m,) of the viewers, and their headings [rad].
+        yaw, speed, length: (n,) of everybody [rad], [m/s], [m].
+        by_sector: whether each slot is a sector.
+        slots: how many there are.
+        features: (m, size) into which is written.
+    """
+    chosen = np.full((len(rows), slots), -1, np.int64)
+    near = np.full((len(rows), slots), np.inf)
+    for k in range(len(viewer)):
+        i, turn = viewer[k], yaw[agent[k]] - own_yaw[viewer[k]]
+        front, own_front = 0.5 * length[agent[k]], 0.5 * length[rows[i]]
+        apart = math.hypot(ahead[k] + front * math.cos(turn) - own_front, left[k] + front * math.sin(turn))
+        if by_sector:
+            at = int(np.floor(bearing[k] / (2.0 * math.pi / slots) + 0.5)) % slots
+            if apart < near[i, at]:
+                chosen[i, at], near[i, at] = k, apart
+            continue
+        at = slots
+        while at > 0 and apart < near[i, at - 1]:
+            at -= 1
+        for later in range(slots - 1, at, -1):
+            chosen[i, later], near[i, later] = chosen[i, later - 1], near[i, later - 1]
+        if at < slots:
+            chosen[i, at], near[i, at] = k, apart
+    for i in range(len(rows)):
+        for at in range(slots):
+            k, first = chosen[i, at], CORE + SLOT * at
+            if k < 0:
+                continue
+            turn = yaw[agent[k]] - own_yaw[i]
+            features[i, first] = 1.0
+            features[i, first + 1] = near[i, at] / DISTANCE
+            features[i, first + 2] = speed[agent[k]] / SPEED
+            features[i, first + 3], features[i, first + 4] = math.sin(bearing[k]), math.cos(bearing[k])
+            features[i, first + 5], features[i, first + 6] = math.sin(turn), math.cos(turn)
+
+
+@kernel(void(INTS, FLOATS, FLOATS, FLOATS2, FLOATS, FLOATS, FLOATS, FLOATS, int64, OUT_FLOATS2))
+def _see_road(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    lane: IntArray,
+    d: FloatArray,
+    lane_heading: FloatArray,
+    around: FloatArray,
+    yaw: FloatArray,
+    half_width: FloatArray,
+    to_left: FloatArray,
+    to_right: FloatArray,
+    first: int,
+    features: FloatArray,
+) -> None:
+    """Write the road under m agents.
+
+    Args:
+        lane, d, lane_heading: (m,) as in :class:`litsim_sim.maps.lane_map.LanePosition`.
+        around: (2, m) heading of the lane behind and ahead, as CURVE says [rad].
+        yaw: (m,) of the agents [rad].
+        half_width, to_left, to_right: of all lanes, and the width of what lies beyond them [m].
+        first: position of the first feature.
+        features: (m, size) into which is written.
+    """
+    for i in range(len(lane)):
+        marker_left, marker_right = half_width[lane[i]] - d[i], half_width[lane[i]] + d[i]
+        features[i, first] = marker_left / LATERAL
+        features[i, first + 1] = marker_right / LATERAL
+        features[i, first + 2] = (marker_left + to_left[lane[i]]) / EDGE
+        features[i, first + 3] = (marker_right + to_right[lane[i]]) / EDGE
+        features[i, first + 4] = d[i] / LATERAL
+        features[i, first + 5] = wrapped(around[1, i] - around[0, i]) / CURVE_LENGTH / CURVATURE
+        features[i, first + 6] = wrapped(yaw[i] - lane_heading[i]) / HEADING
+
+
+@kernel(void(FLOATS2, FLOATS2, BOOLS2, BOOLS2, FLOATS, float64, OUT_FLOATS2))
+def _see_leader(
+    gap: FloatArray,
+    along: FloatArray,
+    ahead: BoolArray,
+    in_path: BoolArray,
+    speed: FloatArray,
+    sight: float,
+    features: FloatArray,
+) -> None:
+    """Write who is the first on the path within `sight` [m], for agents of `speed` (m,) [m/s].
+
+    The first four arrays (m, n) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
+    """
+    first = features.shape[1] - WAY + 5
+    for i in range(len(speed)):
+        leader, least = -1, np.inf
+        for j in range(gap.shape[1]):
+            if ahead[i, j] and in_path[i, j] and gap[i, j] < min(sight, least):
+                leader, least = j, gap[i, j]
+        if leader >= 0 and least > -np.inf:
+            features[i, first], features[i, first + 1] = 1.0, least / DISTANCE
+            features[i, first + 2] = (along[i, leader] - speed[i]) / SPEED
+
+
+@kernel(void(FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, OUT_FLOATS2))
+def _see_opponent(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    opponent: IntArray,
+    own_x: FloatArray,
+    own_y: FloatArray,
+    own_yaw: FloatArray,
+    own_speed: FloatArray,
+    features: FloatArray,
+) -> None:
+    """Write where the opponents are: rows (m,) of everybody (n,), -1 for none; `own` arrays are of the agents (m,)."""
+    first = features.shape[1] - 4
+    for i in range(len(opponent)):
+        j = opponent[i]
+        if j < 0:
+            continue
+        cos, sin = math.cos(own_yaw[i]), math.sin(own_yaw[i])
+        dx, dy = x[j] - own_x[i], y[j] - own_y[i]
+        features[i, first] = 1.0
+        features[i, first + 1] = (dx * cos + dy * sin) / DISTANCE
+        features[i, first + 2] = (dy * cos - dx * sin) / LATERAL
+        features[i, first + 3] = (speed[j] * math.cos(yaw[j] - own_yaw[i]) - own_speed[i]) / SPEED
 
 
 def _beyond(lane_map: LaneMap, row: int, side: Literal["left", "right"]) -> float:

@@ -7,15 +7,31 @@ comfortable. Every intervention is counted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba.types import Tuple
 from pydantic import model_validator
 
+from litsim_policy.driving.look_ahead import first_touch, rolled_out, stay_on_road, steps_of
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.followers import PathFollowers
-from litsim_sim.core.geometry import boxes_overlap, to_body
+from litsim_sim.core.compiled import (
+    BOOLS2,
+    FLOATS,
+    FLOATS2,
+    FLOATS3,
+    OUT_BOOLS,
+    OUT_FLOATS,
+    OUT_FLOATS2,
+    OUT_FLOATS3,
+    OUT_INTS,
+    float64,
+    kernel,
+)
+from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import (
     Acceleration,
     AngularAcceleration,
@@ -34,6 +50,10 @@ from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, Int
 from litsim_sim.maps.lane_map import LaneMap
 
 GUARDS = ("limits", "following", "contact", "road")
+SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as the one that was asked for
+SPEED_MIN = 1e-3  # [m/s] up to which the bound on lateral acceleration is that of this speed
+ROOM_MIN = 0.1  # [m] less room than this is taken as this
+BRAKING_MIN = 0.1  # [m/s2] a leader is taken to brake no less hard
 
 
 @configuration
@@ -136,34 +156,29 @@ class SafetyLayer:
             acceleration, yaw_rate: (m,) as asked for [m/s2], [rad/s].
         """
         config, agents = self.config, scene.agents
+        table, rows = agents.table, agents.rows
         changed = np.zeros((len(scene), len(GUARDS)), np.bool_)
-        limited = self._limited(agents.table.take(agents.rows), acceleration, yaw_rate)
-        changed[:, 0] = (np.abs(limited[0] - acceleration) > 1e-9) | (np.abs(limited[1] - yaw_rate) > 1e-9)
+        safe, changed[:, 0] = _limited(
+            np.column_stack([acceleration, yaw_rate]),
+            table.acceleration[rows],
+            table.yaw_rate[rows],
+            table.speed[rows],
+            config.deceleration_max,
+            config.acceleration_max,
+            config.jerk_max,
+            config.yaw_rate_max,
+            config.lateral_acceleration_max,
+            config.yaw_acceleration_max,
+        )
         cap = following_cap(config, agents) if config.following else np.full(len(scene), config.acceleration_max)
-        changed[:, 1] = cap < limited[0]
-        safe = np.column_stack([np.minimum(limited[0], cap), limited[1]])
+        changed[:, 1] = cap < safe[:, 0]
+        safe[:, 0] = np.minimum(safe[:, 0], cap)
         if (config.contact or config.road) and len(scene):
             safe, changed[:, 2], changed[:, 3] = self._guarded(agents, safe, cap)
         self.agent_steps += len(scene)
         for name, count in zip(GUARDS, changed.sum(axis=0).tolist(), strict=True):
             self.interventions[name] += count
         return SafeCommands(safe[:, 0], safe[:, 1], changed)
-
-    def _limited(
-        self, agents: AgentTable, acceleration: FloatArray, yaw_rate: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Commands (m,) within the comfort bounds, those on the rates of change included.
-
-        What the agent did in the last step may itself be out of bounds; it comes back at the bound of the rate.
-        """
-        config = self.config
-        jerk, twist = config.jerk_max * STEP_S, config.yaw_acceleration_max * STEP_S
-        before = np.clip(agents.acceleration, -config.deceleration_max, config.acceleration_max)
-        acceleration = np.clip(acceleration, before - jerk, before + jerk)
-        acceleration = np.clip(acceleration, -config.deceleration_max, config.acceleration_max)
-        yaw_rate = np.clip(yaw_rate, agents.yaw_rate - twist, agents.yaw_rate + twist)
-        bound = np.minimum(config.yaw_rate_max, config.lateral_acceleration_max / np.maximum(agents.speed, 1e-3))
-        return acceleration, np.clip(yaw_rate, -bound, bound)
 
     def _guarded(
         self, agents: PathFollowers, commands: FloatArray, cap: FloatArray
@@ -180,82 +195,46 @@ class SafetyLayer:
         Returns:
             the commands (m, 2), and which of them (m,) were changed for contact, and for the road.
         """
-        config, table = self.config, agents.table
-        first_touch, on_road = self._look_ahead(table, agents.rows, commands[:, None])
-        touches = config.contact & (first_touch[:, 0] < np.inf)
+        config, rows = self.config, agents.rows
+        first, on_road = self._look_ahead(agents.table, rows, commands[:, None])
+        touches = config.contact & (first[:, 0] < np.inf)
         leaves = config.road & ~on_road[:, 0]
         at = np.flatnonzero(touches | leaves)
         if not len(at):
             return commands, touches, leaves
-        choices = self._choices(agents, at, commands, cap)
-        touch, stays = self._look_ahead(table, agents.rows[at], choices)
+        choices = _choices(
+            commands[at],
+            cap[at],
+            agents.speed[at],
+            agents.table.yaw_rate[rows[at]],
+            agents.path_yaw_rate[at],
+            agents.lane_yaw_rate[at],
+            config.yaw_acceleration_max * STEP_S,
+            config.lateral_acceleration_max,
+            config.acceleration_max,
+            config.braking_max,
+        )
+        touch, stays = self._look_ahead(agents.table, rows[at], choices)
         if not config.contact:
             touch[:] = np.inf
         stays |= not config.road or ~stays.any(axis=1, keepdims=True)
-        good = (touch == np.inf) & stays
-        late = np.where(stays, touch, -1.0)
-        least_bad = np.where(late == late.max(axis=1, keepdims=True), choices[..., 0], np.inf)
-        best = np.where(good.any(axis=1), np.argmax(good, axis=1), np.argmin(least_bad, axis=1))
         chosen = commands.copy()
-        chosen[at] = choices[np.arange(len(at)), best]
+        chosen[at] = choices[np.arange(len(at)), _best(choices, touch, stays)]
         moved = (chosen != commands).any(axis=1)
         return chosen, moved & touches, moved & leaves
 
-    def _choices(self, agents: PathFollowers, at: IntArray, commands: FloatArray, cap: FloatArray) -> FloatArray:
-        """What the agents at positions `at` (k,) could do instead, nearest to the commanded acceleration first.
-
-        Whoever is cut in on from behind is best off driving on.
-
-        Returns:
-            (k, 15, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then at other speeds.
-        """
-        config, wanted = self.config, commands[at, 0]
-        bound = (config.lateral_acceleration_max / np.maximum(agents.speed[at], 1e-3))[:, None]
-        twist, now = config.yaw_acceleration_max * STEP_S, agents.table.yaw_rate[agents.rows[at], None]
-        along = np.column_stack([agents.path_yaw_rate[at], agents.lane_yaw_rate[at]])
-        along = np.clip(np.clip(along, now - twist, now + twist), -bound, bound)
-        steering = np.column_stack([commands[at, 1], along])
-        driving_on = np.maximum(np.minimum(config.acceleration_max, cap[at]), wanted)
-        braking = (np.minimum(wanted, limit) for limit in (-2.0, -4.0, -config.braking_max))
-        accelerations = np.column_stack([wanted, *braking, driving_on])
-        order = np.argsort(np.abs(accelerations - wanted[:, None]), axis=1, kind="stable")
-        accelerations = np.take_along_axis(accelerations, order, axis=1)
-        shape = (len(at), accelerations.shape[1], steering.shape[1])
-        pairs = [np.broadcast_to(values, shape) for values in (accelerations[:, :, None], steering[:, None, :])]
-        return np.stack(pairs, axis=-1).reshape(len(at), -1, 2)
-
     def _look_ahead(self, table: AgentTable, rows: IntArray, commands: FloatArray) -> tuple[FloatArray, BoolArray]:
         """What commands (m, c, 2) of the agents in `rows` (m,) lead to.
-
-        The agents keep the commanded acceleration and end their turn with `settle`; the others go straight on, and
-        those that brake go on braking. Boxes that touch already and followers in the own lane do not count.
 
         Returns:
             time of the first touch (m, c) [s], infinite where there is none, and whether the agent stays on the road
             (m, c).
         """
         config = self.config
-        instants, road = _steps(config.horizon), _steps(config.road_horizon)
-        t: FloatArray = STEP_S * np.arange(1, max(instants, road) + 1, dtype=np.float64)
-        now = [values[rows, None, None] for values in (table.x, table.y, table.yaw, table.speed)]
-        speed = np.maximum(now[3] + commands[..., :1] * t, 0.0)
-        yaw = now[2] + commands[..., 1:] * config.settle * (1.0 - np.exp(-t / config.settle))
-        x = now[0] + STEP_S * np.cumsum(speed * np.cos(yaw), axis=-1)
-        y = now[1] + STEP_S * np.cumsum(speed * np.sin(yaw), axis=-1)
-        poses = np.stack([x, y, yaw])
-        touch = first_touch(table, rows, poses[..., :instants], config.margin)
-        return touch, self._stays_on_road(table, rows, poses[..., road - 1])
-
-    def _stays_on_road(self, table: AgentTable, rows: IntArray, poses: FloatArray) -> BoolArray:
-        """(m, c) whether both sides of agents at `poses` (3, m, c) are on the road; one that is off it now may be."""
-        now = np.stack([table.x[rows], table.y[rows], table.yaw[rows]])
-        x, y, yaw = np.concatenate([poses, now[..., None]], axis=-1)
-        half = 0.5 * table.width[rows, None]
-        side_x, side_y = half * np.sin(yaw), half * np.cos(yaw)
-        sides = np.stack([x - side_x, x + side_x]), np.stack([y + side_y, y - side_y])
-        on_road = self.lane_map.inside_road(sides[0].ravel(), sides[1].ravel())
-        inside = np.asarray(on_road.reshape(2, *x.shape).all(axis=0))
-        return np.asarray(inside[:, :-1] | ~inside[:, -1:])
+        instants, road = steps_of(config.horizon), steps_of(config.road_horizon)
+        poses = rolled_out(table, rows, commands, config.settle, max(instants, road))
+        touch = first_touch(table, rows, poses, instants, config.margin)
+        return touch, stay_on_road(self.lane_map, table, rows, poses, road - 1)
 
 
 def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
@@ -265,105 +244,174 @@ def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
     suffices. It is approached with `relax`. What the approach needs, the leader going on as it does now, is braked
     for at once where it is more than `imminent`.
     """
-    view, table, rows = agents.view, agents.table, agents.rows
-    own, lead = np.nonzero(view.ahead & view.in_path & (view.gap > -0.5 * table.length[rows, None]))
-    speed = agents.speed[own]
-    room = view.gap[own, lead] - config.standstill_gap
-    lead_speed = np.maximum(view.speed[own, lead], 0.0)
-    stop = 2.0 * config.own_braking * np.maximum(room, 0.0)
-    stop += lead_speed**2 * config.own_braking / config.leader_braking
-    lag = config.own_braking * STEP_S
-    safe_speed = -lag + np.sqrt(lag**2 + stop)
-    cap = (safe_speed - speed) / config.relax
-    closing = np.maximum(speed - lead_speed, 0.0)
-    needed = closing**2 / (2.0 * np.maximum(room, 0.1))
-    braking = np.maximum(-table.acceleration[lead], 0.1)
-    stopped = np.where(braking > config.leader_brakes, lead_speed**2 / (2.0 * braking), np.inf)
-    needed = np.maximum(needed, speed**2 / (2.0 * np.maximum(room + stopped, 0.1)))
-    cap = np.where(needed > config.imminent, np.minimum(cap, -needed), cap)
-    caps = np.full(len(agents), np.inf)
-    np.minimum.at(caps, own, cap)
-    return np.clip(caps, -config.braking_max, config.acceleration_max)
+    view, table = agents.view, agents.table
+    return _following_cap(
+        view.gap,
+        view.speed,
+        view.ahead & view.in_path,
+        agents.speed,
+        table.length[agents.rows],
+        table.acceleration,
+        config.standstill_gap,
+        config.own_braking,
+        config.leader_braking,
+        config.relax,
+        config.imminent,
+        config.leader_brakes,
+        config.braking_max,
+        config.acceleration_max,
+    )
 
 
-def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, margin: float) -> FloatArray:
-    """When boxes of agents first touch somebody else's.
+@kernel(Tuple((OUT_FLOATS2, OUT_BOOLS))(FLOATS2, FLOATS, FLOATS, FLOATS, *[float64] * 6))
+def _limited(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    asked: FloatArray,
+    acceleration: FloatArray,
+    yaw_rate: FloatArray,
+    speed: FloatArray,
+    deceleration_max: float,
+    acceleration_max: float,
+    jerk_max: float,
+    yaw_rate_max: float,
+    lateral_acceleration_max: float,
+    yaw_acceleration_max: float,
+) -> tuple[FloatArray, BoolArray]:
+    """Commands within the comfort bounds, those on the rates of change included.
+
+    What the agent did in the last step may itself be out of bounds; it comes back at the bound of the rate.
 
     Args:
-        table: everybody; those not looked at go straight on, and those that brake go on braking.
-        rows: (m,) of the agents.
-        poses: (3, m, c, T) x, y [m] and yaw [rad] of the agents at T instants of 0.1 s, under c commands each.
-        margin: [m] kept around other boxes.
+        asked: (m, 2) accelerations [m/s2] and yaw rates [rad/s].
+        acceleration, yaw_rate, speed: (m,) of the agents in the last step and now [m/s2], [rad/s], [m/s].
+        deceleration_max, acceleration_max, jerk_max, yaw_rate_max, lateral_acceleration_max, yaw_acceleration_max: as
+            in :class:`SafetyConfig`.
 
     Returns:
-        (m, c) time [s], infinite where nobody is touched.
+        the commands (m, 2), and which of them are not what was asked for (m,).
     """
-    commands, instants = poses.shape[2:]
-    t: FloatArray = STEP_S * np.arange(1, instants + 1, dtype=np.float64)
-    one, other, touching = _within_reach(table, rows, float(t[-1]) if instants else 0.0, margin)
-    found = np.full((len(rows), commands), np.inf)
-    one, other = one[~touching], other[~touching]
-    if not len(one):
-        return found
-    braking = np.minimum(table.acceleration[other], 0.0)[:, None]
-    speed = table.speed[other][:, None]
-    going = np.where(braking < 0.0, -speed / np.minimum(braking, -1e-3), np.inf)
-    time = np.minimum(t, going)
-    gone = speed * time + 0.5 * braking * time**2
-    yaw = table.yaw[other]
-    other_x = table.x[other][:, None] + gone * np.cos(yaw)[:, None]
-    other_y = table.y[other][:, None] + gone * np.sin(yaw)[:, None]
-    grown = table.length[other] + 2.0 * margin, table.width[other] + 2.0 * margin
-    mine = table.length[rows[one]], table.width[rows[one]]
-    radius = 0.5 * (np.hypot(*grown) + np.hypot(*mine)) + 1e-9
-    dx, dy = other_x[:, None] - poses[0, one], other_y[:, None] - poses[1, one]
-    pair, command, instant = np.nonzero(dx * dx + dy * dy < (radius**2)[:, None, None])
-    hit = boxes_overlap(
-        dx[pair, command, instant],
-        dy[pair, command, instant],
-        poses[2, one[pair], command, instant],
-        yaw[pair],
-        (mine[0][pair], mine[1][pair]),
-        (grown[0][pair], grown[1][pair]),
-    )
-    np.minimum.at(found, (one[pair[hit]], command[hit]), t[instant[hit]])
-    return found
+    limited, changed = np.empty(asked.shape), np.empty(len(asked), np.bool_)
+    jerk, twist = jerk_max * STEP_S, yaw_acceleration_max * STEP_S
+    for i in range(len(asked)):
+        before = within(acceleration[i], -deceleration_max, acceleration_max)
+        pedal = within(asked[i, 0], before - jerk, before + jerk)
+        bound = min(yaw_rate_max, lateral_acceleration_max / max(speed[i], SPEED_MIN))
+        turn = within(asked[i, 1], yaw_rate[i] - twist, yaw_rate[i] + twist)
+        limited[i, 0] = within(pedal, -deceleration_max, acceleration_max)
+        limited[i, 1] = within(turn, -bound, bound)
+        changed[i] = abs(limited[i, 0] - asked[i, 0]) > SAME or abs(limited[i, 1] - asked[i, 1]) > SAME
+    return limited, changed
 
 
-def _within_reach(
-    table: AgentTable, rows: IntArray, horizon: float, margin: float
-) -> tuple[IntArray, IntArray, BoolArray]:
-    """Pairs of agents and others that may come near within `horizon` [s].
+@kernel(OUT_FLOATS(FLOATS2, FLOATS2, BOOLS2, FLOATS, FLOATS, FLOATS, *[float64] * 8))
+def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    gap: FloatArray,
+    leader_speed: FloatArray,
+    leads: BoolArray,
+    speed: FloatArray,
+    length: FloatArray,
+    leader_acceleration: FloatArray,
+    standstill_gap: float,
+    own_braking: float,
+    leader_braking: float,
+    relax: float,
+    imminent: float,
+    leader_brakes: float,
+    braking_max: float,
+    acceleration_max: float,
+) -> FloatArray:
+    """See :func:`following_cap`.
 
-    Followers in the own lane are not among them.
+    Args:
+        gap, leader_speed: (m, n) to everybody and of everybody along the path [m], [m/s].
+        leads: (m, n) who is ahead on the path.
+        speed, length: (m,) of the agents [m/s], [m].
+        leader_acceleration: (n,) of everybody [m/s2].
+        standstill_gap, own_braking, leader_braking, relax, imminent, leader_brakes, braking_max, acceleration_max: as
+            in :class:`SafetyConfig`.
+    """
+    caps = np.empty(len(speed))
+    lag = own_braking * STEP_S
+    for i in range(len(speed)):
+        least = np.inf
+        for j in np.flatnonzero(leads[i]):
+            if not gap[i, j] > -0.5 * length[i]:
+                continue
+            room, lead = gap[i, j] - standstill_gap, max(leader_speed[i, j], 0.0)
+            stop = 2.0 * own_braking * max(room, 0.0) + lead**2 * own_braking / leader_braking
+            cap = (-lag + math.sqrt(lag**2 + stop) - speed[i]) / relax
+            needed = max(speed[i] - lead, 0.0) ** 2 / (2.0 * max(room, ROOM_MIN))
+            braking = max(-leader_acceleration[j], BRAKING_MIN)
+            if braking > leader_brakes:
+                stopped = lead**2 / (2.0 * braking)
+                needed = max(needed, speed[i] ** 2 / (2.0 * max(room + stopped, ROOM_MIN)))
+            least = min(least, min(cap, -needed) if needed > imminent else cap)
+        caps[i] = within(least, -braking_max, acceleration_max)
+    return caps
+
+
+@kernel(OUT_FLOATS3(FLOATS2, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, *[float64] * 4))
+def _choices(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    commands: FloatArray,
+    cap: FloatArray,
+    speed: FloatArray,
+    yaw_rate: FloatArray,
+    path_yaw_rate: FloatArray,
+    lane_yaw_rate: FloatArray,
+    twist: float,
+    lateral_acceleration_max: float,
+    acceleration_max: float,
+    braking_max: float,
+) -> FloatArray:
+    """What agents could do instead of what they are commanded to, nearest to the commanded acceleration first.
+
+    Whoever is cut in on from behind is best off driving on.
+
+    Args:
+        commands: (k, 2) accelerations [m/s2] and yaw rates [rad/s].
+        cap: (k,) accelerations that those ahead allow [m/s2].
+        speed, yaw_rate: (k,) now [m/s], [rad/s].
+        path_yaw_rate, lane_yaw_rate: (k,) that lead along the path and along the lane [rad/s].
+        twist: by which a yaw rate may change in a step [rad/s].
+        lateral_acceleration_max, acceleration_max, braking_max: as in :class:`SafetyConfig`.
 
     Returns:
-        positions in `rows`, rows of the others, and whether the boxes of a pair touch already; arrays (k,).
+        (k, 15, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then at other speeds.
     """
-    dx, dy = table.x - table.x[rows, None], table.y - table.y[rows, None]
-    reach = table.length + table.length[rows, None] + (table.speed + table.speed[rows, None]) * horizon
-    near = dx * dx + dy * dy < reach * reach
-    near[np.arange(len(rows)), rows] = False
-    one, other = np.nonzero(near)
-    own = rows[one]
-    ahead, left = to_body(dx[one, other], dy[one, other], table.yaw[own])
-    half_length, half_width = (
-        0.5 * (table.length[other] + table.length[own]),
-        0.5 * (table.width[other] + table.width[own]),
-    )
-    kept = ~((ahead < -half_length) & (np.abs(left) < half_width))
-    one, other, own = one[kept], other[kept], own[kept]
-    touching = boxes_overlap(
-        dx[one, other],
-        dy[one, other],
-        table.yaw[own],
-        table.yaw[other],
-        (table.length[own], table.width[own]),
-        (table.length[other] + 2.0 * margin, table.width[other] + 2.0 * margin),
-    )
-    return one, other, touching
+    choices = np.empty((len(commands), 15, 2))
+    for i in range(len(commands)):
+        wanted = commands[i, 0]
+        bound = lateral_acceleration_max / max(speed[i], SPEED_MIN)
+        low, high = yaw_rate[i] - twist, yaw_rate[i] + twist
+        along_path = within(within(path_yaw_rate[i], low, high), -bound, bound)
+        along_lane = within(within(lane_yaw_rate[i], low, high), -bound, bound)
+        steering = (commands[i, 1], along_path, along_lane)
+        driving_on = max(min(acceleration_max, cap[i]), wanted)
+        pedals = np.array([wanted, min(wanted, -2.0), min(wanted, -4.0), min(wanted, -braking_max), driving_on])
+        for place, k in enumerate(np.argsort(np.abs(pedals - wanted), kind="mergesort")):
+            for s in range(3):
+                choices[i, 3 * place + s, 0], choices[i, 3 * place + s, 1] = pedals[k], steering[s]
+    return choices
 
 
-def _steps(seconds: float) -> int:
-    """Steps of a look ahead of `seconds`, at least one."""
-    return max(1, round(seconds / STEP_S))
+@kernel(OUT_INTS(FLOATS3, FLOATS2, BOOLS2))
+def _best(choices: FloatArray, touch: FloatArray, stays: BoolArray) -> IntArray:
+    """Positions (k,) of the choices to take.
+
+    The first that touches nobody and stays on the road; where there is none, of those that stay and touch latest the
+    one that brakes hardest.
+
+    Args:
+        choices: (k, c, 2) accelerations [m/s2] and yaw rates [rad/s].
+        touch: (k, c) when they touch [s], infinite where they do not.
+        stays: (k, c) whether they stay on the road; one of each agent's does.
+    """
+    best = np.zeros(len(choices), np.int64)
+    for i in range(len(choices)):
+        latest, least = -1.0, np.inf
+        for c in range(choices.shape[1]):
+            if not stays[i, c]:
+                continue
+            later = touch[i, c] > latest
+            if later or (touch[i, c] == latest and touch[i, c] < np.inf and choices[i, c, 0] < least):
+                best[i], latest, least = c, touch[i, c], choices[i, c, 0]
+    return best

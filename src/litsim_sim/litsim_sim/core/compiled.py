@@ -186,6 +186,6 @@ def _constant(name: str, value: object) -> str:
         return repr(list(value))
     if isinstance(value, np.ndarray):
         return f"{value.dtype}{value.shape}{value.tobytes().hex()}"
-    if isinstance(value, bool | int | float | Enum):
+    if isinstance(value, bool | int | float | Enum | types.Type):  # a type: of a name that numpy has, too
         return repr(value)
     raise TypeError(f"a kernel cannot use {name}: neither a number, an enumeration, an array nor a kernel")

@@ -17,7 +17,7 @@ from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_graph import directly_linked, straightest_successors
 from litsim_sim.maps.net_lanes import TOLERANCE, Lane, read_lanes
-from litsim_sim.maps.segment_grid import REACH, SegmentGrid
+from litsim_sim.maps.segment_grid import SegmentGrid
 
 DIRECTION_PENALTY = 4.0  # [m] times 1 - cos of the angle between a pose and a lane: opposite lanes are 8 m further
 INTERNAL_PENALTY = 1.0  # [m] by which a lane inside a junction must be nearer to win
@@ -56,6 +56,7 @@ class LaneMap:
         self.bounds: tuple[float, float, float, float] = (float(x_min), float(y_min), float(x_max), float(y_max))
         self._segments = SegmentGrid(self.lanes, self.bounds)
         self._half_width = 0.5 * np.array([lane.width for lane in self.lanes])[self._segments.lane]
+        self._reach = self._half_width + TOLERANCE
         internal = np.array([lane.is_internal for lane in self.lanes])[self._segments.lane]
         self._penalty = np.where(internal, INTERNAL_PENALTY, 0.0)
         self._straightest = straightest_successors(self.lanes)
@@ -84,18 +85,10 @@ class LaneMap:
             x, y: (n,) [m].
             yaw: (n,) headings [rad].
         """
-        x, y = np.atleast_1d(np.asarray(x, np.float64)), np.atleast_1d(np.asarray(y, np.float64))
-        yaw = None if yaw is None else np.atleast_1d(np.asarray(yaw, np.float64))
-        segments = self._segments.candidates(x, y)
-        cost = self._cost(x, y, yaw, segments)
-        best = np.argmin(cost, axis=1)
-        rows = np.arange(len(x))
-        segment = segments[rows, best]
-        far = np.flatnonzero(~(cost[rows, best] <= REACH))
-        if len(far):
-            every = np.broadcast_to(np.arange(len(self._segments)), (len(far), len(self._segments)))
-            cost = self._cost(x[far], y[far], None if yaw is None else yaw[far], every)
-            segment[far] = np.argmin(cost, axis=1)
+        x, y = _column(x), _column(y)
+        # without a heading, all directions are alike
+        turn, heading = (0.0, np.zeros(len(x))) if yaw is None else (DIRECTION_PENALTY, _column(yaw))
+        segment = self._segments.best(x, y, heading, self._penalty, turn)
         along, d = self._segments.project(x, y, segment)
         s = self._segments.start_s[segment] + np.clip(along, 0.0, self._segments.size[segment])
         return LanePosition(self._segments.lane[segment], s, d, self._segments.heading[segment])
@@ -139,10 +132,7 @@ class LaneMap:
 
     def inside_road(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """(n,) whether points lie within half a lane width of some lane's centre line."""
-        x, y = np.atleast_1d(np.asarray(x, np.float64)), np.atleast_1d(np.asarray(y, np.float64))
-        segments = self._segments.candidates(x, y)
-        distance = self._segments.distance(x[:, None], y[:, None], segments)
-        return cast(BoolArray, ((distance <= self._half_width[segments] + TOLERANCE) & (segments >= 0)).any(axis=1))
+        return self._segments.any_within(_column(x), _column(y), self._reach)
 
     def inside_lane(
         self, x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray
@@ -160,13 +150,7 @@ class LaneMap:
         inside = ((distance <= self._half_width[segments] + TOLERANCE) & same).any(axis=1)
         return cast(BoolArray, inside.reshape(-1, 4).all(axis=1))
 
-    def _cost(self, x: FloatArray, y: FloatArray, yaw: FloatArray | None, segments: IntArray) -> FloatArray:
-        """(n, k) distance plus handicaps of candidate `segments` (n, k); infinite where a candidate is -1."""
-        cost = self._segments.distance(x[:, None], y[:, None], segments) + self._penalty[segments]
-        if yaw is not None:
-            facing = (
-                np.cos(yaw)[:, None] * self._segments.cos[segments]
-                + np.sin(yaw)[:, None] * self._segments.sin[segments]
-            )
-            cost += DIRECTION_PENALTY * (1.0 - facing)
-        return np.where(segments >= 0, cost, np.inf)
+
+def _column(values: FloatArray) -> FloatArray:
+    """`values`, one number or an array (n,), as a C-ordered array (n,) of float64."""
+    return np.ascontiguousarray(values, np.float64).reshape(-1)

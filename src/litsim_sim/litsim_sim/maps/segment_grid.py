@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
 
-from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.core.compiled import (
+    FLOATS,
+    FLOATS2,
+    INTS2,
+    OUT_BOOLS,
+    OUT_INTS,
+    float64,
+    int64,
+    kernel,
+)
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.maps.net_lanes import Lane
 
 CELL = 16.0  # [m] of the lookup grid
@@ -43,6 +54,7 @@ class SegmentGrid:
         self._start_key = self._lane_key[self.lane] + self.start_s
         self._bounds = bounds
         self._cells, self._shape = self._make_grid()
+        self._lines = np.column_stack([self.start_x, self.start_y, self.cos, self.sin, self.size])
 
     def __len__(self) -> int:
         return len(self.size)
@@ -71,6 +83,27 @@ class SegmentGrid:
         x = self.start_x[segment] + along * self.cos[segment]
         y = self.start_y[segment] + along * self.sin[segment]
         return x, y, self.heading[segment]
+
+    def best(self, x: FloatArray, y: FloatArray, yaw: FloatArray, handicap: FloatArray, turn: float) -> IntArray:
+        """(n,) segments of least cost: distance, handicap, and `turn` times 1 - cos of the angle to the heading.
+
+        Of segments that cost the same, the first is taken.
+
+        Args:
+            x, y, yaw: (n,) poses [m], [rad].
+            handicap: (k,) of the segments [m].
+            turn: [m].
+        """
+        return _best(x, y, np.cos(yaw), np.sin(yaw), turn, *self._grid, handicap)
+
+    def any_within(self, x: FloatArray, y: FloatArray, reach: FloatArray) -> BoolArray:
+        """(n,) whether points `x`, `y` [m] are no farther from some segment than its `reach` (k,), at most REACH."""
+        return _any_within(x, y, *self._grid, reach)
+
+    @property
+    def _grid(self) -> tuple[FloatArray, IntArray, float, float, int, int]:
+        """What kernels need to find segments: lines, cells, corner of the grid [m], and its columns and rows."""
+        return self._lines, self._cells, self._bounds[0], self._bounds[1], *self._shape
 
     def candidates(self, x: FloatArray, y: FloatArray) -> IntArray:
         """(n, k) segments that can be within REACH of each point, padded with -1; all -1 off the grid."""
@@ -106,3 +139,82 @@ class SegmentGrid:
         for cell, entry in enumerate(lists):
             grid[cell, : len(entry)] = entry
         return grid, (columns, rows)
+
+
+@kernel(float64(float64, float64, FLOATS2, int64))
+def _distance(x: float, y: float, lines: FloatArray, segment: int) -> float:
+    """Distance [m] of a point to a segment of `lines` (k, 5): start x and y, direction x and y, length."""
+    dx, dy, cos, sin = x - lines[segment, 0], y - lines[segment, 1], lines[segment, 2], lines[segment, 3]
+    along, left = dx * cos + dy * sin, dy * cos - dx * sin
+    return math.hypot(max(-along, along - lines[segment, 4], 0.0), left)
+
+
+@kernel(int64(float64, float64, float64, float64, int64, int64))
+def _cell(x: float, y: float, x_min: float, y_min: float, columns: int, rows: int) -> int:
+    """Cell of a point; the one after the last for all points off the grid."""
+    column, row = np.floor((x - x_min + REACH) / CELL), np.floor((y - y_min + REACH) / CELL)
+    inside = 0 <= column < columns and 0 <= row < rows
+    return int(row * columns + column) if inside else columns * rows
+
+
+@kernel(
+    OUT_INTS(FLOATS, FLOATS, FLOATS, FLOATS, float64, FLOATS2, INTS2, float64, float64, int64, int64, FLOATS),
+)
+def _best(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    x: FloatArray,
+    y: FloatArray,
+    cos: FloatArray,
+    sin: FloatArray,
+    turn: float,
+    lines: FloatArray,
+    cells: IntArray,
+    x_min: float,
+    y_min: float,
+    columns: int,
+    rows: int,
+    handicap: FloatArray,
+) -> IntArray:
+    """See :meth:`SegmentGrid.best`; `cos`, `sin` (n,) of the headings. Off the grid all segments are looked at."""
+    found = np.zeros(len(x), np.int64)
+    for i in range(len(x)):
+        least = np.inf
+        for segment in cells[_cell(x[i], y[i], x_min, y_min, columns, rows)]:
+            if segment < 0:
+                break
+            facing = cos[i] * lines[segment, 2] + sin[i] * lines[segment, 3]
+            cost = _distance(x[i], y[i], lines, segment) + handicap[segment] + turn * (1.0 - facing)
+            if cost < least:
+                found[i], least = segment, cost
+        if least <= REACH:
+            continue
+        least = np.inf
+        for segment in range(len(lines)):
+            facing = cos[i] * lines[segment, 2] + sin[i] * lines[segment, 3]
+            cost = _distance(x[i], y[i], lines, segment) + handicap[segment] + turn * (1.0 - facing)
+            if cost < least:
+                found[i], least = segment, cost
+    return found
+
+
+@kernel(OUT_BOOLS(FLOATS, FLOATS, FLOATS2, INTS2, float64, float64, int64, int64, FLOATS))
+def _any_within(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    x: FloatArray,
+    y: FloatArray,
+    lines: FloatArray,
+    cells: IntArray,
+    x_min: float,
+    y_min: float,
+    columns: int,
+    rows: int,
+    reach: FloatArray,
+) -> BoolArray:
+    """See :meth:`SegmentGrid.any_within`."""
+    found = np.zeros(len(x), np.bool_)
+    for i in range(len(x)):
+        for segment in cells[_cell(x[i], y[i], x_min, y_min, columns, rows)]:
+            if segment < 0:
+                break
+            if _distance(x[i], y[i], lines, segment) <= reach[segment]:
+                found[i] = True
+                break
+    return found

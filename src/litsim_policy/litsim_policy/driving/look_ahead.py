@@ -1,0 +1,195 @@
+"""What commands lead to within the next seconds: where agents go, whom they touch first, whether they leave the road.
+
+Agents keep the acceleration that is commanded and end their turn; all others go straight on, and those that brake go on
+braking.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba.types import UniTuple
+
+from litsim_sim.core.compiled import (
+    FLOATS,
+    FLOATS3,
+    INTS,
+    OUT_FLOATS2,
+    OUT_FLOATS3,
+    float64,
+    int64,
+    kernel,
+    read_array,
+    written_array,
+)
+from litsim_sim.core.pair_geometry import overlap
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.maps.lane_map import LaneMap
+
+POSES = read_array(float64, 4)
+ROUNDING = 1e-9  # [m] by which the circles around two boxes are widened
+
+
+def steps_of(seconds: float) -> int:
+    """Steps of a look ahead of `seconds`, at least one."""
+    return max(1, round(seconds / STEP_S))
+
+
+def rolled_out(table: AgentTable, rows: IntArray, commands: FloatArray, settle: float, instants: int) -> FloatArray:
+    """Where commands lead to.
+
+    Args:
+        table: everybody.
+        rows: (m,) of the agents that are commanded.
+        commands: (m, c, 2) accelerations [m/s2] and yaw rates [rad/s], c for each agent.
+        settle: time constant with which turns end [s].
+        instants: T, of 0.1 s each.
+
+    Returns:
+        (3, m, c, T) x, y [m] and yaw [rad].
+    """
+    turned = 1.0 - np.exp(-STEP_S * np.arange(1, instants + 1, dtype=np.float64) / settle)
+    return _rolled_out(table.x, table.y, table.yaw, table.speed, rows, commands, settle, turned)
+
+
+def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: int, margin: float) -> FloatArray:
+    """When boxes of agents first touch somebody else's; those that touch already and followers do not count.
+
+    Args:
+        table: everybody; those not looked at go straight on, and those that brake go on braking.
+        rows: (m,) of the agents.
+        poses: (3, m, c, T) x, y [m] and yaw [rad] of the agents at T instants of 0.1 s, under c commands each.
+        instants: how many of them count.
+        margin: [m] kept around other boxes.
+
+    Returns:
+        (m, c) time [s], infinite where nobody is touched.
+    """
+    columns = (table.x, table.y, table.yaw, table.speed, table.acceleration, table.length, table.width)
+    return _first_touch(*columns, rows, poses, instants, margin)
+
+
+def stay_on_road(lane_map: LaneMap, table: AgentTable, rows: IntArray, poses: FloatArray, instant: int) -> BoolArray:
+    """(m, c) whether both sides of agents are on the road at an instant; one that is off it now may be.
+
+    Args:
+        lane_map: the road.
+        table: everybody.
+        rows: (m,) of the agents.
+        poses: (3, m, c, T) as in :func:`first_touch`.
+        instant: position of the instant among the T.
+    """
+    x, y = _sides(table.x, table.y, table.yaw, table.width, rows, poses, instant)
+    inside: BoolArray = lane_map.inside_road(x.ravel(), y.ravel()).reshape(x.shape)
+    both = inside[..., 0] & inside[..., 1]
+    return both[:, :-1] | ~both[:, -1:]
+
+
+@kernel(written_array(float64, 4)(FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS3, float64, FLOATS))
+def _rolled_out(
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    rows: IntArray,
+    commands: FloatArray,
+    settle: float,
+    turned: FloatArray,
+) -> FloatArray:
+    """See :func:`rolled_out`; `turned` (T,) is the share of its turn that an agent has made at each instant."""
+    agents, count, instants = len(rows), commands.shape[1], len(turned)
+    poses = np.empty((3, agents, count, instants))
+    for i in range(agents):
+        own = rows[i]
+        for c in range(count):
+            along_x, along_y = 0.0, 0.0
+            for k in range(instants):
+                now = max(speed[own] + commands[i, c, 0] * (STEP_S * (k + 1)), 0.0)
+                heading = yaw[own] + commands[i, c, 1] * settle * turned[k]
+                along_x += now * math.cos(heading)
+                along_y += now * math.sin(heading)
+                poses[0, i, c, k] = x[own] + STEP_S * along_x
+                poses[1, i, c, k] = y[own] + STEP_S * along_y
+                poses[2, i, c, k] = heading
+    return poses
+
+
+@kernel(OUT_FLOATS2(FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, POSES, int64, float64))
+def _first_touch(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    rows: IntArray,
+    poses: FloatArray,
+    instants: int,
+    margin: float,
+) -> FloatArray:
+    """See :func:`first_touch`; the first seven arrays (n,) are columns of the table."""
+    agents, commands = poses.shape[1:3]
+    found = np.full((agents, commands), np.inf)
+    horizon = STEP_S * instants
+    for i in range(agents):
+        own = rows[i]
+        cos, sin = math.cos(yaw[own]), math.sin(yaw[own])
+        for j in range(len(x)):
+            dx, dy = x[j] - x[own], y[j] - y[own]
+            reach = length[j] + length[own] + (speed[j] + speed[own]) * horizon
+            if j == own or not dx * dx + dy * dy < reach * reach:
+                continue
+            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+            follows = ahead < -0.5 * (length[j] + length[own]) and abs(left) < 0.5 * (width[j] + width[own])
+            long, wide = length[j] + 2.0 * margin, width[j] + 2.0 * margin
+            if follows or overlap(dx, dy, yaw[own], yaw[j], length[own], width[own], long, wide):
+                continue
+            radius = 0.5 * (math.hypot(long, wide) + math.hypot(length[own], width[own])) + ROUNDING
+            braking = min(acceleration[j], 0.0)
+            stops = -speed[j] / min(braking, -1e-3) if braking < 0.0 else np.inf
+            other_cos, other_sin = math.cos(yaw[j]), math.sin(yaw[j])
+            for k in range(instants):
+                at = STEP_S * (k + 1)
+                time = min(at, stops)
+                gone = speed[j] * time + 0.5 * braking * time**2
+                other_x, other_y = x[j] + gone * other_cos, y[j] + gone * other_sin
+                for c in range(commands):
+                    if at >= found[i, c]:
+                        continue
+                    dx, dy = other_x - poses[0, i, c, k], other_y - poses[1, i, c, k]
+                    if dx * dx + dy * dy < radius**2 and overlap(
+                        dx, dy, poses[2, i, c, k], yaw[j], length[own], width[own], long, wide
+                    ):
+                        found[i, c] = at
+    return found
+
+
+@kernel(UniTuple(OUT_FLOATS3, 2)(FLOATS, FLOATS, FLOATS, FLOATS, INTS, POSES, int64))
+def _sides(
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    width: FloatArray,
+    rows: IntArray,
+    poses: FloatArray,
+    instant: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Middles of the left and the right side of agents at an instant of `poses` (3, m, c, T), and, last, now.
+
+    Returns:
+        x and y (m, c + 1, 2) [m].
+    """
+    agents, commands = poses.shape[1:3]
+    side_x, side_y = np.empty((agents, commands + 1, 2)), np.empty((agents, commands + 1, 2))
+    for i in range(agents):
+        own = rows[i]
+        for c in range(commands + 1):
+            at_x, at_y, heading = x[own], y[own], yaw[own]
+            if c < commands:
+                at_x, at_y, heading = poses[0, i, c, instant], poses[1, i, c, instant], poses[2, i, c, instant]
+            off_x, off_y = 0.5 * width[own] * math.sin(heading), 0.5 * width[own] * math.cos(heading)
+            side_x[i, c, 0], side_x[i, c, 1] = at_x - off_x, at_x + off_x
+            side_y[i, c, 0], side_y[i, c, 1] = at_y + off_y, at_y - off_y
+    return side_x, side_y

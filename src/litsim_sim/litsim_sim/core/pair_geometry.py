@@ -1,0 +1,50 @@
+"""Functions of :mod:`litsim_sim.core.geometry` for one pair of boxes at a time, to be called from compiled loops."""
+
+from __future__ import annotations
+
+import math
+
+from litsim_sim.core.compiled import boolean, float64, kernel
+
+
+@kernel(boolean(*[float64] * 8))
+def overlap(
+    dx: float,
+    dy: float,
+    yaw_a: float,
+    yaw_b: float,
+    length_a: float,
+    width_a: float,
+    length_b: float,
+    width_b: float,
+) -> bool:
+    """Whether boxes a and b share interior points, as :func:`litsim_sim.core.geometry.boxes_overlap` has it.
+
+    Args:
+        dx, dy: centre of b minus centre of a [m].
+        yaw_a, yaw_b: headings [rad].
+        length_a, width_a, length_b, width_b: extents [m].
+    """
+    cos_a, sin_a, cos_b, sin_b = math.cos(yaw_a), math.sin(yaw_a), math.cos(yaw_b), math.sin(yaw_b)
+    half_la, half_wa, half_lb, half_wb = 0.5 * length_a, 0.5 * width_a, 0.5 * length_b, 0.5 * width_b
+    cos = abs(cos_a * cos_b + sin_a * sin_b)
+    sin = abs(sin_a * cos_b - cos_a * sin_b)
+    return not (
+        abs(dx * cos_a + dy * sin_a) >= half_la + half_lb * cos + half_wb * sin
+        or abs(dy * cos_a - dx * sin_a) >= half_wa + half_lb * sin + half_wb * cos
+        or abs(dx * cos_b + dy * sin_b) >= half_lb + half_la * cos + half_wa * sin
+        or abs(dy * cos_b - dx * sin_b) >= half_wb + half_la * sin + half_wa * cos
+    )
+
+
+@kernel(float64(float64))
+def wrapped(angle: float) -> float:
+    """The same angle [rad] within [-pi, pi), as :func:`litsim_sim.core.geometry.wrap_angle` has it."""
+    found = (angle + math.pi) % (2.0 * math.pi) - math.pi
+    return found if found < math.pi else -math.pi
+
+
+@kernel(float64(float64, float64, float64))
+def within(value: float, low: float, high: float) -> float:
+    """`value` cut to [`low`, `high`]; `high` where the bounds exclude each other, as :func:`numpy.clip` has it."""
+    return min(max(value, low), high)

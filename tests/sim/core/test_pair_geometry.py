@@ -1,0 +1,43 @@
+"""One pair at a time as the arrays of geometry have it, to the last bit."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from litsim_sim.core.geometry import boxes_overlap, wrap_angle
+from litsim_sim.core.pair_geometry import overlap, within, wrapped
+
+
+def test_overlap_is_that_of_arrays() -> None:
+    random = np.random.default_rng(0)
+    dx, dy = random.uniform(-6.0, 6.0, (2, 5000))
+    yaw_a, yaw_b = random.uniform(-7.0, 7.0, (2, 5000))
+    sizes = random.uniform(0.5, 8.0, (4, 5000))
+    expected = boxes_overlap(dx, dy, yaw_a, yaw_b, (sizes[0], sizes[1]), (sizes[2], sizes[3]))
+    found = [overlap(*values) for values in zip(dx, dy, yaw_a, yaw_b, *sizes, strict=True)]
+    assert 500 < expected.sum() < 4500
+    assert found == expected.tolist()
+
+
+def test_touching_edges_do_not_count() -> None:
+    assert not overlap(4.0, 0.0, 0.0, 0.0, 4.0, 2.0, 4.0, 2.0)
+    assert not overlap(0.0, 2.0, 0.0, 0.0, 4.0, 2.0, 4.0, 2.0)
+    assert overlap(np.nextafter(4.0, 0.0), 0.0, 0.0, 0.0, 4.0, 2.0, 4.0, 2.0)
+
+
+@given(st.floats(-1e4, 1e4))
+def test_wrapped_angles_are_those_of_arrays(angle: float) -> None:
+    assert wrapped(angle) == wrap_angle(np.array([angle]))[0]
+
+
+def test_the_ends_of_the_half_open_turn() -> None:
+    for turn in range(-5, 6):
+        near = turn * np.pi + np.spacing(turn * np.pi) * np.arange(-20, 21)
+        assert [wrapped(angle) for angle in near] == wrap_angle(near).tolist()
+
+
+@given(*(st.floats(-10.0, 10.0) for _ in range(3)))
+def test_within_cuts_as_numpy_does(value: float, low: float, high: float) -> None:
+    assert within(value, low, high) == np.clip(value, low, high)
