@@ -57,6 +57,13 @@ def test_progress_of_the_ego_over_that_of_its_log(table, make_run) -> None:
     assert found["progress_ratio"] == 0.25
 
 
+def test_progress_after_the_log_has_left_does_not_count(table, make_run) -> None:
+    log = [table(k, *([{"id": 1, "x": 50.0 + 2 * k, "y": 0.0}] if k < 3 else [])) for k in range(5)]
+    driven = [table(k, {"id": 1, "x": 50.0 + k, "y": 0.0}) for k in range(5)]
+    found = ego_motion(make_run(driven, log=log))
+    assert (found["progress_m"], found["progress_ratio"]) == (3.0, 0.5)
+
+
 def test_who_stands_where_the_log_stood_keeps_up(table, make_run) -> None:
     standing = [table(k, {"id": 1, "x": 50.0, "y": 0.0}) for k in range(3)]
     assert ego_motion(make_run(standing))["progress_ratio"] == 1.0

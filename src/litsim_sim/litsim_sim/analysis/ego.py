@@ -23,18 +23,22 @@ def ego_motion(run: Run) -> EgoMetrics:
 
     - `off_road`, `over_edge`: shares of its steps at which its centre, or a corner of its box, is on no lane;
     - `hard_brakes`: times that it began to brake harder than 3 m/s2;
-    - `progress_m`: distance that it travelled; `progress_ratio`, of the ego alone: that over its log's.
+    - `progress_m`: distance that it travelled; `progress_ratio`, of the ego alone: that over its log's, as long as the
+      log has it.
     """
-    lane_map = lane_map_of(run)
-    driven = _motion(run.simulated, run.info.ego_id, lane_map, run.info.dt)
-    log = _motion(run.simulated_log, run.info.ego_id, lane_map, run.info.dt)
-    return {**driven, "progress_ratio": _progress_ratio(driven["progress_m"], log["progress_m"]), "log": log}
+    ego, lane_map = run.info.ego_id, lane_map_of(run)
+    driven = _motion(run.simulated, ego, lane_map, run.info.dt)
+    log = _motion(run.simulated_log, ego, lane_map, run.info.dt)
+    return {**driven, "progress_ratio": _progress_ratio(run.simulated, run.simulated_log, ego), "log": log}
 
 
-def _progress_ratio(driven: float | None, log: float | None) -> float | None:
-    if driven is None or log is None:
+def _progress_ratio(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> float | None:
+    last = max((table.step for table in log if table.row(agent) >= 0), default=-1)
+    driven = travelled([table for table in tables if table.step <= last]).get(agent)
+    logged = travelled(log).get(agent)
+    if driven is None or logged is None:
         return None
-    return max(driven, PROGRESS_LEAST_M) / max(log, PROGRESS_LEAST_M)
+    return max(driven, PROGRESS_LEAST_M) / max(logged, PROGRESS_LEAST_M)
 
 
 def _motion(tables: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, dt: float) -> DrivenMetrics:
