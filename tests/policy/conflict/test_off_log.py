@@ -32,12 +32,12 @@ def test_tables_join_in_order_of_ids_and_keep_their_columns_together() -> None:
 
 def test_who_returns_follows_the_logged_path_to_the_same_goal() -> None:
     off = opened(1).joined(opened(2))
-    before = off.paths.points
+    before = off.paths.count[1]
     off.return_to_log(np.array([False, True]))
     assert off.path.tolist() == [ROUTE, STRAIGHT]
     assert off.source.tolist() == [PathSource.ROUTE, PathSource.LOGGED]
     assert off.goal_s.tolist() == pytest.approx([30.0, 50.0])
-    assert off.paths.points.shape[1] > before.shape[1], "the batch of paths is that of the paths now"
+    assert off.paths.count[1] > before, "the batch of paths is that of the paths now"
 
 
 def test_a_report_gives_the_path_from_a_little_behind_the_agent_on() -> None:

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from litsim_policy.motion.car_following import AlongPath, along_path, along_paths
 from litsim_policy.motion.followers import PathFollowers
-from litsim_policy.motion.path_batch import CHUNK, PathBatch
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.path_kernels import CHUNK
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_yaw_rate
 from litsim_sim.maps.lane_map import LaneMap
 
@@ -47,7 +48,7 @@ def test_places_project_onto_each_path_as_onto_that_path_alone(paths: list[Refer
 def test_points_and_headings_are_those_of_each_path_alone(paths: list[ReferencePath], share: float) -> None:
     batch = PathBatch([path.points for path in paths])
     s = share * np.array([path.s[-1] for path in paths])
-    points, headings = batch.point(s), batch.heading(np.arange(len(paths)), batch.segment(s))
+    points, headings = batch.point(s), batch.heading(np.arange(len(paths)), batch.segment(s[:, None])[:, 0])
     for row, path in enumerate(paths):
         assert (points[row] == path.point(float(s[row]))).all()
         assert headings[row] == path.heading(s[row : row + 1])[0]

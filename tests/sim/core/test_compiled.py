@@ -30,18 +30,20 @@ def running_total(values, sums):
         sums[k] = total(values[: k + 1])
 
 
-def test_a_kernel_takes_contiguous_arrays_of_its_types_writable_or_not() -> None:
+def test_a_kernel_takes_arrays_of_its_types_writable_or_not() -> None:
     values, sums = np.arange(4.0), np.zeros(4)
     values.flags.writeable = False
     running_total(values, sums)
     assert sums.tolist() == [0.0, 3.0, 9.0, 18.0]
     running_total(np.ones(4), sums)
     assert sums.tolist() == [3.0, 6.0, 9.0, 12.0]
-    for wrong in (values.astype(np.float32), np.zeros((4, 2))[:, 0], np.zeros((2, 2)), 1.0):
+    assert total(np.arange(8.0).reshape(4, 2)[:, 1]) == 48.0
+    for wrong in (values.astype(np.float32), np.zeros((2, 2)), 1.0):
         with pytest.raises(TypeError):
             total(wrong)
-    with pytest.raises(TypeError):
-        running_total(np.ones(4), values)
+    for wrong in (values, np.zeros((4, 2))[:, 0]):  # not writable, not contiguous
+        with pytest.raises(TypeError):
+            running_total(np.ones(4), wrong)
 
 
 def test_sums_are_neither_reordered_nor_fused() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from litsim_policy.motion import bezier
 from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.path_kernels import thinned
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
@@ -36,11 +36,7 @@ class ReferencePath:
     @classmethod
     def through(cls, points: FloatArray) -> ReferencePath:
         """Path through `points` (m, 2); points closer than half the spacing to their predecessor are dropped."""
-        (x, y), kept = points[0].tolist(), [0]
-        for row, (next_x, next_y) in enumerate(points.tolist()):  # plain floats: numpy costs more than one hypot
-            if math.hypot(next_x - x, next_y - y) >= 0.5 * SPACING:
-                kept.append(row)
-                x, y = next_x, next_y
+        kept = thinned(points, 0.5 * SPACING)
         if len(kept) < 2:
             raise ValueError("a path needs two points that differ")
         return cls.of(points[kept])
@@ -55,31 +51,16 @@ class ReferencePath:
 
         The first and last segments are prolonged, so points before or beyond the path have s < 0 or s > length.
         """
-        start, length, unit = self._segments
-        dx, dy = x[:, None] - start[:, 0], y[:, None] - start[:, 1]
-        t = dx * unit[:, 0] + dy * unit[:, 1]
-        low, high = np.zeros(len(length)), length.copy()
-        low[0], high[-1] = -np.inf, np.inf
-        t = np.clip(t, low, high)
-        off_x, off_y = dx - t * unit[:, 0], dy - t * unit[:, 1]
-        best = np.argmin(off_x**2 + off_y**2, axis=1)
-        rows = np.arange(len(x))
-        left = unit[best, 0] * dy[rows, best] - unit[best, 1] * dx[rows, best]
-        return self.s[best] + t[rows, best], left
+        at = self.batch.project(np.zeros(len(x), np.int64), x, y)
+        return at.s, at.d
 
     def point(self, s: float) -> FloatArray:
         """(2,) point at arc length `s`, ends prolonged."""
-        if s <= 0.0:
-            return self.points[0] + s * self._segments[2][0]
-        if s >= self.s[-1]:
-            return self.points[-1] + (s - self.s[-1]) * self._segments[2][-1]
-        return np.array([np.interp(s, self.s, self.points[:, 0]), np.interp(s, self.s, self.points[:, 1])])
+        return self.batch.point(np.array([s]))[0]
 
     def heading(self, s: FloatArray) -> FloatArray:
         """(n,) direction of the path at arc lengths `s` (n,) [rad]."""
-        at = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
-        unit = self._segments[2][at]
-        return np.arctan2(unit[:, 1], unit[:, 0])
+        return self.batch.heading(0, self.batch.segment(s[None])[0])
 
     def followed_by(self, other: ReferencePath) -> ReferencePath:
         """This path, and from its end on `other`, onto which it leads."""
@@ -90,12 +71,6 @@ class ReferencePath:
     def batch(self) -> PathBatch:
         """This path alone, as a batch of one."""
         return PathBatch([self.points])
-
-    @cached_property
-    def _segments(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Start (m - 1, 2), length (m - 1,) and direction (m - 1, 2) of the segments."""
-        length = np.diff(self.s)
-        return self.points[:-1], length, np.diff(self.points, axis=0) / length[:, None]
 
 
 def logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:

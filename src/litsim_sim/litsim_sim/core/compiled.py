@@ -1,6 +1,6 @@
 """Compiled kernels: the loops of a step as machine code, by numba.
 
-A kernel is a function of numbers and C-ordered arrays, decorated with its types::
+A kernel is a function of numbers and arrays, decorated with its types::
 
     @kernel(float64(FLOATS, FLOATS))
     def dot(a, b): ...
@@ -41,8 +41,8 @@ _stamps: dict[int, str] = {}  # of kernels, by the identity of what `kernel` ret
 
 
 def read_array(dtype: types.Type, ndim: int) -> types.Array:
-    """Type of a C-ordered array that a kernel only reads; writable ones and those that are not are both taken."""
-    return types.Array(dtype, ndim, "C", readonly=True)
+    """Type of an array that a kernel only reads: read-only ones are taken, too, and with one dimension strided ones."""
+    return types.Array(dtype, ndim, "A" if ndim == 1 else "C", readonly=True)
 
 
 def written_array(dtype: types.Type, ndim: int) -> types.Array:

@@ -1,0 +1,217 @@
+"""Compiled loops over polylines: how they are laid out, nearest points, and what lies at an arc length.
+
+The kernels take m polylines as one array (m, L, 5), `segments`. Row [p, k] is vertex k of path p and the segment that
+begins there: x, y [m], arc length from the first vertex [m], and the unit vector of the segment. Path p has `count[p]`
+vertices, at least 2; behind them the last one is repeated. First and last segments count as prolonged without end.
+
+Circles (m, C, 3) hold chunks of CHUNK segments each: centre x, y, which is a vertex, and radius [m]. They say which
+segments can be nearest to a place.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types
+
+from litsim_sim.core.compiled import (
+    FLOATS,
+    FLOATS2,
+    FLOATS3,
+    INTS,
+    OUT_FLOATS,
+    OUT_FLOATS2,
+    OUT_FLOATS3,
+    OUT_INTS,
+    OUT_INTS2,
+    float64,
+    int64,
+    kernel,
+)
+from litsim_sim.core.scene import FloatArray, IntArray
+
+CHUNK = 8  # segments that are bounded together
+SLACK = 1e-6  # [m] by which bounds are widened, for rounding
+X, Y, S, UNIT_X, UNIT_Y = range(5)  # columns of `segments`
+
+
+@kernel(types.Tuple((OUT_FLOATS3, OUT_FLOATS3))(FLOATS2, INTS))
+def lay_out(points: FloatArray, count: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return `segments` and circles of polylines.
+
+    Args:
+        points: (N, 2) of all polylines, one after the other, in frame map [m].
+        count: (m,) number of points of each.
+    """
+    longest = 2
+    for n in count:
+        longest = max(longest, n)
+    segments = np.zeros((len(count), longest, 5))
+    circles = np.zeros((len(count), (longest + CHUNK - 2) // CHUNK, 3))
+    first = 0
+    for p in range(len(count)):
+        n = count[p]
+        for k in range(longest):
+            at = first + min(k, n - 1)
+            segments[p, k, X], segments[p, k, Y] = points[at, 0], points[at, 1]
+        for k in range(1, longest):
+            step_x = segments[p, k, X] - segments[p, k - 1, X]
+            step_y = segments[p, k, Y] - segments[p, k - 1, Y]
+            segments[p, k, S] = segments[p, k - 1, S] + math.hypot(step_x, step_y)
+            length = segments[p, k, S] - segments[p, k - 1, S]
+            if k < n:
+                segments[p, k - 1, UNIT_X], segments[p, k - 1, UNIT_Y] = step_x / length, step_y / length
+        for c in range((n + CHUNK - 2) // CHUNK):
+            begin, end = c * CHUNK, min((c + 1) * CHUNK, n - 1)
+            middle = (begin + end) // 2
+            square = 0.0
+            for k in range(begin, end + 1):
+                away_x = segments[p, k, X] - segments[p, middle, X]
+                away_y = segments[p, k, Y] - segments[p, middle, Y]
+                square = max(square, away_x * away_x + away_y * away_y)
+            circles[p, c, 0], circles[p, c, 1] = segments[p, middle, X], segments[p, middle, Y]
+            circles[p, c, 2] = math.sqrt(square)
+        first += n
+    return segments, circles
+
+
+@kernel(OUT_INTS(FLOATS2, float64))
+def thinned(points: FloatArray, spacing: float) -> IntArray:
+    """Return positions of the first of `points` (m, 2), and of all at least `spacing` [m] from the last one kept."""
+    kept, found, last = np.empty(len(points), np.int64), 1, 0
+    kept[0] = 0
+    for k in range(1, len(points)):
+        if math.hypot(points[k, 0] - points[last, 0], points[k, 1] - points[last, 1]) >= spacing:
+            kept[found], last = k, k
+            found += 1
+    return kept[:found].copy()
+
+
+@kernel(types.Tuple((float64, float64, float64))(FLOATS3, int64, int64, int64, float64, float64))
+def onto_segment(segments: FloatArray, n: int, p: int, k: int, x: float, y: float) -> tuple[float, float, float]:
+    """Return where a place is relative to segment `k` of path `p`, which has `n` vertices.
+
+    Returns:
+        the square of the distance [m2], how far along the segment the nearest point is [m], and the offset from the
+        line of the segment, positive to the left [m].
+    """
+    unit_x, unit_y = segments[p, k, UNIT_X], segments[p, k, UNIT_Y]
+    dx, dy = x - segments[p, k, X], y - segments[p, k, Y]
+    along = dx * unit_x + dy * unit_y
+    if k > 0:
+        along = max(along, 0.0)
+    if k < n - 2:
+        along = min(along, segments[p, k + 1, S] - segments[p, k, S])
+    off_x, off_y = dx - along * unit_x, dy - along * unit_y
+    return off_x * off_x + off_y * off_y, along, unit_x * dy - unit_y * dx
+
+
+@kernel(types.Tuple((int64, float64, float64))(FLOATS3, FLOATS3, int64, int64, float64, float64))
+def nearest(segments: FloatArray, circles: FloatArray, n: int, p: int, x: float, y: float) -> tuple[int, float, float]:
+    """Return the nearest point of path `p`, which has `n` vertices, to a place in frame map [m].
+
+    Of points that are equally near, the first along the path is taken. Chunks are looked into from the one with the
+    nearest middle on, and only where their circles reach nearer than what is found.
+
+    Returns:
+        its segment, its arc length [m], and the offset of the place from the line of the segment, positive to the left.
+    """
+    chunks = (n + CHUNK - 2) // CHUNK
+    first, least = 0, math.inf
+    for c in range(chunks):
+        dx, dy = x - circles[p, c, 0], y - circles[p, c, 1]
+        square = dx * dx + dy * dy
+        if square < least:
+            first, least = c, square
+    found, (best, along, left) = 0, onto_segment(segments, n, p, 0, x, y)
+    distance = math.sqrt(best)
+    for turn in range(-1, chunks + 1):
+        # the chunk with the nearest middle, then all, then the last segment, which reaches beyond its circle
+        c = first if turn < 0 else turn
+        if turn == chunks:
+            begin, end = n - 2, n - 1
+        else:
+            dx, dy = x - circles[p, c, 0], y - circles[p, c, 1]
+            reach = distance + circles[p, c, 2] + SLACK
+            if turn >= 0 and (c == first or dx * dx + dy * dy > reach * reach):
+                continue
+            begin, end = c * CHUNK, min((c + 1) * CHUNK, n - 1)
+        for k in range(begin, end):
+            square, forward, aside = onto_segment(segments, n, p, k, x, y)
+            if square < best or (square == best and k < found):
+                found, best, along, left = k, square, forward, aside
+                distance = math.sqrt(best)
+    return found, segments[p, found, S] + along, left
+
+
+@kernel(types.Tuple((OUT_INTS, OUT_FLOATS, OUT_FLOATS))(FLOATS3, FLOATS3, INTS, INTS, FLOATS, FLOATS))
+def project(
+    segments: FloatArray, circles: FloatArray, count: IntArray, path: IntArray, x: FloatArray, y: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return segment, arc length and offset (k,) of :func:`nearest` of the path in `path` (k,) to each of k places."""
+    segment, s, d = np.empty(len(path), np.int64), np.empty(len(path)), np.empty(len(path))
+    for k in range(len(path)):
+        segment[k], s[k], d[k] = nearest(segments, circles, count[path[k]], path[k], x[k], y[k])
+    return segment, s, d
+
+
+@kernel(int64(FLOATS3, int64, int64, float64))
+def segment_at(segments: FloatArray, n: int, p: int, s: float) -> int:
+    """Return the segment of path `p`, which has `n` vertices, at arc length `s` [m]."""
+    low, high = 0, n - 2  # vertices from `high` + 1 on are beyond s, or the segment before them is prolonged
+    while low < high:
+        middle = (low + high + 1) // 2
+        if segments[p, middle, S] <= s:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+@kernel(OUT_INTS2(FLOATS3, INTS, FLOATS2))
+def segments_at(segments: FloatArray, count: IntArray, s: FloatArray) -> IntArray:
+    """Return the segment (m, k) of each path at each of its arc lengths `s` (m, k) [m]."""
+    found = np.empty(s.shape, np.int64)
+    for p in range(s.shape[0]):
+        for k in range(s.shape[1]):
+            found[p, k] = segment_at(segments, count[p], p, s[p, k])
+    return found
+
+
+@kernel(OUT_FLOATS2(FLOATS3, INTS, FLOATS))
+def points_at(segments: FloatArray, count: IntArray, s: FloatArray) -> FloatArray:
+    """Return the point (m, 2) of each path at arc length `s` (m,) of it [m]."""
+    found = np.empty((len(count), 2))
+    for p in range(len(count)):
+        last = count[p] - 1
+        for axis in (X, Y):
+            if s[p] <= 0.0:
+                found[p, axis] = segments[p, 0, axis] + s[p] * segments[p, 0, UNIT_X + axis]
+            elif s[p] >= segments[p, last, S]:
+                beyond = s[p] - segments[p, last, S]
+                found[p, axis] = segments[p, last, axis] + beyond * segments[p, last - 1, UNIT_X + axis]
+            else:
+                k = segment_at(segments, count[p], p, s[p])
+                rise = segments[p, k + 1, axis] - segments[p, k, axis]
+                slope = rise / (segments[p, k + 1, S] - segments[p, k, S])
+                found[p, axis] = slope * (s[p] - segments[p, k, S]) + segments[p, k, axis]
+    return found
+
+
+@kernel(types.Tuple((OUT_INTS, OUT_INTS))(FLOATS3, INTS, FLOATS, FLOATS))
+def windows(segments: FloatArray, count: IntArray, low: FloatArray, high: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return which vertices lie at arc lengths from `low` to `high` (m,) [m]: the first (m,), and that behind the last.
+
+    Where fewer than two do, they are the last two of the path.
+    """
+    begin, end = np.zeros(len(count), np.int64), np.zeros(len(count), np.int64)
+    for p in range(len(count)):
+        while begin[p] < count[p] and segments[p, begin[p], S] < low[p]:
+            begin[p] += 1
+        end[p] = begin[p]
+        while end[p] < count[p] and segments[p, end[p], S] <= high[p]:
+            end[p] += 1
+        if end[p] - begin[p] < 2:
+            begin[p], end[p] = count[p] - 2, count[p]
+    return begin, end

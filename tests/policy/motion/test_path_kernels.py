@@ -1,0 +1,125 @@
+"""Compiled loops over polylines against plain numpy that looks at every segment, bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from litsim_policy.motion import path_kernels
+from litsim_policy.motion.path_kernels import CHUNK, UNIT_X, UNIT_Y, S, X
+
+
+@st.composite
+def polylines(draw: st.DrawFn) -> list[np.ndarray]:
+    """One to five polylines of 2 to 60 points around the origin, some straight, some that cross themselves."""
+    random = np.random.default_rng(draw(st.integers(0, 2**32)))
+    bend = draw(st.sampled_from([0.0, 0.05, 0.5, 2.0]))
+    found = []
+    for count in draw(st.lists(st.integers(2, 60), min_size=1, max_size=5)):
+        heading = np.cumsum(random.normal(0.0, bend, count - 1))
+        steps = random.uniform(0.3, 3.0, (count - 1, 1)) * np.column_stack([np.cos(heading), np.sin(heading)])
+        found.append(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]) + random.normal(0.0, 20.0, 2))
+    return found
+
+
+def laid_out(lines: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Segments, circles and number of points."""
+    count = np.array([len(line) for line in lines])
+    return *path_kernels.lay_out(np.concatenate(lines), count), count
+
+
+def along(line: np.ndarray) -> np.ndarray:
+    """Arc lengths of the points."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+
+
+def nearest(line: np.ndarray, x: float, y: float) -> tuple[int, float, float]:
+    """Segment, arc length and offset of the nearest point of a line with prolonged ends."""
+    s = along(line)
+    length = np.diff(s)
+    unit = np.diff(line, axis=0) / length[:, None]
+    dx, dy = x - line[:-1, 0], y - line[:-1, 1]
+    low, high = np.zeros(len(length)), length.copy()
+    low[0], high[-1] = -np.inf, np.inf
+    t = np.clip(dx * unit[:, 0] + dy * unit[:, 1], low, high)
+    best = int(np.argmin((dx - t * unit[:, 0]) ** 2 + (dy - t * unit[:, 1]) ** 2))
+    return best, float(s[best] + t[best]), float(unit[best, 0] * dy[best] - unit[best, 1] * dx[best])
+
+
+@given(polylines())
+def test_the_layout_is_points_arc_lengths_and_directions_and_circles_hold_their_chunks(lines) -> None:
+    segments, circles, count = laid_out(lines)
+    for p, (line, n) in enumerate(zip(lines, count, strict=True)):
+        steps, s = np.diff(line, axis=0), along(line)
+        assert (segments[p, :n, X : X + 2] == line).all() and (segments[p, n:, X : X + 2] == line[-1]).all()
+        assert (segments[p, :n, S] == s).all() and (segments[p, n:, S] == s[-1]).all()
+        assert (segments[p, : n - 1, UNIT_X : UNIT_Y + 1] == steps / np.diff(s)[:, None]).all()
+        for c in range(-(-(n - 1) // CHUNK)):
+            x, y, radius = circles[p, c]
+            away = np.hypot(*(line[c * CHUNK : (c + 1) * CHUNK + 1] - [x, y]).T)
+            assert away.max() == pytest.approx(radius)
+
+
+@given(polylines(), st.integers(0, 2**32))
+def test_the_nearest_point_is_the_first_of_the_nearest_of_all_segments(lines, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    segments, circles, count = laid_out(lines)
+    path = random.integers(0, len(lines), 60)
+    x, y = random.normal(0.0, 50.0, (2, 60))
+    for k in range(20):  # vertices, where two segments are equally near and rounding could decide
+        x[k], y[k] = lines[path[k]][random.integers(0, count[path[k]])]
+    found = zip(*path_kernels.project(segments, circles, count, path, x, y), strict=True)
+    assert list(found) == [nearest(lines[p], *place) for p, *place in zip(path, x, y, strict=True)]
+
+
+def test_far_away_places_are_nearest_to_what_is_prolonged() -> None:
+    """A line that comes back: its prolonged ends are nearer than all chunks between them."""
+    angle = np.linspace(0.0, np.pi, 40)
+    line = 30.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    segments, circles, count = laid_out([line])
+    x, y = np.array([30.5, -30.5, 29.0, -29.0]), np.full(4, -500.0)
+    found = zip(*path_kernels.project(segments, circles, count, np.zeros(4, np.int64), x, y), strict=True)
+    expected = [nearest(line, *place) for place in zip(x, y, strict=True)]
+    assert list(found) == expected and [segment for segment, *_ in expected] == [0, 38, 0, 38]
+
+
+@given(polylines(), st.lists(st.floats(-20.0, 200.0), min_size=1, max_size=8))
+def test_segments_and_points_at_arc_lengths(lines, lengths: list[float]) -> None:
+    segments, _, count = laid_out(lines)
+    lengths = [*lengths, *along(lines[0])[:3].tolist()]
+    found = path_kernels.segments_at(segments, count, np.tile(lengths, (len(lines), 1)))
+    for p, line in enumerate(lines):
+        s = along(line)
+        assert found[p].tolist() == np.clip(np.searchsorted(s, lengths, side="right") - 1, 0, len(s) - 2).tolist()
+    for length in lengths:
+        points = path_kernels.points_at(segments, count, np.full(len(lines), length))
+        for p, line in enumerate(lines):
+            s, unit = along(line), segments[p, :, UNIT_X : UNIT_Y + 1]
+            if length <= 0.0:
+                expected = line[0] + length * unit[0]
+            elif length >= s[-1]:
+                expected = line[-1] + (length - s[-1]) * unit[count[p] - 2]
+            else:
+                expected = np.array([np.interp(length, s, line[:, axis]) for axis in (0, 1)])
+            assert (points[p] == expected).all()
+
+
+@given(polylines(), st.floats(-20.0, 100.0), st.floats(0.0, 30.0))
+def test_windows_are_what_lies_between_two_arc_lengths_or_the_last_two_points(lines, low: float, width: float) -> None:
+    segments, _, count = laid_out(lines)
+    begin, end = path_kernels.windows(segments, count, np.full(len(lines), low), np.full(len(lines), low + width))
+    for p, line in enumerate(lines):
+        within = np.flatnonzero((along(line) >= low) & (along(line) <= low + width))
+        expected = within if len(within) >= 2 else [count[p] - 2, count[p] - 1]
+        assert list(range(begin[p], end[p])) == list(expected)
+
+
+@given(polylines(), st.floats(0.1, 8.0))
+def test_thinned_lines_keep_the_first_point_and_whatever_is_far_enough_from_the_last_kept(lines, spacing) -> None:
+    kept = [0]
+    for k, point in enumerate(lines[0]):
+        if np.hypot(*(point - lines[0][kept[-1]])) >= spacing:
+            kept.append(k)
+    assert path_kernels.thinned(lines[0], spacing).tolist() == kept
