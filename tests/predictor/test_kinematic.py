@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_predictor.forecast import Forecast, agents_of_interest
+from litsim_predictor.forecast import Forecast
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
-from litsim_sim.core.scene import STEP_S, AgentTable, Controller
+from litsim_sim.core.scene import STEP_S, AgentTable
 
 Build = Callable[..., AgentTable]
 EGO, ROI = 1, 30.0
@@ -264,46 +264,3 @@ def test_rows_of_a_forecast_skip_the_absent_and_the_invalid(agent_table: Build) 
     assert doubtful.rows(np.array([1, 3, 5])).tolist() == [0, -1, 2]
     nobody = KinematicPredictor(EGO, ROI).forecast(AgentTable.empty(0))
     assert nobody.rows(np.array([1, 2])).tolist() == [-1, -1]
-
-
-# agents_of_interest
-
-
-def interesting(table: AgentTable, roi_m: float = ROI) -> list[int]:
-    return table.id[agents_of_interest(table, EGO, roi_m)].tolist()
-
-
-def test_the_region_is_a_circle_around_the_ego_with_its_border(agent_table: Build) -> None:
-    around = [{"id": 2, "x": 30.0}, {"id": 3, "x": 30.001}, {"id": 4, "x": -18.0, "y": 24.0}, {"id": 5, "y": -31.0}]
-    table = agent_table(0, {"id": EGO}, *around, {"id": 6, "x": 25.0, "y": 25.0})
-    assert interesting(table) == [EGO, 2, 4]
-    assert interesting(table, 40.0) == [EGO, 2, 3, 4, 5, 6]
-    assert interesting(table, 10.0) == [EGO]
-
-
-@pytest.mark.parametrize("controller", [Controller.POLICY, Controller.BASELINE])
-def test_whoever_is_off_its_log_has_a_region_of_its_own(agent_table: Build, controller: Controller) -> None:
-    far = [{"id": 2, "x": 200.0}, {"id": 3, "x": 225.0}, {"id": 4, "x": 250.0}]
-    on_log = agent_table(0, {"id": EGO}, *far)
-    assert interesting(on_log) == [EGO]
-    taken_over = agent_table(0, {"id": EGO}, {**far[0], "controller": controller}, *far[1:])
-    assert interesting(taken_over) == [EGO, 2, 3]
-
-
-def test_once_the_ego_has_left_only_those_off_their_log_matter(agent_table: Build) -> None:
-    on_log = agent_table(0, {"id": 2}, {"id": 3, "x": 5.0})
-    assert interesting(on_log) == []
-    assert interesting(agent_table(0, {"id": 2, "controller": Controller.POLICY}, {"id": 3, "x": 5.0})) == [2, 3]
-    assert interesting(AgentTable.empty(0)) == []
-
-
-@given(st.lists(st.tuples(st.floats(-80, 80), st.floats(-80, 80), st.sampled_from(Controller)), max_size=12))
-def test_the_region_is_what_its_definition_says(
-    agent_table: Build, agents: list[tuple[float, float, Controller]]
-) -> None:
-    rows = [{"id": 1 + i, "x": x, "y": y, "controller": c} for i, (x, y, c) in enumerate(agents)]
-    table = agent_table(0, *rows)
-    centres = [r for r in rows if r["id"] == EGO or r["controller"] != Controller.LOG]
-    unsure = {r["id"] for r in rows for c in centres if abs(np.hypot(r["x"] - c["x"], r["y"] - c["y"]) - ROI) < 1e-9}
-    near = {r["id"] for r in rows if any(np.hypot(r["x"] - c["x"], r["y"] - c["y"]) <= ROI for c in centres)}
-    assert set(interesting(table)) - unsure == near - unsure

@@ -15,6 +15,7 @@ from litsim_predictor.forecast import Predictor
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_predictor.models import make_predictor
+from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, Kind
 from litsim_sim.recordings.recording import Recording, RecordingHeader
@@ -64,7 +65,7 @@ def time_models(
         raise InputError(f"{agents} agents, {steps} steps: expected 1 to {AGENTS_MOST} agents and 1 step or more")
     scenario = Scenario.load(SCENARIO, roi_m=ROI_M)
     for n in agents:
-        predictors = {model: make_predictor(model, scenario) for model in models}
+        predictors = {model: make_predictor(model, scenario, wanted=Wanted.ALL) for model in models}
         if by_torch:
             predictors |= {f"{model} (torch)": _eager(model, scenario) for model in models if model != "kinematic"}
         yield from ((model, n, timing) for model, timing in time_predictors(predictors, scenario.ego_id, n, steps))

@@ -20,7 +20,7 @@ class Forecast:
     Attributes:
         step: the step it starts from.
         dt: seconds between future steps; row 0 lies `dt` after `step`.
-        id: (n,) agents, ascending.
+        id: (n,) agents, ascending; of whom nobody wants a forecast is not among them.
         mean: (n, T, 2) box centres [m].
         yaw: (n, T) headings [rad].
         covariance: (n, T, 3) sigma_x [m], sigma_y [m], correlation of the Gaussian around `mean`.
@@ -67,12 +67,4 @@ class Predictor(Protocol):
         """Take note of a step of which nobody asks for a forecast."""
 
     def forecast(self, table: AgentTable) -> Forecast:
-        """Forecast the agents of `table` that matter to the ego and to those off their log."""
-
-
-def agents_of_interest(table: AgentTable, ego_id: int, roi_m: float) -> BoolArray:
-    """(n,) agents within `roi_m` metres of the ego or of another agent off its log, those included."""
-    centre = table.off_log | (table.id == ego_id)
-    dx = table.x[:, None] - table.x[centre][None, :]
-    dy = table.y[:, None] - table.y[centre][None, :]
-    return centre | (dx**2 + dy**2 <= roi_m**2).any(axis=1)
+        """Forecast agents of `table` that matter to the ego and to those off their log; see :mod:`.selection`."""

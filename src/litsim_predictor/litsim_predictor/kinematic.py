@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_predictor.forecast import Forecast, agents_of_interest
+from litsim_predictor.forecast import Forecast
+from litsim_predictor.selection import Wanted, selected
 from litsim_sim.core.history import History
 from litsim_sim.core.quantities import (
     Acceleration,
@@ -49,8 +50,10 @@ class KinematicConfig:
 class KinematicPredictor:
     """The `kinematic` model: needs no training, uses at most the last second of history."""
 
-    def __init__(self, ego_id: int, roi_m: float, config: KinematicConfig | None = None) -> None:
-        self._ego_id, self._roi_m = ego_id, roi_m
+    def __init__(
+        self, ego_id: int, roi_m: float, config: KinematicConfig | None = None, wanted: Wanted = Wanted.ALL
+    ) -> None:
+        self._ego_id, self._roi_m, self._wanted = ego_id, roi_m, wanted
         self._config = config or KinematicConfig()
         self._history = History(self._config.rate_window + 1, ["yaw"])
 
@@ -59,10 +62,11 @@ class KinematicPredictor:
         self._history.push(table)
 
     def forecast(self, table: AgentTable) -> Forecast:
-        """Forecast the agents of interest in `table`; see :class:`litsim_predictor.forecast.Forecast`."""
+        """Forecast those that are wanted of `table`; see :class:`litsim_predictor.forecast.Forecast`."""
         config = self._config
         self.see(table)
-        agents = table.take(agents_of_interest(table, self._ego_id, self._roi_m))
+        interesting, rows = selected(table, self._ego_id, self._roi_m, self._wanted)
+        agents = interesting.take(rows)
         steps = round(config.horizon / config.dt)
         t: FloatArray = config.dt * np.arange(1, steps + 1, dtype=np.float64)
         rate = self._turn_rate(agents)

@@ -14,6 +14,7 @@ from litsim_predictor.forecast import Predictor
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import Network
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
+from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import configuration
@@ -47,32 +48,38 @@ class PredictorConfig:
 
     Attributes:
         model: see :func:`make_predictor`.
+        forecast_all: whether all agents of interest are forecast, and not only those whose forecast is read.
         kinematic: of the model of that name.
     """
 
     model: ModelName = DEFAULT_MODEL
+    forecast_all: bool = False
     kinematic: KinematicConfig = KinematicConfig()
 
 
 def predictor_stage(read: ParameterReader) -> Callable[[Scenario], Predictor]:
     """Read the parameters; what is returned builds the predictor once the run is known."""
     config = read(PredictorConfig())
-    return lambda scenario: make_predictor(config.model, scenario, config.kinematic)
+    wanted = Wanted.ALL if config.forecast_all else Wanted.READ
+    return lambda scenario: make_predictor(config.model, scenario, config.kinematic, wanted)
 
 
-def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | None = None) -> Predictor:
+def make_predictor(
+    model: str, scenario: Scenario, kinematic: KinematicConfig | None = None, wanted: Wanted = Wanted.READ
+) -> Predictor:
     """The predictor called `model`, for a run of `scenario`.
 
     Args:
         model: one of :data:`MODELS`, or the path of a file of weights or of a graph.
         scenario: of the run.
         kinematic: parameters of that model.
+        wanted: whom it forecasts.
 
     Raises:
         InputError: there is none of that name, or its weights cannot be used.
     """
     if model == "kinematic":
-        return KinematicPredictor(scenario.ego_id, scenario.roi_m, kinematic)
+        return KinematicPredictor(scenario.ego_id, scenario.roi_m, kinematic, wanted)
     try:
         known_model(model)
     except ValueError as error:
@@ -80,7 +87,8 @@ def make_predictor(model: str, scenario: Scenario, kinematic: KinematicConfig | 
     from litsim_predictor.inference.predictor import LearnedPredictor
     from litsim_predictor.inference.raster import raster_of_net
 
-    return LearnedPredictor(network(model), scenario.ego_id, scenario.roi_m, *raster_of_net(scenario.net_path))
+    net = raster_of_net(scenario.net_path)
+    return LearnedPredictor(network(model), scenario.ego_id, scenario.roi_m, *net, wanted)
 
 
 def network(model: str) -> Network:

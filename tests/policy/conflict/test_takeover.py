@@ -12,6 +12,7 @@ import pytest
 from litsim_policy.conflict.detection import ConflictConfig
 from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
 from litsim_predictor.kinematic import KinematicPredictor
+from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import AgentTable, Controller
@@ -58,7 +59,9 @@ def stage(make_scenario, track, placed):
     def make(*tracks: Any, history_steps: int = FIRST, **config: Any) -> Stage:
         scenario = make_scenario(*(tracks or (track(1, x=300.0), track(2, x=60.0))), history_steps=history_steps)
         manager = TakeoverManager(scenario, ConflictConfig(), TakeoverConfig(**{"handback": "catch_up"} | config))
-        return Stage(scenario, placed, manager, KinematicPredictor(1, scenario.roi_m), history_steps)
+        return Stage(
+            scenario, placed, manager, KinematicPredictor(1, scenario.roi_m, wanted=Wanted.READ), history_steps
+        )
 
     return make
 

@@ -106,12 +106,12 @@ def test_a_changed_forecast_is_found_at_its_step_and_agent(write: Any) -> None:
     def shift(message: Any) -> Any:
         mean = message.mean[:]
         width = len(mean) // len(message.id)
-        mean[2 * width + 3] += 0.25
+        mean[width + 3] += 0.25
         return copied(message, mean=mean)
 
     with open_record(write(at(topics.FORECASTS, 7, shift))) as record:
         tally = rerun_stage(record, "predictor")
-        agent = record.messages[topics.FORECASTS.name][7].id[2]
+        agent = record.messages[topics.FORECASTS.name][7].id[1]
     assert (tally.compared, tally.different) == (STEPS, 1)
     assert (tally.first.step, tally.first.field, tally.first.agent) == (7, "mean[3]", agent)
     assert tally.first.amount == pytest.approx(0.25)

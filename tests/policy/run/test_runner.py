@@ -113,6 +113,22 @@ def test_a_run_is_the_same_twice(demo: Scenario, recorded: Run) -> None:
     assert digest(other) != digest(recorded)
 
 
+@pytest.mark.parametrize(("ego", "model"), [("idm", "default"), ("perturbed", "default"), ("idm", "kinematic")])
+def test_forecasts_that_nobody_reads_change_nothing(demo: Scenario, ego: str, model: str) -> None:
+    """Who is taken over, when and why, and where everybody goes: with all forecasts as with those that are read."""
+    runs = []
+    for everybody in (False, True):
+        parameters = {"predictor": {"model": model, "forecast_all": everybody}}
+        runs.append(record(Runner(RunPlan(demo, ego, "litsim", parameters=parameters))))
+    read, everything = runs
+    assert any(read.takeovers.values())
+    assert digest(read) == digest(everything)
+    for step, takeovers in read.takeovers.items():
+        told = [[(t.agent, t.opponent, t.state, t.detected_step) for t in run.takeovers[step]] for run in runs]
+        assert told[0] == told[1], step
+        assert len(takeovers) == len(everything.takeovers[step])
+
+
 def test_sumo_only_shows(demo: Scenario, recorded: Run) -> None:
     mirrored = record(Runner(RunPlan(demo, "idm", "litsim"), SumoMirror(demo.net_path, demo.seed)))
     assert digest(mirrored) == digest(recorded)

@@ -52,6 +52,9 @@ def network(name: str) -> CompiledNetwork:
     return found
 
 
+EVERYBODY = np.arange(20)
+
+
 def assert_same_bits(a: AgentFutures, b: AgentFutures) -> None:
     for name, values in vars(a).items():
         assert np.array_equal(values, getattr(b, name)), name
@@ -61,7 +64,7 @@ def assert_same_bits(a: AgentFutures, b: AgentFutures) -> None:
 def test_scenes_of_any_size_are_answered(name: str) -> None:
     answer = network(name)
     for agents in (1, 2, 13, 14, 60):
-        out = answer(scene(agents))
+        out = answer(scene(agents), np.arange(agents))
         assert out.maneuver.shape == (agents, len(MANEUVERS)) and out.mean.shape == (agents, HORIZON, 2)
         assert out.scale.shape == (agents, HORIZON, 2) and out.correlation.shape == (agents, HORIZON)
         assert all(np.isfinite(values).all() for values in vars(out).values())
@@ -72,10 +75,22 @@ def test_scenes_of_any_size_are_answered(name: str) -> None:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_equal_scenes_have_equal_bits_whatever_came_before(name: str) -> None:
     first, second = network(name), network(name)
-    out = first(scene(20))
-    second(scene(33, seed=1))
-    assert_same_bits(second(scene(20)), out)
-    assert not np.array_equal(first(scene(20, seed=1)).mean, out.mean)
+    out = first(scene(20), EVERYBODY)
+    second(scene(33, seed=1), np.arange(7))
+    assert_same_bits(second(scene(20), EVERYBODY), out)
+    assert not np.array_equal(first(scene(20, seed=1), EVERYBODY).mean, out.mean)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_some_are_answered_as_they_are_among_all(name: str) -> None:
+    answer = network(name)
+    everybody = answer(scene(20), EVERYBODY)
+    for rows in ([0], [19], [3, 4, 11], [11, 3], EVERYBODY[::-1]):
+        some = answer(scene(20), np.array(rows))
+        for field, values in vars(some).items():
+            np.testing.assert_allclose(
+                values, getattr(everybody, field)[np.array(rows)], rtol=0, atol=1e-4, err_msg=field
+            )
 
 
 def test_a_process_that_only_predicts_imports_no_torch() -> None:
@@ -86,8 +101,10 @@ def test_a_process_that_only_predicts_imports_no_torch() -> None:
 def test_weights_of_a_known_architecture_are_run_by_its_graph(tmp_path: Path) -> None:
     mine = tmp_path / "mine.safetensors"
     shutil.copy(weights_path("paper"), mine)
-    assert_same_bits(network(str(mine))(scene(5)), network("paper")(scene(5)))
-    assert not np.array_equal(network("default")(scene(5)).mean, network("paper")(scene(5)).mean)
+    assert_same_bits(network(str(mine))(scene(5), np.arange(5)), network("paper")(scene(5), np.arange(5)))
+    assert not np.array_equal(
+        network("default")(scene(5), np.arange(5)).mean, network("paper")(scene(5), np.arange(5)).mean
+    )
 
 
 def test_bad_files_are_told_in_one_line(tmp_path: Path) -> None:

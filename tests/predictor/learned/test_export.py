@@ -49,10 +49,11 @@ def compiled_network(name: str) -> Network:
 
 
 def assert_answers_agree(a: Network, b: Network, scenario: Scenario, apart: float = 0.0) -> None:
-    """All but a share `apart` of the agents of every scene have the same answers."""
+    """All but a share `apart` of every second agent of every scene have the same answers."""
     for inputs in scenes(scenario):
-        one, other = a(inputs), b(inputs)
-        n = len(inputs.state)
+        asked = np.arange(0, len(inputs.state), 2)
+        one, other = a(inputs, asked), b(inputs, asked)
+        n = len(asked)
         differs = np.zeros(n, np.bool_)
         for name, values in vars(one).items():
             differs |= (np.abs(values - getattr(other, name)).reshape(n, -1) >= WITHIN_M).any(axis=1)

@@ -12,6 +12,7 @@ import numpy as np
 from litsim_policy.motion.reference_path import ReferencePath, onto_lane, pursuit_yaw_rate
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.models import ModelName, make_predictor
+from litsim_predictor.selection import Wanted
 from litsim_sim.core.quantities import Horizon, Length, NonNegative, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
@@ -40,7 +41,7 @@ class BatEgo:
 
     def __init__(self, scenario: Scenario, config: BatConfig | None = None) -> None:
         self._scenario, self._config = scenario, config or BatConfig()
-        self._predictor = make_predictor(self._config.predictor, scenario)
+        self._predictor = make_predictor(self._config.predictor, scenario, wanted=Wanted.EGO)
         self._reachable: dict[frozenset[int], LaneMap] = {}
 
     def plan(self, table: AgentTable) -> EgoCommand:

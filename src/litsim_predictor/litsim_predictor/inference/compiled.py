@@ -17,10 +17,12 @@ from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import AgentFutures, AgentInputs
 from litsim_predictor.inference.weights import Weights, packaged, read_weights
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import IntArray
 
-FORMAT = "litsim_predictor/graph/1"
-INPUTS = ("position", "heading", "history", "observed", "state", "raster")
-"""What a graph may ask for: fields of :class:`.contract.AgentInputs`; places are relative to the first agent's."""
+FORMAT = "litsim_predictor/graph/2"
+INPUTS = ("position", "heading", "history", "observed", "state", "raster", "asked")
+"""What a graph may ask for: fields of :class:`.contract.AgentInputs`, places relative to the first agent's; and the
+rows that it is asked to answer."""
 OUTPUTS = ("maneuver", "mean", "scale", "correlation")
 """What a graph answers: the fields of :class:`.contract.AgentFutures`."""
 PARAMETER = "network."
@@ -69,7 +71,7 @@ class CompiledNetwork:
                 f"{path}: metadata format is {kind!r}, expected {FORMAT!r}: a file written by litsim_predictor export"
             )
 
-    def __call__(self, inputs: AgentInputs) -> AgentFutures:
+    def __call__(self, inputs: AgentInputs, asked: IntArray) -> AgentFutures:
         """See :class:`.contract.Network`."""
         place = inputs.frame[:, :2] - inputs.frame[:1, :2]
         given = {
@@ -79,6 +81,7 @@ class CompiledNetwork:
             "observed": inputs.observed,
             "state": inputs.state,
             "raster": inputs.raster,
+            "asked": asked,
         }
         return AgentFutures(*self._session.run(OUTPUTS, {name: given[name] for name in self._asks}))
 

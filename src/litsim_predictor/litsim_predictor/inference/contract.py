@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from litsim_predictor.forecast import Float32Array
-from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray
+from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray, IntArray
 
 DT = 0.2
 """[s] between steps of history and future: NGSIM's 10 Hz subsampled to 5 Hz, as is usual in prediction."""
@@ -56,7 +56,7 @@ class AgentInputs:
 
 @dataclass(frozen=True)
 class AgentFutures:
-    """What a model answers of the n agents of a scene: the Gaussians of their most probable manoeuvres.
+    """What a model answers of n agents of a scene: the Gaussians of their most probable manoeuvres.
 
     Attributes:
         maneuver: (n, K) probabilities.
@@ -74,5 +74,5 @@ class AgentFutures:
 class Network(Protocol):
     """A trained model, whatever it is run by."""
 
-    def __call__(self, inputs: AgentInputs) -> AgentFutures:
-        """Answer for all agents of a scene, of whom there is one at least."""
+    def __call__(self, inputs: AgentInputs, asked: IntArray) -> AgentFutures:
+        """Answer for the agents of a scene in the rows `asked` (m,), in that order; one at least. All are seen."""

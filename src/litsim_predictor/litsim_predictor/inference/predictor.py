@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_predictor.forecast import Forecast, agents_of_interest
+from litsim_predictor.forecast import Forecast
 from litsim_predictor.inference.contract import DT, HISTORY, MANEUVERS, STRIDE, AgentFutures, AgentInputs, Network
 from litsim_predictor.inference.features import agent_inputs, frame_headings, in_map
 from litsim_predictor.inference.raster import MapRaster
+from litsim_predictor.selection import Wanted, selected
 from litsim_sim.core.history import History
 from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
@@ -16,22 +17,29 @@ MOVED = 0.1  # [m] between two steps of the horizon: who moves less keeps the he
 
 
 class LearnedPredictor:
-    """Forecasts the agents of interest jointly, by their history in the tables seen so far.
+    """Forecasts agents of interest jointly, by their history in the tables seen so far.
 
     What is outside of the region of interest is not looked at. Where an agent was not there, its history is masked:
-    one that has just appeared is forecast as well.
+    one that has just appeared is forecast as well. Those of interest who are not wanted are context to the others.
 
     Args:
         network: a trained model.
         ego_id: the agent around whom others matter.
-        roi_m: distance from it [m] up to which they do; see :func:`.forecast.agents_of_interest`.
+        roi_m: distance from it [m] up to which they do; see :func:`.selection.agents_of_interest`.
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
+        wanted: whom to forecast.
     """
 
     def __init__(
-        self, network: Network, ego_id: int, roi_m: float, lane_map: LaneMap | None, raster: MapRaster
+        self,
+        network: Network,
+        ego_id: int,
+        roi_m: float,
+        lane_map: LaneMap | None,
+        raster: MapRaster,
+        wanted: Wanted = Wanted.ALL,
     ) -> None:
-        self._network, self._ego_id, self._roi_m = network, ego_id, roi_m
+        self._network, self._ego_id, self._roi_m, self._wanted = network, ego_id, roi_m, wanted
         self._lane_map, self._raster = lane_map, raster
         self._history = History(STRIDE * (HISTORY - 1) + 1, ("x", "y", "yaw", "speed"))
 
@@ -40,13 +48,13 @@ class LearnedPredictor:
         self._history.push(table)
 
     def forecast(self, table: AgentTable) -> Forecast:
-        """Forecast the agents of interest in `table`; see :class:`litsim_predictor.forecast.Forecast`."""
+        """Forecast those that are wanted of `table`; see :class:`litsim_predictor.forecast.Forecast`."""
         self.see(table)
-        agents = table.take(agents_of_interest(table, self._ego_id, self._roi_m))
-        if not len(agents):
+        agents, asked = selected(table, self._ego_id, self._roi_m, self._wanted)
+        if not len(asked):
             return Forecast.of_nobody(table.step, DT, len(MANEUVERS))
         inputs = self._inputs(agents)
-        return _in_map(self._network(inputs), inputs, agents)
+        return _in_map(self._network(inputs, asked), inputs.frame[asked], agents.take(asked))
 
     def _inputs(self, agents: AgentTable) -> AgentInputs:
         series, observed = self._history.window(agents.id, HISTORY, STRIDE)
@@ -54,16 +62,16 @@ class LearnedPredictor:
         return agent_inputs(series, observed, np.stack([agents.length, agents.width], axis=-1), heading, self._raster)
 
 
-def _in_map(futures: AgentFutures, inputs: AgentInputs, agents: AgentTable) -> Forecast:
-    """The forecast of the most probable manoeuvres in frame map."""
-    mean = in_map(futures.mean.astype(np.float64), inputs.frame)
-    covariance = _turned(futures.scale.astype(np.float64), futures.correlation.astype(np.float64), inputs.frame[:, 2:])
+def _in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable) -> Forecast:
+    """The forecast of the most probable manoeuvres of `agents`, whose frames are `frame` (n, 3), in frame map."""
+    mean = in_map(futures.mean.astype(np.float64), frame)
+    covariance = _turned(futures.scale.astype(np.float64), futures.correlation.astype(np.float64), frame[:, 2:])
     return Forecast(
         step=agents.step,
         dt=DT,
         id=agents.id,
         mean=mean,
-        yaw=headings(mean, inputs.frame[:, :2], agents.yaw).astype(np.float32),
+        yaw=headings(mean, frame[:, :2], agents.yaw).astype(np.float32),
         covariance=covariance.astype(np.float32),
         maneuver_probability=futures.maneuver,
         valid=np.isfinite(np.concatenate([mean, covariance], axis=-1)).all(axis=(1, 2)),

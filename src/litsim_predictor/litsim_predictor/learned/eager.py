@@ -7,6 +7,7 @@ import torch
 from litsim_predictor.inference.contract import AgentFutures, AgentInputs
 from litsim_predictor.learned.data.scenes import inputs_batch
 from litsim_predictor.learned.models.model import SceneModel
+from litsim_sim.core.scene import IntArray
 
 
 class EagerNetwork:
@@ -17,10 +18,10 @@ class EagerNetwork:
         torch.set_num_threads(1)
         self._model = model.eval()
 
-    def __call__(self, inputs: AgentInputs) -> AgentFutures:
+    def __call__(self, inputs: AgentInputs, asked: IntArray) -> AgentFutures:
         """See :class:`litsim_predictor.inference.contract.Network`."""
         with torch.inference_mode():
-            found = self._model(inputs_batch([inputs]), "best")
+            found = self._model(inputs_batch([inputs]), "best", torch.as_tensor(asked))
         return AgentFutures(
             found.maneuver[0].softmax(dim=-1).numpy(),
             found.mean[0, :, 0].numpy(),

@@ -24,7 +24,7 @@ from litsim_predictor.learned.models.model import SceneModel
 from litsim_sim.io.files import replacing
 
 OPSET = 18
-AGENTS = 3  # of the scene that is traced
+AGENTS, ASKED = 3, 2  # of the scene that is traced
 WEIGHTS_APART = "weights"  # what a graph without weights calls the file that it has none of
 
 
@@ -36,7 +36,14 @@ class OneScene(nn.Module):
         self.network = network
 
     def forward(
-        self, position: Tensor, heading: Tensor, history: Tensor, observed: Tensor, state: Tensor, raster: Tensor
+        self,
+        position: Tensor,
+        heading: Tensor,
+        history: Tensor,
+        observed: Tensor,
+        state: Tensor,
+        raster: Tensor,
+        asked: Tensor,
     ) -> tuple[Tensor, ...]:
         """See :data:`litsim_predictor.inference.compiled.OUTPUTS`."""
         present = observed[:, -1]
@@ -54,7 +61,7 @@ class OneScene(nn.Module):
             maneuver=torch.zeros(1, 1, dtype=torch.int64),
             target=torch.zeros_like(present)[None],
         )
-        found = self.network(batch, "best")
+        found = self.network(batch, "best", asked)
         return found.maneuver[0].softmax(dim=-1), found.mean[0, :, 0], found.scale[0, :, 0], found.correlation[0, :, 0]
 
 
@@ -90,7 +97,9 @@ def traced(model: SceneModel) -> ModelProto:
         torch.ones(AGENTS, HISTORY, dtype=torch.bool),
         torch.rand(AGENTS, STATE_CHANNELS),
         torch.zeros(AGENTS, CHANNELS, ROWS, COLUMNS, dtype=torch.uint8),
+        torch.arange(ASKED),
     )
+    asked = {name: {0: "asked"} for name in ("asked", *OUTPUTS)}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # Of values that a trace takes for constants, such as numbers of channels. That no number of agents is among
         # them is what the tests try.
@@ -102,7 +111,7 @@ def traced(model: SceneModel) -> ModelProto:
             file,
             input_names=INPUTS,
             output_names=OUTPUTS,
-            dynamic_axes={name: {0: "agents"} for name in (*INPUTS, *OUTPUTS)},
+            dynamic_axes={name: {0: "agents"} for name in INPUTS} | asked,
             opset_version=OPSET,
             do_constant_folding=False,  # the weights stay those of the file; ONNX Runtime folds when it loads
             dynamo=False,  # the exporter that needs nothing but onnx itself

@@ -240,6 +240,9 @@ def test_neighbours_are_those_on_the_grid_and_who_comes_close_ranks_first() -> N
     assert found.other[of_first].tolist() == [1, 2, 3]
     assert found.cell[of_first].tolist() == [3 * 9 + 1, 3 * 10 + 1, 3 * 12 + 2]
     assert found.rank[of_first].tolist() == [1, 0, 2]
+    asked = neighbours(batch, torch.tensor([3, 0]))
+    of_first = asked.target == 1
+    assert asked.other[of_first].tolist() == [1, 2, 3] and asked.rank[of_first].tolist() == [1, 0, 2]
 
 
 def test_the_model_is_of_the_size_of_the_papers(model: Bat) -> None:

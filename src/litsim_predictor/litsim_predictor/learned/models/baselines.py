@@ -9,7 +9,7 @@ from torch import Tensor
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON
 from litsim_predictor.kinematic import KinematicConfig, roll_out, spread
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch, numbers
-from litsim_predictor.learned.models.model import Decode, SceneModel, constant_velocity
+from litsim_predictor.learned.models.model import Decode, SceneModel, constant_velocity, rows_of
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, FloatArray
 
@@ -23,15 +23,21 @@ class ConstantVelocity(SceneModel):
         super().__init__()
         self._config = config or KinematicConfig(dt=DT, horizon=DT * HORIZON)
 
-    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:  # noqa: ARG002 - of one kind
+    def forward(
+        self,
+        batch: SceneBatch,
+        decode: Decode = "best",  # noqa: ARG002 - of one kind
+        asked: Tensor | None = None,
+    ) -> Prediction:
         """See :class:`SceneModel`."""
         yaw = np.repeat(numbers(batch.state[..., 3])[..., None], HORIZON, axis=-1)
-        return self._prediction(batch, constant_velocity(batch), yaw)
+        return self._prediction(batch, constant_velocity(batch), yaw, asked)
 
-    def _prediction(self, batch: SceneBatch, mean: Tensor, yaw: FloatArray) -> Prediction:
-        spreads = torch.as_tensor(spread(yaw, TIMES, self._config)).to(batch.state)
+    def _prediction(self, batch: SceneBatch, mean: Tensor, yaw: FloatArray, asked: Tensor | None) -> Prediction:
+        spreads = rows_of(torch.as_tensor(spread(yaw, TIMES, self._config)).to(batch.state), asked)
+        mean = rows_of(mean, asked)
         return Prediction(
-            maneuver=batch.state.new_zeros(*batch.agent.shape, 1),
+            maneuver=batch.state.new_zeros(*mean.shape[:2], 1),
             mean=mean[:, :, None],
             scale=spreads[:, :, None, :, :2],
             correlation=spreads[:, :, None, :, 2],
@@ -41,12 +47,17 @@ class ConstantVelocity(SceneModel):
 class ConstantTurnRate(ConstantVelocity):
     """The `kinematic` predictor: constant speed, and a turn rate averaged over the last second that decays."""
 
-    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:  # noqa: ARG002 - of one kind
+    def forward(
+        self,
+        batch: SceneBatch,
+        decode: Decode = "best",  # noqa: ARG002 - of one kind
+        asked: Tensor | None = None,
+    ) -> Prediction:
         """See :class:`SceneModel`."""
         yaw, way = roll_out(
             numbers(batch.state[..., 3]), numbers(batch.state[..., 2]), self._turn_rate(batch), TIMES, self._config
         )
-        return self._prediction(batch, torch.as_tensor(way).to(batch.state), yaw)
+        return self._prediction(batch, torch.as_tensor(way).to(batch.state), yaw, asked)
 
     def _turn_rate(self, batch: SceneBatch) -> FloatArray:
         """(B, N) [rad/s]; zero where an agent has just appeared or hardly turns."""

@@ -35,6 +35,7 @@ from litsim_predictor.learned.models.model import (
     padded,
     present,
     rotate,
+    rows_of,
     same_agent,
 )
 
@@ -71,7 +72,8 @@ class Neighbours:
     """Pairs of a target and one of its neighbours, P in all.
 
     Attributes:
-        target, other: (P,) places in the list of agents.
+        target: (P,) places in the list of targets.
+        other: (P,) places in the list of agents.
         cell: (P,) of the target's grid that the neighbour is in, row by row.
         rank: (P,) among the target's neighbours, 0 for the most important.
     """
@@ -119,27 +121,30 @@ class Bat(SceneModel):
         self.longitudinal = nn.Linear(encoding, len(LONGITUDINAL))
         self.decoder = ManeuverDecoder(encoding, decoder_units)
 
-    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
+    def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`."""
         there = batch.agent
         if not there.any():
             logits = batch.state.new_zeros(*there.shape, len(MANEUVERS))
             mean = batch.state.new_zeros(*decoded_maneuvers(logits, decode).shape, HORIZON, 2)
             return Prediction(logits, mean, torch.ones_like(mean), mean[..., 0])
-        motions, state = motions_of(batch), present(batch.state, there)
+        motions = motions_of(batch)
         behaviour = present(self.behaviour(batch), there)
-        everybody = torch.arange(state.shape[0], device=state.device)
-        target = self.target(polar(motions, everybody, everybody), torch.cat([behaviour, state / SPEED_UNIT], dim=-1))
-        pairs = neighbours(batch).and_nobody()
-        other = self.other(polar(motions, pairs.target, pairs.other), behaviour[pairs.other])
-        encoding = torch.cat([target, self.interaction(target, other, motions, pairs)], dim=-1)
+        answered = rows_of(there, asked)
+        targets = torch.arange(len(behaviour), device=behaviour.device) if asked is None else asked
+        known = torch.cat([behaviour[targets], present(batch.state, there)[targets] / SPEED_UNIT], dim=-1)
+        target = self.target(polar(motions, targets, targets), known)
+        pairs = neighbours(batch, asked).and_nobody()
+        seen = polar(motions, targets[pairs.target], pairs.other)
+        other = self.other(seen, behaviour[pairs.other])
+        encoding = torch.cat([target, self.interaction(target, other, seen, pairs)], dim=-1)
 
-        logits = padded(maneuver_logits(self.lateral(encoding), self.longitudinal(encoding)), there)
-        raw = self.decoder(encoding, present(decoded_maneuvers(logits, decode), there))  # (T, M, HORIZON, 5)
-        everywhere = padded(raw, there)
-        ahead = constant_velocity(batch)[:, :, None] + DT * everywhere[..., :2].cumsum(dim=-2)
+        logits = padded(maneuver_logits(self.lateral(encoding), self.longitudinal(encoding)), answered)
+        raw = self.decoder(encoding, present(decoded_maneuvers(logits, decode), answered))  # (A, M, HORIZON, 5)
+        everywhere = padded(raw, answered)
+        ahead = rows_of(constant_velocity(batch), asked)[:, :, None] + DT * everywhere[..., :2].cumsum(dim=-2)
         scale, correlation = gaussian(everywhere[..., 2:])
-        return Prediction(logits, torch.where(there[..., None, None, None], ahead, 0.0), scale, correlation)
+        return Prediction(logits, torch.where(answered[..., None, None, None], ahead, 0.0), scale, correlation)
 
 
 class BehaviourEncoder(nn.Module):
@@ -204,10 +209,13 @@ class InteractionEncoder(nn.Module):
         self.key_value = nn.Linear(embedding, 2 * embedding)
         self.size = embedding + 256
 
-    def forward(self, target: Tensor, other: Tensor, motions: Motions, pairs: Neighbours) -> Tensor:
-        """(T, size) from the codes of T targets and of P neighbours, the last of which is nobody; zeros for nobody."""
+    def forward(self, target: Tensor, other: Tensor, seen: Tensor, pairs: Neighbours) -> Tensor:
+        """(T, size) from the codes of T targets and of P neighbours, the last of which is nobody; zeros for nobody.
+
+        `seen` (P, HISTORY, POLAR_CHANNELS) are the motions of the neighbours about their targets.
+        """
         other = other + rank_encoding(pairs.rank, other.shape[-1])
-        now = polar(motions, pairs.target, pairs.other)[:, -1, :4]
+        now = seen[:, -1, :4]
         contribution = self.contribution(torch.cat([other, now], dim=-1))  # not negative
         slots, taken = slots_of(pairs.target[:-1], target.shape[0])
         pooled = (contribution[slots] * taken[..., None]).amax(dim=1)
@@ -283,32 +291,38 @@ def polar(motions: Motions, target: Tensor, other: Tensor) -> Tensor:
     return torch.stack(channels, dim=-1) * observed[..., None]
 
 
-def neighbours(batch: SceneBatch) -> Neighbours:
+def neighbours(batch: SceneBatch, asked: Tensor | None = None) -> Neighbours:
     """Agents in the target's grid of :data:`GRID_ROWS` by :data:`GRID_COLUMNS` cells, which is centred on its frame.
 
     A neighbour is the more important, the less the mean of its distance now and at the closest approach within
-    :data:`APPROACH_S`, both at the velocities of now.
+    :data:`APPROACH_S`, both at the velocities of now. Targets are the agents `asked` of one scene, or all.
     """
     speed, yaw = batch.state[..., 2], batch.heading + batch.state[..., 3]
     velocity = speed[..., None] * torch.stack([yaw.cos(), yaw.sin()], dim=-1)
-    offset = offsets(batch)
-    approach = velocity[:, None] - velocity[:, :, None]
+    offset = rows_of(offsets(batch), asked)
+    approach = velocity[:, None] - rows_of(velocity, asked)[:, :, None]
     squared = (approach**2).sum(dim=-1)
     when = (-(offset * approach).sum(dim=-1) / squared.clamp_min(1e-6)).clamp(0.0, APPROACH_S)
     key = offset.norm(dim=-1) + (offset + when[..., None] * approach).norm(dim=-1)
 
-    local = rotate(offset, -batch.heading[..., None])
+    local = rotate(offset, -rows_of(batch.heading, asked)[..., None])
     row = torch.floor(local[..., 0] / CELL_LENGTH + 0.5 * GRID_ROWS).long()
     column = torch.floor(local[..., 1] / CELL_WIDTH + 0.5 * GRID_COLUMNS).long()
     inside = (row >= 0) & (row < GRID_ROWS) & (column >= 0) & (column < GRID_COLUMNS)
     itself = same_agent(batch)
-    pair = inside & batch.agent[:, :, None] & batch.agent[:, None, :] & ~itself
+    apart = ~(itself if asked is None else itself[asked])
+    answered = rows_of(batch.agent, asked)
+    pair = inside & answered[:, :, None] & batch.agent[:, None, :] & apart
     rank = key.masked_fill(~pair, torch.inf).argsort(dim=-1).argsort(dim=-1)
 
-    place = (batch.agent.flatten().long().cumsum(dim=0) - 1).view_as(batch.agent)
     scene, target, other = pair.nonzero(as_tuple=True)
     cell = (row * GRID_COLUMNS + column)[pair]
-    return Neighbours(place[scene, target], place[scene, other], cell, rank[pair])
+    return Neighbours(places(answered)[scene, target], places(batch.agent)[scene, other], cell, rank[pair])
+
+
+def places(agent: Tensor) -> Tensor:
+    """(B, N) places in one list of the agents (B, N) that are no padding."""
+    return (agent.flatten().long().cumsum(dim=0) - 1).view_as(agent)
 
 
 def slots_of(target: Tensor, count: int) -> tuple[Tensor, Tensor]:

@@ -24,6 +24,7 @@ from litsim_predictor.learned.models.model import (
     padded,
     present,
     rotate,
+    rows_of,
     same_agent,
 )
 
@@ -61,14 +62,16 @@ class CsLstm(SceneModel):
         self.decoder = nn.LSTM(width + len(LATERAL) + len(LONGITUDINAL), decoder, batch_first=True)
         self.out = nn.Linear(decoder, GAUSSIAN_CHANNELS)
 
-    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
+    def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`."""
-        b, n = batch.agent.shape
         there = batch.agent
         steps = torch.cat([batch.history[..., :2] / LENGTH, batch.observed[..., None].to(batch.history.dtype)], dim=-1)
         _, (hidden, _) = self.encoder(self.embed(present(steps, there)))
         encoding = padded(hidden[0], there)
-        context = torch.cat([self.dynamics(encoding), self.social(social_grid(batch, encoding)).view(b, n, -1)], dim=-1)
+        target = rows_of(encoding, asked)
+        b, n = target.shape[:2]
+        social = self.social(social_grid(batch, encoding, asked)).view(b, n, -1)
+        context = torch.cat([self.dynamics(target), social], dim=-1)
         logits = maneuver_logits(self.lateral(context), self.longitudinal(context))
         maneuver = decoded_maneuvers(logits, decode)
         modes = maneuver.shape[-1]
@@ -79,16 +82,20 @@ class CsLstm(SceneModel):
         return Prediction(logits, LENGTH * raw[..., :2], scale, correlation)
 
 
-def social_grid(batch: SceneBatch, encoding: Tensor) -> Tensor:
-    """(B * N, width, 13, 3) encodings of the agents in the cells around each agent; of two in a cell, their sum."""
-    ahead, left = rotate(offsets(batch), -batch.heading[..., None]).unbind(dim=-1)
+def social_grid(batch: SceneBatch, encoding: Tensor, asked: Tensor | None = None) -> Tensor:
+    """(B * M, width, 13, 3) encodings of the agents in the cells around each agent; of two in a cell, their sum.
+
+    The M agents are those in the rows `asked`, or all.
+    """
+    ahead, left = rotate(rows_of(offsets(batch), asked), -rows_of(batch.heading, asked)[..., None]).unbind(dim=-1)
     row = torch.round(ahead / CELL_AHEAD).long() + GRID[0] // 2
     column = torch.round(left / CELL_LEFT).long() + GRID[1] // 2
     inside = (row >= 0) & (row < GRID[0]) & (column >= 0) & (column < GRID[1])
-    inside = inside & ~same_agent(batch) & batch.agent[:, None]
+    itself = same_agent(batch)
+    inside = inside & ~(itself if asked is None else itself[asked]) & batch.agent[:, None]
     scene, target, neighbour = torch.nonzero(inside, as_tuple=True)
     cell = row[inside] * GRID[1] + column[inside]
-    b, n, width = encoding.shape
+    (b, n), width = inside.shape[:2], encoding.shape[-1]
     grid = encoding.new_zeros(b * n * GRID[0] * GRID[1], width)
     grid.index_add_(0, (scene * n + target) * (GRID[0] * GRID[1]) + cell, encoding[scene, neighbour])
     return grid.view(b * n, *GRID, width).permute(0, 3, 1, 2)

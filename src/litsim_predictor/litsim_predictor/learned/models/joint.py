@@ -23,20 +23,23 @@ from litsim_predictor.learned.models.model import (
     GAUSSIAN_CHANNELS,
     Decode,
     SceneModel,
+    chosen,
     constant_velocity,
     decoded_maneuvers,
     future_times,
     gaussian,
-    offsets,
+    linear_of,
     padded,
     present,
     rotate,
+    rows_of,
     same_agent,
 )
 
 LENGTH = 20.0  # [m] by which positions are scaled
 LANE = 4.0  # [m] by which lateral distances are scaled
 SPEED = 15.0  # [m/s] by which speeds are scaled
+STATE_UNITS = (LENGTH, LENGTH, SPEED, 1.0)  # by which the channels of a state are scaled: they are about as large as 1
 RELATION_CHANNELS = 8
 
 
@@ -60,7 +63,10 @@ class MapEncoder(nn.Module):
 
     def forward(self, raster: Tensor) -> Tensor:
         """Code (n, width) of rasters (n, CHANNELS, ROWS, COLUMNS) of uint8."""
-        return self.layers(raster.float() / 127.5 - 1.0)
+        # Read as -1 to 1; the division is one of the weights, which are fewer.
+        first = cast(nn.Conv2d, self.layers[0])
+        read = nn.functional.conv2d(raster.float() - 127.5, first.weight / 127.5, first.bias, first.stride, 1)
+        return cast(Tensor, self.layers[1:](read))
 
 
 class HistoryEncoder(nn.Module):
@@ -70,13 +76,14 @@ class HistoryEncoder(nn.Module):
         super().__init__()
         self.channels = channels
         self.embed = nn.Sequential(nn.Linear(channels + 1, width // 2), nn.ReLU())
-        self.gru = nn.GRU(width // 2, width // 2, batch_first=True, bidirectional=True)
+        self.gru = nn.GRU(width // 2, width // 2, bidirectional=True)
 
     def forward(self, history: Tensor, observed: Tensor) -> Tensor:
         """Code (n, width) of histories (n, HISTORY, HISTORY_CHANNELS) and of when they were observed (n, HISTORY)."""
-        scaled = history[..., : self.channels] / history.new_tensor([LENGTH, LENGTH, 1.0, SPEED])[: self.channels]
-        _, last = self.gru(self.embed(torch.cat([scaled, observed[..., None].to(scaled.dtype)], dim=-1)))
-        return last.transpose(0, 1).flatten(1)
+        read = torch.cat([history[..., : self.channels], observed[..., None].to(history.dtype)], dim=-1)
+        units = history.new_tensor([*(LENGTH, LENGTH, 1.0, SPEED)[: self.channels], 1.0])
+        _, last = self.gru(self.embed[1](linear_of(read.transpose(0, 1), units, cast(nn.Linear, self.embed[0]))))
+        return torch.cat([last[0], last[1]], dim=-1)
 
 
 class RelativeAttention(nn.Module):
@@ -93,30 +100,37 @@ class RelativeAttention(nn.Module):
         self.out = nn.Linear(width, width)
         self.norm = nn.LayerNorm(width)
 
-    def forward(self, agents: Tensor, near: Neighbours) -> Tensor:
-        """The codes `agents` (B, N, width) with what each agent sees of those `near` it added, (B, N, width)."""
-        width = agents.shape[-1] // self.heads
+    def forward(self, agents: Tensor, near: Neighbours, asked: Tensor | None = None) -> Tensor:
+        """The codes `agents` (B, N, width) with what each agent sees of those `near` it added, (B, N, width).
+
+        Of the rows `asked` (M,) alone, to whom `near` then belongs, where these are given: (B, M, width).
+        """
+        scenes, width = len(agents), agents.shape[-1] // self.heads
 
         def by_head(values: Tensor) -> Tensor:
             """(B, heads, N, width / heads) of (B, N, width)."""
-            return values.view(*values.shape[:2], self.heads, width).transpose(1, 2)
+            return values.view(scenes, -1, self.heads, width).transpose(1, 2)
 
         # What a relation adds to keys and values is linear in `related`: it is taken out of the sums over neighbours,
         # so that its large matrix is applied once an agent and not once a pair.
-        related, last = self.relation[:-1](near.relation), cast(nn.Linear, self.relation[-1])  # (B, N, K, 64)
+        related, last = self.relation[:-1](near.relation), cast(nn.Linear, self.relation[-1])  # (B, M, K, 64)
         of_key, of_value = last.weight.view(2, self.heads, width, -1).unbind()
-        query = by_head(self.query(agents)) * width**-0.5
-        key, value = (by_head(part) for part in (self.key_value(agents) + last.bias).chunk(2, dim=-1))
+        asking = agents if asked is None else agents[:, asked]
+        scale = width**-0.5
+        query = by_head(nn.functional.linear(asking, self.query.weight * scale, self.query.bias * scale))
+        offered = nn.functional.linear(agents, self.key_value.weight, self.key_value.bias + last.bias)
+        key, value = (by_head(part) for part in offered.chunk(2, dim=-1))
 
         # Products of all with all are cheaper than keys and values gathered for each pair.
         index = near.index[:, None].expand(-1, self.heads, -1, -1)
-        asked = (query @ of_key).transpose(1, 2)  # (B, N, heads, 64)
-        logits = (query @ key.transpose(2, 3)).gather(-1, index) + (asked @ related.transpose(2, 3)).transpose(1, 2)
-        weights = logits.masked_fill(~near.seen[:, None], float("-inf")).softmax(dim=-1)  # (B, heads, N, K)
+        wanted = (query @ of_key).transpose(1, 2)  # (B, M, heads, 64)
+        everybody = query @ key.transpose(2, 3)
+        logits = everybody.gather(-1, index) + (wanted @ related.transpose(2, 3)).transpose(1, 2)
+        weights = logits.masked_fill(~near.seen[:, None], float("-inf")).softmax(dim=-1)  # (B, heads, M, K)
         told = (weights.transpose(1, 2) @ related).transpose(1, 2) @ of_value.transpose(1, 2)
-        everybody = torch.zeros_like(query[..., :1]).expand(-1, -1, -1, agents.shape[1])
-        heard = everybody.scatter(-1, index, weights) @ value + told
-        return cast(Tensor, self.norm(agents + self.out(heard.transpose(1, 2).flatten(2))))
+        heard = torch.zeros_like(everybody).scatter(-1, index, weights) @ value + told
+        heard = heard.transpose(1, 2).reshape(scenes, -1, self.heads * width)
+        return cast(Tensor, self.norm(asking + self.out(heard)))
 
 
 class SceneAttention(nn.Module):
@@ -133,7 +147,9 @@ class SceneAttention(nn.Module):
         middle = (batch.position * there).sum(dim=1, keepdim=True) / there.sum(dim=1, keepdim=True)
         yaw = batch.heading + batch.state[..., 3]
         place = torch.cat([(batch.position - middle) / LENGTH, torch.stack([yaw.cos(), yaw.sin()], dim=-1)], dim=-1)
-        states = self.embed(torch.cat([scaled_state(batch.state), place], dim=-1))
+        read = torch.cat([batch.state, place], dim=-1)
+        units = read.new_tensor([*STATE_UNITS, 1.0, 1.0, 1.0, 1.0])
+        states = self.embed[1](linear_of(read, units, cast(nn.Linear, self.embed[0])))
         b, n, width = states.shape
         # As nn.MultiheadAttention does it, which a trace would tie to its number of agents.
         attention = self.attention
@@ -243,48 +259,47 @@ class JointPredictor(SceneModel):
         self.maneuver = nn.Sequential(nn.Linear(width, hidden), nn.ReLU(), nn.Linear(hidden, len(MANEUVERS)))
         self.decoder = (DirectDecoder if decoder == "direct" else RecurrentDecoder)(width, hidden)
 
-    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
+    def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`."""
         there = batch.agent
         maps = self.map(present(batch.raster, there))
         histories = self.history(present(batch.history, there), present(batch.observed, there))
         if self.scene is None:
-            states = self.state(scaled_state(present(batch.state, there)))
+            state = present(batch.state, there)
+            states = self.state[1](linear_of(state, state.new_tensor(STATE_UNITS), cast(nn.Linear, self.state[0])))
         else:
             states = present(self.scene(batch), there)
         agents = padded(torch.cat([maps, histories, states], dim=-1), there)
         if len(self.relative):
             near = Neighbours.of(batch, self.neighbours, self.reach)
-            for layer in self.relative:
+            for layer in self.relative[:-1]:
                 agents = layer(agents, near)
+            agents = self.relative[-1](agents, near.seen_by(asked), asked)
+        else:
+            agents = rows_of(agents, asked)
         logits = self.maneuver(agents)
-        return self._decode(batch, self.dropout(agents), logits, decode)
+        return self._decode(rows_of(constant_velocity(batch), asked), batch, self.dropout(agents), logits, decode)
 
-    def _decode(self, batch: SceneBatch, agents: Tensor, logits: Tensor, decode: Decode) -> Prediction:
+    def _decode(self, base: Tensor, batch: SceneBatch, agents: Tensor, logits: Tensor, decode: Decode) -> Prediction:
         maneuver = decoded_maneuvers(logits, decode)
-        shape = (*maneuver.shape, HORIZON)
+        modes = maneuver.shape[-1]
 
         def for_each_maneuver(values: Tensor) -> Tensor:
             """The `values` (B, N, ...) of each agent once for each of its M manoeuvres, as (B * N * M, ...)."""
-            return values.flatten(0, 1).repeat_interleave(maneuver.shape[-1], dim=0)
+            return values.flatten(0, 1) if modes == 1 else values.flatten(0, 1).repeat_interleave(modes, dim=0)
 
-        base = constant_velocity(batch)
         truth = None
         if self.training and float(torch.rand(())) < self.forcing:
             truth = for_each_maneuver(torch.where(batch.future_known[..., None], batch.future, base))
         mean, raw = self.decoder(for_each_maneuver(agents), maneuver.flatten(), for_each_maneuver(base), truth)
         scale, correlation = gaussian(raw)
+        shape = (len(logits), -1, modes, HORIZON)
         return Prediction(logits, mean.view(*shape, 2), scale.view(*shape, 2), correlation.view(*shape))
-
-
-def scaled_state(state: Tensor) -> Tensor:
-    """The states (..., STATE_CHANNELS), each channel divided by a usual value: they are about as large as 1."""
-    return state / state.new_tensor([LENGTH, LENGTH, SPEED, 1.0])
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """The K agents nearest to each agent, itself first.
+    """The K agents nearest to each of N agents, itself among them.
 
     Attributes:
         index: (B, N, K) int64.
@@ -299,28 +314,33 @@ class Neighbours:
     @classmethod
     def of(cls, batch: SceneBatch, count: int, reach: float) -> Neighbours:
         """For each agent of `batch` at most `count` others that are nearer than `reach` [m]."""
-        b, n = batch.agent.shape
-        apart = offsets(batch)
-        distance = apart.norm(dim=-1).masked_fill(~batch.agent[:, None], float("inf"))
-        distance = distance.masked_fill(same_agent(batch), -1.0)
-        distance, index = distance.topk(torch.as_tensor(n).clamp_max(count + 1), dim=-1, largest=False)
-        scene = torch.arange(b, device=index.device)[:, None, None]
-        agent = torch.arange(n, device=index.device)[:, None]
-        ahead, left = rotate(apart[scene, agent, index], -batch.heading[..., None]).unbind(dim=-1)
-        turn = batch.heading[scene, index] - batch.heading[..., None]
-        speed = batch.state[..., 2]
-        other = speed[scene, index]
-        relation = torch.stack(
+        x, y = batch.position.unbind(dim=-1)
+        squared = (x[:, None] - x[:, :, None]) ** 2 + (y[:, None] - y[:, :, None]) ** 2
+        if not torch.onnx.is_in_onnx_export():  # of one scene, in which there is no padding
+            squared = squared.masked_fill(~batch.agent[:, None], float("inf"))
+        squared = squared.masked_fill(same_agent(batch), -1.0)
+        most = torch.as_tensor(squared.shape[-1]).clamp_max(count + 1)  # a tensor, which a trace takes for no constant
+        squared, index = squared.topk(cast(int, most), dim=-1, largest=False, sorted=False)
+        # Of each agent, and of each of those near it: x, y, heading, speed.
+        pose = torch.cat([batch.position, batch.heading[..., None], batch.state[..., 2:3]], dim=-1)
+        other, own = chosen(pose, index), pose[:, :, None]
+        offset, turn, faster = (other - own).split([2, 1, 1], dim=-1)
+        ahead, left = rotate(offset, -own[..., 2]).split(1, dim=-1)
+        relation = torch.cat(
             [
                 ahead / LENGTH,
                 left / LANE,
                 1.0 / (1.0 + ahead.abs() / 5.0),
                 turn.cos(),
                 turn.sin(),
-                (other - speed[..., None]) / (0.25 * SPEED),
-                other / SPEED,
+                faster / (0.25 * SPEED),
+                other[..., 3:] / SPEED,
                 (left.abs() < 0.5 * LANE).to(ahead.dtype) * ahead.sign(),
             ],
             dim=-1,
         )
-        return cls(index, distance < reach, relation)
+        return cls(index, squared < reach**2, relation)
+
+    def seen_by(self, agents: Tensor | None) -> Neighbours:
+        """Those of the rows `agents` (M,) alone, where these are given."""
+        return Neighbours(*(rows_of(v, agents) for v in (self.index, self.seen, self.relation)))

@@ -32,13 +32,15 @@ class SceneModel(nn.Module):
     forcing = 0.0
 
     @abstractmethod
-    def forward(self, batch: SceneBatch, decode: Decode = "best") -> Prediction:
+    def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """Predict every agent of `batch`, in one pass.
 
         Args:
             batch: scenes; nothing of its future is read, except by teacher forcing while `self.training`.
             decode: "all" for one trajectory for each manoeuvre (M = K), "best" for that of the most probable one
                 (M = 1), or manoeuvres (B, N) int64, such as the true ones in training (M = 1; -1 stands for best).
+            asked: (A,) int64 agents of a single scene (B = 1) who alone are predicted, among all the others; what is
+                answered then has the shapes of A agents, in their order. None asks for everybody.
         """
 
 
@@ -100,6 +102,26 @@ def padded(values: Tensor, agent: Tensor) -> Tensor:
     everywhere = values.new_zeros(*agent.shape, *values.shape[1:])
     everywhere[agent] = values
     return everywhere
+
+
+def rows_of(values: Tensor, agents: Tensor | None) -> Tensor:
+    """(B, M, ...) of values (B, N, ...): those of the rows `agents` (M,); all where that is None."""
+    return values if agents is None else values[:, agents]
+
+
+def chosen(values: Tensor, index: Tensor) -> Tensor:
+    """(B, M, K, ...) of values (B, N, ...): of each scene those of the agents `index` (B, M, K)."""
+    if torch.onnx.is_in_onnx_export():  # of one scene
+        return values[0][index[0]][None]
+    return values[torch.arange(len(values), device=index.device)[:, None, None], index]
+
+
+def linear_of(values: Tensor, units: Tensor, layer: nn.Linear) -> Tensor:
+    """`layer` of the values (..., C), each channel divided by one of the `units` (C,).
+
+    The weights are divided, which are fewer than the values; and a compiled graph does so once, when it is loaded.
+    """
+    return nn.functional.linear(values, layer.weight / units, layer.bias)
 
 
 def future_times(like: Tensor) -> Tensor:
