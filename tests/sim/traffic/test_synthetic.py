@@ -12,12 +12,16 @@ from litsim_sim.cli import data
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.signals import STOP_STATES
 from litsim_sim.maps import urban
 from litsim_sim.maps.highway import find_netconvert
 from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.signal_links import crossings
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.recordings.segments import Manifest
+from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets
+from litsim_sim.scenario.signals import SignalsFile, build
 from litsim_sim.traffic.comparison import Sample, generated, report, wasserstein
 from litsim_sim.traffic.drivers import SUMO_DEFAULT, calibrated, vehicle_type
 from litsim_sim.traffic.motion import Smoothness, smooth, smooth_motion
@@ -145,6 +149,17 @@ def test_the_packaged_recording_says_of_itself_what_the_generator_writes() -> No
     assert (embedded.name, embedded.licence, embedded.net) == (made.name, made.licence, made.net)
 
 
+def _at_red(made: Recording) -> float:
+    """Share of the vehicles that pass the stop lines of the signals that a recording carries while they show red."""
+    frames = int(made.table["frame"].max()) + 1
+    log = Log.from_recording(made, 0, frames)
+    signals = build(SignalsFile.model_validate(made.header.signals), URBAN_LIKE.net, log, 0, "made")
+    assert len(signals.links) == 28, "every controlled connection of the net"
+    found = crossings(signals.links, log.x, log.y, log.yaw, log.length, log.valid)
+    assert len(found.agent) > 20
+    return float(np.isin(signals.states[signals.link_group[found.link], found.step], STOP_STATES).mean())
+
+
 def test_urban_traffic_queues_and_turns() -> None:
     made = synthesize(5, 60.0, URBAN_LIKE)
     table = made.table
@@ -153,7 +168,9 @@ def test_urban_traffic_queues_and_turns() -> None:
     turned = table.groupby("vehicle_id")["yaw"].agg(lambda yaw: float(np.ptp(np.unwrap(yaw))))
     assert (turned > 1.4).sum() > 5, "some turn at the junctions"
     assert -1 in set(table["lane"]), "inside junctions there are no lanes to count"
+    assert _at_red(made) < 0.1
     again = synthesize(5, 60.0, URBAN_LIKE)
+    assert again.header.signals == made.header.signals
     pd.testing.assert_frame_equal(table, again.table, check_exact=True)
 
 

@@ -14,7 +14,10 @@ import pytest
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.signals import SignalState
+from litsim_sim.maps.signal_links import read_links
 from litsim_sim.scenario.scenario import Scenario, packaged
+from litsim_sim.scenario.signals import Signals
 from litsim_sim.world.sumo import SumoMirror
 from litsim_sim.world.world import World
 
@@ -148,3 +151,29 @@ def test_a_net_that_is_none_is_an_input_error(tmp_path: Path, agent_table: Build
 def test_a_net_that_is_not_there_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.net\.xml: "):
         SumoMirror(tmp_path / "none.net.xml")
+
+
+def test_lights_show_the_signals_of_the_scenario(agent_table: Build) -> None:
+    net = packaged("nets/urban_like.net.xml")
+    links = tuple(link for link in read_links(net) if link.from_lane.startswith("WA"))
+    states = np.array([[SignalState.GREEN, SignalState.AMBER, SignalState.RED]], np.uint8)
+    signals = Signals(("east",), links, np.zeros(len(links), np.int64), states)
+    mirror = SumoMirror(net, signals=signals)
+    try:
+        for step, letter in enumerate("Gyrr"):
+            mirror.show(agent_table(step))
+            shown = libsumo.trafficlight.getRedYellowGreenState("A")
+            assert {shown[link.index] for link in links} == {letter}
+            assert shown.count("O") == len(shown) - len(links)
+            assert set(libsumo.trafficlight.getRedYellowGreenState("B")) == {"O"}
+    finally:
+        mirror.close()
+
+
+def test_without_signals_lights_are_off(agent_table: Build) -> None:
+    mirror = SumoMirror(packaged("nets/urban_like.net.xml"))
+    try:
+        mirror.show(agent_table(0))
+        assert set(libsumo.trafficlight.getRedYellowGreenState("A")) == {"O"}
+    finally:
+        mirror.close()

@@ -33,7 +33,7 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     plan = plan_of(arguments)
     scenario = plan.scenario
-    runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed))
+    runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed, scenario.signals))
     with tqdm(total=scenario.total_steps + 1, unit="step", dynamic_ncols=True) as bar:
         metrics = compute_metrics(record(runner, bar.update))
     if arguments.json:

@@ -126,7 +126,7 @@ class TimedMirror:
 def time_in_process(scenario_file: Path) -> Sample:
     """Run a scenario in this process, SUMO included; the steps after the history, in which agents are driven."""
     scenario = Scenario.load(scenario_file)
-    mirror = TimedMirror(SumoMirror(scenario.net_path, scenario.seed))
+    mirror = TimedMirror(SumoMirror(scenario.net_path, scenario.seed, scenario.signals))
     runner = Runner(RunPlan(scenario, EGO, POLICY), mirror)
     parts: dict[str, list[float]] = {}
     begin = 0.0

@@ -67,7 +67,9 @@ def memory_in_process(scenario_file: Path) -> Memory:
     """Memory of this process while it runs a scenario and keeps nothing of it."""
     scenario = Scenario.load(scenario_file)
     memory = Memory()
-    for now in Runner(RunPlan(scenario, EGO, POLICY), SumoMirror(scenario.net_path, scenario.seed)).steps():
+    for now in Runner(
+        RunPlan(scenario, EGO, POLICY), SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
+    ).steps():
         if now.table.step % EVERY == 0:
             memory.share.append(now.table.step / scenario.total_steps)
             memory.resident.append(resident_mb(os.getpid()))

@@ -75,7 +75,7 @@ class BridgeNode(Node):
         """
         scenario = self.plan.scenario
         config = WorldConfig(guard_entries=self.plan.policy != "replay")
-        world = World(scenario, config, SumoMirror(scenario.net_path, scenario.seed))
+        world = World(scenario, config, SumoMirror(scenario.net_path, scenario.seed, scenario.signals))
         loop = RunLoop(self, self.plan, self.options, world, self._port, self._attendance, self._answers)
         spare_from_collection()
         try:

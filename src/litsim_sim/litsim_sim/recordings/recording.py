@@ -60,7 +60,9 @@ class RecordingHeader:
         licence: licence of the data.
         rate_hz: frames per second; always 10.
         net: file name of the SUMO net that the recording lies on, or empty.
-        notes: anything else worth keeping (processing parameters, seeds).
+                notes: anything else worth keeping (processing parameters, seeds).
+        signals: what the signals of `net` showed, by the fields of
+            :class:`litsim_sim.scenario.signals.SignalsFile`; empty where nothing is known.
     """
 
     name: str
@@ -69,6 +71,7 @@ class RecordingHeader:
     rate_hz: float = RATE_HZ
     net: str = ""
     notes: dict[str, object] = field(default_factory=dict)
+    signals: dict[str, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,10 @@ class Recording:
     def to_parquet(self) -> bytes:
         """The recording as a Parquet file (zstd), header in the metadata; equal recordings give equal bytes."""
         arrow = pa.Table.from_pandas(self.table, preserve_index=False)
-        metadata = {HEADER_KEY: json.dumps(asdict(self.header), sort_keys=True).encode()}
+        header = asdict(self.header)
+        if not self.header.signals:  # as before there were any
+            del header["signals"]
+        metadata = {HEADER_KEY: json.dumps(header, sort_keys=True).encode()}
         sink = pa.BufferOutputStream()
         pq.write_table(arrow.replace_schema_metadata(metadata), sink, compression="zstd")
         return bytes(sink.getvalue().to_pybytes())

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
@@ -19,8 +19,9 @@ from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.load import load_recording
-from litsim_sim.recordings.recording import Recording
+from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.signals import Signals, SignalsFile, build, read_signals, resolved
 
 DATA_VARIABLE = "LITSIM_DATA"
 SEEDS = 2**64  # as many as RunInfo has a place for
@@ -44,6 +45,10 @@ def _usable_path(path: str) -> str:
 
 _Path = Annotated[str, AfterValidator(_usable_path)]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
+_SignalsField = Annotated[
+    Annotated[_Path, Tag("file")] | Annotated[SignalsFile, Tag("content")],
+    Discriminator(lambda value: "file" if isinstance(value, str) else "content"),
+]
 
 
 class ScenarioFile(BaseModel):
@@ -64,6 +69,8 @@ class ScenarioFile(BaseModel):
         roi_m: radius around the ego, and around every other agent off its log, within which agents are forecast and may
             be taken over [m].
         seed: of everything random.
+        signals: file of the signals, relative to the YAML file, or its content, see :class:`SignalsFile`; those of the
+            recording, if it has some of this net, where not given.
         vehicle: of the ego, by the fields of :class:`litsim_sim.core.vehicle.VehicleModel` that are not the default.
     """
 
@@ -82,6 +89,7 @@ class ScenarioFile(BaseModel):
     tuning: list[int] = []
     roi_m: Annotated[_Finite, Field(gt=0)] = 30.0
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
+    signals: _SignalsField | None = None
     vehicle: dict[str, _Finite] = {}
 
     @field_validator("vehicle")
@@ -103,6 +111,7 @@ class Scenario:
         start_frame: frame of step 0.
         history_steps: step from which on the ego is free.
         total_steps: the last step.
+        signals: what signals show at each step; None where nothing is known of any.
         shortened: whether the recording ends before `simulation_s` have passed.
     """
 
@@ -134,6 +143,10 @@ class Scenario:
         self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
         self._check_agents(self.file, where)
         self._check_coverage(where)
+        given = self.file.signals or _recorded_signals(recording.header, self.net_path, file.recording)
+        self.signals: Signals | None = None
+        if isinstance(given, SignalsFile):
+            self.signals = build(given, self.net_path, self.log, self.start_frame, where)
 
     @classmethod
     def load(cls, name_or_path: str | Path, **overrides: Any) -> Scenario:
@@ -197,8 +210,15 @@ class Scenario:
             raise InputError(
                 f"{where}: field net: {net}: no such net; expected a file, or one of {', '.join(packaged_nets())}"
             )
-        resolved = {"recording": str(_data_path(file.recording, folder, where)), "net": str(net.resolve())}
-        return cls(file.model_copy(update=resolved), where)
+        resolved_fields: dict[str, Any] = {
+            "recording": str(_data_path(file.recording, folder, where)),
+            "net": str(net.resolve()),
+        }
+        if isinstance(file.signals, str):
+            resolved_fields["signals"] = read_signals(folder / file.signals)
+        elif file.signals is not None:
+            resolved_fields["signals"] = resolved(file.signals, folder, f"{where}: field signals")
+        return cls(file.model_copy(update=resolved_fields), where)
 
     @property
     def name(self) -> str:
@@ -276,6 +296,13 @@ class Scenario:
                 f"on its lanes, expected {COVERAGE_MIN:.0%}; the recording spans x {x.min():.0f} to {x.max():.0f}, "
                 f"y {y.min():.0f} to {y.max():.0f} m, the net x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} m"
             )
+
+
+def _recorded_signals(header: RecordingHeader, net: Path, where: str) -> SignalsFile | None:
+    """The signals that a recording carries, if they are of this net."""
+    if not header.signals or header.net != net.name:
+        return None
+    return validate_yaml(dict(header.signals), SignalsFile, f"{where}: signals in the header", "")
 
 
 def packaged(relative: str) -> Path:

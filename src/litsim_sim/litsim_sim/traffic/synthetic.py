@@ -14,7 +14,9 @@ import pandas as pd
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.signals import OF_SUMO
 from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.signal_links import read_links
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.traffic.drivers import SUMO_DEFAULT, Behaviour, calibrated
 from litsim_sim.traffic.motion import Smoothness, smooth_motion
@@ -134,6 +136,7 @@ def _record(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Reco
         licence="Apache-2.0",
         net=site.net.name,
         notes=notes,
+        signals=_signals(site, seen, seconds),
     )
     return Recording.from_table(header, table, f"synthetic recording of seed {seed}")
 
@@ -174,6 +177,25 @@ def _overlaps(table: pd.DataFrame) -> list[tuple[int, int]]:
         for i, j in overlapping_pairs(*values[rows].T):
             pairs.add((int(min(ids[rows[i]], ids[rows[j]])), int(max(ids[rows[i]], ids[rows[j]]))))
     return sorted(pairs)
+
+
+def _signals(site: Site, seen: Observation, seconds: float) -> dict[str, object]:
+    """What the signals showed, as the header keeps it; links that always show the same are a group."""
+    begin, frames = round(MARGIN_S / STEP_S), round(seconds / STEP_S)
+    groups: dict[str, list[str]] = {}
+    changes: list[tuple[float, str, str]] = []
+    by_course: dict[tuple[str, str], str] = {}
+    for link in read_links(site.net):
+        shown = seen.lights[link.light][begin : begin + frames]
+        course = "".join(states[link.index] for states in shown)
+        group = by_course.setdefault((link.light, course), f"{link.light}{sum(g[0] == link.light for g in by_course)}")
+        if group not in groups:
+            groups[group] = []
+            for frame, letter in enumerate(course):
+                if frame == 0 or letter != course[frame - 1]:
+                    changes.append((round(frame * STEP_S, 1), group, OF_SUMO[letter].name.lower()))
+        groups[group].append(link.name)
+    return {"groups": groups, "changes": sorted(changes)} if groups else {}
 
 
 def _lane_from_left(site: Site, table: pd.DataFrame) -> np.ndarray:

@@ -93,13 +93,15 @@ class Observation:
         vehicles: n vehicles.
         first: (n,) step at which a vehicle was first seen.
         front: n arrays (k, 2), front centre at successive steps, frame map [m].
-        speed: n arrays (k,), along the lane [m/s].
+                speed: n arrays (k,), along the lane [m/s].
+        lights: by traffic light, SUMO's state at each step, a letter for each link; empty where there are none.
     """
 
     vehicles: list[Vehicle]
     first: np.ndarray
     front: list[FloatArray]
     speed: list[FloatArray]
+    lights: dict[str, list[str]]
 
 
 def observe(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Observation:
@@ -125,11 +127,14 @@ def observe(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Obse
         command += ["--step-length", str(STEP_S), "--lanechange.duration", "4", "--collision.action", "none"]
         command += ["--time-to-teleport", "-1", "--no-warnings", "true", "--no-step-log", "true"]
         libsumo.start(command)
+        lights: dict[str, list[str]] = {light: [] for light in libsumo.trafficlight.getIDList()}
         try:
             for step in range(-round(site.warm_up_s / STEP_S), round(seconds / STEP_S)):
                 libsumo.simulationStep()
                 places = {name: libsumo.vehicle.getPosition(name) for name in libsumo.vehicle.getIDList()}
                 if step >= 0:
+                    for light, states in lights.items():
+                        states.append(libsumo.trafficlight.getRedYellowGreenState(light))
                     for name, place in places.items():
                         seen.setdefault(name, (step, []))[1].append((*place, libsumo.vehicle.getSpeed(name)))
                 if site.bottleneck is not None:
@@ -143,7 +148,8 @@ def observe(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Obse
     names = sorted(seen, key=lambda name: (seen[name][0], int(name)))
     first = np.array([seen[name][0] for name in names])
     rows = [np.array(seen[name][1]) for name in names]
-    return Observation([fleet[name] for name in names], first, [r[:, :2] for r in rows], [r[:, 2] for r in rows])
+    vehicles, front, speed = [fleet[name] for name in names], [r[:, :2] for r in rows], [r[:, 2] for r in rows]
+    return Observation(vehicles, first, front, speed, lights)
 
 
 def _bottleneck_speeds(bottleneck: Bottleneck, step: int, phases: FloatArray) -> FloatArray:

@@ -9,6 +9,8 @@ import numpy as np
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+from litsim_sim.core.signals import SUMO_LETTERS, SignalState
+from litsim_sim.scenario.signals import Signals
 
 _ROUTE, _TYPE = "litsim", "litsim"
 _NEVER = "86400"  # [s] between two decisions of SUMO's own driver models: they drive nobody here, but cost time
@@ -18,8 +20,8 @@ _KEEP_ROUTE = 2  # moveToXY: exactly there, on the network or off it
 class SumoMirror:
     """One SUMO simulation (libsumo: one per process) that shows the agents of an :class:`AgentTable`."""
 
-    def __init__(self, net_path: Path, seed: int = 0) -> None:
-        """Load `net_path`.
+    def __init__(self, net_path: Path, seed: int = 0, signals: Signals | None = None) -> None:
+        """Load `net_path`; its traffic lights show what `signals` say, where nothing is known they are off.
 
         Raises:
             InputError: SUMO cannot load the net.
@@ -41,6 +43,8 @@ class SumoMirror:
         libsumo.route.add(_ROUTE, [edges[0]])
         libsumo.vehicletype.copy("DEFAULT_VEHTYPE", _TYPE)
         self._present: set[int] = set()
+        self._signals = signals
+        self._lights = dict.fromkeys(libsumo.trafficlight.getIDList(), "")
 
     def show(self, table: AgentTable) -> None:
         """Place the agents of `table`, remove those that are gone, and advance SUMO by one step."""
@@ -61,9 +65,24 @@ class SumoMirror:
                 libsumo.vehicle.setSpeedMode(name, 0)
                 libsumo.vehicle.setLaneChangeMode(name, 0)
             libsumo.vehicle.moveToXY(name, "", -1, front_x[row], front_y[row], degrees[row], _KEEP_ROUTE)
+        if self._lights:
+            self._show_signals(table.step)
         libsumo.simulationStep()
         self._present = present
         self._front = (np.asarray(front_x), np.asarray(front_y))
+
+    def _show_signals(self, step: int) -> None:
+        """Set the lights that change: a state that is set holds until it is set again."""
+        shown = {light: ["O"] * len(libsumo.trafficlight.getRedYellowGreenState(light)) for light in self._lights}
+        if self._signals is not None:
+            states = self._signals.table(step).state
+            for link, group in zip(self._signals.links, self._signals.link_group.tolist(), strict=True):
+                shown[link.light][link.index] = SUMO_LETTERS[SignalState(states[group])]
+        for light, letters in shown.items():
+            text = "".join(letters)
+            if text != self._lights[light]:
+                libsumo.trafficlight.setRedYellowGreenState(light, text)
+                self._lights[light] = text
 
     def deviation(self, table: AgentTable) -> FloatArray:
         """(n,) distance [m] between where SUMO has the front centres and where `show` put them; inf if absent."""

@@ -1,0 +1,154 @@
+"""Connections of a SUMO net that signals control, and where vehicles stop for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.sax import SAXException
+
+import numpy as np
+import sumolib
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.maps.net_lanes import Lane, read_lanes
+
+ARROW = " -> "  # between the lanes of a connection's name
+BESIDE = 0.5  # [m] beyond the lane's edge at which a stop line still counts as crossed
+FACING = np.cos(np.deg2rad(45.0))  # cosine between a vehicle and the lane whose stop line it crosses
+PASSED = 1.0  # [m] beyond the stop line at which it is passed: drivers stop on it, and maps and tracks are that far off
+LEAVES = 60  # steps after the stop line within which a vehicle has passed the junction, or stands in it
+
+
+@dataclass(frozen=True)
+class SignalLink:
+    """A connection between two lanes that a traffic light controls.
+
+    Attributes:
+        name: ``FROM_LANE -> TO_LANE``, by SUMO's ids; positions among a light's links change when a net is built anew.
+        from_lane, to_lane: ids of the lanes.
+        via: ids of the lanes inside the junction, in driving direction.
+        light: id of the traffic light.
+        index: position among its links.
+        stop: (2,) middle of the stop line: where `from_lane` ends, frame map [m].
+        heading: of `from_lane` there [rad].
+        width: of `from_lane` [m].
+        exit: (2,) where `to_lane` begins [m].
+        exit_heading: of `to_lane` there [rad].
+        length: of the way from the stop line to there [m].
+    """
+
+    name: str
+    from_lane: str
+    to_lane: str
+    via: tuple[str, ...]
+    light: str
+    index: int
+    stop: FloatArray
+    heading: float
+    width: float
+    exit: FloatArray
+    exit_heading: float
+    length: float
+
+
+def read_links(path: Path) -> tuple[SignalLink, ...]:
+    """The controlled connections of a net that cars may use, sorted by name; empty where there are no lights.
+
+    Raises:
+        InputError: the file is missing, or is no SUMO net.
+    """
+    lanes = {lane.id: lane for lane in read_lanes(path)}
+    try:
+        net: Any = sumolib.net.readNet(str(path), withInternal=True, lxml=False)
+        found = [
+            _link(connection, lanes)
+            for edge in net.getEdges(withInternal=False)
+            for lane in edge.getLanes()
+            for connection in lane.getOutgoing()
+            if connection.getTLSID() and lane.getID() in lanes and connection.getToLane().getID() in lanes
+        ]
+    except (SAXException, OSError, KeyError, ValueError, AttributeError, TypeError, IndexError) as error:
+        raise InputError(f"{path}: not a readable SUMO net: {error!r}") from error
+    return tuple(sorted(found, key=lambda link: link.name))
+
+
+def _link(connection: Any, lanes: dict[str, Lane]) -> SignalLink:
+    begin, end = lanes[connection.getFromLane().getID()], lanes[connection.getToLane().getID()]
+    via: list[str] = []
+    following = connection.getViaLaneID()
+    while following and following in lanes and lanes[following].is_internal and following not in via:
+        via.append(following)  # a way with a waiting place inside the junction has two lanes
+        following = next(iter(lanes[following].successors), "")
+    last, before = begin.centerline[-1], begin.centerline[-2]
+    return SignalLink(
+        name=f"{begin.id}{ARROW}{end.id}",
+        from_lane=begin.id,
+        to_lane=end.id,
+        via=tuple(via),
+        light=connection.getTLSID(),
+        index=int(connection.getTLLinkIndex()),
+        stop=last,
+        heading=float(np.arctan2(*(last - before)[::-1])),
+        width=begin.width,
+        exit=end.centerline[0],
+        exit_heading=float(np.arctan2(*(end.centerline[1] - end.centerline[0])[::-1])),
+        length=sum(lanes[name].length for name in via),
+    )
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """Who passed a stop line when, and on which way; arrays (c,), in the order of agents and steps.
+
+    Attributes:
+        agent: row of the agent.
+        step: first step, counted from that of the arrays' first column, at which it is past the line.
+        link: position of the connection among those asked about.
+    """
+
+    agent: IntArray
+    step: IntArray
+    link: IntArray
+
+
+def crossings(
+    links: Sequence[SignalLink], x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, valid: BoolArray
+) -> Crossings:
+    """Who passes the stop lines of `links`.
+
+    A line is passed where the middle of the front comes to be `PASSED` beyond it, in the direction of the lane. Which
+    connection of the lane is taken shows after the junction; of a vehicle that is not seen there, the connection whose
+    way out it came nearest to counts.
+
+    Args:
+        links: connections.
+        x, y, yaw: (n, steps) box centres [m] and headings [rad].
+        length: (n,) of the boxes [m].
+        valid: (n, steps) where an agent is on the road.
+    """
+    half = 0.5 * length[:, None]
+    front_x, front_y = x + half * np.cos(yaw), y + half * np.sin(yaw)
+    both = valid[:, :-1] & valid[:, 1:]
+    by_lane: dict[str, list[int]] = {}
+    for place, link in enumerate(links):
+        by_lane.setdefault(link.from_lane, []).append(place)
+    found: list[tuple[int, int, int]] = []
+    for places in by_lane.values():
+        line = links[places[0]]
+        cos, sin = np.cos(line.heading), np.sin(line.heading)
+        dx, dy = front_x - line.stop[0], front_y - line.stop[1]
+        along, beside = cos * dx + sin * dy - PASSED, cos * dy - sin * dx
+        passed = both & (along[:, :-1] < 0.0) & (along[:, 1:] >= 0.0)
+        passed &= np.abs(beside[:, 1:]) <= 0.5 * line.width + BESIDE
+        passed &= np.cos(yaw[:, 1:] - line.heading) >= FACING
+        for agent, step in zip(*np.nonzero(passed), strict=True):
+            after = slice(step + 1, step + 2 + LEAVES)
+            there = valid[agent, after]
+            way_x, way_y = front_x[agent, after][there], front_y[agent, after][there]
+            nearest = [float(np.hypot(way_x - links[p].exit[0], way_y - links[p].exit[1]).min()) for p in places]
+            found.append((int(agent), int(step) + 1, places[int(np.argmin(nearest))]))
+    ordered = np.array(sorted(found), np.int64).reshape(-1, 3)
+    return Crossings(ordered[:, 0], ordered[:, 1], ordered[:, 2])

@@ -1,0 +1,306 @@
+"""The signals of a scenario: which connections of the net belong to which group, and what each group shows when.
+
+docs/signals.md has an example of every kind.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv as pcsv
+import pyarrow.parquet as pq
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.quantities import OneOf
+from litsim_sim.core.scene import RATE_HZ, STEP_S, ByteArray, IntArray
+from litsim_sim.core.signals import STOP_STATES, SignalState, SignalTable
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.maps.signal_links import ARROW, SignalLink, crossings, read_links
+from litsim_sim.scenario.log import Log
+
+NAMES = {state.name.lower(): state for state in SignalState} | {
+    "yellow": SignalState.AMBER,
+    "red_yellow": SignalState.RED_AMBER,
+    "flashing_yellow": SignalState.FLASHING_AMBER,
+    "off": SignalState.DARK,
+    "unknown": SignalState.UNAVAILABLE,
+}
+StateName = Annotated[str, OneOf(tuple(NAMES))]
+SECONDS = {"s": 1.0, "ms": 1e-3, "frame": STEP_S}
+AT_RED_MAX, PASSED_MIN = 0.5, 5  # share and number of vehicles past the lines of a group from which on it is refused
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class StateList(_Strict):
+    """A file (CSV or Parquet) with a row for each change of a group.
+
+    Attributes:
+        file: relative to the file that names it.
+        group, begin, state: its columns.
+        unit: of `begin`, counted from frame 0 of the recording.
+        codes: our names of states by those of the file, where they differ.
+    """
+
+    file: Annotated[str, Field(min_length=1)]
+    group: str = "group"
+    begin: str = "begin"
+    state: str = "state"
+    unit: Literal["s", "ms", "frame"] = "s"
+    codes: dict[str, StateName] = {}
+
+
+class Phase(_Strict):
+    """A part of a fixed cycle; groups that are not named show red."""
+
+    duration_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    states: dict[str, StateName] = {}
+
+
+class Program(_Strict):
+    """A fixed cycle of phases, as timing plans publish it.
+
+    Attributes:
+        offset_s: when the first phase begins, counted from frame 0 of the recording [s].
+        phases: in their order.
+    """
+
+    offset_s: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    phases: Annotated[list[Phase], Field(min_length=1)]
+
+
+class SignalsFile(_Strict):
+    """Signals as people write them: groups, and one of three ways to say what they show.
+
+    Attributes:
+        groups: by name, the connections ``FROM_LANE -> TO_LANE`` that it controls, or ``FROM_LANE`` for all of a lane;
+            a group of the recording that is not needed has an empty list.
+        changes: [seconds from frame 0 of the recording, group, state], ascending.
+        states: a file of changes.
+        program: a fixed cycle.
+    """
+
+    groups: Annotated[dict[str, list[str]], Field(min_length=1)]
+    changes: list[tuple[float, str, StateName]] | None = None
+    states: StateList | None = None
+    program: Program | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        given = [name for name in ("changes", "states", "program") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"expected one of changes, states and program, found {' and '.join(given) or 'none'}")
+        return self
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What every group shows at every step of a scenario.
+
+    Attributes:
+        groups: names, sorted; g of them.
+        links: controlled connections, sorted by name.
+        link_group: (links,) position of the group that controls each.
+        states: (g, steps) :class:`SignalState`.
+    """
+
+    groups: tuple[str, ...]
+    links: tuple[SignalLink, ...]
+    link_group: IntArray
+    states: ByteArray
+
+    def table(self, step: int) -> SignalTable:
+        """What the groups show at `step`; beyond the last step, what they showed then."""
+        return SignalTable(step, self.groups, self.states[:, min(step, self.states.shape[1] - 1)])
+
+    @cached_property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of the connections, in the order of `links`."""
+        return tuple(link.name for link in self.links)
+
+
+def read_signals(path: Path) -> SignalsFile:
+    """Read a file of signals; what it refers to is read as well, so that the result stands for itself.
+
+    Raises:
+        InputError: it cannot be read, a field does not fit, or a file of changes cannot be used.
+    """
+    return resolved(read_yaml(path, SignalsFile), path.resolve().parent, str(path))
+
+
+def resolved(given: SignalsFile, folder: Path, where: str) -> SignalsFile:
+    """The same with the changes of its file, which is relative to `folder`; `where` names it in errors.
+
+    Raises:
+        InputError: the file cannot be used.
+    """
+    if given.states is None:
+        return given
+    changes = _read_changes(given.states, folder / given.states.file)
+    unknown = sorted({group for _, group, _ in changes} - set(given.groups))
+    if unknown:
+        raise InputError(
+            f"{where}: field groups: group {', '.join(unknown)} of {given.states.file} is missing; one that is not "
+            f"needed has an empty list"
+        )
+    return SignalsFile(groups=given.groups, changes=changes)
+
+
+def build(given: SignalsFile, net: Path, log: Log, start_frame: int, where: str) -> Signals:
+    """The signals of a scenario.
+
+    Args:
+        given: resolved.
+        net: SUMO net of the scenario.
+        log: of the scenario.
+        start_frame: frame of the recording at step 0.
+        where: names the scenario in errors.
+
+    Raises:
+        InputError: a connection is not in the net, or is in two groups; a group of a change is unknown; or most of the
+            vehicles that pass the stop lines of a group do so at red, so that groups or times cannot be right.
+    """
+    every = read_links(net)
+    members = _members(given.groups, every, f"{where}: field signals.groups")
+    groups = tuple(sorted(set(members.values())))
+    links = tuple(link for link in every if link.name in members)
+    changes = given.changes if given.changes is not None else _cycle(given, start_frame, log.steps, where)
+    states = _states(changes, groups, set(given.groups), start_frame, log.steps, where)
+    link_group = np.array([groups.index(members[link.name]) for link in links], np.int64)
+    made = Signals(groups, links, link_group, states)
+    _check_against(made, log, where)
+    return made
+
+
+def _members(groups: Mapping[str, Sequence[str]], links: Iterable[SignalLink], where: str) -> dict[str, str]:
+    """The group of each controlled connection, by its name."""
+    by_name: dict[str, list[str]] = {}
+    for link in links:
+        by_name.setdefault(link.name, []).append(link.name)
+        by_name.setdefault(link.from_lane, []).append(link.name)
+    members: dict[str, str] = {}
+    for group, names in groups.items():
+        for name in names:
+            plain = ARROW.join(part.strip() for part in name.split(ARROW.strip()))
+            if plain not in by_name:
+                near = difflib.get_close_matches(plain, by_name, 3, 0.4)
+                raise InputError(
+                    f"{where}.{group}: {name}: the net has no such controlled connection or lane; near: "
+                    f"{', '.join(near) or 'none: has it traffic lights?'}"
+                )
+            for member in by_name[plain]:
+                if members.setdefault(member, group) != group:
+                    raise InputError(f"{where}: {member} is in groups {members[member]} and {group}, expected one")
+    if not members:
+        raise InputError(f"{where}: no group controls a connection")
+    return members
+
+
+def _cycle(given: SignalsFile, start_frame: int, steps: int, where: str) -> list[tuple[float, str, str]]:
+    """The changes of a fixed cycle from before `start_frame` on for `steps` steps."""
+    program = given.program
+    assert program is not None  # SignalsFile has checked
+    unknown = sorted({group for phase in program.phases for group in phase.states} - set(given.groups))
+    if unknown:
+        raise InputError(f"{where}: field signals.program: group {', '.join(unknown)} is not among groups")
+    cycle = sum(phase.duration_s for phase in program.phases)
+    first = start_frame * STEP_S
+    begin = program.offset_s + cycle * np.floor((first - program.offset_s) / cycle)
+    changes: list[tuple[float, str, str]] = []
+    while begin <= first + steps * STEP_S:
+        for phase in program.phases:
+            changes += [(begin, group, phase.states.get(group, "red")) for group in given.groups]
+            begin += phase.duration_s
+    return changes
+
+
+def _states(
+    changes: Sequence[tuple[float, str, str]],
+    groups: tuple[str, ...],
+    known: set[str],
+    start_frame: int,
+    steps: int,
+    where: str,
+) -> ByteArray:
+    """(g, steps) states; of a group that has not changed yet, nothing is known."""
+    states = np.full((len(groups), steps), int(SignalState.UNAVAILABLE), np.uint8)
+    rows = {group: row for row, group in enumerate(groups)}
+    last: dict[str, float] = {}
+    for begin, group, state in changes:
+        if group not in known:
+            raise InputError(
+                f"{where}: field signals.changes: group {group} is not among groups, {', '.join(sorted(known))}"
+            )
+        if begin < last.get(group, -np.inf):
+            raise InputError(
+                f"{where}: field signals.changes: group {group}: {begin:g} s after {last[group]:g} s, not ascending"
+            )
+        last[group] = begin
+        if group in rows:
+            step = int(np.ceil(begin * RATE_HZ - 1e-6)) - start_frame
+            states[rows[group], max(0, step) :] = int(NAMES[state])
+    return states
+
+
+def _check_against(signals: Signals, log: Log, where: str) -> None:
+    """Refuse signals that most vehicles of the log do not heed."""
+    found = crossings(signals.links, log.x, log.y, log.yaw, log.length, log.valid)
+    group = signals.link_group[found.link]
+    red = np.isin(signals.states[group, found.step], STOP_STATES)
+    for row, name in enumerate(signals.groups):
+        mine = group == row
+        if mine.sum() >= PASSED_MIN and red[mine].mean() > AT_RED_MAX:
+            raise InputError(
+                f"{where}: field signals: group {name}: {int(red[mine].sum())} of {int(mine.sum())} vehicles pass its "
+                f"stop lines at red: are its connections and times right?"
+            )
+
+
+def _read_changes(given: StateList, path: Path) -> list[tuple[float, str, Any]]:
+    """The changes of a file, ascending by time."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file of signal states")
+    try:
+        with path.open("rb") as file:
+            parquet = file.read(4) == b"PAR1"
+        table: pd.DataFrame = (pq.read_table(path) if parquet else pcsv.read_csv(path)).to_pandas()
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"{path}: not readable as CSV or Parquet: {error}") from error
+    word, first = ("row", 1) if parquet else ("line", 2)
+    missing = [name for name in (given.group, given.begin, given.state) if name not in table.columns]
+    if missing:
+        raise InputError(f"{path}: columns {missing} are missing; the file has {list(table.columns)}")
+    begin = pd.to_numeric(table[given.begin], errors="coerce").to_numpy(np.float64)
+    if not np.isfinite(begin).all():
+        at = int(np.argmin(np.isfinite(begin)))
+        found = str(table[given.begin].iloc[at])
+        raise InputError(f"{path}: {word} {at + first}: column {given.begin!r} is {found!r}, expected a number")
+    codes = {str(code): name for code, name in given.codes.items()}
+    said = table[given.state].map(_plain)
+    names = said.map(lambda value: codes.get(value, value.lower() if value.lower() in NAMES else None))
+    if names.isna().any():
+        at = int(np.argmax(names.isna().to_numpy()))
+        raise InputError(
+            f"{path}: {word} {at + first}: state {said.iloc[at]!r} is none of {', '.join(NAMES)}; say in field codes "
+            f"what it is"
+        )
+    order = np.argsort(begin, kind="stable")
+    group = table[given.group].map(_plain).to_numpy()
+    seconds = begin * SECONDS[given.unit]
+    return [(round(float(seconds[i]), 6), str(group[i]), str(names.iloc[i])) for i in order]
+
+
+def _plain(value: object) -> str:
+    """A group or code as text: 3 and 3.0 are the same."""
+    return str(value).strip().removesuffix(".0")

@@ -1,0 +1,79 @@
+"""Controlled connections of a net, and who passes their stop lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.signal_links import PASSED, SignalLink, crossings, read_links
+from litsim_sim.scenario.scenario import packaged
+
+URBAN = packaged("nets/urban_like.net.xml")
+SPEED = 10.0
+
+
+@pytest.fixture(scope="module")
+def links() -> tuple[SignalLink, ...]:
+    return read_links(URBAN)
+
+
+def drive(way: np.ndarray, length: float = 4.0, reach: float = 0.0) -> tuple[np.ndarray, ...]:
+    """Box centres and headings (1, steps) of a car whose front follows `way` at SPEED until `reach` m, or its end."""
+    along = np.r_[0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T))]
+    s = np.arange(0.0, reach or along[-1], SPEED * STEP_S)
+    front = np.stack([np.interp(s, along, way[:, k]) for k in (0, 1)], axis=-1)
+    yaw = np.unwrap(np.arctan2(*np.gradient(front, axis=0).T[::-1]))
+    centre = front - 0.5 * length * np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+    return centre[None, :, 0], centre[None, :, 1], yaw[None]
+
+
+def passed(links: tuple[SignalLink, ...], car: tuple[np.ndarray, ...]) -> list[tuple[int, str]]:
+    x, y, yaw = car
+    found = crossings(links, x, y, yaw, np.array([4.0]), np.ones(x.shape, np.bool_))
+    assert (found.agent == 0).all()
+    return [(int(step), links[link].name) for step, link in zip(found.step, found.link, strict=True)]
+
+
+def test_links_are_those_of_the_net(links: tuple[SignalLink, ...]) -> None:
+    assert [link.name for link in links] == sorted(link.name for link in links)
+    by_name = {link.name: link for link in links}
+    left = by_name["WA_2 -> AAN_0"]
+    assert (left.light, left.index, left.via) == ("A", 13, (":A_13_0", ":A_15_0"))
+    assert left.stop.tolist() == [-114.6, -1.65]
+    assert (left.heading, left.exit_heading) == pytest.approx((0.0, np.pi / 2))
+    assert left.exit.tolist() == [-98.35, 17.9]
+    straight = by_name["WA_0 -> AB_0"]
+    assert straight.length == pytest.approx(29.2)
+    assert read_links(packaged("nets/us101_like.net.xml")) == ()
+    with pytest.raises(InputError, match="no such net"):
+        read_links(Path("absent.net.xml"))
+
+
+@pytest.mark.parametrize("name", ["WA_0 -> AAS_0", "WA_0 -> AB_0", "WA_2 -> AAN_0", "BSB_1 -> BA_1", "ANA_0 -> AW_0"])
+def test_every_way_over_a_junction_is_told_apart(links: tuple[SignalLink, ...], name: str) -> None:
+    lanes = LaneMap.from_net(URBAN)
+    link = next(each for each in links if each.name == name)
+    ways = [lanes.lanes[lanes.row(lane)].centerline for lane in (link.from_lane, *link.via, link.to_lane)]
+    ways[0] = np.stack([ways[0][-1] - 30.05 * np.array([np.cos(link.heading), np.sin(link.heading)]), ways[0][-1]])
+    ((step, found),) = passed(links, drive(np.concatenate(ways)))
+    assert found == name
+    assert step == np.ceil((30.05 + PASSED) / (SPEED * STEP_S))
+
+
+def test_who_stops_on_the_line_has_not_passed(links: tuple[SignalLink, ...]) -> None:
+    way = np.array([[-150.0, -4.95], [-80.0, -4.95]])
+    to_line = -114.6 + 150.0
+    assert not passed(links, drive(way, reach=to_line + 0.6))
+    assert len(passed(links, drive(way, reach=to_line + 2.5))) == 1
+
+
+def test_other_directions_and_lanes_do_not_count(links: tuple[SignalLink, ...]) -> None:
+    assert not passed(links, drive(np.array([[-80.0, -4.95], [-150.0, -4.95]])))  # backwards
+    assert not passed(links, drive(np.array([[-150.0, -14.0], [-80.0, -14.0]])))  # beside the road
+    from_exit = np.array([[-98.35, 0.0], [-98.35, 60.0]])  # out of the junction
+    assert not passed(links, drive(from_exit))
