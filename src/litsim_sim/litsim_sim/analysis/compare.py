@@ -71,7 +71,7 @@ class Comparison:
 
 def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
     """Put trees of :func:`litsim_sim.analysis.metrics.compute_metrics` side by side, by name of the run."""
-    columns = [dict(_leaves(tree)) for tree in metrics.values()]
+    columns = [dict(leaves(tree)) for tree in metrics.values()]
     names = list(dict.fromkeys(name for column in columns for name in column))
     rows = []
     for name in names:
@@ -108,9 +108,10 @@ def names_of(paths: list[Path]) -> list[str]:
     return [f"{index + 1}: {path.name}" for index, path in enumerate(paths)]
 
 
-def _leaves(tree: Any, name: str = "") -> list[tuple[str, Any]]:
+def leaves(tree: Any, name: str = "") -> list[tuple[str, Any]]:
+    """What is at the ends of a tree, lists included, each with its path joined by dots."""
     if isinstance(tree, dict):
-        return [leaf for key, below in tree.items() for leaf in _leaves(below, f"{name}.{key}" if name else str(key))]
+        return [leaf for key, below in tree.items() for leaf in leaves(below, f"{name}.{key}" if name else str(key))]
     return [(name, tree)]
 
 

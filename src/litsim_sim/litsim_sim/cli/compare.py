@@ -1,4 +1,4 @@
-"""`compare A B [C...]`: the measures of runs side by side, what differs from the first in yellow."""
+"""`compare A B [C...]`: the measures of runs side by side, what differs from the first in yellow; or two campaigns."""
 
 from __future__ import annotations
 
@@ -12,7 +12,11 @@ from rich.console import Console
 from rich.table import Table
 
 from litsim_sim.analysis.compare import Comparison, Row, compare, load, names_of
+from litsim_sim.campaign.comparison import compare_campaigns
+from litsim_sim.campaign.results import is_campaign, read_campaign
 from litsim_sim.cli.program import program
+from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.report.campaign_comparison import print_campaigns
 
 NOTHING = "-"
 DIGITS = 5
@@ -20,11 +24,21 @@ WIDTH = 140  # of what is not printed to a terminal
 TEXT_MAX = 17  # enough to tell digests apart; --json has everything
 
 
+STATUS_HELP = "Exit status: 0; of campaigns 1 where a case passed and does not any more; 2, bad input."
+
+
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim compare``."""
-    p = argparse.ArgumentParser(prog="compare", description=__doc__)
-    p.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folder, MCAP file or metrics.json of a run")
-    p.add_argument("--differences", action="store_true", help="only what differs")
+    p = argparse.ArgumentParser(prog="compare", description=__doc__, epilog=STATUS_HELP)
+    p.add_argument(
+        "runs",
+        type=Path,
+        nargs="+",
+        metavar="RUN",
+        help="folder, MCAP file or metrics.json of a run; or the folders of two campaigns, the earlier one first",
+    )
+    p.add_argument("--differences", action="store_true", help="of runs: only what differs")
+    p.add_argument("--all", action="store_true", help="of campaigns: every measure that differs, and every case")
     p.add_argument("--json", action="store_true", help="print JSON instead of a table")
     return p
 
@@ -75,18 +89,40 @@ def _text(value: Any) -> str:
 
 
 @program
-def main(argv: list[str] | None = None) -> None:
+def main(argv: list[str] | None = None) -> int:
     """Entry point of ``ros2 run litsim_sim compare``."""
     p = parser()
     arguments = p.parse_args(argv)
     if len(arguments.runs) < 2:
         p.error("name two runs at least")
+    if any(is_campaign(path) for path in arguments.runs):
+        return _campaigns(arguments)
     metrics = [load(path) for path in arguments.runs]
     comparison = compare(dict(zip(names_of(arguments.runs), metrics, strict=True)))
     if arguments.json:
         print(json.dumps(comparison.to_json(), indent=2))
     else:
         print_comparison(comparison, arguments.differences)
+    return 0
+
+
+def _campaigns(arguments: argparse.Namespace) -> int:
+    """Compare two campaigns; returns the exit status.
+
+    Raises:
+        InputError: they are not two, or cannot be compared.
+    """
+    others = [str(path) for path in arguments.runs if not is_campaign(path)]
+    if others:
+        raise InputError(f"{', '.join(others)}: no folder of a campaign, expected two of them, or runs alone")
+    if len(arguments.runs) > 2:
+        raise InputError(f"{len(arguments.runs)} campaigns, expected two")
+    comparison = compare_campaigns(*(read_campaign(path) for path in arguments.runs))
+    if arguments.json:
+        print(json.dumps(comparison.to_json(), indent=2))
+    else:
+        print_campaigns(comparison, everything=arguments.all)
+    return EXIT_FAILED if comparison.newly_failing else 0
 
 
 if __name__ == "__main__":

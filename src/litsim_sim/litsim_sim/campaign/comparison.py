@@ -1,0 +1,263 @@
+"""Two campaigns of the same cases: what passes or fails newly, and how the measures have changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import bootstrap
+
+from litsim_sim.analysis.compare import OF_AN_EXECUTION, leaves
+from litsim_sim.campaign.case import Case
+from litsim_sim.campaign.criteria import Verdict
+from litsim_sim.campaign.results import RUNS_FOLDER, Campaign, RunResult
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
+
+LEVEL = 0.95
+RESAMPLES = 2000
+SEED = 0
+PASSED = "passed"
+NOT_RUN = "not run"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A case that both campaigns have.
+
+    Attributes:
+        case: as the second campaign has it.
+        before, after: its results; None where it has not been run.
+    """
+
+    case: Case
+    before: RunResult | None
+    after: RunResult | None
+
+    @property
+    def newly_failing(self) -> bool:
+        """Whether it passed and does not any more, for whatever reason; not to have been run is one."""
+        return _passed(self.before) and not _passed(self.after)
+
+    @property
+    def newly_passing(self) -> bool:
+        """Whether it was run without passing, and passes now."""
+        return self.before is not None and not _passed(self.before) and _passed(self.after)
+
+    @property
+    def still_failing(self) -> bool:
+        """Whether it was run and passes neither before nor after."""
+        return self.before is not None and not _passed(self.before) and not _passed(self.after)
+
+
+@dataclass(frozen=True)
+class Change:
+    """One measure over the pairs of runs that both have it.
+
+    Attributes:
+        name: path in `metrics.json`; of a list, the number of its entries; of true and false, the share of true. Or
+            :data:`PASSED`, the share of cases that pass.
+        pairs: how many have it.
+        before, after: means.
+        low, high: bounds of the mean difference, after minus before, by the paired bootstrap; None for a single pair.
+        differs: in how many pairs it differs.
+    """
+
+    name: str
+    pairs: int
+    before: float
+    after: float
+    low: float | None
+    high: float | None
+    differs: int
+
+    @property
+    def change(self) -> float:
+        """Mean difference, after minus before."""
+        return self.after - self.before
+
+    @property
+    def clear(self) -> bool:
+        """Whether the bounds leave out that nothing has changed."""
+        return self.low is not None and self.high is not None and (self.low > 0.0 or self.high < 0.0)
+
+
+@dataclass(frozen=True)
+class CampaignComparison:
+    """Two campaigns, the first before the second.
+
+    Attributes:
+        before, after: the campaigns.
+        pairs: cases of both, in the order of the second.
+        only_before, only_after: cases of one of them.
+        changes: of each measure that any two runs of a pair have, :data:`PASSED` first.
+    """
+
+    before: Campaign
+    after: Campaign
+    pairs: tuple[Pair, ...]
+    only_before: tuple[Case, ...]
+    only_after: tuple[Case, ...]
+    changes: tuple[Change, ...]
+
+    @property
+    def newly_failing(self) -> list[Pair]:
+        """Cases that passed and do not any more."""
+        return [pair for pair in self.pairs if pair.newly_failing]
+
+    @property
+    def newly_passing(self) -> list[Pair]:
+        """Cases that did not pass and do now."""
+        return [pair for pair in self.pairs if pair.newly_passing]
+
+    @property
+    def still_failing(self) -> list[Pair]:
+        """Cases that pass in neither."""
+        return [pair for pair in self.pairs if pair.still_failing]
+
+    @property
+    def other_versions(self) -> dict[str, tuple[str | None, str | None]]:
+        """What the runs depended on that is not of the same version, with both versions."""
+        names = {**self.before.versions, **self.after.versions}
+        both = {name: (self.before.versions.get(name), self.after.versions.get(name)) for name in names}
+        return {name: pair for name, pair in both.items() if pair[0] != pair[1]}
+
+    @property
+    def renamed(self) -> list[str]:
+        """Names of cases that both have and that are not the same run: their scenario's content is another."""
+        names = {case.name for case in self.only_after}
+        return [case.name for case in self.only_before if case.name in names]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for JSON: verdicts that have changed, with both reports of each run, and every measure."""
+        return {
+            "before": _described(self.before),
+            "after": _described(self.after),
+            "versions": {name: list(pair) for name, pair in self.other_versions.items()},
+            "common": len(self.pairs),
+            "newly_failing": [self._told(pair) for pair in self.newly_failing],
+            "newly_passing": [self._told(pair) for pair in self.newly_passing],
+            "still_failing": [self._told(pair) for pair in self.still_failing],
+            "only_before": [case.name for case in self.only_before],
+            "only_after": [case.name for case in self.only_after],
+            "bootstrap": {"level": LEVEL, "resamples": RESAMPLES, "seed": SEED},
+            "measures": [
+                {
+                    "name": each.name,
+                    "pairs": each.pairs,
+                    "differs": each.differs,
+                    "before": each.before,
+                    "after": each.after,
+                    "change": each.change,
+                    "interval": None if each.low is None else [each.low, each.high],
+                }
+                for each in self.changes
+            ],
+        }
+
+    def _told(self, pair: Pair) -> dict[str, Any]:
+        both = {"before": (self.before, pair.before), "after": (self.after, pair.after)}
+        return {"name": pair.case.name, "key": pair.case.key} | {
+            name: {
+                "verdict": result.verdict.value if result else None,
+                "reason": result.reason if result else NOT_RUN,
+                "report": str(path) if (path := report_of(campaign, result)) else None,
+            }
+            for name, (campaign, result) in both.items()
+        }
+
+
+def compare_campaigns(before: Campaign, after: Campaign) -> CampaignComparison:
+    """Put two campaigns side by side; their cases are matched by :attr:`litsim_sim.campaign.case.Case.key`.
+
+    Raises:
+        InputError: they have no case in common.
+    """
+    ours, theirs = ({case.key: case for case in each.cases} for each in (before, after))
+    first, second = ({result.case.key: result for result in each.results} for each in (before, after))
+    pairs = tuple(Pair(case, first.get(key), second.get(key)) for key, case in theirs.items() if key in ours)
+    if not pairs:
+        raise InputError(
+            f"{before.folder} and {after.folder}: no case in common; expected the same scenarios, names of egos, "
+            "policies, parameters and seeds"
+        )
+    return CampaignComparison(
+        before=before,
+        after=after,
+        pairs=pairs,
+        only_before=tuple(case for key, case in ours.items() if key not in theirs),
+        only_after=tuple(case for key, case in theirs.items() if key not in ours),
+        changes=tuple(_changes(pairs)),
+    )
+
+
+def report_of(campaign: Campaign, result: RunResult | None) -> Path | None:
+    """The report of a run of `campaign`; None where it has none."""
+    return campaign.folder / RUNS_FOLDER / result.case.id / result.report if result and result.report else None
+
+
+def paired_interval(difference: FloatArray) -> tuple[float, float] | None:
+    """Bounds at :data:`LEVEL` of the mean of `difference` (n,), by the bootstrap over pairs; None for fewer than two.
+
+    The interval is the percentiles of :data:`RESAMPLES` means of pairs drawn with replacement (Efron 1979), drawn with
+    the same seed every time.
+    """
+    if len(difference) < 2:
+        return None
+    if np.ptp(difference) == 0.0:
+        return float(difference[0]), float(difference[0])
+    found = bootstrap(
+        (difference,),
+        np.mean,
+        confidence_level=LEVEL,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        batch=max(1, 2_000_000 // len(difference)),  # 16 MB at a time
+        rng=np.random.default_rng(SEED),
+    ).confidence_interval
+    return float(found.low), float(found.high)
+
+
+def _changes(pairs: Sequence[Pair]) -> list[Change]:
+    """Every measure that differs or not between the runs of a pair, in the order of `metrics.json`.
+
+    Runs that could not be judged have no measures; whether they pass is known all the same.
+    """
+    passed = _change(PASSED, [(float(_passed(pair.before)), float(_passed(pair.after))) for pair in pairs])
+    columns: dict[str, list[tuple[float, float]]] = {}
+    for pair in pairs:
+        before, after = _measures(pair.before), _measures(pair.after)
+        for name in before:
+            if name in after:
+                columns.setdefault(name, []).append((before[name], after[name]))
+    return [passed, *(_change(name, values) for name, values in columns.items())]
+
+
+def _change(name: str, values: Sequence[tuple[float, float]]) -> Change:
+    before, after = np.array(values).T
+    low, high = paired_interval(after - before) or (None, None)
+    differs = int(np.count_nonzero(after != before))
+    return Change(name, len(values), float(before.mean()), float(after.mean()), low, high, differs)
+
+
+def _measures(result: RunResult | None) -> dict[str, float]:
+    """The numbers of a run that was judged, by name; not those of the execution."""
+    if result is None or result.verdict == Verdict.ERROR:
+        return {}
+    found = {}
+    for name, value in leaves(dict(result.metrics or {})):
+        if name.split(".")[0] in OF_AN_EXECUTION or value is None or isinstance(value, str):
+            continue
+        found[name] = float(len(value) if isinstance(value, list) else value)
+    return found
+
+
+def _passed(result: RunResult | None) -> bool:
+    return result is not None and result.verdict == Verdict.PASSED
+
+
+def _described(campaign: Campaign) -> dict[str, Any]:
+    return {"folder": str(campaign.folder), "name": campaign.name, "cases": len(campaign.cases)}

@@ -1,0 +1,118 @@
+"""Two campaigns side by side, on the terminal."""
+
+from __future__ import annotations
+
+import sys
+
+from rich.console import Console
+from rich.table import Table
+
+from litsim_sim.campaign.comparison import (
+    LEVEL,
+    NOT_RUN,
+    PASSED,
+    RESAMPLES,
+    CampaignComparison,
+    Change,
+    Pair,
+    report_of,
+)
+from litsim_sim.campaign.results import Campaign, RunResult
+
+WIDTH = 100  # of what is not printed to a terminal
+CASES_MAX = 20  # of a list, where not everything is asked for
+DIGITS = 3
+SMALL = 1e-3  # below which two digits are enough, for the width of the table
+MARK = "*"
+
+
+def print_campaigns(
+    comparison: CampaignComparison, *, everything: bool = False, console: Console | None = None
+) -> None:
+    """Print what passes or fails newly, with both reports of each run, and the measures that have changed.
+
+    Args:
+        comparison: of two campaigns.
+        everything: every measure that differs, not only those that have clearly changed and those of criteria; and
+            every case.
+        console: where to.
+    """
+    console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
+    _say(console, f"{comparison.before.folder} -> {comparison.after.folder}")
+    for name, (before, after) in comparison.other_versions.items():
+        _say(console, f"  {name}: {before} -> {after}", "dim")
+    limit = None if everything else CASES_MAX
+    for title, pairs, style in (
+        ("newly failing", comparison.newly_failing, "bold red"),
+        ("newly passing", comparison.newly_passing, "bold green"),
+    ):
+        _say(console, f"{len(pairs)} of {len(comparison.pairs)} {title}", style if pairs else None)
+        for pair in pairs[:limit]:
+            _print_pair(console, comparison, pair)
+        if len(pairs[:limit]) < len(pairs):
+            _say(console, f"  and {len(pairs) - len(pairs[:limit])} more (--all)")
+    if comparison.still_failing:
+        _say(console, f"{len(comparison.still_failing)} pass in neither")
+    for campaign, cases in ((comparison.before, comparison.only_before), (comparison.after, comparison.only_after)):
+        if cases:
+            _say(console, f"only in {campaign.folder}: {len(cases)}, such as {cases[0].name}")
+    if comparison.renamed:
+        _say(console, f"{len(comparison.renamed)} of one name are not the same case: the scenario is another", "yellow")
+    _print_changes(console, comparison, everything=everything)
+
+
+def _print_pair(console: Console, comparison: CampaignComparison, pair: Pair) -> None:
+    _say(console, f"  {pair.case.name}")
+    both = ((comparison.before, pair.before), (comparison.after, pair.after))
+    for said, (campaign, result) in zip(("was", "is"), both, strict=True):
+        _say(console, f"    {said} {_outcome(result)}{_link(campaign, result)}")
+
+
+def _outcome(result: RunResult | None) -> str:
+    if result is None:
+        return NOT_RUN
+    return f"{result.verdict}: {result.reason}" if result.reason else result.verdict.value
+
+
+def _link(campaign: Campaign, result: RunResult | None) -> str:
+    path = report_of(campaign, result)
+    return f"\n      {path}" if path else ""
+
+
+def _print_changes(console: Console, comparison: CampaignComparison, *, everything: bool) -> None:
+    judged = {
+        criterion.field for campaign in (comparison.before, comparison.after) for criterion in campaign.criteria.runs
+    }
+    differing = [change for change in comparison.changes if change.differs or change.name == PASSED]
+    shown = [change for change in differing if everything or change.clear or change.name in judged | {PASSED}]
+    table = Table(box=None, pad_edge=False, collapse_padding=True)
+    table.add_column("mean over runs of both", overflow="fold")
+    for name in ("runs", "before", "after", "change", f"{LEVEL:.0%} interval"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for change in shown:
+        table.add_row(*_cells(change), style="bold" if change.clear else None)
+    console.print(table)
+    _say(console, f"{MARK} the interval (paired bootstrap, {RESAMPLES} resamples) leaves out 0", "dim")
+    if len(shown) < len(differing):
+        _say(console, f"{len(differing) - len(shown)} more measures differ (--all)", "dim")
+
+
+def _cells(change: Change) -> tuple[str, ...]:
+    interval = "-" if change.low is None or change.high is None else f"{_text(change.low)} .. {_text(change.high)}"
+    return (
+        f"{MARK if change.clear else ' '} {change.name}",
+        str(change.pairs),
+        _text(change.before),
+        _text(change.after),
+        f"{'+' if change.change > 0.0 else ''}{_text(change.change)}",
+        interval,
+    )
+
+
+def _text(value: float) -> str:
+    return f"{value:.{DIGITS if value == 0.0 or abs(value) >= SMALL else 2}g}"
+
+
+def _say(console: Console, text: str, style: str | None = None) -> None:
+    """Print a line as it is: paths stay in one piece, to be copied or clicked on."""
+    console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,136 @@
+"""Two campaigns of the same cases: which verdicts have changed, and by how much the measures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from campaigns import CRITERIA, VERSIONS, metrics, suite
+from litsim_sim.campaign.case import cases_of
+from litsim_sim.campaign.comparison import CampaignComparison, compare_campaigns, paired_interval
+from litsim_sim.campaign.results import Campaign, CampaignFolder, RunResult, read_campaign
+from litsim_sim.core.errors import InputError
+
+
+def campaign(folder: Path, outcomes: Sequence[Any], sources: str = "b", **values: Any) -> Campaign:
+    """A run for each of `outcomes`, by seeds from 0: its metrics, a text for an error, None for one not run."""
+    versions = VERSIONS | {"sources": sources}
+    asked = suite(policies=["litsim"], seeds=list(range(len(outcomes))), **values)
+    cases = cases_of(asked, with_versions=versions)
+    lies = CampaignFolder(folder)
+    lies.begin(asked, cases, versions)
+    for case, outcome in zip(cases, outcomes, strict=True):
+        if isinstance(outcome, str):
+            lies.store(RunResult.error(case, outcome))
+        elif outcome is not None:
+            lies.store(RunResult.judged(case, outcome, CRITERIA, report="report.html"))
+    return read_campaign(folder)
+
+
+def compared(folder: Path, before: Sequence[Any], after: Sequence[Any]) -> CampaignComparison:
+    return compare_campaigns(campaign(folder / "a", before), campaign(folder / "b", after, sources="c"))
+
+
+GOOD, BAD = metrics(at_fault=0), metrics(at_fault=1)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "kinds"),
+    [
+        (GOOD, GOOD, []),
+        (GOOD, BAD, ["newly_failing"]),
+        (GOOD, "no answer", ["newly_failing"]),
+        (GOOD, None, ["newly_failing"]),
+        (BAD, GOOD, ["newly_passing"]),
+        ("no answer", GOOD, ["newly_passing"]),
+        (BAD, BAD, ["still_failing"]),
+        (BAD, "no answer", ["still_failing"]),
+        (None, GOOD, []),
+        (None, BAD, []),
+    ],
+)
+def test_what_has_become_of_a_case(tmp_path: Path, before: Any, after: Any, kinds: list[str]) -> None:
+    found = compared(tmp_path, [before], [after])
+    assert len(found.pairs) == 1
+    every = ("newly_failing", "newly_passing", "still_failing")
+    assert [kind for kind in every if getattr(found, kind)] == kinds
+    told = found.to_json()
+    assert [kind for kind in every if told[kind]] == kinds
+
+
+def test_cases_are_matched_by_all_that_is_no_version(tmp_path: Path) -> None:
+    ego = [{"name": "mine", "kind": "perturbed", "parameters": {"ego.kind": kind}} for kind in ("brake", "keep_speed")]
+    before = campaign(tmp_path / "a", [GOOD, GOOD], egos=[ego[0]])
+    after = campaign(tmp_path / "b", [BAD, GOOD, GOOD], sources="c", egos=[ego[1]])
+    found = compare_campaigns(before, after)
+    assert [pair.case.name for pair in found.newly_failing] == ["demo/7/mine/litsim/0"]
+    assert [case.name for case in found.only_after] == ["demo/7/mine/litsim/2"] and found.only_before == ()
+    assert found.other_versions == {"sources": ("b", "c")}
+
+
+def test_campaigns_of_other_cases_cannot_be_compared(tmp_path: Path) -> None:
+    before, after = (campaign(tmp_path / ego, [GOOD], egos=[ego]) for ego in ("idm", "log"))
+    with pytest.raises(InputError, match="no case in common; expected the same scenarios, names of egos"):
+        compare_campaigns(before, after)
+
+
+def test_the_json_links_both_reports_and_says_why(tmp_path: Path) -> None:
+    found = compared(tmp_path, [GOOD], [BAD])
+    told = json.loads(json.dumps(found.to_json()))["newly_failing"][0]
+    before, after = (each.cases[0].id for each in (found.before, found.after))
+    assert told["name"] == "demo/7/idm/litsim/0"
+    assert told["before"]["report"] == str(tmp_path / f"a/runs/{before}/report.html")
+    assert told["after"]["report"] == str(tmp_path / f"b/runs/{after}/report.html")
+    assert (told["before"]["verdict"], told["after"]["verdict"]) == ("passed", "failed")
+    assert told["after"]["reason"].startswith("no contact at fault")
+
+
+def test_changes_are_of_the_runs_that_both_have_measured(tmp_path: Path) -> None:
+    before = [metrics(progress_m=value) for value in (10.0, 20.0, 30.0)] + [metrics(progress_m=99.0)]
+    after = [metrics(progress_m=value) for value in (11.0, 22.0, 33.0)] + ["no answer"]
+    changes = {each.name: each for each in compared(tmp_path, before, after).changes}
+    progress = changes["progress_m"]
+    assert (progress.pairs, progress.differs) == (3, 3)
+    assert (progress.before, progress.after, progress.change) == (20.0, 22.0, 2.0)
+    assert progress.clear and 1.0 <= progress.low < 2.0 < progress.high <= 3.0
+    passed = changes["passed"]
+    assert (passed.pairs, passed.before, passed.after) == (4, 1.0, 0.75)
+    assert changes["collision.ego_at_fault"].differs == 0 and not changes["collision.ego_at_fault"].clear
+
+
+def test_lists_count_their_entries_and_texts_and_wall_times_are_left_out(tmp_path: Path) -> None:
+    before = metrics(ledger=[{}], reactive=True, timing={"wall_s": 1.0}, run_id="a", safety={"min_ttc_s": None})
+    after = metrics(ledger=[{}, {}], reactive=False, timing={"wall_s": 2.0}, run_id="b", safety={"min_ttc_s": 1.0})
+    changes = {each.name: each.change for each in compared(tmp_path, [before], [after]).changes}
+    assert changes == {"passed": 0.0, "valid": 0.0, "collision.ego_at_fault": 0.0, "ledger": 1.0, "reactive": -1.0}
+
+
+def test_one_pair_has_no_interval(tmp_path: Path) -> None:
+    change = compared(tmp_path, [metrics(progress_m=1.0)], [metrics(progress_m=2.0)]).changes[-1]
+    assert (change.low, change.high, change.clear) == (None, None, False)
+
+
+def test_the_interval_covers_the_true_mean_about_as_often_as_it_says() -> None:
+    draw = np.random.default_rng(4)
+    bounds = [paired_interval(draw.normal(0.3, 1.0, 60)) for _ in range(200)]
+    covered = np.mean([low <= 0.3 <= high for low, high in bounds if low is not None])
+    assert 0.90 <= covered <= 0.98
+
+
+def test_the_interval_is_of_pairs_and_not_of_two_samples() -> None:
+    """What is common to both runs of a pair, however large, widens nothing."""
+    common = np.random.default_rng(1).normal(0.0, 100.0, 50)
+    before, after = common, common + np.where(np.arange(50) % 2, 0.9, 1.1)
+    low, high = paired_interval(after - before) or (0.0, 0.0)
+    assert 0.95 < low < high < 1.05
+
+
+def test_the_interval_is_the_same_every_time() -> None:
+    values = np.random.default_rng(2).normal(size=30)
+    assert paired_interval(values) == paired_interval(values)
+    assert paired_interval(np.full(5, 2.0)) == (2.0, 2.0)

@@ -1,0 +1,92 @@
+"""`compare` of two campaigns: what it prints, its exit status, what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
+from litsim_sim.campaign.results import CampaignFolder, RunResult
+from litsim_sim.cli.compare import main
+
+
+def campaign(folder: Path, at_fault: list[int], **values: float) -> str:
+    asked = {"policies": ["litsim"], "seeds": list(range(len(at_fault)))}
+    lies = CampaignFolder(folder)
+    made = cases(**asked)
+    lies.begin(suite(**asked), made, VERSIONS)
+    for seed, (case, hits) in enumerate(zip(made, at_fault, strict=True)):
+        measured = metrics(at_fault=hits, **{name: value + seed for name, value in values.items()})
+        lies.store(RunResult.judged(case, measured, CRITERIA, report="report.html"))
+    return str(folder)
+
+
+def test_a_newly_failing_case_is_status_1_with_both_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before, after = campaign(tmp_path / "a", [0, 1, 0]), campaign(tmp_path / "b", [0, 0, 1])
+    with pytest.raises(SystemExit) as ended:
+        main([before, after])
+    assert ended.value.code == 1
+    out = capsys.readouterr().out
+    assert "1 of 3 newly failing\n  demo/7/idm/litsim/2\n    was passed\n" in out
+    assert "is failed: no contact at fault: collision.ego_at_fault is 1, expected at most 0\n" in out
+    assert "1 of 3 newly passing\n  demo/7/idm/litsim/1\n" in out
+    for folder in (before, after):
+        assert sum(line.strip().startswith(f"{folder}/runs/") for line in out.splitlines()) == 2
+        assert f"{folder}/runs/" in out and "report.html" in out
+
+
+def test_better_or_equal_is_status_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before, after = campaign(tmp_path / "a", [0, 1]), campaign(tmp_path / "b", [0, 0])
+    main([before, after])
+    assert "0 of 2 newly failing" in capsys.readouterr().out
+    main([after, after])
+    assert "0 of 2 newly passing" in capsys.readouterr().out
+
+
+def test_clear_changes_are_shown_and_the_others_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = campaign(tmp_path / "a", [0, 0, 0], progress_m=10.0)
+    after = campaign(tmp_path / "b", [0, 0, 0], progress_m=12.0)
+    main([before, after])
+    out = capsys.readouterr().out
+    row = next(line for line in out.splitlines() if "progress_m" in line)
+    assert row.split() == ["*", "progress_m", "3", "11", "13", "+2", "2", "..", "2"]
+    assert max(map(len, out[out.index("mean over") :].splitlines())) <= 100
+
+
+def test_names_of_measures_stay_whole_at_100_columns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name = "comfort.ego.within.longitudinal_acceleration"
+    folders = []
+    for at, value in (("a", -1.23456e-5), ("b", 1.23456e-5)):
+        folder = CampaignFolder(tmp_path / at)
+        asked = {"policies": ["litsim"], "seeds": [0, 1]}
+        folder.begin(suite(**asked), cases(**asked), VERSIONS)
+        for seed, case in enumerate(cases(**asked)):
+            within = {"longitudinal_acceleration": value * (1 + seed)}
+            measured = metrics(comfort={"ego": {"within": within}})
+            folder.store(RunResult.judged(case, measured, CRITERIA))
+        folders.append(str(folder.path))
+    main(folders)
+    lines = capsys.readouterr().out.splitlines()
+    row = next(line for line in lines if name in line)
+    assert "-1.9e-05 1.9e-05 +3.7e-05" in row and len(row) <= 100
+
+
+def test_json_has_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before, after = campaign(tmp_path / "a", [0]), campaign(tmp_path / "b", [0])
+    main([before, after, "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["common"] == 1 and found["newly_failing"] == []
+    assert [each["name"] for each in found["measures"]] == ["passed", "valid", "collision.ego_at_fault"]
+
+
+@pytest.mark.parametrize(("others", "said"), [(["none"], "none: no folder of a campaign"), (["a", "a"], "3 campaigns")])
+def test_what_is_no_pair_of_campaigns_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], others: list[str], said: str
+) -> None:
+    before = campaign(tmp_path / "a", [0])
+    with pytest.raises(SystemExit) as ended:
+        main([before, *(str(tmp_path / other) for other in others)])
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
