@@ -1,10 +1,14 @@
-"""`evaluate` and `run`: what is wrong with an option is said before the first run, and nothing is ignored."""
+"""`evaluate`: what is wrong is said before the first run, every run has a verdict, and what was interrupted goes on."""
 
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,10 @@ import pytest
 import yaml
 
 from litsim_policy.cli import evaluate, run
+from litsim_sim.campaign.results import read_campaign
+
+PATIENCE_S = 120.0  # for what takes seconds
+FAULT = {"runs": [{"name": "no fault", "field": "collision.ego_at_fault", "max": 0}]}
 
 
 @pytest.fixture
@@ -21,14 +29,24 @@ def scenario(make_scenario, track, tmp_path: Path) -> Path:
     return path
 
 
-def refused(monkeypatch, capsys, *words: str) -> str:
-    """The error of `evaluate` with these words, which is to come before the first run."""
-    monkeypatch.setattr(evaluate, "run_batch", lambda *_: pytest.fail("runs have begun"))
-    monkeypatch.setattr(sys, "argv", ["evaluate", *words])
-    with pytest.raises(SystemExit) as stop:
-        evaluate.main()
-    assert stop.value.code == 2
-    return capsys.readouterr().err
+@pytest.fixture
+def criteria(tmp_path: Path) -> Path:
+    path = tmp_path / "criteria.yaml"
+    path.write_text(yaml.safe_dump(FAULT))
+    return path
+
+
+def called(*words: object) -> int:
+    """Exit status of `evaluate` with these words, in this process."""
+    try:
+        evaluate.main([str(word) for word in words])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def results(out: Path) -> dict[str, Any]:
+    return json.loads((out / "results.json").read_text())
 
 
 @pytest.mark.parametrize(
@@ -39,61 +57,206 @@ def refused(monkeypatch, capsys, *words: str) -> str:
             ["--policy", "yield", "--set", "conflict.horizon=2,-1"],
             "conflict: parameter horizon is -1, expected a number of at least 0.1 [s]",
         ),
-        (["--egos", "2,99999"], "--egos 2,99999: 99999"),
+        (["--set", "conflict.handback=jump"], "conflict: parameter handback is 'jump'"),
+        (["--egos", "2,99999"], "99999"),
+        (["--egos", "tuning"], "tuning"),
         (["--processes", "0"], "'0', expected a whole number of at least 1"),
+        (["--ego", "external", "--", "no_such_stack"], "no_such_stack: no such program"),
+        (["--scenario", "nowhere"], "nowhere"),
     ],
 )
 def test_what_is_wrong_is_said_before_the_first_run(
     monkeypatch, capsys, tmp_path, scenario, words: list[str], said: str
 ) -> None:
-    error = refused(monkeypatch, capsys, "--scenario", str(scenario), "--out", str(tmp_path / "out"), *words)
+    monkeypatch.setattr(evaluate, "LocalRuns", lambda *_: pytest.fail("runs have begun"))
+    given = words if words[0] == "--scenario" else ["--scenario", scenario, *words]
+    assert called("--out", tmp_path / "out", *given) == 2
+    error = capsys.readouterr().err
     assert said in error and "Traceback" not in error
 
 
-def test_two_files_of_one_name_would_be_one_run_and_are_refused(monkeypatch, capsys, tmp_path, scenario) -> None:
+def test_two_files_of_one_name_would_be_one_run_and_are_refused(capsys, tmp_path, scenario) -> None:
     other = tmp_path / "elsewhere" / scenario.name
     other.parent.mkdir()
     shutil.copy(scenario, other)
-    error = refused(monkeypatch, capsys, "--scenario", str(scenario), str(other), "--out", str(tmp_path / "out"))
-    assert "short more than once" in error
+    assert called("--scenario", scenario, other, "--out", tmp_path / "out") == 2
+    assert "are all called short" in capsys.readouterr().err
 
 
-def test_all_are_those_that_can_be_the_ego(monkeypatch, tmp_path, scenario) -> None:
-    words = ["--scenario", str(scenario), "--policy", "replay", "--egos", "all", "--out", str(tmp_path)]
-    words += ["--ego", "perturbed", "--set", "ego.kind=brake", "ego.time=[0.0, 0.0]"]
-    monkeypatch.setattr(sys, "argv", ["evaluate", *words])
-    evaluate.main()
-    assert list(json.loads((tmp_path / "evaluation.json").read_text())["runs"]["replay"]) == ["short/1", "short/2"]
+def test_all_are_those_that_can_be_the_ego(tmp_path, scenario) -> None:
+    words = ["--scenario", scenario, "--policy", "replay", "--egos", "all", "--out", tmp_path / "out"]
+    called(*words, "--ego", "perturbed", "--set", "ego.kind=brake", "ego.time=[0.0, 0.0]")
+    assert [each["case"]["ego_id"] for each in results(tmp_path / "out")["runs"]] == [1, 2]
 
 
-def test_a_run_that_fails_is_marked_in_the_table_listed_and_counted(monkeypatch, capsys, tmp_path, scenario) -> None:
-    net = tmp_path / "lost.net.xml"
-    other = tmp_path / "lost.yaml"
+def test_several_egos_and_values_are_rows_of_the_table(capsys, tmp_path, criteria) -> None:
+    words = ["--policy", "replay", "yield", "--set", "conflict.handback=catch_up,time_shift", "--egos", "7"]
+    called("--ego", "idm", "log", *words, "--out", tmp_path / "out", "--criteria", criteria)
+    found = results(tmp_path / "out")["rows"]
+    rows = ["replay", "yield, handback=catch_up", "yield, handback=time_shift"]
+    assert list(found) == [f"{ego}, {row}" for ego in ("idm", "log") for row in rows]
+    assert found["idm, yield, handback=time_shift"]["held_s"] < found["idm, yield, handback=catch_up"]["held_s"]
+    printed = capsys.readouterr().out
+    assert "time under control s" in printed and "  6  log, yield, handback=time_shift\n" in printed
+
+
+def test_seeds_are_runs_of_their_own(tmp_path) -> None:
+    words = ["--ego", "perturbed", "--policy", "replay", "--egos", "3", "--seeds", "1", "2", "--out", tmp_path / "out"]
+    called(*words)
+    one, two = results(tmp_path / "out")["runs"]
+    assert [each["case"]["seed"] for each in (one, two)] == [1, 2]
+    assert one["metrics"]["digest"] != two["metrics"]["digest"]
+
+
+@pytest.mark.parametrize(("limit", "status"), [(0, 1), (100, 0)])
+def test_the_exit_status_is_the_verdict_by_the_criteria(tmp_path, capsys, limit: int, status: int) -> None:
+    criteria = tmp_path / "criteria.yaml"
+    some = {"name": "few", "field": "collision.excess", "max": limit}
+    criteria.write_text(yaml.safe_dump({"runs": [some]}))
+    words = ["--policy", "replay", "--egos", "7", "--criteria", criteria, "--out", tmp_path / "out"]
+    assert called(*words) == status
+    said = capsys.readouterr()
+    assert ("demo/7/idm/replay: failed: few: collision.excess is " in said.err) == bool(status)
+    assert f"{1 - status} passed, {status} failed, 0 errors" in said.out
+    found = results(tmp_path / "out")
+    assert found["verdict"] == ("failed" if status else "passed")
+    assert found["rows"]["idm, replay"]["colliding_runs"] == 1
+
+
+def test_a_run_that_fails_is_marked_in_the_table_listed_and_run_again_on_demand(
+    monkeypatch, capsys, tmp_path, scenario, criteria
+) -> None:
+    net, other = tmp_path / "lost.net.xml", tmp_path / "lost.yaml"
     fields = yaml.safe_load(scenario.read_text())
     shutil.copy(fields["net"], net)
-    fields["net"] = str(net)
-    other.write_text(yaml.safe_dump(fields))
-    whole_batch = evaluate.run_batch
+    other.write_text(yaml.safe_dump(fields | {"net": str(net)}))
+    words = ["--scenario", scenario, other, "--egos", "1", "--policy", "replay", "--out", tmp_path / "out"]
+    words += ["--criteria", criteria]
+    kept = tmp_path / "kept"
+    local_runs = evaluate.LocalRuns
 
     def without_net(*given: Any) -> Any:
-        net.unlink()  # gone after all was checked, before the run
-        return whole_batch(*given)
+        net.rename(kept)  # gone after all was checked, before the run
+        return local_runs(*given)
 
-    monkeypatch.setattr(evaluate, "run_batch", without_net)
-    words = ["--scenario", str(scenario), str(other), "--egos", "1", "--policy", "replay", "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", ["evaluate", *words])
-    with pytest.raises(SystemExit) as stop:
-        evaluate.main()
-    assert stop.value.code == 1
+    monkeypatch.setattr(evaluate, "LocalRuns", without_net)
+    assert called(*words) == 1
+    monkeypatch.undo()
     said = capsys.readouterr()
-    rows = {line.split("│")[1].strip(): line.split("│")[2].strip() for line in said.out.splitlines() if "│" in line}
-    assert (rows["runs"], rows["failed runs"]) == ("2", "1")
-    assert rows["agents"].endswith("*") and rows["takeovers"].endswith("*") and not rows["reactive %"].endswith("*")
-    assert "* over the runs that did not fail: replay: 1 of 2" in " ".join(said.out.split())
-    (line,) = [each for each in said.err.splitlines() if each.startswith("error:")]
-    assert line.startswith("error: replay: lost/1: failed: ") and "lost.net.xml" in line
-    result = json.loads((tmp_path / "evaluation.json").read_text())
-    assert list(result["runs"]["replay"]) == ["short/1"] and list(result["failures"]["replay"]) == ["lost/1"]
+    cells = {line.rsplit(maxsplit=1)[0].strip(): line.split()[-1] for line in said.out.splitlines() if line.split()}
+    assert (cells["runs"], cells["passed"], cells["errors"]) == ("2", "1", "1")
+    assert cells["agents"].endswith("*") and not cells["reactive %"].endswith("*")
+    assert "error: lost/1/idm/replay: error: " in said.err and "lost.net.xml" in said.err
+    found = {each["case"]["name"]: each["verdict"] for each in results(tmp_path / "out")["runs"]}
+    assert found == {"short/1/idm/replay": "passed", "lost/1/idm/replay": "error"}
+
+    kept.rename(net)
+    assert called(*words) == 1, "it is known how that run has come out"
+    assert called(*words, "--dry-run", "--retry-errors") == 0
+    assert "to run  lost/1/idm/replay\n" in capsys.readouterr().out
+    assert called(*words, "--retry-errors") == 0
+    assert results(tmp_path / "out")["verdict"] == "passed"
+
+
+def test_a_dry_run_says_what_would_be_run_and_touches_nothing(capsys, tmp_path, scenario, criteria) -> None:
+    words = ["--scenario", scenario, "--egos", "1", "--policy", "replay", "--out", tmp_path / "out"]
+    words += ["--criteria", criteria]
+    assert called(*words, "--dry-run") == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "to run  short/1/idm/replay",
+        "0 passed, 0 failed, 0 errors; 1 of 1 to be run",
+    ]
+    assert not (tmp_path / "out").exists()
+    called(*words)
+    capsys.readouterr()
+    words[3] = "1,2"
+    assert called(*words, "--dry-run") == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "passed  short/1/idm/replay",
+        "to run  short/2/idm/replay",
+        "1 passed, 0 failed, 0 errors; 1 of 2 to be run",
+    ]
+
+
+def test_runs_that_are_done_are_not_run_again(monkeypatch, tmp_path, scenario) -> None:
+    words = ["--scenario", scenario, "--egos", "1", "--policy", "replay", "--out", tmp_path / "out"]
+    called(*words)
+    (done,) = read_campaign(tmp_path / "out").results
+    called(*words[:3], "1,2", *words[4:])
+    assert [result.case.ego_id for result in read_campaign(tmp_path / "out").results] == [1, 2]
+    assert read_campaign(tmp_path / "out").results[0] == done
+
+
+def test_another_campaign_in_the_folder_is_kept_unless_it_may_go(capsys, tmp_path, scenario) -> None:
+    words = ["--scenario", scenario, "--policy", "replay", "--out", tmp_path / "out"]
+    called(*words, "--egos", "1")
+    assert called(*words, "--egos", "2") == 2
+    assert "holds another campaign" in capsys.readouterr().err
+    called(*words, "--egos", "2", "--overwrite")
+    assert [each["case"]["ego_id"] for each in results(tmp_path / "out")["runs"]] == [2]
+
+
+DEMO = ("--scenario", "demo", "--egos", "3,7,24", "--ego", "idm", "perturbed", "--policy", "replay", "--processes", "2")
+
+
+def start(out: Path) -> subprocess.Popen[str]:
+    words = [sys.executable, "-m", "litsim_policy.cli.evaluate", *DEMO, "--out", str(out)]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def wait_for_a_result(out: Path) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not list(out.glob("runs/*/result.json")):
+        assert time.monotonic() < end, f"waited {PATIENCE_S:g} s for a result"
+        time.sleep(0.01)
+
+
+def children(of: int) -> list[int]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, parent = stat.read_text().rpartition(")")[2].split()[:2]
+        except OSError:
+            continue
+        if int(parent) == of and state != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+def told(out: Path) -> list[Any]:
+    """All that a campaign has found, without what the clock says."""
+    found = []
+    for result in read_campaign(out).results:
+        plain = result.to_json() | {"wall_s": 0, "finished_at": ""}
+        plain["metrics"] = plain["metrics"] | {"timing": {}}
+        found.append(plain)
+    return found
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_what_was_ended_midway_goes_on_to_the_result_of_one_that_was_not(tmp_path, number: signal.Signals) -> None:
+    ended = start(tmp_path / "ended")
+    wait_for_a_result(tmp_path / "ended")
+    workers = children(ended.pid)
+    os.kill(ended.pid, number)
+    said = ended.communicate(timeout=PATIENCE_S)[1]
+    assert ended.returncode == (-number if number == signal.SIGKILL else 130)
+    assert "Traceback" not in said
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "ended").glob("runs/*/result.json")}
+    if number == signal.SIGINT:
+        assert "the same command goes on where it was" in said
+        assert len(results(tmp_path / "ended")["runs"]) == len(before)
+    end = time.monotonic() + PATIENCE_S
+    while any(Path(f"/proc/{worker}").exists() for worker in workers):
+        assert time.monotonic() < end, "processes are left behind"
+        time.sleep(0.05)
+    went_on, whole = start(tmp_path / "ended"), start(tmp_path / "whole")
+    for process in (went_on, whole):
+        process.communicate(timeout=2 * PATIENCE_S)
+    assert went_on.returncode == whole.returncode
+    assert told(tmp_path / "ended") == told(tmp_path / "whole")
+    assert len(told(tmp_path / "whole")) == 6
+    assert all(path.stat().st_mtime_ns == when for path, when in before.items()), "no run twice"
 
 
 @pytest.mark.parametrize("policy", ["replay", "yield"])

@@ -37,9 +37,10 @@ class Told:
         self._name, self._content = name, content
         self.calls: list[tuple[str, ...]] = []
 
-    def rates(self, module: str, *arguments: str) -> Callable[[str, float], dict[str, float]]:
+    def rates(self, module: str, *arguments: str, answers_no: bool = False) -> Callable[[str, float], dict[str, float]]:
         self.calls.append((module, *arguments))
         out = Path(arguments[arguments.index("--out") + 1])
+        out.mkdir(parents=True, exist_ok=True)
         (out / self._name).write_text(json.dumps(self._content))
         return lambda figure, amount: {figure: amount / 2.0, figure + CPU: amount / 1.0}
 
@@ -71,13 +72,31 @@ def test_a_checkout_is_run_in_its_own_environment(tmp_path: Path, monkeypatch: p
     assert Side.beside(tmp_path).train == "litsim_policy.learning.train"
 
 
-def test_scenario_seconds_are_those_of_the_runs_that_were_made(tmp_path: Path) -> None:
-    runs = {"litsim": {"demo/3": {"steps": 280}, "demo/7": {"steps": 120}}, "replay": {"demo/3": {"steps": 280}}}
-    side = Told("evaluation.json", {"runs": runs})
-    found = time_evaluation(side, ["demo"], "3,7", 2, tmp_path)
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("results.json", {"runs": [{"metrics": {"steps": steps}} for steps in (280, 120, 280)]}),
+        (  # of a checkout of before there were campaigns
+            "evaluation.json",
+            {"runs": {"litsim": {"demo/3": {"steps": 280}, "demo/7": {"steps": 120}}, "replay": {"a": {"steps": 280}}}},
+        ),
+    ],
+)
+def test_scenario_seconds_are_those_of_the_runs_that_were_made(tmp_path: Path, name: str, content: object) -> None:
+    side = Told(name, content)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/results.json").write_text("of the turn before")
+    found = time_evaluation(side, ["demo"], "3,7", 2, tmp_path / "out")
     assert found == {EVALUATE: pytest.approx(34.0), EVALUATE + CPU: pytest.approx(68.0)}
     (call,) = side.calls
     assert call[0] == "litsim_policy.cli.evaluate" and call[call.index("--egos") + 1] == "3,7"
+
+
+def test_an_evaluation_whose_runs_do_not_pass_is_timed_all_the_same() -> None:
+    words = ("timeit", "-n", "1", "-r", "1", "import os; os._exit(1)")
+    assert Side.here().rates(*words, answers_no=True)("runs", 1.0)["runs"] > 0.0
+    with pytest.raises(InputError, match="ended with status 1"):
+        Side.here().rates(*words)
 
 
 def test_agent_steps_are_those_of_the_iterations(tmp_path: Path) -> None:

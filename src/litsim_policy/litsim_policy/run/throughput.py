@@ -16,6 +16,7 @@ from pathlib import Path
 import yaml
 
 from litsim_policy.run.benchmark import Sample, execute, spread
+from litsim_sim.campaign.results import RESULTS_FILE
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.traffic.segment_set import write_segment_set
@@ -43,12 +44,12 @@ TRAINING = {
 TIMED = """
 import resource, subprocess, sys, time
 begin = time.perf_counter()
-ended = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode
+ended = subprocess.run(sys.argv[2:], stdout=subprocess.DEVNULL).returncode
 wall, used = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
 print(wall, used.ru_utime + used.ru_stime)
-sys.exit(ended)
+sys.exit(0 if str(ended) in sys.argv[1].split() else ended)
 """
-"""Runs its arguments and prints how long that took, of the clock and of the processor [s].
+"""Runs its arguments and prints how long that took, of the clock and of the processor [s]; first are statuses that do.
 
 Setting up the environment of a checkout does not count.
 """
@@ -89,15 +90,19 @@ class Side:
         train = "litsim_policy.learning.train" if moved else "litsim_policy.train"
         return cls((str(checkout.absolute() / "litsim"), "exec", "python"), train, environment)
 
-    def rates(self, module: str, *arguments: str) -> Callable[[str, float], Sample]:
+    def rates(self, module: str, *arguments: str, answers_no: bool = False) -> Callable[[str, float], Sample]:
         """Run a program of the checkout; returns what makes a figure's rates of an amount that it got done.
+
+        Args:
+            module, arguments: the program.
+            answers_no: whether exit status 1 is an answer, as that of `evaluate` is where runs have not passed.
 
         Raises:
             InputError: it fails.
         """
         run, *given = self.python
-        inner = "python" if given else run
-        said = execute(Path(run), *given, "-c", TIMED, inner, "-m", module, *arguments, environment=self.environment)
+        words = ("0 1" if answers_no else "0", "python" if given else run, "-m", module, *arguments)
+        said = execute(Path(run), *given, "-c", TIMED, *words, environment=self.environment)
         wall, processor = (float(seconds) for seconds in said.strip().splitlines()[-1].split())
         return lambda figure, amount: {figure: amount / wall, figure + CPU: amount / processor}
 
@@ -109,9 +114,17 @@ def time_evaluation(side: Side, scenarios: Sequence[str], egos: str, processes: 
         InputError: it fails.
     """
     options = ["--scenario", *scenarios, "--ego", "idm", "--policy", *POLICIES, "--egos", egos, "--out", str(out)]
-    rates = side.rates("litsim_policy.cli.evaluate", *options, "--processes", str(processes))
-    runs = json.loads((out / "evaluation.json").read_text())["runs"].values()
-    return rates(EVALUATE, STEP_S * sum(run["steps"] for of_row in runs for run in of_row.values()))
+    shutil.rmtree(out, ignore_errors=True)  # a campaign that lies there would be gone on with
+    rates = side.rates("litsim_policy.cli.evaluate", *options, "--processes", str(processes), answers_no=True)
+    return rates(EVALUATE, STEP_S * sum(_steps(out)))
+
+
+def _steps(out: Path) -> list[int]:
+    """Steps of each run that `evaluate` has made; a checkout of before there were campaigns tells them by row."""
+    if (results := out / RESULTS_FILE).is_file():
+        return [run["metrics"]["steps"] for run in json.loads(results.read_text())["runs"]]
+    rows = json.loads((out / "evaluation.json").read_text())["runs"].values()
+    return [run["steps"] for row in rows for run in row.values()]
 
 
 def time_training(side: Side, data: Path, out: Path) -> Sample:

@@ -205,6 +205,14 @@ class CampaignFolder:
                 self.store(again)
         return done
 
+    def finished(self, cases: Sequence[Case]) -> list[RunResult]:
+        """Results of those of `cases` that lie here, as they were judged; for looking without touching anything.
+
+        Raises:
+            InputError: one cannot be read.
+        """
+        return read_results(self.path, cases)
+
     def run_folder(self, case: Case) -> Path:
         """Where the run of `case` leaves its files."""
         return self.path / RUNS_FOLDER / case.id

@@ -1,19 +1,19 @@
-"""The arguments that say what is run: the same of `launch` and `run`, and of `evaluate` for many runs."""
+"""The arguments that say what is run: the same of `launch` and `run`."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
 
-from litsim_sim.core.parameters import SET_HELP, one_setting, setting
+from litsim_sim.core.parameters import SET_HELP, one_setting
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
-from litsim_sim.scenario.run_info import POLICIES, REPLAY, RunPlan
+from litsim_sim.scenario.run_info import POLICIES, RunPlan
 
 
 def add_run_arguments(p: argparse.ArgumentParser, egos: Iterable[str]) -> None:
     """What is run, once, with one of `egos`; :func:`plan_of` reads it."""
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
-    add_ego_argument(p, egos)
+    p.add_argument("--ego", default="idm", choices=tuple(egos), help="what drives the ego; external: your own stack")
     p.add_argument("--policy", default="litsim", choices=POLICIES, help="what moves the background")
     p.add_argument("--predictor", metavar="MODEL", help="packaged model, or weights; else as the predictor is set")
     p.add_argument("--ego-id", type=int, help="another vehicle of the recording as the ego")
@@ -27,27 +27,6 @@ def add_run_arguments(p: argparse.ArgumentParser, egos: Iterable[str]) -> None:
         help=f"the ego's vehicle model, else the scenario's: {', '.join(VEHICLE_FIELDS)}",
     )
     p.add_argument("--set", type=one_setting, nargs="+", default=[], metavar="STAGE.NAME=VALUE", help=SET_HELP)
-
-
-def add_batch_arguments(p: argparse.ArgumentParser, egos: Iterable[str]) -> None:
-    """What is run, with several values of what may vary from run to run."""
-    p.add_argument("--scenario", nargs="+", default=["demo"], help="names of packaged scenarios, or YAML files")
-    add_ego_argument(p, egos)
-    p.add_argument("--policy", nargs="+", default=[REPLAY, "litsim"], choices=POLICIES, help="rows of the table")
-    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="a row for each model that forecasts")
-    p.add_argument(
-        "--set",
-        type=setting,
-        nargs="+",
-        default=[],
-        metavar="STAGE.NAME=VALUE[,VALUE]",
-        help=f"{SET_HELP}; a row for each of several values",
-    )
-
-
-def add_ego_argument(p: argparse.ArgumentParser, egos: Iterable[str]) -> None:
-    """What drives the ego, one of `egos`."""
-    p.add_argument("--ego", default="idm", choices=tuple(egos), help="what drives the ego; external: your own stack")
 
 
 def plan_of(arguments: argparse.Namespace) -> RunPlan:

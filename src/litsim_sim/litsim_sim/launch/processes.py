@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from tqdm import tqdm
 
@@ -33,6 +33,7 @@ PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 DISCOVERY = Path(__file__).with_name("discovery.xml")
 """Settings by which nodes that are started together find each other in tenths of a second."""
 NAME_MAX = 60  # characters of a command by which a stack is named
+LOG_FOLDER = "log"  # in the folder of a recording
 STACK = "ads"
 """Name of the process that a user's command starts to drive the ego; its log is `ads.log`."""
 
@@ -105,7 +106,7 @@ class Graph:
     """The processes of one run."""
 
     def __init__(self, out: Path, domain_id: int) -> None:
-        self._log_folder = out / "log"
+        self._log_folder = out / LOG_FOLDER
         self._log_folder.mkdir(parents=True, exist_ok=True)
         for log in self._log_folder.glob("*.log"):  # of a run that is overwritten
             log.unlink()
@@ -137,23 +138,14 @@ class Graph:
         Raises:
             InputError: there is no such program.
         """
-        if shutil.which(command[0]) is None:
-            raise InputError(f"{command[0]}: no such program, expected the command that starts a driving stack")
+        check_program(command)
         self._spawn(STACK, [sys.executable, "-I", "-S", keeper.__file__, *command], command)
 
     def _spawn(self, name: str, words: Sequence[str], command: Sequence[str] = ()) -> None:
         log = self._log_folder / f"{name}.log"
         with log.open("w") as stream, _held_back():
-            process = subprocess.Popen(
-                words,
-                env=self._environment,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE if name == BRIDGE else stream,
-                stderr=stream,
-                text=True,
-                start_new_session=True,
-                preexec_fn=_begin_child,  # noqa: PLW1509 - two system calls
-            )
+            stdout = subprocess.PIPE if name == BRIDGE else stream
+            process = start_process(words, env=self._environment, stdout=stdout, stderr=stream, start_new_session=True)
             self.children[name] = Child(name, process, log, tuple(command))
 
     def watch(self, quiet: bool) -> None:
@@ -271,13 +263,39 @@ def _held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 
-def _begin_child() -> None:
-    """In a child before its program starts: end when the launcher is gone, whatever has ended it; hear signals."""
+def check_program(command: Sequence[str]) -> None:
+    """Check that the command that starts a stack begins with a program.
+
+    Raises:
+        InputError: there is no such program.
+    """
+    if shutil.which(command[0]) is None:
+        raise InputError(f"{command[0]}: no such program, expected the command that starts a driving stack")
+
+
+def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:
+    """Start a process that ends when this thread is gone, whatever has ended it; `given` is for ``Popen``."""
+    return subprocess.Popen(
+        words,
+        stdin=subprocess.DEVNULL,
+        text=True,
+        preexec_fn=_begin_child,  # noqa: PLW1509 - two system calls
+        **given,
+    )
+
+
+def end_with_parent() -> None:
+    """Have this process end when the thread that has started it is gone, whatever has ended that."""
     _LIBC.prctl(keeper.DIE_WITH_PARENT, signal.SIGTERM)
+
+
+def _begin_child() -> None:
+    """In a child before its program starts: end when the launcher is gone; hear signals."""
+    end_with_parent()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 
-def without_interrupts(action: Callable[[], None]) -> None:
+def without_interrupts(action: Callable[[], object]) -> None:
     """Run `action` with Ctrl-C held back, so that impatience leaves no orphans."""
     before = {number: signal.signal(number, signal.SIG_IGN) for number in SIGNALS}
     try:

@@ -1,0 +1,128 @@
+"""The arguments of `evaluate` that say what is run, and the suite that they make, with a suite file or without."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.campaign.criteria import Criteria
+from litsim_sim.campaign.suite import CaseEntry, EgoSetup, Suite, located
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import SET_HELP, not_among, setting
+from litsim_sim.io.yaml_input import validate_yaml
+from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES
+from litsim_sim.scenario.scenario import packaged
+
+SUITES = "suites"  # folder of the packaged ones
+DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
+"""Of a campaign without a suite file; further ones are those of :class:`Suite`."""
+
+
+def add_suite_arguments(p: argparse.ArgumentParser) -> None:
+    """What is run, with several values of what may vary from run to run; :func:`suite_of` reads it."""
+    p.add_argument("--suite", help=f"YAML file, or packaged: {', '.join(packaged_suites())}; options override it")
+    p.add_argument("--scenario", nargs="+", help="names of packaged scenarios, or YAML files (default: demo)")
+    p.add_argument("--egos", type=_egos, help="field of the scenarios (egos, tuning, ego), all, or ids with commas")
+    p.add_argument(
+        "--ego", nargs="+", help=f"what drives the ego: {', '.join(EGOS)}, or a name of the suite (default: idm)"
+    )
+    p.add_argument("--policy", nargs="+", choices=POLICIES, help="what moves the background (default: replay litsim)")
+    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="a row for each model that forecasts")
+    p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed and ego, instead of the scenario's seed")
+    p.add_argument(
+        "--set",
+        type=setting,
+        nargs="+",
+        default=[],
+        metavar="STAGE.NAME=VALUE[,VALUE]",
+        help=f"{SET_HELP}; a row for each of several values",
+    )
+    p.add_argument("--criteria", metavar="FILE", help="by which runs are judged; default: the packaged ones")
+    p.add_argument(
+        "command", nargs="*", metavar="COMMAND", help="after --: starts the external ego, once a run; else start it"
+    )
+
+
+def packaged_suites() -> tuple[str, ...]:
+    """Names of the suites that come along, sorted."""
+    return tuple(sorted(path.stem for path in packaged(SUITES).glob("*.yaml")))
+
+
+def suite_of(arguments: argparse.Namespace) -> Suite:
+    """The suite that the arguments ask for.
+
+    Raises:
+        InputError: a file cannot be used, or the arguments do not fit together.
+    """
+    base = None if arguments.suite is None else Suite.load(_suite_file(arguments.suite))
+    given: dict[str, Any] = {"cases": _cases(arguments, base), "egos": _setups(arguments, base)}
+    if base is None:
+        names = arguments.scenario or DEFAULTS["scenario"]
+        given["name"] = Path(names[0]).stem if len(names) == 1 else f"{len(names)} scenarios"
+    given |= {
+        name: value for name, value in (("policies", arguments.policy), ("seeds", arguments.seeds)) if value is not None
+    }
+    varied = {"predictor.model": arguments.predictor} if arguments.predictor else {}
+    varied |= {f"{stage}.{name}": values for stage, name, values in arguments.set}
+    given["parameters"] = (base.parameters if base else {}) | varied
+    if arguments.criteria is not None:
+        given["criteria"] = Criteria.load(arguments.criteria)
+    return validate_yaml((base.model_dump() if base else {}) | given, Suite, arguments.suite or "options", "")
+
+
+def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]:
+    if arguments.scenario or base is None:
+        names = arguments.scenario or DEFAULTS["scenario"]
+        return [CaseEntry(scenario=located(name, Path.cwd()), egos=arguments.egos) for name in names]
+    if arguments.egos is None:
+        return base.cases
+    return [entry.model_copy(update={"ego_id": None, "egos": arguments.egos}) for entry in base.cases]
+
+
+def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]:
+    """Who drives the ego, external ones by the command that was given."""
+    known = {setup.name: setup for setup in (base.egos if base else [])}
+    names: Sequence[str] = arguments.ego or (tuple(known) if base else DEFAULTS["ego"])
+    if unknown := [name for name in names if name not in known and name not in EGOS]:
+        raise InputError(f"--ego {not_among(unknown, {*known, *EGOS})}")
+    setups = [known.get(name) or EgoSetup(name=name, kind=name) for name in names]
+    external = [setup for setup in setups if setup.kind == EXTERNAL]
+    if arguments.command:
+        if len(external) != 1:
+            many = ", ".join(setup.name for setup in external) or "none"
+            raise InputError(f"{shlex.join(arguments.command)}: external egos: {many}; expected one that it starts")
+        started = external[0].model_copy(update={"command": list(arguments.command)})
+        return [started if setup is external[0] else setup for setup in setups]
+    if len(elsewhere := [setup.name for setup in external if not setup.command]) > 1:
+        raise InputError(f"{', '.join(elsewhere)}: started elsewhere; only one such ego can be told who it is")
+    return setups
+
+
+def _suite_file(name: str) -> Path:
+    """The file of a suite, packaged or not.
+
+    Raises:
+        InputError: there is no such suite.
+    """
+    if name in packaged_suites():
+        return packaged(f"{SUITES}/{name}.yaml")
+    if not Path(name).is_file():
+        raise InputError(f"{name}: no such suite, expected a YAML file, or one of {', '.join(packaged_suites())}")
+    return Path(name)
+
+
+def _egos(text: str) -> str | list[int]:
+    """Which vehicles are the ego, from the text of an option.
+
+    Raises:
+        argparse.ArgumentTypeError: the text names none.
+    """
+    if text in ("egos", "tuning", "ego", "all"):
+        return text
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected egos, tuning, ego, all, or ids with commas") from error

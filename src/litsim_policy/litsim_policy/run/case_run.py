@@ -1,0 +1,214 @@
+"""One case of a campaign, run: in this process, or over DDS by the launcher. Whatever becomes of it, it is told."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from litsim_policy.run.runner import Runner, configured, record
+from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics
+from litsim_sim.campaign.case import GRAPH, Case
+from litsim_sim.campaign.criteria import Criteria
+from litsim_sim.campaign.results import RunResult
+from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.nodes import GraphOptions, nodes_of
+from litsim_sim.launch.processes import LOG_FOLDER, STACK, check_program, start_process
+from litsim_sim.report.run_report import REPORT_FILE
+from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
+from litsim_sim.scenario.scenario import Scenario
+
+RECORDING = "run"  # folder of a record below that of the run
+TICK_S = 0.2  # [s] between two looks at a launcher
+END_S = 30.0  # [s] that a launcher gets to end its graph in good order
+TIME_LIMIT_S = 1800.0  # [s] that a run over DDS may take where nobody says otherwise
+
+
+class RunFailed(Exception):
+    """A run has left no measures; the message says why, in one line."""
+
+
+class RunStopped(Exception):
+    """A run was ended because the campaign is; nothing is known of it."""
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """What a run has left.
+
+    Attributes:
+        metrics: the tree of `metrics.json`, of a valid run or not; None where there is none.
+        failure: why there is none, in one line.
+        recording, report, log: folder and files, relative to the run's folder; None where there is none.
+        wall_s: that it took [s].
+    """
+
+    metrics: Mapping[str, Any] | None
+    failure: str = ""
+    recording: str | None = None
+    report: str | None = None
+    log: str | None = None
+    wall_s: float | None = None
+
+    def judged(self, case: Case, criteria: Criteria) -> RunResult:
+        """The result of `case`, whose run this is."""
+        files: dict[str, Any] = {
+            "recording": self.recording,
+            "report": self.report,
+            "log": self.log,
+            "wall_s": self.wall_s,
+        }
+        if self.metrics is None:
+            return RunResult.error(case, self.failure, **files)
+        return RunResult.judged(case, self.metrics, criteria, **files)
+
+
+def check_case(case: Case) -> None:
+    """Check, before the first run, what can be known of a case: its parameters, and the program of its stack.
+
+    Raises:
+        InputError: a parameter is unknown to its stage or does not fit, or there is no such program.
+    """
+    if case.shell != GRAPH:
+        configured(case.ego.kind, case.policy, case.stage_parameters)
+        return
+    plan = RunPlan(_scenario(case.scenario), case.ego.kind, case.policy, _graph_parameters(case))
+    nodes_of(plan, GraphOptions(case.scenario, Path(RECORDING), ego_interface=case.ego.interface))
+    if case.ego.command:
+        check_program(case.ego.command)
+
+
+def run_in_process(case: Case) -> dict[str, Any]:
+    """Metrics of a run in this process, without SUMO: it would only show what is measured.
+
+    Raises:
+        InputError: the run cannot be run.
+    """
+    scenario = _scenario(case.scenario).around(case.ego_id, case.seed)
+    plan = RunPlan(scenario, case.ego.kind, case.policy, case.stage_parameters)
+    return compute_metrics(record(Runner(plan)))
+
+
+def run_over_graph(
+    case: Case, folder: Path, stopped: Callable[[], bool] = lambda: False, time_limit_s: float = TIME_LIMIT_S
+) -> RunOutcome:
+    """Run a case over DDS, with the launcher, in a domain that is reserved for it.
+
+    A stack that was started elsewhere is met in the domain that it is in: that of the environment, else 0.
+
+    Args:
+        case: to run.
+        folder: of the run; the record is made in a folder within.
+        stopped: asked now and then whether to end the run.
+        time_limit_s: after which a run has failed [s].
+
+    Raises:
+        RunStopped: it was to end.
+        InputError: there is no launcher.
+    """
+    out = folder / RECORDING
+    environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID" or is_elsewhere(case)}
+    begin = time.monotonic()
+    with start_process(
+        _launch(case, out), env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
+    ) as process:
+        said = _Reader(process)
+        late = False
+        while process.poll() is None:
+            late = time.monotonic() > begin + time_limit_s
+            if late or stopped():
+                _end(process)
+                break
+            said.join(TICK_S)
+    if stopped():
+        raise RunStopped
+    failure = f"not over within {time_limit_s:g} s" if late else said.reason(process.returncode)
+    metrics = json.loads((out / METRICS_FILE).read_text()) if (out / METRICS_FILE).is_file() and not late else None
+    log = out / LOG_FOLDER / f"{STACK}.log"
+    return RunOutcome(
+        metrics=metrics,
+        failure="" if metrics else failure,
+        recording=RECORDING if any(out.glob("*.mcap")) else None,
+        report=f"{RECORDING}/{REPORT_FILE}" if (out / REPORT_FILE).is_file() else None,
+        log=str(log.relative_to(folder)) if log.is_file() else None,
+        wall_s=time.monotonic() - begin,
+    )
+
+
+def is_elsewhere(case: Case) -> bool:
+    """Whether the stack of a case is started by somebody else: its runs go one at a time, where the stack is."""
+    return case.ego.kind == EXTERNAL and not case.ego.command
+
+
+@lru_cache(maxsize=8)
+def _scenario(name: str) -> Scenario:
+    """A scenario, read once in a process for all its egos and policies."""
+    return Scenario.load(name)
+
+
+def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
+    """Parameters of the nodes; how long to wait for an external ego is the bridge's."""
+    parameters = {stage: dict(values) for stage, values in case.stage_parameters.items()}
+    if case.ego.ready_s is not None:
+        parameters.setdefault("bridge", {})["external_timeout_s"] = case.ego.ready_s
+    return parameters
+
+
+def _launch(case: Case, out: Path) -> list[str]:
+    """Words of the launcher's command line."""
+    words = [str(find_executable("litsim_sim", "launch")), "--quiet", "--overwrite", "--out", str(out)]
+    words += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
+    words += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
+    words += [] if case.seed is None else ["--seed", str(case.seed)]
+    settings = [
+        f"{stage}.{name}={json.dumps(value)}"
+        for stage, values in _graph_parameters(case).items()
+        for name, value in values.items()
+    ]
+    words += ["--set", *settings] if settings else []
+    return [*words, *(["--", *case.ego.command] if case.ego.command else [])]
+
+
+class _Reader(threading.Thread):
+    """Reads what the launcher says on stderr, lest it wait for someone to read."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        super().__init__(daemon=True)
+        self._process, self._said = process, ""
+        self.start()
+
+    def run(self) -> None:
+        """See :class:`threading.Thread`."""
+        assert self._process.stderr is not None
+        self._said = self._process.stderr.read()
+
+    def reason(self, status: int) -> str:
+        """Why the launcher has failed: the last error that it told."""
+        self.join(TICK_S)
+        lines = [line for line in self._said.splitlines() if line.strip()]
+        errors = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
+        return (errors or lines or [f"the launcher {how_it_ended(status)}"])[-1]
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a launcher, which ends its graph; one that does not, by force."""
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+
+
+def how_it_ended(status: int) -> str:
+    """How a process ended, by its exit status as :mod:`subprocess` has it."""
+    if status < 0:
+        return f"was ended by {signal.Signals(-status).name}"
+    return f"ended with exit status {status}"

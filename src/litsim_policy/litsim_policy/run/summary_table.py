@@ -1,0 +1,119 @@
+"""The table of a campaign on a terminal: measures below each other, rows of runs side by side, whatever the width."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group, RenderableType
+from rich.measure import Measurement
+from rich.table import Table
+from rich.text import Text
+
+MEASURES = {
+    "runs": "runs",
+    "passed": "passed",
+    "failed": "not_passed",
+    "errors": "errors",
+    "agents": "agents",
+    "colliding agents": "colliding_agents",
+    "colliding runs": "colliding_runs",
+    "ego contacts": "ego_contacts",
+    "collision %, all": "rate_all",
+    "collision %, controlled": "rate_controlled",
+    "reactive %": "reactive",
+    "takeovers": "takeovers",
+    "takeovers per run": "takeovers_per_run",
+    "of them released": "releases",
+    "time under control s": "held_s",
+    "bound of iterations hit": "bound_hits",
+    "false alarms": "false_alarms",
+    "relevant %": "relevant_ratio",
+    "hard brakes of controlled": "hard_brakes",
+    "guarded %, of policy C's steps": "guarded",
+    "off road %, controlled": "off_road",
+    "progress m": "progress_m",
+    "max jump m": "max_position_jump_m",
+    "max residual at release m": "max_residual_m",
+}
+OF_ALL_RUNS = ("runs", "passed", "not_passed", "errors", "reactive")
+"""Measures in which runs that left none count; `reactive` is of runs known to be so."""
+
+MARK = "*"
+PERCENT = ("rate_all", "rate_controlled", "reactive", "relevant_ratio", "guarded", "off_road")
+HORIZONS = ("5", "10", "15", "20", "25")  # [s]
+DISPLACEMENTS = (("ade_controlled_m", "controlled"), ("ade_all_m", "all"))
+
+
+def print_summary(title: str, summary: Mapping[str, Mapping[str, Any]], console: Console) -> None:
+    """Print rows of runs side by side.
+
+    Where their names do not fit into the width, they are numbered and listed below; where they do not even so, they are
+    spread over tables. What is measured of fewer runs than there are is marked.
+
+    Args:
+        title: above the table.
+        summary: by name of the row, what :func:`litsim_sim.analysis.summary.summarise` says of it, and verdicts.
+        console: to print to.
+    """
+    rows = list(summary)
+    named = _table({row: row for row in rows}, summary)
+    if _fits(named, console):
+        parts: list[RenderableType] = [named]
+    else:
+        numbers = {row: str(number) for number, row in enumerate(rows, 1)}
+        parts = [*_numbered(numbers, summary, console), *(Text(f"{numbers[row]:>3}  {row}") for row in rows)]
+    lacking = {row: f"{each['measured']} of {each['runs']}" for row, each in summary.items() if each["failed"]}
+    if lacking:
+        parts.append(Text(f"{MARK} over the runs that were measured: " + "; ".join(map(": ".join, lacking.items()))))
+    console.print(Group(Text(title), *parts))
+
+
+def _numbered(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], console: Console) -> list[Table]:
+    """Tables of as many rows each as fit, at least one."""
+    count = len(numbers)
+    while count > 1 and not all(_fits(table, console) for table in _spread(numbers, summary, count)):
+        count -= 1
+    return _spread(numbers, summary, count)
+
+
+def _spread(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], most: int) -> list[Table]:
+    """As few tables as hold `most` rows each at most, of about as many rows each."""
+    rows, tables = list(numbers), -(-len(numbers) // most)
+    parts = [rows[len(rows) * i // tables : len(rows) * (i + 1) // tables] for i in range(tables)]
+    return [_table({row: numbers[row] for row in part}, summary) for part in parts]
+
+
+def _fits(table: Table, console: Console) -> bool:
+    return Measurement.get(console, console.options.update(max_width=10_000), table).maximum <= console.width
+
+
+def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Measures of some rows; `headings` names the columns by row."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for heading in headings.values():
+        table.add_column(heading, justify="right", no_wrap=True)
+    mine = [summary[row] for row in headings]
+    for name, key in MEASURES.items():
+        table.add_row(name, *(_cell(key, row[key]) + _mark(key, row) for row in mine))
+    for horizon in HORIZONS:
+        if any(row["ade_all_m"][horizon] is not None for row in summary.values()):
+            for key, whose in DISPLACEMENTS:
+                cells = (_cell(key, row[key][horizon]) + _mark(key, row) for row in mine)
+                table.add_row(f"ADE@{horizon} s m, {whose}", *cells)
+    return table
+
+
+def _mark(key: str, row: Mapping[str, Any]) -> str:
+    """What follows a figure that leaves runs out: all do where runs have failed, but for those that count them."""
+    return MARK if row["failed"] and key not in OF_ALL_RUNS else ""
+
+
+def _cell(key: str, value: float | None) -> str:
+    if value is None:
+        return "-"
+    if key in PERCENT:
+        return f"{100.0 * value:.2f}"
+    return str(value) if isinstance(value, int) else f"{value:.3g}"

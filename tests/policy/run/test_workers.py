@@ -1,0 +1,60 @@
+"""Processes that run cases: a run that fails, or takes its process along, ends no other."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import campaigns
+from litsim_policy.run.case_run import run_in_process
+from litsim_policy.run.workers import Workers
+
+
+class Fatal:
+    """A name of a scenario that ends the process to which it is sent."""
+
+    def __init__(self, end: Callable[[int], object], how: int) -> None:
+        self._end, self._how = end, how
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return self._end, (self._how,)
+
+
+def good(ego_id: int = 7) -> Any:
+    return campaigns.cases(cases=[{"scenario": "demo", "ego_id": ego_id}], egos=["log"], policies=["replay"])[0]
+
+
+def test_a_case_comes_to_the_same_as_in_this_process() -> None:
+    with Workers() as workers:
+        found = workers.run(good())
+    assert found.metrics is not None and found.metrics["digest"] == run_in_process(good())["digest"]
+    assert found.failure == "" and found.wall_s is not None and found.recording is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"ego_id": 99999}, "99999"),
+        ({"ego_id": "seven"}, "seven"),
+        ({"scenario": Fatal(os._exit, 7)}, "its process ended with exit status 7"),
+        ({"scenario": Fatal(signal.raise_signal, signal.SIGKILL)}, "its process was ended by SIGKILL"),
+    ],
+    ids=["bad input", "an error nobody foresaw", "exit", "killed"],
+)
+def test_a_run_that_fails_takes_no_other_along(changes: dict[str, Any], why: str) -> None:
+    with Workers() as workers:
+        lost = workers.run(replace(good(), **changes))
+        assert lost.metrics is None and why in lost.failure and "\n" not in lost.failure
+        assert workers.run(good(3)).metrics is not None
+
+
+def test_what_runs_ends_with_them() -> None:
+    with Workers() as workers:
+        assert workers.run(good()).metrics is not None
+        workers.close()
+        assert workers.run(good()).failure == "its process was ended by SIGTERM"
