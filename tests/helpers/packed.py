@@ -1,4 +1,4 @@
-"""Reads what ``litsim_sim.report.packing`` has packed, as `assets/data.js` does in the browser."""
+"""Reads what ``litsim_sim.report.packing`` has packed, as `assets/container.js` does in the browser."""
 
 from __future__ import annotations
 

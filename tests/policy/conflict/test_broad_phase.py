@@ -7,8 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from litsim_policy.conflict.detection import ConflictConfig, ConflictDetector, PredictedMotion
-from litsim_policy.conflict.overlap import Strips
+from litsim_policy.conflict.detection import ConflictConfig, ConflictDetector
+from litsim_policy.conflict.futures import PredictedMotion
+from strips import Strips
 
 LENGTH, WIDTH = 4.5, 2.0  # [m]
 PAIR = np.array([[0, 1]])
@@ -21,11 +22,8 @@ def detector(make_scenario, track) -> ConflictDetector:
 
 def standing(x: float, y: float, yaw: float, sigma: float, valid: tuple[bool, ...] = (True,) * 3) -> PredictedMotion:
     """Both rows alike, over three steps."""
-    shape = (2, len(valid))
-    covariance = np.broadcast_to(np.array([sigma**2, sigma**2, 0.0])[:, None, None], (3, *shape))
-    return PredictedMotion(
-        np.full(shape, x), np.full(shape, y), np.full(shape, yaw), covariance, np.broadcast_to(np.array(valid), shape)
-    )
+    state = [x, y, yaw, sigma**2, sigma**2, 0.0]
+    return PredictedMotion(np.tile(state, (2, len(valid), 1)), np.tile(valid, (2, 1)))
 
 
 def found(agent_table, detector: ConflictDetector, a: PredictedMotion, b: PredictedMotion, least: float) -> np.ndarray:

@@ -11,14 +11,15 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector, PredictedMotion
-from litsim_policy.conflict.overlap import Strips
+from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector
+from litsim_policy.conflict.futures import PredictedMotion
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller
 from litsim_sim.scenario.log import Log
+from strips import Strips
 
 DT = 0.2  # [s] between instants of the forecasts here
 NOW = 5  # step at which the scenes are looked at
@@ -328,7 +329,7 @@ def test_a_forecast_of_any_dt_becomes_one_of_every_step(make_scenario, track, dt
     t = 0.1 * np.arange(1, 31)
     assert future.x[0] == pytest.approx(table.x[0] + 10.0 * t * np.cos(0.05))
     assert future.y[0] == pytest.approx(table.y[0] + 10.0 * t * np.sin(0.05)) and future.valid.all()
-    xx, yy, xy = future.covariance[:, 0]
+    xx, yy, xy = future.covariance[0].T
     reached = t >= dt - 1e-9
     assert xx[reached] == pytest.approx(1.0) and yy[reached] == pytest.approx(0.25) and xy == pytest.approx(0.0)
     assert (np.diff(xx[~reached]) > 0).all(), "from certain to as uncertain as the first instant"
@@ -378,7 +379,7 @@ def test_spreads_are_scaled_and_keep_their_shape(make_scenario, track) -> None:
     forecast = straight_on(table)
     forecast.covariance[:] = [2.0, 0.5, 0.4]  # sigma along x and y [m], and their correlation
     future = ConflictDetector(log, 30.0, ConflictConfig(sigma_scale=3.0)).forecast_future(table, forecast)
-    assert future.covariance[:, 0, -1] == pytest.approx([9.0 * 4.0, 9.0 * 0.25, 9.0 * 0.4 * 2.0 * 0.5], rel=1e-6)
+    assert future.covariance[0, -1] == pytest.approx([9.0 * 4.0, 9.0 * 0.25, 9.0 * 0.4 * 2.0 * 0.5], rel=1e-6)
 
 
 # thresholds
@@ -446,6 +447,6 @@ def test_the_broad_phase_loses_no_pair(agent_table, crowd: list[tuple], least: f
     size = [np.full(found.size, v) for v in (LENGTH, WIDTH)]
     strips = Strips.of(here.logged.yaw[a].ravel(), here.forecast.yaw[b].ravel(), tuple(size), tuple(size))
     dx, dy = (getattr(here.forecast, f)[b] - getattr(here.logged, f)[a] for f in ("x", "y"))
-    exact = strips.probability(dx.ravel(), dy.ravel(), here.forecast.covariance[:, b].reshape(3, -1))
+    exact = strips.probability(dx.ravel(), dy.ravel(), here.forecast.covariance[b].reshape(-1, 3).T)
     exact = exact.reshape(found.shape)
     assert found == pytest.approx(np.where(exact >= least, exact, 0.0), abs=1e-9)

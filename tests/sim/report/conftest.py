@@ -17,6 +17,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from campaigns import cases, suite
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.campaign.case import Case
+from litsim_sim.campaign.criteria import Criteria
+from litsim_sim.campaign.results import CampaignFolder, RunResult
 from litsim_sim.core.scene import AgentTable, Controller
 from litsim_sim.core.stages import StageState
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
@@ -31,6 +36,13 @@ FLAGS = (
 )
 STEPS, HISTORY, TAKEN = 60, 10, (20, 45)
 EGO, FOLLOWER, OTHER = 1, 2, 3
+CAMPAIGN_CRITERIA = Criteria(
+    runs=[
+        {"name": "no contact at fault", "field": "collision.ego_at_fault", "max": 0},
+        {"name": "time to collision", "field": "safety.min_ttc_s", "min": 0.3},
+        {"field": "takeovers", "max": 100},
+    ]
+)
 
 
 class Chromium:
@@ -246,26 +258,45 @@ def without(small_run: Run) -> Callable[..., Run]:
 
 
 @pytest.fixture(scope="session")
-def evaluation() -> Callable[..., Path]:
-    """Writes `evaluation.json` as `litsim_policy evaluate` does, with few of its measures."""
+def campaign(small_run: Run) -> Callable[..., Path]:
+    """Writes the folder of a campaign: scenes with an ego under two policies, judged by three criteria.
 
-    def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
-        ade = {"5": 0.5, "10": None}
-        counted = {"runs": len(runs), "invalid": 0, "takeovers": sum(r["takeovers"] for r in runs)}
-        return counted | {"colliding_agents": 4 * (not counted["takeovers"]), "ade_controlled_m": ade, "ade_all_m": ade}
+    Of scene k, with the tag `even` or `odd`, the ego's shortest TTC is 0.2 k seconds, and its progress ratio
+    0.5 + 0.01 k. Under replay it is at fault where k is a multiple of 3. Under litsim, scene 4 is an error, and
+    takeovers number k.
+    """
+    measured: dict[str, Any] = json.loads(json.dumps(compute_metrics(small_run)))
+    (one,) = cases(policies=["replay"])
 
-    def write(folder: Path, **changes: Any) -> Path:
-        collision = {"excess": 0, "ego_contacts": []}
-        common = {"scenario": "made", "ego": "idm", "valid": True, "collision": collision, "ade_controlled_m": {}}
-        runs = {
-            policy: {
-                f"made/{ego}": common | {"takeovers": n, "recording": f"idm-{policy}-made-{ego}"}
-                for ego, n in zip((7, 8), taken, strict=True)
-            }
-            for policy, taken in (("replay", (0, 0)), ("litsim", (12, 3)))
+    def case(k: int, policy: str) -> Case:
+        name, tags = f"scene_{k}", ("even",) if k % 2 == 0 else ("odd",)
+        known = {"id": f"{policy[:4]:x<4}{k:012d}", "name": f"{name}/7/idm/{policy}", "scenario": name, "tags": tags}
+        return replace(one, policy=policy, ego_id=7, **known)
+
+    def metrics(k: int, policy: str) -> dict[str, Any]:
+        at_fault = int(policy == "replay" and k % 3 == 0)
+        return measured | {
+            "collision": measured["collision"] | {"ego_at_fault": at_fault},
+            "safety": measured["safety"] | {"min_ttc_s": 0.2 * k},
+            "ego_motion": measured["ego_motion"] | {"progress_ratio": 0.5 + 0.01 * k},
+            "takeovers": k if policy == "litsim" else 0,
         }
-        content = {"summary": {policy: summary(list(by.values())) for policy, by in runs.items()}, "runs": runs}
-        (folder / "evaluation.json").write_text(json.dumps(content | changes))
+
+    def write(folder: Path, scenes: int = 6, done: int | None = None, **suite_values: Any) -> Path:
+        every = [case(k, policy) for policy in ("replay", "litsim") for k in range(scenes)]
+        plan = suite(
+            **({"name": "made", "policies": ["replay", "litsim"], "criteria": CAMPAIGN_CRITERIA} | suite_values)
+        )
+        made = CampaignFolder(folder)
+        made.begin(plan, every, {"python": "3.12", "commit": "abc"})
+        for each in every[:done]:
+            k = int(each.scenario.split("_")[1])
+            made.clear(each)
+            if (k, each.policy) == (4, "litsim"):
+                made.store(RunResult.error(each, "the stack ended: no weights", log="ads.log", wall_s=1.5))
+            else:
+                files = {"report": "run/report.html", "recording": "run", "wall_s": 2.0 + k}
+                made.store(RunResult.judged(each, metrics(k, each.policy), plan.criteria, **files))
         return folder
 
     return write

@@ -193,16 +193,3 @@ def test_names_that_look_like_html_are_text(
     assert chromium.run("[document.images.length, document.scripts.length]") == [0, 2]
     assert chromium.problems == []
     assert chromium.requests == [path.resolve().as_uri()]
-
-
-def test_experiment_sorts(chromium: Browser, evaluation: Callable[..., Path], tmp_path: Path) -> None:
-    from litsim_sim.report.experiment import write_experiment_report
-
-    page = write_experiment_report(evaluation(tmp_path))
-    chromium.open(page)
-    takeovers = "[...document.querySelectorAll('.sortable tbody tr')].map((row) => row.cells[5].textContent)"
-    for expected in (["0", "0", "3", "12"], ["12", "3", "0", "0"]):
-        chromium.run("document.querySelectorAll('.sortable th button')[5].click()")
-        assert chromium.run(takeovers) == expected
-    assert chromium.problems == []
-    assert chromium.requests == [page.resolve().as_uri()]

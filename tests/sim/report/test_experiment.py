@@ -1,78 +1,172 @@
-"""The page of an experiment: policies side by side, best values, links to runs."""
+"""The page of a campaign without a browser: verdicts, best values, criteria, links, and what is no campaign."""
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from campaigns import cases, suite
+from litsim_sim.campaign.results import CampaignFolder, RunResult
+from litsim_sim.cli import report
 from litsim_sim.core.errors import InputError
+from litsim_sim.record.run import Run
+from litsim_sim.report import experiment
 from litsim_sim.report.experiment import write_experiment_report
+from litsim_sim.report.thumbnails import read_thumbnail
+from packed import unpack
 
 Write = Callable[..., Path]
 
 
-def test_page(evaluation: Write, tmp_path: Path) -> None:
-    folder = evaluation(tmp_path)
-    (folder / "idm-litsim-made-8").mkdir()
-    (folder / "idm-litsim-made-8/report.html").write_text("")
-    out = write_experiment_report(folder / "evaluation.json")
+def cells(html: str, name: str) -> list[str]:
+    """Text of the cells of the row of a table of measures that has this name; a best value in asterisks."""
+    row = re.search(rf'<tr><th scope="row">{re.escape(name)}(?:<small>.*?</small>)?\s*</th>(.*?)</tr>', html, re.DOTALL)
+    assert row, name
+    found = re.findall(r'<td class="number( best)?"[^>]*>(.*?)</td>', row[1], re.DOTALL)
+    return [f"*{text}*" if best else " ".join(re.sub(r"<[^>]+>", " ", text).split()) for best, text in found]
+
+
+def packed(page: Path) -> dict[str, Any]:
+    found = re.search(r'<script id="data" type="text/plain">([A-Za-z0-9+/=]*)</script>', page.read_text())
+    assert found
+    return unpack(found[1])[0]
+
+
+def test_verdicts_are_of_all_runs_and_those_not_judged_have_not_passed(campaign: Write, tmp_path: Path) -> None:
+    out = write_experiment_report(campaign(tmp_path))
     html = out.read_text()
-    assert out == folder / "experiment.html"
-    assert html.count("<tr><td>litsim</td>") == html.count("<tr><td>replay</td>") == 2
-    assert 'href="idm-litsim-made-8/report.html"' in html
-    assert html.count("href=") == 2  # of the icon, and of the one run that has a report
-    row = html[html.index("agents that collide") :].split("</tr>")[0]
-    assert '<td class="number">4</td><td class="number best">0</td>' in row
-    assert (
-        "collision rate" not in html.split("Policies side by side")[1].split("Every run")[0]
-    )  # not in this evaluation
+    assert out == tmp_path / "experiment.html"
+    assert cells(html, "runs") == ["6", "6"]
+    # replay: scenes 0 and 3 at fault, 0 and 1 too near; litsim: 0 and 1 too near, 4 an error
+    assert cells(html, "passed") == ["50.0 %", "50.0 %"]
+    assert cells(html, "not judged") == ["*0*", "1"]
+    parts = re.findall(r'title="(\d+ \w+)">(\d+)</button>', html)
+    assert [told for told, _ in parts] == ["3 passed", "3 failed", "3 passed", "2 failed", "1 error"]
+    assert all(told.split()[0] == count for told, count in parts)
+    assert '<span class="badge bad">not passed</span>' in html and "to run</span>" not in html
 
 
-def test_failed_runs_are_listed_with_the_reason(evaluation: Write, tmp_path: Path) -> None:
-    lost = "its process was ended by SIGKILL"
-    failures = {"litsim": {"made/9": "node policy ended: <b>no weights</b>", "made/10": lost}}
-    html = write_experiment_report(evaluation(tmp_path, failures=failures)).read_text()
-    listed = html[html.index("Failed runs") : html.index("Every run</h2>")]
-    why = "node policy ended: &lt;b&gt;no weights&lt;/b&gt;"
-    assert f"<tr><td>litsim</td><td>made/9</td><td>{why}</td></tr>" in listed
-    assert f"<td>made/10</td><td>{lost}</td>" in listed
-    assert "2 runs failed" in html and "6 runs ·" in html and "every run valid" not in html
+def test_the_better_value_is_marked_and_what_leaves_runs_out_has_an_asterisk(campaign: Write, tmp_path: Path) -> None:
+    html = write_experiment_report(campaign(tmp_path)).read_text()
+    assert cells(html, "agents")[1].endswith("*") and not cells(html, "agents")[0].endswith("*")
+    assert "* over the runs that left measures" in html
+    assert cells(html, "without measures") == ["*0*", "1"]
+    assert [text.strip("*") for text in cells(html, "takeovers")] == ["0", "11"]
+    assert not cells(html, "takeovers")[0].startswith("*")  # neither less nor more of them is better
 
 
-def test_without_failures_there_is_no_list_of_them(evaluation: Write, tmp_path: Path) -> None:
-    html = write_experiment_report(evaluation(tmp_path, failures={})).read_text()
-    assert "Failed runs" not in html and "every run valid" in html and "4 runs ·" in html
+def test_criteria_count_the_runs_that_miss_them(campaign: Write, tmp_path: Path) -> None:
+    html = write_experiment_report(campaign(tmp_path)).read_text()
+    assert cells(html, "no contact at fault") == ["2 of 6", "0 of 5"]
+    assert cells(html, "time to collision") == ["2 of 6", "2 of 5"]
+    assert cells(html, "takeovers at most 100") == ["0 of 6", "0 of 5"]
+    assert cells(html, "all runs pass") == ["0.5", "not met"]
 
 
-def test_an_experiment_of_which_every_run_failed_has_a_page(evaluation: Write, tmp_path: Path) -> None:
-    nothing = {"summary": {"replay": {"runs": 1, "failed": 1}}, "runs": {"replay": {}}}
-    html = write_experiment_report(evaluation(tmp_path, **nothing, failures={"replay": {"made/7": "lost"}})).read_text()
-    assert "<td>made/7</td><td>lost</td>" in html
+def test_a_campaign_that_keeps_its_own_criteria_passes(campaign: Write, tmp_path: Path) -> None:
+    lenient = {"runs": [{"field": "takeovers", "max": 100}], "suite": [{"field": "passed_share", "min": 0.9}]}
+    html = write_experiment_report(campaign(tmp_path, criteria=lenient)).read_text()
+    assert '<span class="badge good">passed</span>' in html
+    assert cells(html, "passed_share at least 0.9") == ["0.9167", "met"]
 
 
-def test_links_lead_from_where_the_page_is(evaluation: Write, tmp_path: Path) -> None:
-    (tmp_path / "runs/idm-litsim-made-7").mkdir(parents=True)
-    (tmp_path / "runs/idm-litsim-made-7/report.html").write_text("")
-    (tmp_path / "pages").mkdir()
-    out = write_experiment_report(evaluation(tmp_path / "runs"), tmp_path / "pages/x.html")
-    assert 'href="../runs/idm-litsim-made-7/report.html"' in out.read_text()
+def test_an_unfinished_campaign_has_a_page_that_says_so(campaign: Write, tmp_path: Path) -> None:
+    html = write_experiment_report(campaign(tmp_path, done=7)).read_text()
+    assert "unfinished: 5 to run" in html and "7 of 12 runs" in html and "not passed" in html
+    assert cells(html, "runs") == ["6", "1"]
+    html = write_experiment_report(campaign(tmp_path / "begun", done=0)).read_text()
+    assert "unfinished: 12 to run" in html
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        None,
-        "no JSON",
-        "[]",
-        '{"summary": {}}',
-        '{"summary": {"a": 1}, "runs": {"a": {}}}',
-        '{"summary": {"a": {}}, "runs": {"a": {}}, "failures": [1]}',
-    ],
-)
-def test_what_is_no_evaluation(text: str | None, tmp_path: Path) -> None:
-    if text is not None:
-        (tmp_path / "evaluation.json").write_text(text)
-    with pytest.raises(InputError, match=r"evaluation\.json"):
+def test_a_campaign_of_errors_alone_has_a_page(tmp_path: Path) -> None:
+    folder = CampaignFolder(tmp_path)
+    (lost,) = cases(policies=["replay"])
+    folder.begin(suite(), [lost], {})
+    folder.clear(lost)
+    folder.store(RunResult.error(lost, "its process was ended by SIGKILL"))
+    page = write_experiment_report(tmp_path)
+    assert cells(page.read_text(), "passed") == ["0.0 %"]
+    (run,) = packed(page)["runs"]
+    assert (run["verdict"], run["reason"]) == ("error", "its process was ended by SIGKILL")
+    assert (run["steps"], run["picture"]) == (0, None)
+
+
+def test_files_of_runs_are_linked_from_where_the_page_is_if_they_are_there(campaign: Write, tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "a campaign")
+    own = next(path for path in (folder / "runs").iterdir() if path.name.endswith("000000000002"))
+    (own / "run").mkdir()
+    (own / "run/report.html").write_text("")
+    for page, start in (
+        (write_experiment_report(folder), "runs"),
+        (write_experiment_report(folder, tmp_path / "pages/x.html"), "../a%20campaign/runs"),
+    ):
+        linked = {run["id"]: run["report"] for run in packed(page)["runs"] if run["report"]}
+        assert linked == {own.name: f"{start}/{own.name}/run/report.html"}
+        assert not any(run["log"] for run in packed(page)["runs"])  # named by a result, but not there
+
+
+def test_pictures_come_from_the_record_and_are_kept(
+    campaign: Write, small_run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    folder = campaign(tmp_path, scenes=2)
+    read: list[Path] = []
+
+    def reader(path: Path) -> Run:
+        read.append(path)
+        if "litsim" in path.parent.name or len(read) == 1:
+            raise InputError(f"{path}: no record")
+        return small_run
+
+    monkeypatch.setattr(experiment, "read_run", reader)
+    runs = packed(write_experiment_report(folder))["runs"]
+    assert [run["picture"] is not None for run in runs] == [False, True, True, True]
+    assert len(read) == 4 and {path.name for path in read} == {"run"}
+    write_experiment_report(folder)
+    assert len(read) == 5  # only the one that has no picture is tried again
+    assert read_thumbnail(read[1].parent) == runs[1]["picture"]
+
+
+def test_command_line(campaign: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = campaign(tmp_path)
+    report.main([str(folder)])
+    assert capsys.readouterr().out.startswith(f"{folder / 'experiment.html'} (0.")
+    with pytest.raises(SystemExit) as stop:
+        report.main([str(folder), "--png", "x.png"])
+    assert stop.value.code == 2
+    assert "a campaign, expected one run for --png" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["no JSON", "[]", '{"format": 99}', '{"format": 1, "name": "a"}'])
+def test_what_is_no_campaign(text: str, tmp_path: Path) -> None:
+    (tmp_path / "campaign.json").write_text(text)
+    with pytest.raises(InputError, match=r"campaign\.json"):
         write_experiment_report(tmp_path)
+
+
+def test_rows_without_a_result_yet_are_there(campaign: Write, tmp_path: Path) -> None:
+    data = packed(write_experiment_report(campaign(tmp_path, done=2)))
+    assert data["rows"] == ["idm, replay", "idm, litsim"]
+    assert [run["row"] for run in data["runs"]] == [0, 0]
+
+
+def test_the_page_keeps_what_the_campaign_says(campaign: Write, tmp_path: Path) -> None:
+    folder = campaign(tmp_path)
+    values = json.loads((folder / "campaign.json").read_text())
+    values["versions"]["sumo"] = "1.28 <b>"
+    (folder / "campaign.json").write_text(json.dumps(values))
+    html = write_experiment_report(folder).read_text()
+    assert "<dt>sumo</dt><dd>1.28 &lt;b&gt;</dd>" in html and values["begun_at"] in html
+
+
+def test_a_row_is_named_by_its_label(tmp_path: Path) -> None:
+    folder = CampaignFolder(tmp_path)
+    (one,) = cases(policies=["replay"])
+    named = replace(one, label="horizon=2.0")
+    folder.begin(suite(), [named], {})
+    assert "idm, replay, horizon=2.0" in write_experiment_report(tmp_path).read_text()

@@ -73,18 +73,20 @@ def test_hostile_text_of_a_run(small_run: Run, without: Callable[..., Run], monk
     assert unpack(data[1])[0]["run"]["id"] == HOSTILE
 
 
-def test_hostile_text_of_an_experiment(tmp_path: Path) -> None:
-    collision = {"excess": 0, "ego_contacts": []}
-    run = {"scenario": HOSTILE, "ego": HOSTILE, "valid": False, "collision": collision, "recording": "r\"'><b>"}
-    (tmp_path / run["recording"]).mkdir()  # type: ignore[operator]
-    (tmp_path / run["recording"] / "report.html").write_text("")  # type: ignore[operator]
-    summary = {HOSTILE: {"runs": 1, "reactive": 0.5, "ade_all_m": {HOSTILE: 1.0}, "ade_controlled_m": {HOSTILE: 1.0}}}
-    content = {"summary": summary, "runs": {HOSTILE: {HOSTILE: run}}}
-    (tmp_path / "evaluation.json").write_text(json.dumps(content))
-    html = write_experiment_report(tmp_path).read_text()
-    expect_text(html, scripts=1, times=10)
-    (link,) = [attributes["href"] for name, attributes in Page(html).tags if name == "a"]
-    assert link == "r%22%27%3E%3Cb%3E/report.html"
+def test_hostile_text_of_a_campaign(campaign: Callable[..., Path], tmp_path: Path) -> None:
+    folder = campaign(
+        tmp_path, scenes=1, name=HOSTILE, criteria={"runs": [{"name": HOSTILE, "field": "takeovers", "max": 0}]}
+    )
+    file = folder / "campaign.json"
+    values = json.loads(file.read_text())
+    values["versions"] = {HOSTILE: HOSTILE}
+    for case in values["cases"]:
+        case |= {"name": HOSTILE, "label": HOSTILE, "tags": [HOSTILE], "scenario": HOSTILE}
+    file.write_text(json.dumps(values))
+    html = write_experiment_report(folder).read_text()
+    expect_text(html, scripts=2, times=10)
+    data = re.search(r'<script id="data" type="text/plain">([A-Za-z0-9+/=]*)</script>', html)
+    assert data and unpack(data[1])[0]["tags"] == [HOSTILE]
 
 
 def test_hostile_text_of_a_recording(tmp_path: Path, track: type) -> None:
@@ -98,9 +100,17 @@ def test_hostile_text_of_a_recording(tmp_path: Path, track: type) -> None:
 def test_style_and_scripts_are_as_they_are(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_report, "read_forecasts", no_forecasts)
     html = run_report.render(small_run, compute_metrics(small_run))
-    for name in ("report.css", "data.js", "view.js", "charts.js", "app.js"):
+    for name in ("report.css", "container.js", "data.js", "view.js", "svg.js", "charts.js", "app.js"):
         assert asset(name).strip() in html
         assert not re.search(r"</(script|style)", asset(name), re.IGNORECASE)  # would end the element that it stands in
+
+
+def test_the_page_of_a_campaign_holds_its_scripts(campaign: Callable[..., Path], tmp_path: Path) -> None:
+    html = write_experiment_report(campaign(tmp_path, scenes=1)).read_text()
+    names = [f"campaign{part}.js" for part in ("", "_runs", "_pictures", "_table", "_charts", "_panel")]
+    for name in ("campaign.css", "container.js", "svg.js", *names):
+        assert asset(name).strip() in html
+        assert not re.search(r"</(script|style)", asset(name), re.IGNORECASE)
 
 
 def test_a_value_that_a_template_lacks_is_an_error() -> None:

@@ -163,9 +163,8 @@ def test_a_page_that_cannot_be_written_is_said(tmp_path: Path) -> None:
 
 
 def test_contrast() -> None:
-    light, dark = re.findall(r":root \{(.*?)\}", asset("report.css"), re.DOTALL)
-    for theme in (light, dark):
-        colours = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", theme))
+    light, dark = themes("report.css")
+    for colours in (light, light | dark):
         pairs = [("ink", "page"), ("ink", "card"), ("ink", "button"), ("muted", "page"), ("muted", "card")]
         pairs += [
             ("accent", "card"),
@@ -175,6 +174,20 @@ def test_contrast() -> None:
             ("ink", "ground"),
         ]
         assert {pair: ratio for pair in pairs if (ratio := contrast(*(colours[name] for name in pair))) < 4.5} == {}
+
+
+def test_contrast_of_verdicts() -> None:
+    light, dark = themes("campaign.css")
+    for colours in (light, light | dark):
+        pairs = [("error", "error-back"), *(("bar-ink", f"bar-{verdict}") for verdict in ("passed", "failed", "error"))]
+        assert {pair: ratio for pair in pairs if (ratio := contrast(*(colours[name] for name in pair))) < 4.5} == {}
+
+
+def themes(style: str) -> list[dict[str, str]]:
+    """Colours by name, of the light scheme and of the dark one."""
+    schemes = re.findall(r":root \{(.*?)\}", asset(style), re.DOTALL)
+    assert len(schemes) == 2
+    return [dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", scheme)) for scheme in schemes]
 
 
 def contrast(a: str, b: str) -> float:

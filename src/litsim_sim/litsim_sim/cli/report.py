@@ -1,10 +1,11 @@
-"""`report BAG`: a run as one HTML file to look at; also a whole experiment, and scenes as pictures."""
+"""`report RUN`: a run as one HTML file to look at, or a whole campaign; also scenes of a run as pictures."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
+from litsim_sim.campaign.results import is_campaign
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 
@@ -12,10 +13,9 @@ from litsim_sim.core.errors import InputError
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim report``."""
     p = argparse.ArgumentParser(prog="report", description=__doc__)
-    p.add_argument("bag", type=Path, nargs="?", help="folder of a run, or its MCAP file")
-    p.add_argument("--experiment", type=Path, metavar="PATH", help="evaluation.json, or its folder, instead of a bag")
-    p.add_argument("--out", type=Path, metavar="HTML", help="default: report.html (experiment.html) beside the input")
-    pictures = p.add_argument_group("pictures, instead of a page unless --out is given too")
+    p.add_argument("run", type=Path, help="folder of a run, its MCAP file, or the folder of a campaign")
+    p.add_argument("--out", type=Path, metavar="HTML", help="default: report.html (experiment.html) in the folder")
+    pictures = p.add_argument_group("pictures of a run, instead of a page unless --out is given too")
     pictures.add_argument("--png", type=Path, help="one scene")
     pictures.add_argument("--step", type=int, metavar="K", help="of that scene; default: a telling moment")
     pictures.add_argument("--gif", type=Path, help="a film")
@@ -34,15 +34,15 @@ def report(arguments: argparse.Namespace) -> list[Path]:
     Raises:
         InputError: the input cannot be read, or a file cannot be written.
     """
-    if arguments.experiment is not None:
+    written = _pictures(arguments)
+    if is_campaign(arguments.run):
         from litsim_sim.report.experiment import write_experiment_report
 
-        return [write_experiment_report(arguments.experiment, arguments.out)]
-    written = _pictures(arguments)
+        return [write_experiment_report(arguments.run, arguments.out, quiet=arguments.quiet)]
     if not written or arguments.out is not None:
         from litsim_sim.report.run_report import write_report
 
-        written.append(write_report(arguments.bag, arguments.out))
+        written.append(write_report(arguments.run, arguments.out))
     return written
 
 
@@ -52,12 +52,14 @@ def _pictures(arguments: argparse.Namespace) -> list[Path]:
     _check_names(arguments)
     if arguments.png is None and not films:
         return []
+    if is_campaign(arguments.run):
+        raise InputError(f"{arguments.run}: a campaign, expected one run for --png, --gif or --mp4")
     from litsim_sim.analysis.plots import telling_moment  # matplotlib takes half a second to load
     from litsim_sim.analysis.takeover import ledger
     from litsim_sim.record.run import read_run
     from litsim_sim.report.pictures import write_film, write_png
 
-    run = read_run(arguments.bag)
+    run = read_run(arguments.run)
     if arguments.png is not None:
         step = telling_moment(run, ledger(run)).step if arguments.step is None else arguments.step
         write_png(run, step, arguments.png)
@@ -76,10 +78,7 @@ def _check_names(arguments: argparse.Namespace) -> None:
 @program
 def main(argv: list[str] | None = None) -> None:
     """Entry point of ``ros2 run litsim_sim report``."""
-    p = parser()
-    arguments = p.parse_args(argv)
-    if (arguments.bag is None) == (arguments.experiment is None):
-        p.error("name a BAG, or an --experiment")
+    arguments = parser().parse_args(argv)
     written = report(arguments)
     for path in () if arguments.quiet else written:
         print(f"{path} ({path.stat().st_size / 1e6:.2f} MB)")

@@ -1,1 +1,1 @@
-"""What people look at: a run or an experiment as one HTML file, and scenes as pictures."""
+"""What people look at: a run or a campaign as one HTML file, and scenes as pictures."""

@@ -1,40 +1,43 @@
-"""A whole experiment as one HTML file: the policies side by side, and every run."""
+"""A campaign as one HTML file: verdicts, rows side by side, how measures are spread, and every run."""
 
 from __future__ import annotations
 
 import json
-import os.path
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
+from tqdm import tqdm
+
+from litsim_sim.analysis.summary import summarise
+from litsim_sim.campaign.criteria import CriterionResult, Verdict
+from litsim_sim.campaign.results import RUNS_FOLDER, Campaign, RunResult, read_campaign
 from litsim_sim.core.errors import InputError
+from litsim_sim.record.run import read_run
+from litsim_sim.report.campaign_content import criteria_of, pack_campaign, results_by_row
 from litsim_sim.report.pages import render_page
-from litsim_sim.report.run_report import REPORT_FILE, save
-from litsim_sim.report.wording import NOTHING, number, percent
+from litsim_sim.report.run_report import save
+from litsim_sim.report.thumbnails import read_thumbnail, write_thumbnail
+from litsim_sim.report.wording import leaf, number, percent
 
-EVALUATION_FILE = "evaluation.json"
 EXPERIMENT_REPORT_FILE = "experiment.html"
+NAMES_MAX = 4  # scenarios, egos or policies that a heading names; of more it says how many there are
 
 
 @dataclass(frozen=True)
 class Column:
-    """One measure: its name, how to find it in a row, how it reads, and which end of it is the better one."""
+    """One measure: its name, how to find it in a row, how it reads, and which end of it is the better one.
+
+    `of_all` says that runs without measures count in it.
+    """
 
     name: str
     find: Callable[[dict[str, Any]], Any]
     text: Callable[[Any], str] = number
     better: Callable[[Iterable[float]], float] | None = None
-
-    def of(self, row: dict[str, Any]) -> float | None:
-        """The value in `row`; None where an older or newer evaluation has none."""
-        try:
-            value = self.find(row)
-        except (KeyError, TypeError):
-            return None
-        return value if isinstance(value, int | float) else None
+    of_all: bool = False
 
 
 def _key(name: str) -> Callable[[dict[str, Any]], Any]:
@@ -42,9 +45,11 @@ def _key(name: str) -> Callable[[dict[str, Any]], Any]:
 
 
 SUMMARY = (
-    Column("runs", _key("runs")),
-    Column("failed", _key("failed"), better=min),
-    Column("not valid", _key("invalid"), better=min),
+    Column("runs", _key("runs"), of_all=True),
+    Column("passed", _key("passed_share"), percent, max, of_all=True),
+    Column("not judged", _key("errors"), better=min, of_all=True),
+    Column("without measures", _key("failed"), better=min, of_all=True),
+    Column("not valid", _key("invalid"), better=min, of_all=True),
     Column("agents", _key("agents")),
     Column("agents that collide", _key("colliding_agents"), better=min),
     Column("runs with collisions", _key("colliding_runs"), better=min),
@@ -52,7 +57,7 @@ SUMMARY = (
     Column("contacts of the ego", _key("ego_contacts"), better=min),
     Column("collision rate, all", _key("rate_all"), percent, min),
     Column("collision rate, controlled", _key("rate_controlled"), percent, min),
-    Column("reactive runs", _key("reactive"), percent, max),
+    Column("reactive runs", _key("reactive"), percent, max, of_all=True),
     Column("takeovers", _key("takeovers")),
     Column("false alarms", _key("false_alarms"), better=min),
     Column("relevant agents", _key("relevant_ratio"), percent),
@@ -61,139 +66,182 @@ SUMMARY = (
     Column("largest residual [m]", _key("max_residual_m"), lambda v: number(v, 3), min),
     Column("× real time", _key("realtime_factor"), lambda v: number(v, 1), max),
 )
-BARS = (
-    Column("Reactive runs", _key("reactive"), percent),
-    Column("Collision rate of controlled agents", _key("rate_controlled"), percent),
-    Column("Agents that collide", _key("colliding_agents")),
-    Column("Takeovers", _key("takeovers")),
-)
-RUN = (
-    Column("pairs not in the log", lambda m: m["collision"]["excess"]),
-    Column("contacts of the ego", lambda m: len(m["collision"]["ego_contacts"])),
-    Column("takeovers", _key("takeovers")),
-    Column("false alarms", _key("false_alarms")),
-    Column("ADE@10 s controlled [m]", lambda m: m["ade_controlled_m"]["10"]),
-    Column("progress [m]", _key("progress_m"), lambda v: number(v, 1)),
-    Column("largest jump [m]", lambda m: m["handback"]["max_position_jump_m"], lambda v: number(v, 3)),
-    Column("wall time [s]", lambda m: m["timing"]["wall_s"], lambda v: number(v, 1)),
-)
 
 
-def write_experiment_report(evaluation: Path, out: Path | None = None) -> Path:
-    """Write the report of an experiment.
+def write_experiment_report(folder: Path, out: Path | None = None, quiet: bool = True) -> Path:
+    """Write the page of a campaign, finished or not.
 
     Args:
-        evaluation: `evaluation.json` as `litsim_policy evaluate --out DIR` leaves it, or that DIR.
-        out: the page; default: `experiment.html` beside it. Runs that have a report of their own are linked from there.
+        folder: of the campaign, as `litsim_policy evaluate --out FOLDER` leaves it.
+        out: the page; default: `experiment.html` in the folder. Reports and logs of runs are linked from there.
+        quiet: whether to show no progress where pictures of runs have still to be made from their records.
 
     Returns:
         where the page was written.
 
     Raises:
-        InputError: no evaluation, or the page cannot be written.
+        InputError: no campaign lies there, or the page cannot be written.
     """
-    source = evaluation / EVALUATION_FILE if evaluation.is_dir() else evaluation
-    content = _read(source)
-    path = out or source.parent / EXPERIMENT_REPORT_FILE
-    save(_render(content, source, path.parent), path)
+    campaign = read_campaign(folder)
+    path = out or folder / EXPERIMENT_REPORT_FILE
+    save(_render(campaign, _pictures(campaign, quiet), path.parent), path)
     return path
 
 
-def _read(source: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(source.read_text())
-    except OSError as error:
-        raise InputError(f"{source}: no evaluation to report on: {error.strerror or error}") from error
-    except ValueError as error:
-        raise InputError(f"{source}: not JSON: {error}") from error
-    good = isinstance(content, dict) and all(isinstance(content.get(k), dict) for k in ("summary", "runs"))
-    if good:
-        content.setdefault("failures", {})  # older evaluations ended at the first
-    good = good and isinstance(content["failures"], dict)
-    rows = [each for name in ("summary", "runs", "failures") for each in content[name].values()] if good else []
-    metrics = [m for runs in content["runs"].values() for m in runs.values()] if good else []
-    if not good or not rows or not all(isinstance(each, dict) for each in (*rows, *metrics)):
-        raise InputError(f"{source}: expected the fields summary and runs, as `litsim_policy evaluate` writes them")
-    return content
+def _pictures(campaign: Campaign, quiet: bool) -> dict[str, dict[str, Any]]:
+    """Pictures of runs by id: those that were made when they ended, others from the records, where there are any."""
+    found = {}
+    lacking = []
+    for result in campaign.results:
+        picture = read_thumbnail(_folder(campaign, result))
+        if picture is not None:
+            found[result.case.id] = picture
+        elif result.recording is not None and result.metrics is not None:
+            lacking.append(result)
+    for result in tqdm(lacking, unit="picture", disable=quiet or not lacking, dynamic_ncols=True):
+        own = _folder(campaign, result)
+        try:
+            write_thumbnail(read_run(own / str(result.recording)), dict(result.metrics or {}), own)
+        except InputError:  # a record that was lost or moved since: the page does without its picture
+            continue
+        picture = read_thumbnail(own)
+        if picture is not None:
+            found[result.case.id] = picture
+    return found
 
 
-def _render(content: dict[str, Any], source: Path, beside: Path) -> str:
-    summary, runs = content["summary"], content["runs"]
-    every = [metrics for by_ego in runs.values() for metrics in by_ego.values()]
-    scenarios = sorted({str(m.get("scenario", NOTHING)) for m in every})
-    egos = sorted({str(m.get("ego", NOTHING)) for m in every})
-    failures = [(row, run, why) for row, mine in content["failures"].items() for run, why in mine.items()]
-    bad = {"not valid": sum(not m.get("valid", True) for m in every), "failed": len(failures)}
+def _folder(campaign: Campaign, result: RunResult) -> Path:
+    return campaign.folder / RUNS_FOLDER / result.case.id
+
+
+def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Path) -> str:
+    by_row = results_by_row(campaign)
+    summary = {row: _summary(results) for row, results in by_row.items()}
     return render_page(
         "experiment.html.j2",
-        title=f"{', '.join(scenarios)}: {', '.join(summary)}",
-        heading=", ".join(scenarios) or source.parent.name,
-        subtitle=f"ego by {', '.join(egos)} · {len(every) + len(failures)} runs · policies {', '.join(summary)}",
-        problems=", ".join(f"{n} {'run' if n == 1 else 'runs'} {what}" for what, n in bad.items() if n),
-        failures=failures,
-        policies=list(summary),
-        bars=[_chart(column, summary) for column in BARS],
+        title=campaign.name,
+        heading=campaign.name,
+        subtitle=_subtitle(campaign),
+        judged=[_suite_criterion(each) for each in campaign.judged],
+        passed=all(each.passed for each in campaign.judged),
+        missing=len(campaign.missing),
+        rows=[_verdicts(name, results) for name, results in by_row.items()],
+        names=list(by_row),
+        criteria=_criteria(campaign, by_row),
         summary=_side_by_side(summary, SUMMARY),
         displacement=_side_by_side(summary, _displacement(summary)),
-        measures=[column.name for column in RUN],
-        runs=_runs(runs, source.parent, beside),
-        footnote=f"Everything on this page comes from {source.name}; a dash stands where there is nothing to measure.",
+        unmeasured=any(row["failed"] for row in summary.values()),
+        about=[("begun", campaign.begun_at), *((name, str(version)) for name, version in campaign.versions.items())],
+        pictured=bool(pictures),
+        footnote=f"Everything on this page comes from the folder {campaign.folder.resolve().name}; a dash stands where "
+        "there is nothing to measure.",
+        data=pack_campaign(campaign, pictures, beside),
     )
 
 
-def _displacement(summary: dict[str, dict[str, Any]]) -> list[Column]:
+def _summary(results: list[RunResult]) -> dict[str, Any]:
+    """What a row comes to: its measures, and verdicts of all its runs."""
+    measured = [dict(each.metrics) for each in results if each.metrics is not None]
+    verdicts = Counter(each.verdict for each in results)
+    share = verdicts[Verdict.PASSED] / len(results) if results else None
+    more = {"passed_share": share, "errors": verdicts[Verdict.ERROR]}
+    return summarise(measured, len(results) - len(measured)) | more
+
+
+def _subtitle(campaign: Campaign) -> str:
+    cases = campaign.cases
+    parts = (
+        ("scenarios", "scenario", [Path(case.scenario).stem for case in cases]),
+        ("egos", "ego by", [case.ego.name for case in cases]),
+        ("policies", "background by", [case.policy for case in cases]),
+    )
+    told = [f"{len(campaign.results)} of {len(cases)} runs" if campaign.missing else f"{len(cases)} runs"]
+    for several, one, names in parts:
+        found = list(dict.fromkeys(names))
+        told.append(f"{one} {', '.join(found)}" if len(found) <= NAMES_MAX else f"{len(found)} {several}")
+    return " · ".join(told)
+
+
+def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
+    """How many runs of a row passed, failed and could not be judged; the share that passed is of all of them."""
+    counts = Counter(each.verdict for each in results)
+    parts = [
+        {"verdict": verdict.value, "count": counts[verdict], "filter": _filter(row=name, verdict=verdict.value)}
+        for verdict in Verdict
+    ]
+    share = percent(counts[Verdict.PASSED] / len(results) if results else None)
+    return {"name": name, "parts": parts, "share": share, "count": len(results)}
+
+
+def _suite_criterion(found: CriterionResult) -> dict[str, Any]:
+    """One criterion of the whole campaign; the rule only where the name does not say it."""
+    rule = f"{found.field} {found.limit}"
+    return {
+        "name": found.name,
+        "rule": rule if rule != found.name else "",
+        "value": leaf(found.value),
+        "passed": found.passed,
+        "reason": found.reason,
+    }
+
+
+def _filter(**fields: str) -> str:
+    """Filters of the table of runs, which a button of the page sets."""
+    return json.dumps(fields)
+
+
+def _criteria(campaign: Campaign, by_row: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
+    """For each criterion how many runs of each row missed it, of those that were judged by it."""
+    judged: Counter[tuple[Any, ...]] = Counter()
+    missed: Counter[tuple[Any, ...]] = Counter()
+    for result in campaign.results:
+        for each in result.criteria:
+            key = (result.case.row, each.name, each.field, each.limit)
+            judged[key] += 1
+            missed[key] += not each.passed
+    return [
+        {
+            "name": name,
+            "rule": f"{field} {limit}" if f"{field} {limit}" != name else "",
+            "cells": [
+                {
+                    "missed": missed[row, name, field, limit],
+                    "judged": judged[row, name, field, limit],
+                    "filter": _filter(row=row, criterion=name),
+                }
+                for row in by_row
+            ],
+        }
+        for name, field, limit in criteria_of(campaign)
+    ]
+
+
+def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:
     """Average displacement from the log by horizon, of controlled agents and of all."""
     horizons = list(next(iter(summary.values()), {}).get("ade_all_m") or {})
-    kinds = (("controlled", "ade_controlled_m"), ("all", "ade_all_m"))
-    return [
-        Column(f"{name}, {horizon} s [m]", lambda row, f=field, h=horizon: row[f][h])  # type: ignore[misc]
-        for name, field in kinds
-        for horizon in horizons
-    ]
+    for name, field in (("controlled", "ade_controlled_m"), ("all", "ade_all_m")):
+        for horizon in horizons:
+            yield Column(f"{name}, {horizon} s [m]", lambda row, f=field, h=horizon: row[f][h])  # type: ignore[misc]
 
 
 def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
-    """A row for each measure that any policy has, a cell for each policy; the best of several values is marked."""
-    rows = []
+    """A row for each measure that any row of the campaign has, a cell for each; the best of several values is marked.
+
+    An asterisk stands behind what leaves out runs without measures.
+    """
+    found = []
     for column in columns:
-        values = [column.of(row) for row in summary.values()]
+        values = [column.find(row) for row in summary.values()]
         known = [value for value in values if value is not None]
         best = column.better(known) if column.better and known and min(known) < max(known) else None
-        cells = [{"text": column.text(value), "best": best is not None and value == best} for value in values]
+        marks = ["*" if row["failed"] and not column.of_all else "" for row in summary.values()]
+        cells = [
+            {
+                "text": column.text(value) + (mark if value is not None else ""),
+                "best": best is not None and value == best,
+            }
+            for value, mark in zip(values, marks, strict=True)
+        ]
         if known:
-            rows.append({"name": column.name, "cells": cells})
-    return rows
-
-
-def _chart(column: Column, summary: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """A bar for each policy, its length in percent of the highest value."""
-    values = {policy: column.of(row) for policy, row in summary.items()}
-    highest = max((value for value in values.values() if value), default=1.0)
-    bars = [
-        {"policy": policy, "percent": 100.0 * (value or 0.0) / highest, "text": column.text(value)}
-        for policy, value in values.items()
-    ]
-    return {"name": column.name, "bars": bars}
-
-
-def _runs(runs: dict[str, dict[str, Any]], folder: Path, beside: Path) -> list[dict[str, Any]]:
-    """Every run: policy, name, whether it is valid, its measures as text, and the address of its report, or None."""
-    return [
-        {
-            "policy": policy,
-            "name": name,
-            "valid": bool(metrics.get("valid", True)),
-            "measures": [column.text(column.of(metrics)) for column in RUN],
-            "report": _link(folder, metrics.get("recording"), beside),
-        }
-        for policy, by_name in runs.items()
-        for name, metrics in by_name.items()
-    ]
-
-
-def _link(folder: Path, recording: str | None, beside: Path) -> str | None:
-    """Address of a run's report as seen from `beside`; None without one. Only runs over DDS name a `recording`."""
-    report = folder / recording / REPORT_FILE if recording else None
-    if report is None or not report.is_file():
-        return None
-    return quote(Path(os.path.relpath(report.resolve(), beside.resolve())).as_posix())
+            found.append({"name": column.name, "cells": cells})
+    return found

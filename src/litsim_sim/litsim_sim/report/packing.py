@@ -1,4 +1,4 @@
-"""Arrays made small enough to travel inside an HTML page; `assets/data.js` is the reader.
+"""Arrays made small enough to travel inside an HTML page; `assets/container.js` is the reader.
 
 The container is gzip over: the length of the header (uint32, little endian), the header (JSON, padded with spaces to a
 multiple of 4 bytes), and the arrays, each padded to a multiple of 4 bytes. Values are rounded to a resolution and

@@ -318,7 +318,7 @@ class Player {
 
 async function start() {
   try {
-    window.litsim = new Player(await unpack($$("data").textContent));
+    window.litsim = new Player(new Scene(await unpack($$("data").textContent)));
     $$("loading").remove();
     document.body.classList.add("ready");
   } catch (error) {

@@ -1,14 +1,6 @@
 // Plots over time in SVG; all share the time axis and a cursor.
 
-const SVG = "http://www.w3.org/2000/svg";
 const MARGIN = { left: 34, right: 8, top: 6, bottom: 16 };
-
-function svg(name, attributes = {}, parent = null) {
-  const element = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
-  if (parent) parent.append(element);
-  return element;
-}
 
 // lines: [{values, style, label, id}]; values are one a frame, null where there is nothing. Stacked lines are areas.
 class Chart {

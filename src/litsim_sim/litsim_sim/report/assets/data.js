@@ -1,38 +1,11 @@
-// The run, unpacked: see report/packing.py for the container.
+// The run as the player reads it.
 
-const KINDS = { int8: Int8Array, int16: Int16Array, int32: Int32Array };
 const ABSENT = 5;
-
-async function unpack(base64) {
-  const text = atob(base64.trim());
-  const bytes = new Uint8Array(text.length);
-  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const buffer = await new Response(stream).arrayBuffer();
-  const start = 4 + new DataView(buffer).getUint32(0, true);
-  const content = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, start - 4)));
-  const arrays = {};
-  for (const each of content.arrays) arrays[each.name] = restore(buffer, start, each);
-  return new Scene(content, arrays);
-}
-
-function restore(buffer, start, { kind, shape, offset, resolution, differences }) {
-  const count = shape.reduce((a, b) => a * b, 1);
-  const whole = Int32Array.from(new KINDS[kind](buffer, start + offset, count));
-  const length = shape[shape.length - 1];
-  for (let n = 0; n < differences; n++) {
-    for (let i = 0; i < count; i++) if (i % length) whole[i] += whole[i - 1];
-  }
-  if (resolution === 1) return whole;
-  const values = new Float32Array(count);
-  for (let i = 0; i < count; i++) values[i] = whole[i] * resolution;
-  return values;
-}
 
 // Agents, their motion and what was decided about them. A time is a position between frames, as 12.4.
 class Scene {
-  constructor(content, arrays) {
-    Object.assign(this, content.run, { arrays, road: content.road, series: content.series });
+  constructor(content) {
+    Object.assign(this, content.run, { arrays: content.arrays, road: content.road, series: content.series });
     Object.assign(this, { agents: content.agents, takeovers: content.takeovers, paths: content.paths });
     Object.assign(this, { contacts: content.contacts, forecastTime: content.forecast.time });
     this.every = content.forecast.every;

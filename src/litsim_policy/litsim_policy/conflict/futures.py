@@ -1,0 +1,230 @@
+"""Where agents will be: as their logs go on, or as they are forecast; compiled loops over agents and steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import types
+
+from litsim_sim.core.compiled import (
+    BOOLS,
+    BOOLS2,
+    FLOATS,
+    FLOATS2,
+    FLOATS3,
+    INTS,
+    OUT_BOOLS2,
+    OUT_FLOATS2,
+    OUT_FLOATS3,
+    float64,
+    int64,
+    kernel,
+    read_array,
+    void,
+)
+from litsim_sim.core.pair_geometry import wrapped
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+
+X, Y, YAW, XX, YY, XY = range(6)  # columns of `PredictedMotion.states`
+LOW_X, LOW_Y, HIGH_X, HIGH_Y, SPREAD = range(5)  # columns of `PredictedMotion.bounds`
+ROUNDING = 1e-9  # of a step, by which instants of a forecast and steps may miss each other
+
+_SINGLES2, _SINGLES3 = read_array(types.float32, 2), read_array(types.float32, 3)
+
+
+@dataclass(frozen=True)
+class PredictedMotion:
+    """Boxes of n agents at T future steps of 0.1 s, the first of them 0.1 s ahead.
+
+    Attributes:
+        states: (n, T, 6) x, y [m], yaw [rad] and covariance xx, yy, xy [m2] of the centre, frame map.
+        valid: (n, T) whether the agent is on the road then, as far as is known.
+    """
+
+    states: FloatArray
+    valid: BoolArray
+
+    @property
+    def x(self) -> FloatArray:
+        """(n, T) of the centre [m]."""
+        return self.states[..., X]
+
+    @property
+    def y(self) -> FloatArray:
+        """(n, T) of the centre [m]."""
+        return self.states[..., Y]
+
+    @property
+    def yaw(self) -> FloatArray:
+        """(n, T) heading [rad]."""
+        return self.states[..., YAW]
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(n, T, 3) xx, yy, xy of the centre [m2]."""
+        return self.states[..., XX:]
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """(n, 5) least x, y and greatest x, y of the centre while it is valid [m], else inf and -inf; largest spread.
+
+        The spread is the root of the sum of both variances [m].
+        """
+        return bounds(self.states, self.valid)
+
+    def replaced(self, rows: BoolArray, other: PredictedMotion) -> PredictedMotion:
+        """These, with those of `other` for the agents of the mask `rows` (n,)."""
+        if not rows.any():
+            return self
+        return PredictedMotion(
+            np.where(rows[:, None, None], other.states, self.states), np.where(rows[:, None], other.valid, self.valid)
+        )
+
+
+@kernel(OUT_FLOATS2(FLOATS3, BOOLS2))
+def bounds(states: FloatArray, valid: BoolArray) -> FloatArray:
+    """Return `PredictedMotion.bounds` (n, 5) of `states` (n, T, 6) while `valid` (n, T)."""
+    found = np.empty((states.shape[0], 5))
+    for k in range(states.shape[0]):
+        found[k, LOW_X], found[k, LOW_Y], found[k, HIGH_X], found[k, HIGH_Y] = np.inf, np.inf, -np.inf, -np.inf
+        variance = 0.0
+        for t in range(states.shape[1]):
+            variance = max(variance, states[k, t, XX] + states[k, t, YY])
+            if valid[k, t]:
+                x, y = states[k, t, X], states[k, t, Y]
+                found[k, LOW_X], found[k, LOW_Y] = min(found[k, LOW_X], x), min(found[k, LOW_Y], y)
+                found[k, HIGH_X], found[k, HIGH_Y] = max(found[k, HIGH_X], x), max(found[k, HIGH_Y], y)
+        found[k, SPREAD] = math.sqrt(variance)
+    return found
+
+
+@kernel(
+    types.Tuple((OUT_FLOATS3, OUT_BOOLS2))(FLOATS2, FLOATS2, FLOATS2, BOOLS2, INTS, INTS, int64, FLOATS, FLOATS, BOOLS)
+)
+def follow_logs(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    log_x: FloatArray,
+    log_y: FloatArray,
+    log_yaw: FloatArray,
+    log_valid: BoolArray,
+    rows: IntArray,
+    now: IntArray,
+    count: int,
+    x: FloatArray,
+    y: FloatArray,
+    on_log: BoolArray,
+) -> tuple[FloatArray, BoolArray]:
+    """Return `states` (n, T, 6) and `valid` (n, T) of agents as their logs go on.
+
+    Args:
+        log_x, log_y, log_yaw, log_valid: (N, S) of the log [m], [rad].
+        rows: (n,) of the agents in the log.
+        now: (n,) step of the log at which each of them is.
+        count: number T of steps.
+        x, y: (n,) of the agents now [m].
+        on_log: (n,) whether each follows its log, so that it keeps its residual from it.
+    """
+    last = log_x.shape[1] - 1
+    states, valid = np.zeros((len(rows), count, 6)), np.zeros((len(rows), count), np.bool_)
+    for k in range(len(rows)):
+        row, here = rows[k], min(max(now[k], 0), last)
+        off_x, off_y = 0.0, 0.0
+        if on_log[k] and log_valid[row, here]:
+            off_x, off_y = x[k] - log_x[row, here], y[k] - log_y[row, here]
+        for t in range(count):
+            step = now[k] + t + 1
+            at = min(max(step, 0), last)
+            states[k, t, X], states[k, t, Y] = log_x[row, at] + off_x, log_y[row, at] + off_y
+            states[k, t, YAW] = log_yaw[row, at]
+            valid[k, t] = step == at and log_valid[row, at]
+    return states, valid
+
+
+@kernel(
+    types.Tuple((OUT_FLOATS3, OUT_BOOLS2))(
+        FLOATS3, _SINGLES2, _SINGLES3, float64, INTS, int64, float64, FLOATS, FLOATS, FLOATS
+    )
+)
+def interpolate(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    mean: FloatArray,
+    yaw: FloatArray,
+    sigmas: FloatArray,
+    dt: float,
+    rows: IntArray,
+    count: int,
+    sigma_scale: float,
+    x_now: FloatArray,
+    y_now: FloatArray,
+    yaw_now: FloatArray,
+) -> tuple[FloatArray, BoolArray]:
+    """Return `states` (n, T, 6) and `valid` (n, T) of agents as they are forecast, linear between the instants.
+
+    Args:
+        mean, yaw, sigmas: (N, F, 2), (N, F), (N, F, 3) as in :class:`litsim_predictor.forecast.Forecast`.
+        dt: between instants of the forecast [s].
+        rows: (n,) of the agents in the forecast, -1 for those that it knows nothing of.
+        count: number T of steps.
+        sigma_scale: by which standard deviations are multiplied.
+        x_now, y_now, yaw_now: (n,) of the agents now [m], [rad].
+    """
+    instants = mean.shape[1]
+    states, valid = np.zeros((len(rows), count, 6)), np.zeros((len(rows), count), np.bool_)
+    before, after = np.zeros(6), np.zeros(6)
+    for k in range(len(rows)):
+        row, reached = rows[k], -1
+        if row < 0 or instants == 0:
+            continue
+        after[:] = 0.0
+        after[X], after[Y], after[YAW] = x_now[k], y_now[k], yaw_now[k]
+        for t in range(count):
+            time = (t + 1) * STEP_S / dt
+            instant = min(math.floor(time + ROUNDING), instants - 1)
+            while reached < instant:
+                reached += 1
+                before[:] = after
+                sigma_x, sigma_y = float(sigmas[row, reached, 0]), float(sigmas[row, reached, 1])
+                after[X], after[Y] = mean[row, reached, 0], mean[row, reached, 1]
+                after[YAW] = before[YAW] + wrapped(float(yaw[row, reached]) - before[YAW])
+                after[XX], after[YY] = sigma_x**2, sigma_y**2
+                after[XY] = float(sigmas[row, reached, 2]) * sigma_x * sigma_y
+            for c in range(6):
+                states[k, t, c] = before[c] + (time - instant) * (after[c] - before[c])
+            for c in range(XX, XY + 1):
+                states[k, t, c] *= sigma_scale**2
+            valid[k, t] = time <= instants + ROUNDING
+    return states, valid
+
+
+@kernel(void(OUT_FLOATS2, float64, float64, float64, float64, float64))
+def hold_back(states: FloatArray, x: float, y: float, speed: float, braking: float, braking_time: float) -> None:
+    """Move a forecast back along itself, to where a vehicle gets that goes on braking; in place.
+
+    Args:
+        states: (T, 6) of one agent.
+        x, y: where it is [m].
+        speed: at which it goes [m/s].
+        braking: deceleration [m/s2].
+        braking_time: for which it goes on [s], unless it stands sooner.
+    """
+    count = len(states)
+    places, travelled = np.empty((count + 1, 2)), np.zeros(count + 1)
+    places[0, 0], places[0, 1] = x, y
+    for t in range(count):
+        places[t + 1, 0], places[t + 1, 1] = states[t, X], states[t, Y]
+        step = math.hypot(places[t + 1, 0] - places[t, 0], places[t + 1, 1] - places[t, 1])
+        travelled[t + 1] = travelled[t] + step
+    until = min(braking_time, speed / braking)
+    at = 0
+    for t in range(count):
+        time = (t + 1) * STEP_S
+        braked = min(time, until)
+        reach = speed * braked - 0.5 * braking * braked**2 + (speed - braking * until) * (time - braked)
+        if reach >= travelled[t + 1]:
+            continue
+        while travelled[at + 1] < reach:  # reach grows from step to step
+            at += 1
+        share = (reach - travelled[at]) / (travelled[at + 1] - travelled[at])
+        states[t, X] = places[at, 0] + share * (places[at + 1, 0] - places[at, 0])
+        states[t, Y] = places[at, 1] + share * (places[at + 1, 1] - places[at, 1])

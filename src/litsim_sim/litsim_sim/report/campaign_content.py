@@ -1,0 +1,209 @@
+"""What the page of a campaign embeds of each run, for its table, its distributions and the panel of one run."""
+
+from __future__ import annotations
+
+import os.path
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from litsim_sim.campaign.results import RUNS_FOLDER, Campaign, RunResult
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.report.packing import Packer
+from litsim_sim.report.thumbnails import UNIT_RAD
+from litsim_sim.report.wording import leaf
+
+DIGITS = 5  # of numbers on the page
+NAMED: dict[str, tuple[str, int | None]] = {
+    "ade_controlled_m.10": ("controlled: ADE@10 s [m]", 2),
+    "ade_ego_m.10": ("ego: ADE@10 s [m]", 2),
+    "collision.ego_at_fault": ("contacts, ego at fault", 0),
+    "collision.ego_contacts": ("contacts of the ego", 0),
+    "collision.excess": ("pairs not in the log", 0),
+    "comfort.ego.hard_brakes": ("ego: hard brakes", 0),
+    "comfort.ego.within.lateral_acceleration": ("ego: comfort of steering", 3),
+    "comfort.ego.within.longitudinal_acceleration": ("ego: comfort of accelerating", 3),
+    "comfort.ego.within.longitudinal_jerk": ("ego: comfort of jerk", 3),
+    "ego_motion.off_road": ("ego: off road, share of steps", 3),
+    "ego_motion.progress_ratio": ("ego: way over its log's", 2),
+    "false_alarms": ("false alarms", 0),
+    "handback.max_position_jump_m": ("largest jump [m]", 3),
+    "progress_m": ("progress [m]", 1),
+    "safety.avoidable_contacts": ("avoidable contacts", 0),
+    "safety.max_drac_mps2": ("ego: largest DRAC [m/s²]", 2),
+    "safety.min_headway_s": ("ego: shortest headway [s]", 2),
+    "safety.min_pet_s": ("ego: shortest PET [s]", 2),
+    "safety.min_ttc_s": ("ego: shortest TTC [s]", 2),
+    "takeovers": ("takeovers", 0),
+    "timing.realtime_factor": ("× real time", 1),
+}
+"""Title and digits after the point of measures; others are called by their path."""
+
+MAIN = (
+    *("safety.min_ttc_s", "safety.min_pet_s", "collision.ego_contacts", "ego_motion.progress_ratio", "takeovers"),
+    *("false_alarms", "ade_ego_m.10", "collision.excess"),
+)
+"""Measures that the table shows first, after those that criteria ask for, up to :data:`SHOWN` in all."""
+
+SHOWN = 10
+TOO_FINE = ("timing.stage_ms", "timing.path_ms", "lockstep.missed_by_topic", "lockstep.ego_port")
+"""Branches of the measures that stay in `metrics.json`: what they hold differs from run to run."""
+
+
+def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]], beside: Path) -> str:
+    """The runs of a campaign as a container of :mod:`litsim_sim.report.packing`.
+
+    Args:
+        campaign: to show.
+        pictures: of runs, by id, as :func:`litsim_sim.report.thumbnails.thumbnail_of` makes them.
+        beside: the folder of the page, from which links lead.
+    """
+    results = campaign.results
+    rows = row_names(campaign)
+    criteria = criteria_of(campaign)
+    tags = sorted({tag for result in results for tag in result.case.tags})
+    content = {
+        "dt": STEP_S,
+        "picture_turn": UNIT_RAD,
+        "rows": rows,
+        "criteria": [{"name": name, "field": field, "limit": limit} for name, field, limit in criteria],
+        "tags": tags,
+        "fields": fields_of(campaign),
+        "runs": [
+            {
+                **_case(result),
+                "row": rows.index(result.case.row),
+                "tags": [tags.index(tag) for tag in result.case.tags],
+                "criteria": [
+                    {
+                        "criterion": criteria.index((each.name, each.field, each.limit)),
+                        "value": each.value,
+                        "passed": each.passed,
+                        "reason": each.reason,
+                    }
+                    for each in result.criteria
+                ],
+                **_links(result, campaign.folder, beside),
+                **_happenings(result.metrics),
+                "picture": pictures.get(result.case.id),
+            }
+            for result in results
+        ],
+    }
+    return Packer(content).pack()
+
+
+def row_names(campaign: Campaign) -> list[str]:
+    """Names of the rows, in the order of the campaign."""
+    return list(dict.fromkeys(case.row for case in campaign.cases))
+
+
+def criteria_of(campaign: Campaign) -> list[tuple[str, str, str]]:
+    """Name, field and limit of every criterion: those of the campaign, and any other that a result was judged by."""
+    own = [(each.title, each.field, each.limit) for each in campaign.criteria.runs]
+    judged = [(each.name, each.field, each.limit) for result in campaign.results for each in result.criteria]
+    return list(dict.fromkeys((*own, *judged)))
+
+
+def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
+    """Every measure that is a number or a truth value in any run, with its value in each.
+
+    Returns:
+        For each its path, title, digits, the limits that criteria set on it, whether it is shown from the start, and
+        its values in the order of the runs, None where a run has none. Those that criteria ask for come first.
+    """
+    leaves = [dict(_leaves(result.metrics or {})) for result in campaign.results]
+    known = dict.fromkeys(path for each in leaves for path in each)
+    judged = dict.fromkeys(each.field for each in campaign.criteria.runs)
+    shown = [path for path in judged if path in known]
+    more = [path for path in MAIN if path in known and path not in judged]
+    main = [*shown, *more[: max(SHOWN - len(shown), 0)]]
+    limits = {path: _limits(campaign, path) for path in judged}
+    return [
+        {
+            "path": path,
+            "label": NAMED.get(path, (path, None))[0],
+            "digits": NAMED.get(path, (path, None))[1],
+            "limits": limits.get(path, []),
+            "main": path in main,
+            "values": [each.get(path) for each in leaves],
+        }
+        for path in dict.fromkeys((*main, *(path for path in NAMED if path in known), *sorted(known)))
+    ]
+
+
+def _limits(campaign: Campaign, path: str) -> list[float]:
+    own = [each for each in campaign.criteria.runs if each.field == path]
+    return [bound for each in own for bound in (each.min, each.max) if bound is not None]
+
+
+def _leaves(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, float | bool]]:
+    """Path and value of all numbers and truth values; of a list the number of its entries, as criteria count them."""
+    for name, value in metrics.items():
+        path = f"{above}{name}"
+        if path in TOO_FINE:
+            continue
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{path}.")
+        elif isinstance(value, list):
+            yield path, len(value)
+        elif isinstance(value, float):
+            yield path, float(f"{value:.{DIGITS}g}")
+        elif isinstance(value, int):
+            yield path, value
+
+
+def _case(result: RunResult) -> dict[str, Any]:
+    case = result.case
+    given = {**case.ego.parameters, **dict(case.parameters)}
+    return {
+        "id": case.id,
+        "name": case.name,
+        "same": f"{case.scenario}/{case.ego_id}/{case.seed}",
+        "verdict": result.verdict.value,
+        "reason": result.reason,
+        "scenario": case.scenario,
+        "ego": case.ego.name,
+        "ego_id": case.ego_id,
+        "policy": case.policy,
+        "seed": case.seed,
+        "parameters": [(name, leaf(value)) for name, value in given.items()],
+        "events": [[(str(name), leaf(value)) for name, value in event.items()] for event in case.events],
+        "wall": None if result.wall_s is None else round(result.wall_s, 2),
+    }
+
+
+def _links(result: RunResult, folder: Path, beside: Path) -> dict[str, str | None]:
+    """Addresses of the report and the log of a run as seen from `beside`, None where there is none; its folder."""
+    own = folder / RUNS_FOLDER / result.case.id
+    found = {
+        name: own / file if file and (own / file).exists() else None
+        for name, file in (("report", result.report), ("log", result.log))
+    }
+    links = {name: None if path is None else address(path, beside) for name, path in found.items()}
+    return {**links, "folder": f"{RUNS_FOLDER}/{result.case.id}"}
+
+
+def address(path: Path, beside: Path) -> str:
+    """Address of a file as seen from a page in the folder `beside`."""
+    return quote(Path(os.path.relpath(path.resolve(), beside.resolve())).as_posix())
+
+
+def _happenings(metrics: Mapping[str, Any] | None) -> dict[str, Any]:
+    """When somebody was off its log and when boxes touched that do not in the log, in steps of all `steps`."""
+    if metrics is None:
+        return {"steps": 0, "takeovers": [], "contacts": []}
+    steps = metrics["steps"]
+    ended = (steps if each["released_step"] is None else each["released_step"] for each in metrics["ledger"])
+    contacts = [each["step"] for each in metrics["collision"]["contacts"] if not each["in_log"]]
+    return {
+        "steps": steps,
+        "takeovers": [[each["detected_step"], end] for each, end in zip(metrics["ledger"], ended, strict=True)],
+        "contacts": contacts,
+    }
+
+
+def results_by_row(campaign: Campaign) -> dict[str, list[RunResult]]:
+    """The finished runs of each row, in the order of the campaign."""
+    return {row: [each for each in campaign.results if each.case.row == row] for row in row_names(campaign)}
