@@ -146,6 +146,10 @@ def test_counts_above_lead_to_their_runs(browser: Browser) -> None:
     assert browser.run(NAMES) == ["scene_0/7/idm/replay", "scene_3/7/idm/replay"]
     browser.run("document.querySelector('.stacked button.error').click()")
     assert browser.run(NAMES) == ["scene_4/7/idm/litsim"]
+    tag = """[...document.querySelectorAll('button.count')].find((each) => each.dataset.filter.includes('"even"'))"""
+    browser.run(f"{tag}.closest('tr').cells[2].querySelector('button').click()")
+    assert browser.run(NAMES) == ["scene_4/7/idm/litsim", "scene_0/7/idm/litsim"]  # an error and a failure
+    assert browser.run("document.getElementById('verdict').value") == "not passed"
 
 
 def test_links_lead_to_the_moment_in_the_report_and_to_the_log(browser: Browser, folder: Path) -> None:

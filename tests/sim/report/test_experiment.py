@@ -69,6 +69,16 @@ def test_criteria_count_the_runs_that_miss_them(campaign: Write, tmp_path: Path)
     assert cells(html, "all runs pass") == ["0.5", "not met"]
 
 
+def test_tags_count_the_runs_that_have_not_passed_the_worst_first(campaign: Write, tmp_path: Path) -> None:
+    html = write_experiment_report(campaign(tmp_path)).read_text()
+    # replay: 0 of the even ones, 1 and 3 of the odd ones; litsim: 0 and the error 4, and 1
+    assert cells(html, "odd") == ["2 of 3", "1 of 3"]
+    assert cells(html, "even") == ["1 of 3", "2 of 3"]
+    fewer = write_experiment_report(campaign(tmp_path / "fewer", scenes=4)).read_text()
+    assert cells(fewer, "odd") == ["2 of 2", "1 of 2"] and cells(fewer, "even") == ["1 of 2", "1 of 2"]
+    assert fewer.index('scope="row">odd') < fewer.index('scope="row">even')
+
+
 def test_a_campaign_that_keeps_its_own_criteria_passes(campaign: Write, tmp_path: Path) -> None:
     lenient = {"runs": [{"field": "takeovers", "max": 100}], "suite": [{"field": "passed_share", "min": 0.9}]}
     html = write_experiment_report(campaign(tmp_path, criteria=lenient)).read_text()

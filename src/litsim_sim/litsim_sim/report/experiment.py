@@ -23,6 +23,8 @@ from litsim_sim.report.thumbnails import read_thumbnail, write_thumbnail
 from litsim_sim.report.wording import leaf, number, percent
 
 EXPERIMENT_REPORT_FILE = "experiment.html"
+TAGS_MAX = 30  # in the table by tag, the worst ones
+NOT_PASSED = "not passed"  # a choice of the filter by verdict, as in assets/campaign_runs.js
 NAMES_MAX = 4  # scenarios, egos or policies that a heading names; of more it says how many there are
 
 
@@ -128,6 +130,7 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         rows=[_verdicts(name, results) for name, results in by_row.items()],
         names=list(by_row),
         criteria=_criteria(campaign, by_row),
+        tags=_tags(by_row),
         summary=_side_by_side(summary, SUMMARY),
         displacement=_side_by_side(summary, _displacement(summary)),
         unmeasured=any(row["failed"] for row in summary.values()),
@@ -174,15 +177,20 @@ def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
 
 
 def _suite_criterion(found: CriterionResult) -> dict[str, Any]:
-    """One criterion of the whole campaign; the rule only where the name does not say it."""
-    rule = f"{found.field} {found.limit}"
+    """One criterion of the whole campaign."""
     return {
         "name": found.name,
-        "rule": rule if rule != found.name else "",
+        "rule": _rule(found.name, found.field, found.limit),
         "value": leaf(found.value),
         "passed": found.passed,
         "reason": found.reason,
     }
+
+
+def _rule(name: str, field: str, limit: str) -> str:
+    """What a criterion asks for; empty where its name says that already."""
+    rule = f"{field} {limit}"
+    return "" if rule == name else rule
 
 
 def _filter(**fields: str) -> str:
@@ -202,18 +210,43 @@ def _criteria(campaign: Campaign, by_row: dict[str, list[RunResult]]) -> list[di
     return [
         {
             "name": name,
-            "rule": f"{field} {limit}" if f"{field} {limit}" != name else "",
+            "rule": _rule(name, field, limit),
             "cells": [
-                {
-                    "missed": missed[row, name, field, limit],
-                    "judged": judged[row, name, field, limit],
-                    "filter": _filter(row=row, criterion=name),
-                }
+                _cell(missed[row, name, field, limit], judged[row, name, field, limit], row=row, criterion=name)
                 for row in by_row
             ],
         }
         for name, field, limit in criteria_of(campaign)
     ]
+
+
+def _tags(by_row: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
+    """For each tag how many runs of each row have not passed, of those that have the tag; the worst tags first."""
+    tagged: Counter[tuple[str, str]] = Counter()
+    missed: Counter[tuple[str, str]] = Counter()
+    for row, results in by_row.items():
+        for result in results:
+            for tag in result.case.tags:
+                tagged[row, tag] += 1
+                missed[row, tag] += result.verdict != Verdict.PASSED
+    shares = {}
+    for tag in {tag for _, tag in tagged}:
+        shares[tag] = sum(missed[row, tag] for row in by_row) / sum(tagged[row, tag] for row in by_row)
+    return [
+        {
+            "name": tag,
+            "rule": "",
+            "cells": [
+                _cell(missed[row, tag], tagged[row, tag], row=row, tag=tag, verdict=NOT_PASSED) for row in by_row
+            ],
+        }
+        for tag in sorted(shares, key=lambda tag: (-shares[tag], tag))[:TAGS_MAX]
+    ]
+
+
+def _cell(count: int, total: int, **fields: str) -> dict[str, Any]:
+    """How many of all, and the filters that show them."""
+    return {"count": count, "total": total, "filter": _filter(**fields)}
 
 
 def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:

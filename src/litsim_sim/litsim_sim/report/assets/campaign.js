@@ -59,7 +59,7 @@ class Campaign {
     const again = this.sort.column === column;
     this.sort = { column, down: again ? !this.sort.down : false };
     this.#columns();
-    this.show();
+    this.#list();
   }
 
   choose(path, wanted) {
@@ -69,10 +69,14 @@ class Campaign {
   }
 
   show() {
-    this.selected = this.runs.sort(this.runs.select(this.filter), this.sort);
-    this.table.show(this.selected);
+    this.#list();
     this.charts.show(this.selected, this.filter.ranges);
     this.#said();
+  }
+
+  #list() {
+    this.selected = this.runs.sort(this.runs.select(this.filter), this.sort);
+    this.table.show(this.selected);
     this.#keep();
   }
 
@@ -151,7 +155,7 @@ class Campaign {
 
   #controls() {
     const { runs } = this;
-    const options = { verdict: [...WORST_FIRST], row: runs.rows, tag: runs.tags, criterion: [...new Set(runs.criteria.map(({ name }) => name))] };
+    const options = { verdict: [NOT_PASSED, ...WORST_FIRST], row: runs.rows, tag: runs.tags, criterion: [...new Set(runs.criteria.map(({ name }) => name))] };
     for (const name of CHOICES) {
       for (const each of options[name]) make("option", "", $$(name), each).value = each;
       $$(name).closest("label").hidden = options[name].length < 2 && name !== "criterion";

@@ -27,7 +27,7 @@ function median(values) {
 class Distributions {
   // picked(path, [low, high]) is called where somebody marks a stretch of an axis.
   constructor(host, runs, picked) {
-    Object.assign(this, { host, runs, picked, paths: [] });
+    Object.assign(this, { host, runs, picked, paths: [], bins: new Map() });
   }
 
   setFields(paths) {
@@ -49,7 +49,8 @@ class Distributions {
 
   #figure(path, all, some, range) {
     const field = this.runs.fieldOf.get(path);
-    const bins = binsOf(this.#numbers(this.runs.runs, path));
+    if (!this.bins.has(path)) this.bins.set(path, binsOf(this.#numbers(this.runs.runs, path)));
+    const bins = this.bins.get(path);
     const figure = document.createElement("figure");
     figure.dataset.path = path;
     make("figcaption", "", figure, field.label).title = path;

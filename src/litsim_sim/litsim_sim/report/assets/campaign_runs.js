@@ -1,6 +1,7 @@
 // The runs of a campaign, and which of them pass a filter, in which order. Nothing here touches the page.
 
 const WORST_FIRST = ["error", "failed", "passed"];
+const NOT_PASSED = "not passed"; // a choice of the filter by verdict: failed or error
 
 class Runs {
   // content: see report/campaign_content.py.
@@ -31,7 +32,7 @@ class Runs {
     const ranges = [...filter.ranges];
     return this.runs.filter(
       (run) =>
-        (filter.verdict === "" || run.verdict === filter.verdict) &&
+        (filter.verdict === "" || run.verdict === filter.verdict || (filter.verdict === NOT_PASSED && run.verdict !== "passed")) &&
         (filter.row === "" || this.rows[run.row] === filter.row) &&
         (filter.tag === "" || run.tags.some((tag) => this.tags[tag] === filter.tag)) &&
         (filter.criterion === "" || run.failed.some((each) => this.criteria[each].name === filter.criterion)) &&
