@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,14 @@ def test_what_does_not_fit_is_told_by_line_and_field(tmp_path: Path, old: str, n
     assert GOOD.count(old) == 1
     with pytest.raises(InputError, match=said):
         load(tmp_path, GOOD.replace(old, new))
+
+
+def test_what_the_documentation_shows_can_be_used(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[3] / "docs/campaigns.md").read_text()
+    shown, criteria = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)[:2]
+    suite = load(tmp_path, re.sub("criteria: default.*\n", criteria, shown))
+    assert [ego.name for ego in suite.egos] == ["idm", "late_braker", "minimal_ads"]
+    assert len(suite.criteria.runs) == 3 and len(suite.criteria.suite) == 2
 
 
 def test_no_suite(tmp_path: Path) -> None:

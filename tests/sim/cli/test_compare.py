@@ -30,7 +30,7 @@ def test_a_newly_failing_case_is_status_1_with_both_reports(tmp_path: Path, caps
     assert ended.value.code == 1
     out = capsys.readouterr().out
     assert "1 of 3 newly failing\n  demo/7/idm/litsim/2\n    was passed\n" in out
-    assert "is failed: no contact at fault: collision.ego_at_fault is 1, expected at most 0\n" in out
+    assert "    is failed\n      no contact at fault: collision.ego_at_fault is 1, expected at most 0\n" in out
     assert "1 of 3 newly passing\n  demo/7/idm/litsim/1\n" in out
     for folder in (before, after):
         assert sum(line.strip().startswith(f"{folder}/runs/") for line in out.splitlines()) == 2

@@ -211,7 +211,8 @@ def _roads(entry: CaseEntry) -> Iterator[_Road]:
     scenario = Scenario.load(entry.scenario)
     of_no_run = {"name", "description", "ego", "egos", "tuning", "seed"}
     content = scenario.file.model_dump(mode="json", exclude=of_no_run)
-    content |= {field: file_digest(Path(getattr(scenario.file, field))) for field in ("recording", "net")}
+    files = {field: Path(getattr(scenario.file, field)) for field in ("recording", "net")}
+    content |= {field: [path.name, file_digest(path)] for field, path in files.items()}
     for ego_id in chosen_egos(entry.chosen, scenario):
         yield _Road(entry, ego_id, scenario.seed, content)
 

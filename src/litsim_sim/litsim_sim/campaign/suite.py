@@ -12,7 +12,7 @@ from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES, REPLAY
-from litsim_sim.scenario.scenario import packaged_scenarios
+from litsim_sim.scenario.scenario import SEEDS, packaged_scenarios
 
 Name = Annotated[str, Field(min_length=1)]
 EgoChoice = Literal["egos", "tuning", "ego", "all"]
@@ -121,7 +121,7 @@ class Suite(BaseModel):
     cases: Annotated[list[CaseEntry], Field(min_length=1)]
     egos: Annotated[list[EgoSetup], Field(min_length=1)]
     policies: Annotated[list[Annotated[str, OneOf(POLICIES)]], Field(min_length=1)] = [REPLAY, "litsim"]
-    seeds: list[Annotated[int, Field(ge=0)]] = []
+    seeds: list[Annotated[int, Field(ge=0, lt=SEEDS)]] = []
     parameters: dict[str, Annotated[list[Any], Field(min_length=1)]] = {}
     criteria: Annotated[Criteria, Field(default_factory=Criteria.load)]
 

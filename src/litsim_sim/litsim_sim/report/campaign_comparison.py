@@ -65,18 +65,18 @@ def _print_pair(console: Console, comparison: CampaignComparison, pair: Pair) ->
     _say(console, f"  {pair.case.name}")
     both = ((comparison.before, pair.before), (comparison.after, pair.after))
     for said, (campaign, result) in zip(("was", "is"), both, strict=True):
-        _say(console, f"    {said} {_outcome(result)}{_link(campaign, result)}")
+        _say(console, f"    {said} {result.verdict.value if result else NOT_RUN}")
+        for line in _details(campaign, result):
+            _say(console, f"      {line}")
 
 
-def _outcome(result: RunResult | None) -> str:
+def _details(campaign: Campaign, result: RunResult | None) -> list[str]:
+    """Why a run did not pass, and its report."""
     if result is None:
-        return NOT_RUN
-    return f"{result.verdict}: {result.reason}" if result.reason else result.verdict.value
-
-
-def _link(campaign: Campaign, result: RunResult | None) -> str:
+        return []
+    failed = [f"{each.name}: {each.reason}" for each in result.criteria if not each.passed]
     path = report_of(campaign, result)
-    return f"\n      {path}" if path else ""
+    return [*(failed or filter(None, [result.reason])), *([str(path)] if path else [])]
 
 
 def _print_changes(console: Console, comparison: CampaignComparison, *, everything: bool) -> None:
