@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_policy.motion.car_following import SIGHT, AlongPath, IdmConfig, along_path, idm_acceleration
+from litsim_policy.motion.car_following import GAP_MIN, MERGE, SIGHT, AlongPath, IdmConfig, along_path, idm_acceleration
 from litsim_policy.motion.reference_path import ReferencePath
 
 IDM = IdmConfig(desired_speed=20.0, headway=1.0, standstill_gap=2.0, acceleration=1.5, deceleration=2.0)
@@ -70,6 +70,20 @@ def test_the_most_demanding_leader_decides(speed: float, leaders: list[tuple[flo
     assert idm_acceleration(IDM, speed, IDM.desired_speed, gaps, speeds) == pytest.approx(alone)
 
 
+@given(st.integers(0, 2**32))
+def test_accelerations_of_many_are_the_formula_with_arrays(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    speed, desired = random.uniform(0.0, 30.0, (2, 7))
+    gap, leader_speed = random.uniform(-5.0, 80.0, (7, 9)), random.uniform(-5.0, 30.0, (7, 9))
+    leads = random.random((7, 9)) < 0.4
+    closing = speed[:, None] * (speed[:, None] - leader_speed) / (2.0 * np.sqrt(IDM.acceleration * IDM.deceleration))
+    wanted = IDM.standstill_gap + np.maximum(0.0, speed[:, None] * IDM.headway + closing)
+    interaction = np.where(leads, IDM.acceleration * (wanted / np.maximum(gap, GAP_MIN)) ** 2, 0.0).max(axis=1)
+    free = IDM.acceleration * (1.0 - np.float_power(speed / np.maximum(desired, 0.1), 4))
+    expected = np.clip(free - interaction, -IDM.braking_max, IDM.acceleration)
+    assert (idm_acceleration(IDM, speed, desired, gap, leader_speed, leads) == expected).all()
+
+
 # along_path
 
 
@@ -127,3 +141,38 @@ def test_gaps_run_along_a_bend(agent_table) -> None:
     view = along_path(bend, agent_table(0, {"id": 1}, {"id": 2, **at}), 0)
     assert view.ahead[1] and view.in_path[1]
     assert view.gap[1] == pytest.approx(50.0 - 4.5, abs=0.05) and view.speed[1] == pytest.approx(5.0, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_seen_is_what_each_agents_place_on_the_path_gives(agent_table, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    turns = np.cumsum(random.normal(0.0, 0.05, 200))
+    path = ReferencePath.of(np.cumsum(np.column_stack([np.cos(turns), np.sin(turns)]), axis=0))
+    places = path.points[random.integers(0, 200, 30)] + random.normal(0.0, 4.0, (30, 2))
+    agents = [
+        {"id": k, "x": x, "y": y, "yaw": random.normal(0.0, 2.0), "speed": 10.0 * random.random()}
+        for k, (x, y) in enumerate(places.tolist())
+    ]
+    table = agent_table(0, *agents)
+    own = int(np.argmin(path.project(table.x, table.y)[0]))  # so that somebody is ahead
+    view = along_path(path, table, own, margin=0.3)
+    (own_s,), (own_d,) = path.project(table.x[[own]], table.y[[own]])
+    seen = 0
+    for j in range(30):
+        if np.hypot(table.x[j] - table.x[own], table.y[j] - table.y[own]) >= SIGHT:
+            assert not view.ahead[j] and not view.in_path[j] and view.s[j] == -np.inf
+            continue
+        seen += 1
+        (s,), (d,) = path.project(table.x[[j]], table.y[[j]])
+        turn = table.yaw[j] - path.heading(np.array([s]))[0]
+        along, across = abs(np.cos(turn)), abs(np.sin(turn))
+        half_along, half_across = 0.5 * (4.5 * along + 2.0 * across), 0.5 * (4.5 * across + 2.0 * along)
+        assert (view.s[j], view.d[j]) == (s, d)
+        assert view.gap[j] == pytest.approx(s - half_along - own_s - 2.25)
+        assert view.speed[j] == pytest.approx(table.speed[j] * np.cos(turn))
+        assert view.ahead[j] == (s > own_s and j != own)
+        strip = own_d * min(max(1.0 - (s - own_s) / MERGE, 0.0), 1.0)
+        aside = abs(d - strip) - half_across - 1.0
+        assert view.aside[j] == pytest.approx(aside)
+        assert view.in_path[j] == (aside < 0.3)
+    assert 5 < seen < 30 and view.in_path[view.ahead].any()

@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
+from numba.types import Tuple
 
 from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, nearest
 from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.compiled import (
+    BOOLS,
+    BOOLS2,
+    FLOATS,
+    FLOATS2,
+    FLOATS3,
+    INTS,
+    OUT_BOOLS2,
+    OUT_FLOATS,
+    OUT_FLOATS2,
+    OUT_INTS,
+    float64,
+    kernel,
+)
+from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Speed, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 SIGHT = 120.0  # [m] beyond which nobody is looked at
 MARGIN = 0.2  # [m] kept to the side of others, unless said otherwise
 MERGE = 15.0  # [m] over which a vehicle beside its path is taken to come onto it
+DESIRED_MIN = 0.1  # [m/s] a desired speed below is taken as this
 GAP_MIN = 0.1  # [m] below which the model is not evaluated: it has a pole at zero
 
 Poses = tuple[FloatArray, FloatArray, FloatArray]
@@ -41,6 +59,11 @@ class IdmConfig:
     deceleration: Positive[Acceleration] = 2.5
     braking_max: Positive[Acceleration] = 8.0
 
+    @property
+    def of_model(self) -> tuple[float, float, float, float, float]:
+        """What the model takes besides the speeds: T, s0, a_max, b and the hardest braking."""
+        return self.headway, self.standstill_gap, self.acceleration, self.deceleration, self.braking_max
+
 
 def idm_acceleration(
     config: IdmConfig,
@@ -59,15 +82,17 @@ def idm_acceleration(
         leader_speed: (..., n) [m/s].
         leads: (..., n) which of the n are leaders; None is all of them.
     """
-    speed, desired_speed = np.asarray(speed, np.float64), np.asarray(desired_speed, np.float64)
-    free = config.acceleration * (1.0 - np.float_power(speed / np.maximum(desired_speed, 0.1), 4))
-    own = speed[..., None]
-    closing = own * (own - leader_speed) / (2.0 * np.sqrt(config.acceleration * config.deceleration))
-    wanted = config.standstill_gap + np.maximum(0.0, own * config.headway + closing)
-    interaction = config.acceleration * (wanted / np.maximum(gap, GAP_MIN)) ** 2
-    if leads is not None:
-        interaction = np.where(leads, interaction, 0.0)
-    return np.clip(free - interaction.max(axis=-1, initial=0.0), -config.braking_max, config.acceleration)
+    gap = np.asarray(gap, np.float64)
+    shape, pairs = gap.shape[:-1], (math.prod(gap.shape[:-1]), gap.shape[-1])
+    found = _idm_accelerations(
+        np.full(shape, speed, np.float64).reshape(-1),
+        np.full(shape, desired_speed, np.float64).reshape(-1),
+        np.ascontiguousarray(gap).reshape(pairs),
+        np.ascontiguousarray(leader_speed).reshape(pairs),
+        np.ones(pairs, np.bool_) if leads is None else leads.reshape(pairs),
+        *config.of_model,
+    )
+    return found.reshape(shape)
 
 
 @dataclass(frozen=True)
@@ -120,43 +145,183 @@ def along_paths(
     Returns:
         arrays (m, n).
     """
-    own_x, own_y, own_yaw = poses or (agents.x[rows], agents.y[rows], agents.yaw[rows])
-    dx, dy = agents.x - own_x[:, None], agents.y - own_y[:, None]
+    own = poses or (agents.x[rows], agents.y[rows], agents.yaw[rows])
     reach = np.broadcast_to(np.minimum(sight, SIGHT), rows.shape)
-    viewer, agent = near = np.nonzero(dx * dx + dy * dy < (reach * reach)[:, None])
-    x, y, yaw = agents.x[agent], agents.y[agent], agents.yaw[agent]
-    if poses is not None:
-        itself = agent == rows[viewer]
-        x[itself], y[itself], yaw[itself] = (own[viewer[itself]] for own in (own_x, own_y, own_yaw))
-    at = paths.project(viewer, x, y)
-    segment = at.segment + (at.s >= paths.s[viewer, at.segment + 1])
-    segment = np.minimum(segment, paths.count[viewer] - 2)
-    turn = yaw - paths.heading(viewer, segment)
-    cos = np.cos(turn)
-    along, across, length, width = np.abs(cos), np.abs(np.sin(turn)), agents.length[agent], agents.width[agent]
-    half_along = 0.5 * (length * along + width * across)
-    half_across = 0.5 * (length * across + width * along)
-
-    def spread(values: FloatArray | BoolArray, elsewhere: float) -> Any:
-        dense = np.full(dx.shape, elsewhere, values.dtype)
-        dense[near] = values
-        return dense
-
-    s, d = spread(at.s, -np.inf), spread(at.d, np.inf)
-    each = np.arange(len(rows))
-    own_s, own_d = s[each, rows], d[each, rows]
-    # the strip is swept from where the vehicle is to the path: over the first metres it includes the vehicle's offset
-    offset = own_d[viewer] * np.clip(1.0 - (at.s - own_s[viewer]) / MERGE, 0.0, 1.0)
-    own = rows[viewer]
-    passing, half_width = np.abs(at.d - offset), 0.5 * agents.width[own]
-    ahead = s > own_s[:, None]
-    ahead[each, rows] = False
-    return AlongPath(
-        s=s,
-        d=d,
-        gap=spread(at.s - half_along - own_s[viewer] - 0.5 * agents.length[own], -np.inf),
-        speed=spread(agents.speed[agent] * cos, 0.0),
-        ahead=ahead,
-        aside=spread(passing - (half_across + half_width), np.inf),
-        in_path=spread(passing < half_across + (half_width + margin), 0),
+    viewer, agent, s, d, turn, unit_x, unit_y = _projected(
+        agents.x,
+        agents.y,
+        agents.yaw,
+        rows,
+        *own,
+        np.ascontiguousarray(reach),
+        paths.segments,
+        paths.circles,
+        paths.count,
     )
+    turn -= np.arctan2(unit_y, unit_x)
+    return AlongPath(*_along(viewer, agent, s, d, turn, agents.speed, agents.length, agents.width, rows, margin))
+
+
+@kernel(float64(float64, float64, FLOATS, FLOATS, BOOLS, *[float64] * 5))
+def idm(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    speed: float,
+    desired_speed: float,
+    gap: FloatArray,
+    leader_speed: FloatArray,
+    leads: BoolArray,
+    headway: float,
+    standstill_gap: float,
+    acceleration: float,
+    deceleration: float,
+    braking_max: float,
+) -> float:
+    """Acceleration [m/s2] of one vehicle for the most demanding of its leaders; see :func:`idm_acceleration`.
+
+    Args:
+        speed, desired_speed: of the vehicle [m/s].
+        gap, leader_speed: (n,) to and of everybody [m], [m/s].
+        leads: (n,) who is a leader.
+        headway, standstill_gap, acceleration, deceleration, braking_max: as :attr:`IdmConfig.of_model` has them.
+    """
+    free = acceleration * (1.0 - math.pow(speed / max(desired_speed, DESIRED_MIN), 4.0))
+    interaction = 0.0
+    for j in range(len(gap)):
+        if leads[j]:
+            closing = speed * (speed - leader_speed[j]) / (2.0 * math.sqrt(acceleration * deceleration))
+            wanted = standstill_gap + max(0.0, speed * headway + closing)
+            interaction = max(interaction, acceleration * (wanted / max(gap[j], GAP_MIN)) ** 2)
+    return within(free - interaction, -braking_max, acceleration)
+
+
+@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS2, FLOATS2, BOOLS2, *[float64] * 5))
+def _idm_accelerations(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    speed: FloatArray,
+    desired_speed: FloatArray,
+    gap: FloatArray,
+    leader_speed: FloatArray,
+    leads: BoolArray,
+    headway: float,
+    standstill_gap: float,
+    acceleration: float,
+    deceleration: float,
+    braking_max: float,
+) -> FloatArray:
+    """Return :func:`idm` (m,) of m vehicles; arrays (m,) and (m, n)."""
+    found = np.empty(len(speed))
+    for i in range(len(speed)):
+        found[i] = idm(
+            speed[i],
+            desired_speed[i],
+            gap[i],
+            leader_speed[i],
+            leads[i],
+            headway,
+            standstill_gap,
+            acceleration,
+            deceleration,
+            braking_max,
+        )
+    return found
+
+
+@kernel(
+    Tuple((OUT_INTS, OUT_INTS, *[OUT_FLOATS] * 5))(
+        FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS3, FLOATS3, INTS
+    )
+)
+def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    rows: IntArray,
+    own_x: FloatArray,
+    own_y: FloatArray,
+    own_yaw: FloatArray,
+    sight: FloatArray,
+    segments: FloatArray,
+    circles: FloatArray,
+    count: IntArray,
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Who sees whom, and where those are on the paths of those that look.
+
+    Args:
+        x, y, yaw: (n,) of everybody [m], [rad].
+        rows: (m,) of those that look.
+        own_x, own_y, own_yaw: (m,) of those that look [m], [rad].
+        sight: (m,) how far they look [m].
+        segments, circles, count: of their paths, as :mod:`litsim_policy.motion.path_kernels` has them.
+
+    Returns:
+        k pairs, those of the first that looks first: position among those that look, row of whom it sees, arc length
+        and offset of that one's place on the path [m], its heading [rad], and the direction of the path there.
+    """
+    most = len(rows) * len(x)
+    viewer, agent = np.empty(most, np.int64), np.empty(most, np.int64)
+    s, d, heading, unit_x, unit_y = np.empty(most), np.empty(most), np.empty(most), np.empty(most), np.empty(most)
+    k = 0
+    for i in range(len(rows)):
+        for j in range(len(x)):
+            dx, dy = x[j] - own_x[i], y[j] - own_y[i]
+            if not dx * dx + dy * dy < sight[i] * sight[i]:
+                continue
+            place = (own_x[i], own_y[i], own_yaw[i]) if j == rows[i] else (x[j], y[j], yaw[j])
+            segment, s[k], d[k] = nearest(segments[i], circles[i], count[i], place[0], place[1])
+            # at a vertex, the direction is that of the segment that begins there
+            if segment < count[i] - 2 and s[k] >= segments[i, segment + 1, S]:
+                segment += 1
+            viewer[k], agent[k], heading[k] = i, j, place[2]
+            unit_x[k], unit_y[k] = segments[i, segment, UNIT_X], segments[i, segment, UNIT_Y]
+            k += 1
+    return viewer[:k], agent[:k], s[:k], d[:k], heading[:k], unit_x[:k], unit_y[:k]
+
+
+@kernel(
+    Tuple((*[OUT_FLOATS2] * 4, OUT_BOOLS2, OUT_FLOATS2, OUT_BOOLS2))(
+        INTS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, float64
+    )
+)
+def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    viewer: IntArray,
+    agent: IntArray,
+    s: FloatArray,
+    d: FloatArray,
+    turn: FloatArray,
+    speed: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    rows: IntArray,
+    margin: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray, FloatArray, BoolArray]:
+    """Return the fields of :class:`AlongPath` (m, n).
+
+    Args:
+        viewer, agent, s, d: k pairs as :func:`_projected` gives them.
+        turn: (k,) heading of the agents against the paths [rad].
+        speed, length, width: (n,) of everybody [m/s], [m].
+        rows: (m,) of those that look.
+        margin: as in :func:`along_paths`.
+    """
+    shape = (len(rows), len(speed))
+    all_s, all_d = np.full(shape, -np.inf), np.full(shape, np.inf)
+    gap, along = np.full(shape, -np.inf), np.zeros(shape)
+    ahead, aside, in_path = np.zeros(shape, np.bool_), np.full(shape, np.inf), np.zeros(shape, np.bool_)
+    own_s, own_d = np.full(len(rows), -np.inf), np.full(len(rows), np.inf)
+    for k in range(len(viewer)):
+        i, j = viewer[k], agent[k]
+        all_s[i, j], all_d[i, j] = s[k], d[k]
+        if j == rows[i]:
+            own_s[i], own_d[i] = s[k], d[k]
+    for k in range(len(viewer)):
+        i, j = viewer[k], agent[k]
+        cos, sin = math.cos(turn[k]), abs(math.sin(turn[k]))
+        half_along = 0.5 * (length[j] * abs(cos) + width[j] * sin)
+        half_across = 0.5 * (length[j] * sin + width[j] * abs(cos))
+        # the strip is swept from where the vehicle is to the path: over the first metres it includes its offset
+        offset = own_d[i] * within(1.0 - (s[k] - own_s[i]) / MERGE, 0.0, 1.0)
+        passing, half_width = abs(d[k] - offset), 0.5 * width[rows[i]]
+        gap[i, j] = s[k] - half_along - own_s[i] - 0.5 * length[rows[i]]
+        along[i, j] = speed[j] * cos
+        ahead[i, j] = j != rows[i] and s[k] > own_s[i]
+        aside[i, j] = passing - (half_across + half_width)
+        in_path[i, j] = passing < half_across + (half_width + margin)
+    return all_s, all_d, gap, along, ahead, aside, in_path

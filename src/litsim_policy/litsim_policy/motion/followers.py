@@ -77,4 +77,5 @@ class PathFollowers:
 
     def to_goal(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Distance along the paths from the followers to places `x`, `y`, one for each [m]."""
+        x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
         return self.paths.project(np.arange(len(self)), x, y).s - self.s

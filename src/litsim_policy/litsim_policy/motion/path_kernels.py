@@ -88,31 +88,40 @@ def thinned(points: FloatArray, spacing: float) -> IntArray:
     return kept[:found].copy()
 
 
-@kernel(types.Tuple((float64, float64, float64))(FLOATS3, int64, int64, int64, float64, float64))
-def onto_segment(segments: FloatArray, n: int, p: int, k: int, x: float, y: float) -> tuple[float, float, float]:
-    """Return where a place is relative to segment `k` of path `p`, which has `n` vertices.
+Found = types.Tuple((int64, float64, float64, float64))
+"""Segment, square of the distance [m2], how far along the segment [m], and offset from its line, to the left [m]."""
 
-    Returns:
-        the square of the distance [m2], how far along the segment the nearest point is [m], and the offset from the
-        line of the segment, positive to the left [m].
+
+@kernel(Found(FLOATS2, int64, int64, int64, float64, float64, Found))
+def nearest_of(
+    segments: FloatArray, n: int, begin: int, end: int, x: float, y: float, found: tuple[int, float, float, float]
+) -> tuple[int, float, float, float]:
+    """Return the nearest of the segments from `begin` to `end` of a path (L, 5) to a place, or `found` if nearer.
+
+    Of segments that are equally near, the first of the path, which has `n` vertices.
     """
-    unit_x, unit_y = segments[p, k, UNIT_X], segments[p, k, UNIT_Y]
-    dx, dy = x - segments[p, k, X], y - segments[p, k, Y]
-    along = dx * unit_x + dy * unit_y
-    if k > 0:
-        along = max(along, 0.0)
-    if k < n - 2:
-        along = min(along, segments[p, k + 1, S] - segments[p, k, S])
-    off_x, off_y = dx - along * unit_x, dy - along * unit_y
-    return off_x * off_x + off_y * off_y, along, unit_x * dy - unit_y * dx
+    nearest_k, best, forward, left = found
+    for k in range(begin, end):
+        unit_x, unit_y = segments[k, UNIT_X], segments[k, UNIT_Y]
+        dx, dy = x - segments[k, X], y - segments[k, Y]
+        along = dx * unit_x + dy * unit_y
+        if k > 0:
+            along = max(along, 0.0)
+        if k < n - 2:
+            along = min(along, segments[k + 1, S] - segments[k, S])
+        off_x, off_y = dx - along * unit_x, dy - along * unit_y
+        square = off_x * off_x + off_y * off_y
+        if square < best or (square == best and k < nearest_k):
+            nearest_k, best, forward, left = k, square, along, unit_x * dy - unit_y * dx
+    return nearest_k, best, forward, left
 
 
-@kernel(types.Tuple((int64, float64, float64))(FLOATS3, FLOATS3, int64, int64, float64, float64))
-def nearest(segments: FloatArray, circles: FloatArray, n: int, p: int, x: float, y: float) -> tuple[int, float, float]:
-    """Return the nearest point of path `p`, which has `n` vertices, to a place in frame map [m].
+@kernel(types.Tuple((int64, float64, float64))(FLOATS2, FLOATS2, int64, float64, float64))
+def nearest(segments: FloatArray, circles: FloatArray, n: int, x: float, y: float) -> tuple[int, float, float]:
+    """Return the nearest point of a path (L, 5), which has `n` vertices, to a place in frame map [m].
 
     Of points that are equally near, the first along the path is taken. Chunks are looked into from the one with the
-    nearest middle on, and only where their circles reach nearer than what is found.
+    nearest middle on, and only where their circles (C, 3) reach nearer than what is found.
 
     Returns:
         its segment, its arc length [m], and the offset of the place from the line of the segment, positive to the left.
@@ -120,29 +129,22 @@ def nearest(segments: FloatArray, circles: FloatArray, n: int, p: int, x: float,
     chunks = (n + CHUNK - 2) // CHUNK
     first, least = 0, math.inf
     for c in range(chunks):
-        dx, dy = x - circles[p, c, 0], y - circles[p, c, 1]
+        dx, dy = x - circles[c, 0], y - circles[c, 1]
         square = dx * dx + dy * dy
         if square < least:
             first, least = c, square
-    found, (best, along, left) = 0, onto_segment(segments, n, p, 0, x, y)
-    distance = math.sqrt(best)
-    for turn in range(-1, chunks + 1):
-        # the chunk with the nearest middle, then all, then the last segment, which reaches beyond its circle
-        c = first if turn < 0 else turn
-        if turn == chunks:
-            begin, end = n - 2, n - 1
-        else:
-            dx, dy = x - circles[p, c, 0], y - circles[p, c, 1]
-            reach = distance + circles[p, c, 2] + SLACK
-            if turn >= 0 and (c == first or dx * dx + dy * dy > reach * reach):
-                continue
-            begin, end = c * CHUNK, min((c + 1) * CHUNK, n - 1)
-        for k in range(begin, end):
-            square, forward, aside = onto_segment(segments, n, p, k, x, y)
-            if square < best or (square == best and k < found):
-                found, best, along, left = k, square, forward, aside
-                distance = math.sqrt(best)
-    return found, segments[p, found, S] + along, left
+    # the first and the last segment reach beyond their circles
+    found = nearest_of(segments, n, 0, 1, x, y, (0, math.inf, 0.0, 0.0))
+    found = nearest_of(segments, n, n - 2, n - 1, x, y, found)
+    found = nearest_of(segments, n, first * CHUNK, min((first + 1) * CHUNK, n - 1), x, y, found)
+    distance = math.sqrt(found[1])
+    for c in range(chunks):
+        dx, dy = x - circles[c, 0], y - circles[c, 1]
+        reach = distance + circles[c, 2] + SLACK
+        if c != first and dx * dx + dy * dy <= reach * reach:
+            found = nearest_of(segments, n, c * CHUNK, min((c + 1) * CHUNK, n - 1), x, y, found)
+            distance = math.sqrt(found[1])
+    return found[0], segments[found[0], S] + found[2], found[3]
 
 
 @kernel(types.Tuple((OUT_INTS, OUT_FLOATS, OUT_FLOATS))(FLOATS3, FLOATS3, INTS, INTS, FLOATS, FLOATS))
@@ -152,7 +154,7 @@ def project(
     """Return segment, arc length and offset (k,) of :func:`nearest` of the path in `path` (k,) to each of k places."""
     segment, s, d = np.empty(len(path), np.int64), np.empty(len(path)), np.empty(len(path))
     for k in range(len(path)):
-        segment[k], s[k], d[k] = nearest(segments, circles, count[path[k]], path[k], x[k], y[k])
+        segment[k], s[k], d[k] = nearest(segments[path[k]], circles[path[k]], count[path[k]], x[k], y[k])
     return segment, s, d
 
 

@@ -35,6 +35,10 @@ from llvmlite import binding
 from numba import types
 
 MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # in the source of every module that holds kernels
+OPTIONS = {
+    "error_model": "numpy",
+    "forceinline": True,  # into kernels that call it: a call costs more than most kernels do
+}
 F = TypeVar("F", bound=Callable[..., Any])
 
 _stamps: dict[int, str] = {}  # of kernels, by the identity of what `kernel` returned, which lives as long as its module
@@ -78,7 +82,7 @@ def kernel(signature: Any) -> Callable[[F], F]:
         before = numba.config.CACHE_LOCATOR_CLASSES
         numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.KernelLocator"
         try:
-            found = numba.njit(signature, cache=directory is not None, error_model="numpy")(function)
+            found = numba.njit(signature, cache=directory is not None, **OPTIONS)(function)
         finally:
             numba.config.CACHE_LOCATOR_CLASSES = before
         _stamps[id(found)] = stamp
@@ -161,8 +165,8 @@ def _announce() -> None:
 
 @cache
 def _source_and_machine(file: str) -> bytes:
-    """Hash of a source file, numba's version and this processor."""
-    machine = f"{numba.__version__} {binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
+    """Hash of a source file, numba's version, how it compiles, and this processor."""
+    machine = f"{numba.__version__} {OPTIONS} {binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
     return hashlib.sha256(Path(file).read_bytes() + machine.encode()).digest()
 
 
