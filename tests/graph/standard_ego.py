@@ -26,6 +26,7 @@ FAULTS = (
     "future",
     "flood",
     "silence",
+    "stuck",
     "leaving",
     "death",
     "late",
@@ -63,6 +64,9 @@ class StandardEgo(Node):
         if fault == "leaving":
             sys.exit()
         if fault == "silence" or (fault == "late" and step == self.options.at):
+            return
+        if fault == "stuck":
+            self.publisher.publish(self.answer(state, self.options.at - 5, "none"))
             return
         if fault == "late" and step == self.options.at + 1:
             self.publisher.publish(self.answer(state, step - 1, "none"))

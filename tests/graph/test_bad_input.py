@@ -182,7 +182,7 @@ def test_stage_that_is_not_there_is_named(graph: Any) -> None:
 def test_stage_that_never_answers_is_named(graph: Any) -> None:
     bridge, recorder, _ = start_graph(graph, "conflict", odd="mute", handshake_timeout_s=HANDSHAKE_S)
     line = error_of(graph, bridge)
-    assert line == f"error: no answer to step 0 on /litsim/controls within {HANDSHAKE_S:g} s; silent: conflict, policy"
+    assert line == f"error: no answer to step 0 on /litsim/controls within {HANDSHAKE_S:g} s; silent: conflict"
     assert graph.finish(recorder).returncode == 0
 
 

@@ -132,15 +132,33 @@ def test_what_is_not_asked_for_is_counted_and_changes_nothing(
 
 
 @pytest.mark.parametrize(
-    ("fault", "silent"), [("silence", "is it running in "), ("leaving", "its publisher has left)")]
+    ("fault", "why"),
+    [
+        ("silence", "it has answered until step 11; its publisher is still announced, so it hangs, or has died"),
+        ("death", "it has answered until step 11; its publisher is still announced, so it hangs, or has died"),
+        ("leaving", "it has answered until step 11; its publisher has left)"),
+        ("stuck", "it does not answer this step: /litsim/ego/twist: the message stamped 0.70 s, at 1.2 s, is stale"),
+    ],
 )
-def test_silence_ends_the_run(graph: Any, fault: str, silent: str) -> None:
+def test_silence_ends_the_run_and_is_told_from_death_and_from_old_answers(graph: Any, fault: str, why: str) -> None:
     done = launch(graph, "--fault", fault, timeout=IMPATIENT)
     assert done.returncode == 1
-    error = f"error: no answer to step 12 on /litsim/ego/twist within 4 s; silent: the external ego ({silent}"
-    assert error in done.stderr
+    error = "error: no answer to step 12 on /litsim/ego/twist within 4 s; silent: the external ego (/standard_ego: "
+    assert error + why in done.stderr
     assert (WARN, "waiting for /litsim/ego/twist") in said(graph.folder / "run")
     assert BagReader(graph.folder / "run").complete
+
+
+def test_a_publisher_that_cannot_be_heard_is_named(graph: Any) -> None:
+    graph.start_script("standard_ego.py", "--reliability", "best_effort")
+    recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
+    parameters = {"scenario": graph.scenario(), "ego": "external", "policy": "replay", "progress": "none"}
+    bridge = graph.start_node("litsim_sim", "bridge", **parameters, external_timeout_s=IMPATIENT)
+    done = graph.finish(bridge)
+    assert done.returncode == 1
+    why = "its publisher on /litsim/ego/twist is BEST_EFFORT and cannot be heard, expected RELIABLE"
+    assert f"silent: the external ego (/standard_ego: {why})" in done.stderr
+    graph.finish(recorder)
 
 
 @pytest.mark.parametrize("interface", ["twist", "trajectory"])

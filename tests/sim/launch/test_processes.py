@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
 
-from litsim_sim.launch.processes import DISCOVERY, PROFILES, Graph
+from litsim_sim.launch.middleware import RANGE
+from litsim_sim.launch.processes import Graph
 
 
 def environment(folder: Path) -> dict[str, str]:
     """What a node that is started by the launcher finds in its environment."""
+    folder.mkdir()
     program = folder / "node"
     program.write_text("#!/bin/sh\nenv\n")
     program.chmod(0o755)
@@ -25,23 +26,11 @@ def environment(folder: Path) -> dict[str, str]:
     return dict(line.split("=", 1) for line in lines if "=" in line)
 
 
-def test_nodes_that_are_started_together_announce_themselves_often(
+def test_nodes_stay_on_this_machine_unless_the_user_says_otherwise(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in PROFILES:
-        monkeypatch.delenv(name, raising=False)
-    found = environment(tmp_path)
-    assert found["ROS_DOMAIN_ID"] == "7"
-    path = Path(found[PROFILES[0]])
-    assert path == DISCOVERY
-    (profile,) = ET.parse(path).getroot()
-    assert profile.attrib["is_default_profile"] == "true", "else no node would use it"
-
-
-@pytest.mark.parametrize("name", PROFILES)
-def test_settings_of_the_user_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    for other in PROFILES:
-        monkeypatch.delenv(other, raising=False)
-    monkeypatch.setenv(name, "/mine.xml")
-    found = environment(tmp_path)
-    assert {other: found.get(other) for other in PROFILES} == dict.fromkeys(PROFILES) | {name: "/mine.xml"}
+    monkeypatch.delenv(RANGE, raising=False)
+    found = environment(tmp_path / "usual")
+    assert (found["ROS_DOMAIN_ID"], found[RANGE]) == ("7", "LOCALHOST")
+    monkeypatch.setenv(RANGE, "SUBNET")
+    assert environment(tmp_path / "chosen")[RANGE] == "SUBNET"

@@ -14,7 +14,7 @@ from litsim_sim.core.stages import StageState
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import Answer, Interface
 from litsim_sim.ego_port.port import EgoPort
-from litsim_sim.nodes.answers import Answers, Attendance, RunFailed, check_controls
+from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence, check_controls
 
 RUN, OTHER = "run", "another run"
 STAGES = ("predictor", "conflict", "policy", "ego", "recorder")
@@ -107,12 +107,16 @@ def test_who_has_not_answered_a_step_is_silent() -> None:
     attendance = Attendance(RUN, STAGES)
     attendance.take_timing(OTHER, "ego", 4)
     attendance.take_timing(RUN, "bridge", 4)
-    assert attendance.silent(4) == []  # nobody was heard: nothing can be said of anybody
+    both = (CONTROLS, CONTROL)
+    assert attendance.silent(4, (CONTROL,)) == ["ego"]
+    assert attendance.silent(4, both) == ["predictor", "conflict", "policy", "ego"]  # which of them, cannot be told
     attendance.take_timing(RUN, "predictor", 4)
     attendance.take_timing(RUN, "ego", 4)
     attendance.take_timing(RUN, "ego", 3)
     attendance.take_timing(RUN, "conflict", 3)
-    assert attendance.silent(4) == ["conflict", "policy"]
+    assert attendance.silent(4, both) == ["conflict"]  # the policy waits for it
+    assert attendance.silent(5, both) == ["predictor", "ego"]
+    assert attendance.silent(5, (CONTROLS,)) == ["predictor"]
 
 
 def test_the_recorder_may_be_behind_by_its_window_but_not_at_step_0() -> None:
@@ -259,3 +263,48 @@ def test_controls_that_the_world_does_not_expect_end_the_run(
 def test_controls_of_nobody_and_of_some_are_fine() -> None:
     check_controls(controls(), EGO_ID)
     check_controls(controls(1, 2, 8), EGO_ID)
+
+
+HERE = EgoPublisher(CONTROL, "/mine", reliable=True)
+DEAF = EgoPublisher(CONTROL, "/mine", reliable=False)
+STALE = f"/mine: it does not answer this step: {CONTROL}: the answer to step 3, at step 5, is stale"
+
+
+@pytest.mark.parametrize(
+    ("answered", "there", "known", "words"),
+    [
+        ((), (), (), f"nobody publishes on {CONTROL}; is it running in here?"),
+        ((), (DEAF,), (), f"/mine: its publisher on {CONTROL} is BEST_EFFORT and cannot be heard, expected RELIABLE"),
+        ((), (HERE,), (), f"/mine: it publishes on {CONTROL}, but nothing has come"),
+        ((3, 4), (), ("/mine",), "/mine: it has answered until step 4; its publisher has left"),
+        ((3, 4), (HERE,), (), "/mine: it has answered until step 4; its publisher is still announced, so it hangs, or"),
+        ((3, 4, 5, 3), (HERE,), (), STALE),
+    ],
+)
+def test_an_ego_that_does_not_answer_is_described(
+    bridge: Bridge, answered: tuple[int, ...], there: tuple[EgoPublisher, ...], known: tuple[str, ...], words: str
+) -> None:
+    for step in (3, 4):
+        bridge.open(step)
+        if step in answered:
+            bridge.ego(step)
+    bridge.open(5)
+    for step in answered[3:]:
+        bridge.ego(step)
+    assert absence(bridge.port, there, known, "here").startswith(words)
+
+
+def test_the_answer_to_a_step_that_was_published_again_is_never_stale(bridge: Bridge) -> None:
+    bridge.open(0)
+    bridge.answers.ask()
+    bridge.answers.ask()
+    bridge.port.offer(Answer(Interface.CONTROL, EgoCommand(0, 0.5, 0.0), step=0, run_id=RUN))
+    bridge.answers.offer_controls(RUN, 0, controls())
+    bridge.open(1)
+    bridge.answers.ask()
+    for count in (0, 1):  # the second answer was asked for, a third is too much
+        bridge.port.offer(Answer(Interface.CONTROL, EgoCommand(0, 0.5, 0.0), step=0, run_id=RUN))
+        bridge.answers.offer_controls(RUN, 0, controls())
+        assert bridge.port.counts["stale"] == count
+        assert bridge.answers.summary()["stale"].get(CONTROLS, 0) == count
+    assert bridge.answers.missing == [CONTROLS, CONTROL]

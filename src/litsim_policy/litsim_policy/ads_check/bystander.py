@@ -23,6 +23,7 @@ from litsim_policy.ads_check.trace import FAILED, FINISHED, Endpoint, Heard
 from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import Interface
+from litsim_sim.launch.middleware import middleware_in_use
 from litsim_sim.nodes.diagnostics import BRIDGE_NAME, PORT_NAME
 from litsim_sim.ros.ego_port import CONVERT
 from litsim_sim.ros.topics import (
@@ -68,8 +69,9 @@ class Bystander:
         self._began = time.monotonic()
         self._endpoints: dict[bytes, Endpoint] = {}
         self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node(NAME, context=self._context, use_global_arguments=False)
+        with middleware_in_use():
+            rclpy.init(context=self._context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)
+            self._node = Node(NAME, context=self._context, use_global_arguments=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         for interface, topic in EGO_INPUTS.items():

@@ -22,7 +22,8 @@ class Gate:
     Attributes:
         run_id: answers of other runs are dropped.
         required: names of the answers to every step.
-        stale: number of answers that came late, twice, or to another run, by name.
+        stale: number of answers that came late, twice, or to another run, by name. Another answer to a step that was
+            asked for again is none of them, however late it comes.
     """
 
     run_id: str
@@ -30,16 +31,26 @@ class Gate:
     stale: dict[str, int] = field(default_factory=dict)
     _step: int = -1
     _newest: dict[str, tuple[int, Any]] = field(default_factory=dict)
+    _asked: dict[int, int] = field(default_factory=dict)  # times, of the step at hand and those asked for again
+    _repeated: dict[tuple[str, int], int] = field(default_factory=dict)  # answers to a step beyond the first
 
     def open(self, step: int) -> None:
         """Begin `step`: from now on its answers are waited for."""
+        self._asked = {k: times for k, times in self._asked.items() if times > 1}
         self._step = step
+
+    def ask(self) -> None:
+        """The step at hand is asked for, maybe again."""
+        self._asked[self._step] = self._asked.get(self._step, 0) + 1
 
     def offer(self, name: str, run_id: str, step: int, answer: Any) -> None:
         """Take an answer; a late one counts as stale, and is kept where it is the newest so far."""
         newer = run_id == self.run_id and self._answered(name) < step <= self._step
         if newer:
             self._newest[name] = (step, answer)
+        elif run_id == self.run_id and self._repeated.get((name, step), 0) < self._asked.get(step, 0) - 1:
+            self._repeated[name, step] = self._repeated.get((name, step), 0) + 1
+            return
         if not newer or step < self._step:
             self.stale[name] = self.stale.get(name, 0) + 1
 

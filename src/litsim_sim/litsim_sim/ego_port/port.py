@@ -54,6 +54,9 @@ class EgoPort:
             before, and held from then on; `stale`, of a step before or another run; `future`, of a step to come;
             `surplus`, another to the same step; `invalid`; `refused`, of another interface.
         remarks: to be said; whoever says them clears the list.
+        answered: newest step that was answered, for better or worse; -1 before the first.
+        heard: whether anything at all has come.
+        unfit: in words, what has come last instead of an answer to the current step; empty for nothing.
     """
 
     def __init__(
@@ -62,15 +65,18 @@ class EgoPort:
         self.interface = None if interface == AUTO else Interface(interface)
         self.counts: Counter[str] = Counter()
         self.remarks: list[Remark] = []
+        self.answered = -1
+        self.heard = False
+        self.unfit = ""
         self._run_id = run_id
         self._vehicle = vehicle
         self._stop_on_invalid = stop_on_invalid
         self._step = -1
         self._asked = 0  # times for the current step
         self._offered = 0  # answers to it
+        self._owed: dict[int, int] = {}  # answers that may come yet to steps asked for again
         self._ego: EgoState | None = None
         self._driven = False
-        self._answered = -1  # newest step that was answered, for better or worse
         self._invalid = ""  # what is wrong with the answer to the current step
         self._held: EgoCommand | TwistTarget | Reference | None = None
         self._said: dict[str, int] = {}
@@ -83,7 +89,7 @@ class EgoPort:
     @property
     def missing(self) -> bool:
         """Whether the current step still wants its answer."""
-        return self._answered < self._step
+        return self.answered < self._step
 
     def open(self, step: int, ego: EgoState | None, *, driven: bool) -> None:
         """Wait for the answer to `step`.
@@ -93,8 +99,10 @@ class EgoPort:
             ego: its state; None where it is not on the road.
             driven: whether the answer counts: neither before the history is over, nor once the ego has left.
         """
+        if self._asked > max(1, self._offered):
+            self._owed[self._step] = self._asked - self._offered
         self._step, self._ego, self._driven = step, ego, driven and ego is not None
-        self._asked, self._offered, self._invalid = 0, 0, ""
+        self._asked, self._offered, self._invalid, self.unfit = 0, 0, "", ""
 
     def ask(self) -> None:
         """The current step is published, maybe again: one answer more to it is no surplus."""
@@ -104,6 +112,7 @@ class EgoPort:
         """Take a message."""
         if self._step < 0:
             return
+        self.heard = True
         if self.interface is None:
             self.interface = answer.interface
             self._say("interface", Level.OK, f"the ego is driven over {INPUTS[answer.interface]}")
@@ -111,11 +120,13 @@ class EgoPort:
             self._count("refused", Level.ERROR, f"{INPUTS[answer.interface]}: ignored, {self.topics[0]} is in use")
             return
         step = self._step_of(answer)
-        if step is None or (step < self._step and step <= self._answered):
+        if step is not None and step <= self.answered and self._owed.get(step, 0) > 0:
+            self._owed[step] -= 1
+        elif step is None or (step < self._step and step <= self.answered):
             self._count("stale", Level.WARN, f"{self.topics[0]}: {self._came(answer)} is stale")
         elif step > self._step:
             self._count("future", Level.WARN, f"{self.topics[0]}: {self._came(answer)} is of the future")
-        elif step == self._answered:
+        elif step == self.answered:
             if self._offered < self._asked:
                 self._offered += 1
             else:
@@ -142,7 +153,7 @@ class EgoPort:
 
     def _accept(self, step: int, answer: Answer) -> None:
         """The first answer to a step, the current or a missed one."""
-        self._answered = step
+        self.answered = step
         if step < self._step:
             self._count(
                 "late", Level.WARN, f"{self.topics[0]}: {self._came(answer)} is late by {self._step - step} steps"
@@ -155,8 +166,7 @@ class EgoPort:
             reference = Reference(target, self._ego)
             wrong = reference.problem(self._ego, self._vehicle)
         if wrong:
-            self.counts["invalid"] += 1
-            self._say("", Level.ERROR, f"{self.topics[0]}: {self._came(answer)} cannot be used: {wrong}")
+            self._count("invalid", Level.ERROR, f"{self.topics[0]}: {self._came(answer)} cannot be used: {wrong}")
             self._invalid = wrong if step == self._step else self._invalid
             return
         self.counts["answered"] += 1
@@ -183,12 +193,13 @@ class EgoPort:
 
     def _count(self, kind: str, level: Level, text: str) -> None:
         self.counts[kind] += 1
+        self.unfit = text if self.missing else self.unfit
         self._say(kind, level, f"{text} ({self.counts[kind]} so far)")
 
     def _say(self, kind: str, level: Level, text: str) -> None:
-        """Note a remark; of a kind that has a name only now and then."""
+        """Note a remark; of one kind only now and then."""
         last = self._said.get(kind)
-        if not kind or last is None or self._step >= last + SAY_AGAIN:
+        if last is None or self._step >= last + SAY_AGAIN:
             self._said[kind] = self._step
             self.remarks.append(Remark(self._step, level, text))
 

@@ -24,14 +24,11 @@ from tqdm import tqdm
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.launch import keeper
+from litsim_sim.launch.middleware import RANGE
 
 GRACE_S = 8.0  # [s] that the bridge and the recorder get to end a run in good order
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""Variables by which a user has Fast DDS read settings; where one is set, the launcher leaves it at that."""
-DISCOVERY = Path(__file__).with_name("discovery.xml")
-"""Settings by which nodes that are started together find each other in tenths of a second."""
 NAME_MAX = 60  # characters of a command by which a stack is named
 LOG_FOLDER = "log"  # in the folder of a recording
 STACK = "ads"
@@ -110,17 +107,8 @@ class Graph:
         self._log_folder.mkdir(parents=True, exist_ok=True)
         for log in self._log_folder.glob("*.log"):  # of a run that is overwritten
             log.unlink()
-        discovery = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        profiles = {} if any(name in os.environ for name in PROFILES) else {PROFILES[0]: str(DISCOVERY)}
-        self._environment = (
-            os.environ
-            | profiles
-            | {
-                "ROS_DOMAIN_ID": str(domain_id),
-                "ROS_AUTOMATIC_DISCOVERY_RANGE": discovery,
-                "PYTHONUNBUFFERED": "1",
-            }
-        )
+        own = {"ROS_DOMAIN_ID": str(domain_id), "PYTHONUNBUFFERED": "1"}
+        self._environment = {RANGE: "LOCALHOST"} | os.environ | own
         self.children: dict[str, Child] = {}
         self._progress: Progress | None = None
 

@@ -7,15 +7,15 @@ are there, what becomes of a missing one, and whether what came can be used.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from litsim_sim.core.lockstep import RECORDER_WINDOW, Gate
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
-from litsim_sim.core.stages import BRIDGE, RECORDER, StageState
-from litsim_sim.core.topic_names import CONTROLS, RECORDED
+from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER, StageState
+from litsim_sim.core.topic_names import CONTROLS, EGO_CONTROL, RECORDED
 from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, ego_state
 
 
@@ -112,15 +112,60 @@ class Attendance:
         """Whether the recorder is not too far behind `step`; behind step 0 it may not be at all."""
         return self.recorded >= max(0, step - RECORDER_WINDOW)
 
-    def silent(self, step: int) -> list[str]:
-        """Stages, but for the recorder, that have not answered `step`; none as long as nobody at all has been heard."""
-        if not self._heard:
-            return []
-        return [stage for stage in self._stages if stage != RECORDER and self._heard.get(stage, -1) < step]
+    def silent(self, step: int, missing: Sequence[str]) -> list[str]:
+        """Stages, but for the recorder, that have not answered `step`, of which the answers on `missing` have not come.
+
+        A step goes from one stage of the policy to the next: of those that have not answered it, all but the first wait
+        themselves. Only where nobody at all has been heard, none of them can be told from the others.
+        """
+        silent = [stage for stage in self._stages if stage != RECORDER and self._heard.get(stage, -1) < step]
+        waiting = [stage for stage in POLICY_STAGES if stage in silent and CONTROLS in missing]
+        return waiting[: 1 if self._heard else None] + [EGO] * (EGO in silent and EGO_CONTROL in missing)
 
     @property
     def _confirmed(self) -> str:
         return "nothing" if self.recorded < 0 else f"only step {self.recorded}"
+
+
+@dataclass(frozen=True)
+class EgoPublisher:
+    """A publisher on one of the topics of the ego port.
+
+    Attributes:
+        topic: its name.
+        node: full name of its node.
+        reliable: whether the bridge can hear it.
+    """
+
+    topic: str
+    node: str
+    reliable: bool
+
+
+def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], domain: str) -> str:
+    """In words, why an external ego has not answered the step at hand, as far as it can be told.
+
+    Args:
+        port: has heard it, or has not.
+        there: its publishers that are announced now.
+        known: names of the nodes whose publishers have ever been announced.
+        domain: where it should be, in words.
+    """
+    name = ", ".join(dict.fromkeys([each.node for each in there] or known))
+    who = f"{name}: " if name else ""
+    deaf = [each for each in there if not each.reliable]
+    if port.unfit:
+        return f"{who}it does not answer this step: {port.unfit}"
+    if not port.heard and deaf:
+        return f"{who}its publisher on {deaf[0].topic} is BEST_EFFORT and cannot be heard, expected RELIABLE"
+    if not port.heard and not there:
+        return f"{who}nobody publishes on {' or '.join(port.topics)}; is it running in {domain}?"
+    if not port.heard:
+        return f"{who}it publishes on {there[0].topic}, but nothing has come"
+    until = f"{who}it has answered until step {port.answered}"
+    if not there:
+        return f"{until}; its publisher has left"
+    return f"{until}; its publisher is still announced, so it hangs, or has died without leaving"
 
 
 class Answers:
@@ -182,6 +227,11 @@ class Answers:
         """Wait for the answers to the step of `table`; `driven` says whether that for the ego counts."""
         self._gate.open(table.step)
         self._port.open(table.step, ego_state(table, self._ego_id), driven=driven)
+
+    def ask(self) -> None:
+        """The step at hand is published, maybe again: one answer more to it on each topic is no fault."""
+        self._gate.ask()
+        self._port.ask()
 
     def offer_controls(self, run_id: str, step: int, message: Any) -> None:
         """Take an answer of the policy, which is read only if it counts."""

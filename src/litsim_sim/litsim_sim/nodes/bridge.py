@@ -10,6 +10,7 @@ from typing import Any
 from litsim_msgs.msg import Hello, StageStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
 
 from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
 from litsim_sim.core.scene import AgentTable, EgoCommand
@@ -17,7 +18,7 @@ from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.port import EgoPort, Level
 from litsim_sim.nodes import diagnostics
-from litsim_sim.nodes.answers import Answers, Attendance, RunFailed
+from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence
 from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
 from litsim_sim.nodes.broadcast import Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
@@ -54,6 +55,7 @@ class BridgeNode(Node):
             stop_on_missing=options.mode == "lockstep" and options.on_missing == "stop",
         )
         self._noted = ("", 0.0)
+        self._ego_nodes: list[str] = []
         external = plan.ego == EXTERNAL
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
         self._to = {t: publisher_on(self, t) for t in published}
@@ -111,6 +113,8 @@ class BridgeNode(Node):
 
     def apply(self, command: EgoCommand) -> None:
         if EGO_APPLIED in self._to:
+            if not self._ego_nodes:
+                self._ego_publishers()
             self._to[EGO_APPLIED].publish(messages.ego_to_message(command, self.plan.run_id))
 
     def report_time(self, step: int, compute_time: float, marks: str) -> None:
@@ -126,6 +130,8 @@ class BridgeNode(Node):
 
     def waiting(self, step: int, text: str) -> None:
         self.note(f"step {step}: {text}")
+        if EGO_APPLIED in self._to:
+            self._ego_publishers()
         self._diagnostics.say(step, diagnostics.RUNNING, Level.WARN, text)
 
     def note(self, text: str) -> None:
@@ -134,10 +140,9 @@ class BridgeNode(Node):
             self._noted = (text, time.monotonic())
             self.get_logger().info(text)
 
-    def silent_ego(self, step: int) -> str:
-        topics = [self.resolve_topic_name(name) for name in self._port.topics]
-        left = step > 0 and not any(self.count_publishers(topic) for topic in topics)
-        return f"the external ego ({'its publisher has left' if left else f'is it running in {self.domain}?'})"
+    def silent_ego(self) -> str:
+        there = self._ego_publishers()
+        return absence(self._port, there, self._ego_nodes, self.domain)
 
     def serve_until(self, done: Callable[[], bool], until: float) -> bool:
         while not done():
@@ -153,11 +158,25 @@ class BridgeNode(Node):
     def serve(self) -> None:
         serve(self._executor)
 
+    def _ego_publishers(self) -> list[EgoPublisher]:
+        """Publishers on the ego port's topics that are announced; the names of their nodes are kept."""
+        found = [
+            EgoPublisher(name, f"{info.node_namespace.rstrip('/')}/{info.node_name}", _is_reliable(info))
+            for name in self._port.topics
+            for info in self.get_publishers_info_by_topic(self.resolve_topic_name(name))
+        ]
+        self._ego_nodes = list(dict.fromkeys(each.node for each in found)) or self._ego_nodes
+        return found
+
     def _listen(self, topic: Topic, receive: Callable[[Any], None]) -> None:
         subscribe(self, topic, receive)
 
     def _status(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> StageStatus:
         return messages.status(self.plan.run_id, BRIDGE, state, step, compute_time, text)
+
+
+def _is_reliable(info: Any) -> bool:
+    return bool(info.qos_profile.reliability != ReliabilityPolicy.BEST_EFFORT)
 
 
 def port_of(options: BridgeOptions, plan: RunPlan) -> EgoPort:

@@ -24,6 +24,9 @@ from litsim_sim.world.world import World
 
 HELLO_PERIOD = 0.1  # [s] between the greetings of the handshake
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
+LAST_CALL_S = 1.0
+"""[s] that the answers to a step get once the time for them is over: the step is published again, and what had come
+while the bridge itself had no processor is taken, so that a pause within the time does not end a run."""
 FAREWELL_S = 5.0  # [s] that the recorder gets to close its file
 
 
@@ -67,8 +70,8 @@ class Graph(Protocol):
     def note(self, text: str) -> None:
         """Tell the user what is going on, the same thing now and then."""
 
-    def silent_ego(self, step: int) -> str:
-        """In words, an external ego that has not answered `step`."""
+    def silent_ego(self) -> str:
+        """In words, why an external ego has not answered the step at hand."""
 
     def serve_until(self, done: Callable[[], bool], until: float) -> bool:
         """Take what arrives until `done`, or until `until` of the performance counter; returns `done()`.
@@ -197,17 +200,21 @@ class RunLoop:
             self._report_time(step - 1)
         self._world.catch_up()
         self._marks = {"begin": begin, "shown": shown, "free": time.perf_counter()}
-        give_up = due if self._realtime and step > 0 else time.perf_counter() + self._timeout(step)
+        patient = step == 0 or not self._realtime
+        give_up = time.perf_counter() + self._timeout(step) if patient else due
         while True:
-            self._port.ask()
+            answers.ask()
             until = min(give_up, time.perf_counter() + (RESEND_FIRST if step == 0 else RESEND))
             if graph.serve_until(lambda: not answers.missing, until):
                 self._marks.setdefault("answered", time.perf_counter())
                 graph.apply(answers.command())  # the recorder waits for it
                 graph.serve_until(lambda: answers.complete, until)
-            if answers.complete or time.perf_counter() >= give_up:
+            over = time.perf_counter() >= give_up
+            if answers.complete or (over and not patient):
                 self._marks["complete"] = time.perf_counter()
                 return
+            if over:
+                give_up, patient = time.perf_counter() + LAST_CALL_S, False
             self._ask_around(step)
             graph.show_again()
 
@@ -248,9 +255,9 @@ class RunLoop:
 
     def _silent(self, step: int) -> str:
         """In words, who has not answered `step`, as far as anybody has been heard of."""
-        silent = self._attendance.silent(step)
+        silent = self._attendance.silent(step, self._answers.missing)
         if self._external and self._port.missing:
-            silent.append(self._graph.silent_ego(step))
+            silent.append(f"the external ego ({self._graph.silent_ego()})")
         return f"; silent: {', '.join(silent)}" if silent else ""
 
     def _summary(self) -> str:

@@ -28,6 +28,7 @@ from litsim_sim.core.errors import EXIT_INPUT, EXIT_INTERRUPTED, InputError, pri
 from litsim_sim.core.lockstep import Joiner
 from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.step_marks import step_marks
+from litsim_sim.launch.middleware import use_middleware_settings
 from litsim_sim.ros import messages
 from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters_yaml
@@ -267,6 +268,7 @@ def _init() -> None:
     extra = remove_ros_args(sys.argv)[1:]
     if extra:
         raise InputError(f"{name}: unknown argument {extra[0]}; parameters are given as --ros-args -p NAME:=VALUE")
+    use_middleware_settings()
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:

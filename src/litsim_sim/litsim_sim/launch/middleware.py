@@ -1,0 +1,53 @@
+"""Settings of the middleware that LitSim's nodes run with, unless the user has settings of their own.
+
+They are those of Fast DDS, which reads them from a file that the environment names. Where discovery stays on this
+machine (``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST``), the nodes use sockets of the loopback interface alone.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PEERS = "ROS_STATIC_PEERS"
+PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+"""Variables by which a user has Fast DDS read settings; where one is set, it is left at that."""
+LOOPBACK, NETWORK = (Path(__file__).with_name(name) for name in ("loopback.xml", "network.xml"))
+"""Settings for nodes that stay on this machine, and for those that others may reach."""
+FAST_DDS = "rmw_fastrtps"
+
+
+def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
+    """What is to be set in `environment` before a node is made; nothing where the user has chosen otherwise."""
+    if any(environment.get(name) for name in PROFILES):
+        return {}
+    if not environment.get("RMW_IMPLEMENTATION", FAST_DDS).startswith(FAST_DDS):
+        return {}
+    if environment.get(RANGE) == "LOCALHOST" and not environment.get(PEERS):
+        # rmw_fastrtps has transports of its own for LOCALHOST, beside any in a file; with this range it has none.
+        return {PROFILES[0]: str(LOOPBACK), RANGE: "SYSTEM_DEFAULT"}
+    return {PROFILES[0]: str(NETWORK)}
+
+
+def use_middleware_settings() -> None:
+    """Have the nodes of this process run with these settings; to be called before the first is made."""
+    os.environ.update(middleware_settings(os.environ))
+
+
+@contextmanager
+def middleware_in_use() -> Iterator[None]:
+    """As :func:`use_middleware_settings`, but for what is made meanwhile; the environment is as before then."""
+    settings = middleware_settings(os.environ)
+    before = {name: os.environ.get(name) for name in settings}
+    os.environ.update(settings)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
