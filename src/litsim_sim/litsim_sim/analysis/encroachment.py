@@ -46,7 +46,7 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
     others = {int(i) for table in tables if table.row(agent) >= 0 for i in table.id.tolist()} - {agent}
     for other in sorted(others):
         other_step, track = tracks[other]
-        entry = _shortest(own_step, own, other_step, track)
+        entry = closest_use(own_step, own, other_step, track)
         if entry is not None:
             i, j, gap = entry
             first, step = (agent, other_step[j]) if own_step[i] < other_step[j] else (other, own_step[i])
@@ -67,8 +67,17 @@ def _tracks(tables: Sequence[AgentTable]) -> dict[int, tuple[IntArray, FloatArra
     return {int(agent): track for agent, track in zip(ids, zip(*parts, strict=True), strict=True)}
 
 
-def _shortest(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray) -> tuple[int, int, int] | None:
-    """Indices into both tracks and the difference of steps of the closest uses of one place; None if too far apart."""
+def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray) -> tuple[int, int, int] | None:
+    """The uses of one place by two tracks that are closest in time.
+
+    Args:
+        step_a, step_b: (n,), (m,) steps of the tracks.
+        a, b: (n, 5), (m, 5) boxes then: x, y, yaw, length, width.
+
+    Returns:
+        Index into the first track, index into the second, and the steps between; None where no place is used by both
+        within 5 s.
+    """
     dx, dy = b[None, :, 0] - a[:, None, 0], b[None, :, 1] - a[:, None, 1]
     reach = 0.5 * (np.hypot(a[0, 3], a[0, 4]) + np.hypot(b[0, 3], b[0, 4]))
     apart = np.abs(step_b[None, :] - step_a[:, None])

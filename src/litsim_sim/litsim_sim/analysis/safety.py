@@ -18,10 +18,10 @@ SIGHT_M = 100.0  # ahead, for the leader
 
 @dataclass(frozen=True)
 class Following:
-    """How m agents follow their leaders; arrays (m,).
+    """How agents follow their leaders; arrays of one shape.
 
-    The leader is the nearest agent less than :data:`SIGHT_M` ahead whose box reaches into the strip that the own box
-    sweeps straight on.
+    Whoever makes one says who the leader is: :func:`following`, of m agents at one step, by the strip that their boxes
+    sweep straight on; :func:`litsim_sim.mining.leaders.leaders`, of all agents at all steps, by lanes.
 
     Attributes:
         leader: row of the leader in the table, -1 where there is none.
@@ -38,10 +38,19 @@ class Following:
     headway: FloatArray
     drac: FloatArray
 
+    @classmethod
+    def measured(cls, leader: IntArray, gap: FloatArray, closing: FloatArray, speed: FloatArray) -> Following:
+        """The measures of agents that drive `speed` [m/s]; `leader`, `gap` and `closing` as in the attributes."""
+        there = leader >= 0
+        headway = np.divide(gap, speed, out=np.full(gap.shape, np.inf), where=there & (speed > 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            drac = np.where(closing > 0.0, closing**2 / (2.0 * gap), 0.0)
+        return cls(leader, gap, closing, headway, drac)
+
     @property
     def time_to_leader(self) -> FloatArray:
-        """(m,) gap over closing speed [s]; inf where the gap does not close."""
-        return np.divide(self.gap, self.closing, out=np.full(len(self.gap), np.inf), where=self.closing > 0.0)
+        """Gap over closing speed [s]; inf where the gap does not close."""
+        return np.divide(self.gap, self.closing, out=np.full(self.gap.shape, np.inf), where=self.closing > 0.0)
 
 
 @dataclass(frozen=True)
@@ -107,7 +116,11 @@ def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:
 
 
 def following(table: AgentTable, rows: IntArray) -> Following:
-    """The leaders of the agents in `rows` (m,) of `table`, and how they are followed."""
+    """The leaders of the agents in `rows` (m,) of `table`, and how they are followed; arrays (m,).
+
+    A leader is the nearest agent less than :data:`SIGHT_M` ahead whose box reaches into the strip that the own box
+    sweeps straight on.
+    """
     each, own_yaw = np.arange(len(rows)), table.yaw[rows, None]
     ahead, left = to_body(table.x - table.x[rows, None], table.y - table.y[rows, None], own_yaw)
     cos, sin = np.cos(table.yaw - own_yaw), np.sin(table.yaw - own_yaw)
@@ -121,7 +134,4 @@ def following(table: AgentTable, rows: IntArray) -> Following:
     nearest = np.argmin(gaps, axis=1) if len(rows) else rows
     gap, speed = np.maximum(gaps[each, nearest], 0.0), table.speed[rows]
     closing = np.where(there, speed - table.speed[nearest] * cos[each, nearest], 0.0)
-    headway = np.divide(gap, speed, out=np.full(len(rows), np.inf), where=there & (speed > 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        drac = np.where(closing > 0.0, closing**2 / (2.0 * gap), 0.0)
-    return Following(np.where(there, nearest, -1), gap, closing, headway, drac)
+    return Following.measured(np.where(there, nearest, -1), gap, closing, speed)

@@ -1,0 +1,1 @@
+"""What happens in recorded traffic: events around every possible ego with their numbers, and choices among them."""

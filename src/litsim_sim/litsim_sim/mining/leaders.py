@@ -1,0 +1,69 @@
+"""Who follows whom, along lanes and over their ends, at every step of a log."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_sim.analysis.safety import SIGHT_M, Following
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.mining.lane_tracks import NOWHERE, LaneTracks
+from litsim_sim.scenario.log import Log
+
+HOPS_MAX = 64  # lanes ahead: with a hundred metres of sight, lanes are longer
+
+
+def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
+    """How every agent follows at every step; arrays (n, steps), `leader` being rows of the log.
+
+    The leader is the nearest agent ahead whose centre is in the same lane, or in the lanes that the agent takes after it
+    (as it did; beyond its log the straightest), less than 100 m ahead. The gap runs along the lanes from bumper to
+    bumper; 0 where the two are beside each other in one lane.
+    """
+    shape = log.valid.shape
+    leader, distance = np.full(shape, NOWHERE), np.full(shape, np.inf)
+    agent, step = np.nonzero(tracks.lane != NOWHERE)
+    lane, s = tracks.lane[agent, step], tracks.s[agent, step]
+    order = np.lexsort((agent, s, lane, step))
+    agent, step, lane, s = agent[order], step[order], lane[order], s[order]
+    same = (step[1:] == step[:-1]) & (lane[1:] == lane[:-1])
+    leader[agent[:-1][same], step[:-1][same]] = agent[1:][same]
+    distance[agent[:-1][same], step[:-1][same]] = (s[1:] - s[:-1])[same]
+
+    first = np.concatenate([[True], ~same])[: len(agent)]
+    nearest = np.full((shape[1], len(lane_map.lanes)), NOWHERE)  # the last agent of each lane, seen from behind
+    nearest[step[first], lane[first]] = agent[first]
+    _look_ahead(tracks, lane_map, nearest, leader, distance)
+    return _followed(log, leader, distance)
+
+
+def _look_ahead(
+    tracks: LaneTracks, lane_map: LaneMap, nearest: IntArray, leader: IntArray, distance: FloatArray
+) -> None:
+    """Fill `leader` and `distance` (n, steps) of those who are the first of their lane, from the lanes after it."""
+    length = np.array([lane.length for lane in lane_map.lanes])
+    agent, step = np.nonzero((tracks.lane != NOWHERE) & (leader == NOWHERE))
+    lane = tracks.lane[agent, step]
+    way = length[lane] - tracks.s[agent, step]
+    for _ in range(HOPS_MAX):
+        lane = tracks.following[agent, lane]
+        going: BoolArray = (lane != NOWHERE) & (way < SIGHT_M)
+        agent, step, lane, way = agent[going], step[going], lane[going], way[going]
+        if not len(agent):
+            return
+        ahead = nearest[step, lane]
+        found = (ahead != NOWHERE) & (ahead != agent)
+        leader[agent[found], step[found]] = ahead[found]
+        distance[agent[found], step[found]] = (way + tracks.s[ahead, step])[found]
+        agent, step, lane, way = agent[~found], step[~found], lane[~found], (way + length[lane])[~found]
+
+
+def _followed(log: Log, leader: IntArray, distance: FloatArray) -> Following:
+    """The measures, from leaders and the distances (n, steps) to their centres [m]."""
+    steps = np.arange(leader.shape[1])
+    gap = distance - 0.5 * (log.length[:, None] + log.length[leader])
+    leader = np.where(gap < SIGHT_M, leader, NOWHERE)
+    there = leader != NOWHERE
+    along = log.speed[leader, steps] * np.cos(log.yaw[leader, steps] - log.yaw)
+    closing = np.where(there, log.speed - along, 0.0)
+    return Following.measured(leader, np.where(there, np.maximum(gap, 0.0), np.inf), closing, log.speed)

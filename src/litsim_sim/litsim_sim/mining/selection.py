@@ -1,0 +1,103 @@
+"""Choices among found events: the hardest, or an even spread; each ego once for a kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_sim.mining.events import Event, EventKind
+
+
+@dataclass(frozen=True)
+class Found:
+    """An event and the scenario that it was found in.
+
+    Attributes:
+        scenario: name or path, as the scenario was given.
+        event: what happens in it.
+    """
+
+    scenario: str
+    event: Event
+
+    @property
+    def seat(self) -> tuple[str, int]:
+        """Scenario and ego."""
+        return self.scenario, self.event.ego
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A case of a suite: a scenario and an ego, and why it was chosen.
+
+    Attributes:
+        scenario, ego: from whose seat.
+        kinds: for which it was chosen.
+        events: those for which it was chosen, then everything else that was found around the ego, each by time.
+    """
+
+    scenario: str
+    ego: int
+    kinds: tuple[EventKind, ...]
+    events: tuple[Event, ...]
+
+
+def hardest(found: Sequence[Found], count: int) -> list[Found]:
+    """The `count` most severe of `found`, the hardest first; equal ones in their order."""
+    return sorted(found, key=lambda each: -each.event.severity)[:count]
+
+
+def spread(found: Sequence[Found], count: int) -> list[Found]:
+    """`count` of `found` whose severities are spread as evenly as they can be from the least to the greatest.
+
+    For each of as many evenly spaced severities, from the greatest down, the nearest event that is left.
+    """
+    left = sorted(found, key=lambda each: -each.event.severity)
+    if len(left) <= count:
+        return left
+    taken = []
+    for target in np.linspace(left[0].event.severity, left[-1].event.severity, count):
+        nearest = min(range(len(left)), key=lambda at: (abs(left[at].event.severity - target), at))
+        taken.append(left.pop(nearest))
+    return taken
+
+
+def worst_of_each(found: Iterable[Found]) -> list[Found]:
+    """Of every scenario and ego the most severe event, the first of equal ones; in the order of `found`."""
+    best: dict[tuple[str, int], Found] = {}
+    for each in found:
+        if each.seat not in best or each.event.severity > best[each.seat].event.severity:
+            best[each.seat] = each
+    return list(best.values())
+
+
+def choose(
+    found: Sequence[Found], kinds: Sequence[EventKind], count: int | None = None, *, evenly: bool = False
+) -> list[Chosen]:
+    """Cases for each of `kinds`: `count` of each, the hardest or `evenly` spread, all where `count` is None.
+
+    An ego is one case however often it is chosen. Where there are others it is not chosen for a second kind; kinds of
+    which less was found choose first. Equal arguments give equal cases, in the order of `found`.
+    """
+    of_kind = {kind: worst_of_each(each for each in found if each.event.kind == kind) for kind in kinds}
+    chosen: dict[tuple[str, int], list[Event]] = {}
+    for kind in sorted(kinds, key=lambda each: len(of_kind[each])):
+        candidates = of_kind[kind]
+        wanted = len(candidates) if count is None else count
+        pick = spread if evenly else hardest
+        fresh = pick([each for each in candidates if each.seat not in chosen], wanted)
+        again = pick([each for each in candidates if each.seat in chosen], wanted - len(fresh))
+        for each in (*fresh, *again):
+            chosen.setdefault(each.seat, []).append(each.event)
+    around: dict[tuple[str, int], list[Event]] = {}
+    for each in found:
+        around.setdefault(each.seat, []).append(each.event)
+    return [_case(seat, chosen[seat], events) for seat, events in around.items() if seat in chosen]
+
+
+def _case(seat: tuple[str, int], why: list[Event], events: list[Event]) -> Chosen:
+    first = sorted(why, key=lambda event: (event.step, event.kind))
+    rest = [event for event in events if event not in why]
+    return Chosen(*seat, tuple(event.kind for event in first), (*first, *rest))
