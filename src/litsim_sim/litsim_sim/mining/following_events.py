@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,7 +47,7 @@ def stop_and_go(situation: Situation) -> Iterator[Event]:
     for row in range(len(log.ids)):
         speed, there = log.speed[row], log.valid[row]
         going = np.flatnonzero(there & (speed >= GOING))
-        for before, after in zip(going[:-1], going[1:], strict=True):
+        for before, after in pairwise(going):
             slow = np.flatnonzero(speed[before:after] < STOPPED) + before
             queued = following.gap[row, slow] <= QUEUE_M
             if not len(slow) or not queued.any():

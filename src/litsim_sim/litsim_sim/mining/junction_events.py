@@ -11,7 +11,8 @@ from litsim_sim.analysis.encroachment import PET_HORIZON_S, closest_use
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.mining.events import Event, EventKind, Number, Situation, measured, severity
-from litsim_sim.mining.passages import MARGIN, TURN_RAD, Passage, boxes
+from litsim_sim.mining.lane_tracks import TURN_RAD
+from litsim_sim.mining.passages import MARGIN, Passage, boxes
 from litsim_sim.mining.signals import Protection, Way, protection
 
 LEFT_TURN_PET_S = 3.0  # [s] at most, of a left turn across oncoming traffic
@@ -34,9 +35,9 @@ def turn_events(situation: Situation) -> Iterator[Event]:
 def encounters(situation: Situation) -> Iterator[Event]:
     """Two vehicles that come to a junction from two roads use one place of it within 5 s of each other.
 
-    Left turn: one turns left across the way of one that comes straight from the opposite side, within 3 s, and its light
-    never lets it go alone. Merge: they leave in the same lane. Crossing: they leave in different ones. Each is told
-    once for either vehicle, with the role that it has.
+    Left turn: one turns left across the way of one that comes straight from the opposite side, within 3 s, and its
+    light never lets it go alone. Merge: they leave in the same lane. Crossing: they leave in different ones. Each is
+    told once for either vehicle, with the role that it has.
     """
     by_junction: dict[str, list[Passage]] = {}
     for each in situation.passages:

@@ -19,7 +19,7 @@ R157_BRAKING, R157_DELAY = 6.0, 0.35  # [m/s2], [s] UN Regulation 157: a cut-in 
 
 
 def cut_ins(situation: Situation) -> Iterator[Event]:
-    """A neighbour becomes the leader of an ego that keeps its lane, by the only lane change that it makes around then."""
+    """A neighbour becomes the leader of an ego that keeps its lane, by the only change that it makes around then."""
     leader = situation.following.leader
     for change in situation.changes:
         if _again(situation, change):
@@ -57,7 +57,7 @@ def lane_change_events(situation: Situation) -> Iterator[Event]:
 
 
 def lane_merges(situation: Situation) -> Iterator[Event]:
-    """A vehicle changes from a lane that comes from a smaller road to one that comes from a greater: a ramp, an added lane.
+    """A vehicle changes from a lane that comes from a smaller road, a ramp, to one that comes from a greater one.
 
     It happens to the one that merges, and to the one that it gets in front of.
     """
@@ -156,9 +156,7 @@ def _again(situation: Situation, change: LaneChange) -> bool:
 
 def _keeps_lane(situation: Situation, row: int, begin: int, end: int) -> bool:
     """Whether the agent in `row` changes no lane from step `begin` through `end`."""
-    return not any(
-        other.agent == row and other.begin <= end and other.end >= begin for other in situation.changes
-    )
+    return not any(other.agent == row and other.begin <= end and other.end >= begin for other in situation.changes)
 
 
 def _merging(situation: Situation, change: LaneChange) -> bool:
@@ -187,4 +185,3 @@ def _upstream(situation: Situation, lane: int) -> set[str]:
             if way + lanes[before].length < ORIGIN_M:
                 waiting.append((before, way + lanes[before].length))
     return found
-

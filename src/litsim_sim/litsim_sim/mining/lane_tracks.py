@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -123,7 +124,7 @@ class Ways:
     def taken(self, lane: IntArray) -> Iterator[tuple[int, int]]:
         """Pairs of lanes of which an agent on `lane` (steps,) took the second after the first."""
         passed = [int(lane[begin]) for begin, _ in runs(lane)]
-        for before, after in zip(passed[:-1], passed[1:], strict=True):
+        for before, after in pairwise(passed):
             if NOWHERE in (before, after):
                 continue
             if after in self.successors[before]:

@@ -16,8 +16,8 @@ HOPS_MAX = 64  # lanes ahead: with a hundred metres of sight, lanes are longer
 def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
     """How every agent follows at every step; arrays (n, steps), `leader` being rows of the log.
 
-    The leader is the nearest agent ahead whose centre is in the same lane, or in the lanes that the agent takes after it
-    (as it did; beyond its log the straightest), less than 100 m ahead. The gap runs along the lanes from bumper to
+    The leader is the nearest agent ahead whose centre is in the same lane, or in the lanes that the agent takes after
+    it (as it did; beyond its log the straightest), less than 100 m ahead. The gap runs along the lanes from bumper to
     bumper; 0 where the two are beside each other in one lane.
     """
     shape = log.valid.shape

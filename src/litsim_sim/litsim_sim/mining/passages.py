@@ -73,8 +73,8 @@ class Turn:
 def passages(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> list[Passage]:
     """The ways of all agents through junctions, by agent and time.
 
-    Whoever begins or ends inside a junction is left out: from where, or where to, is not known. So is whoever comes back
-    to the road that it came from: it waited at the border.
+    Whoever begins or ends inside a junction is left out: from where, or where to, is not known. So is whoever comes
+    back to the road that it came from: it waited at the border.
     """
     lanes = lane_map.lanes
     found = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,9 @@ COLUMNS, BINS = 3, np.linspace(0.0, 1.0, 21)
 TARGET = 0.5  # severity at which a measure meets its criticality target
 
 
-def plot_severities(found: dict[EventKind, Sequence[float]], taken: dict[EventKind, Sequence[float]], path: Path) -> None:
+def plot_severities(
+    found: Mapping[EventKind, Sequence[float]], taken: Mapping[EventKind, Sequence[float]], path: Path
+) -> None:
     """Draw the severities of all events that were `found`, by kind, and of those that were `taken` into a suite.
 
     Raises:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,7 +54,7 @@ def spread(found: Sequence[Found], count: int) -> list[Found]:
 
     For each of as many evenly spaced severities, from the greatest down, the nearest event that is left.
     """
-    left = sorted(found, key=lambda each: -each.event.severity)
+    left = hardest(found, len(found))
     if len(left) <= count:
         return left
     taken = []
@@ -73,23 +73,17 @@ def worst_of_each(found: Iterable[Found]) -> list[Found]:
     return list(best.values())
 
 
-def choose(
-    found: Sequence[Found], kinds: Sequence[EventKind], count: int | None = None, *, evenly: bool = False
-) -> list[Chosen]:
-    """Cases for each of `kinds`: `count` of each, the hardest or `evenly` spread, all where `count` is None.
+def choose(found: Sequence[Found], wanted: Mapping[EventKind, int | None], *, evenly: bool = False) -> list[Chosen]:
+    """Cases for the kinds of `wanted`: as many of each as it says, the hardest or `evenly` spread; None is all.
 
-    An ego is one case however often it is chosen. Where there are others it is not chosen for a second kind; kinds of
-    which less was found choose first. Equal arguments give equal cases, in the order of `found`.
+    An ego counts once for a kind, with its most severe event. One that is chosen for several kinds is one case. Equal
+    arguments give equal cases, in the order of `found`.
     """
-    of_kind = {kind: worst_of_each(each for each in found if each.event.kind == kind) for kind in kinds}
+    pick = spread if evenly else hardest
     chosen: dict[tuple[str, int], list[Event]] = {}
-    for kind in sorted(kinds, key=lambda each: len(of_kind[each])):
-        candidates = of_kind[kind]
-        wanted = len(candidates) if count is None else count
-        pick = spread if evenly else hardest
-        fresh = pick([each for each in candidates if each.seat not in chosen], wanted)
-        again = pick([each for each in candidates if each.seat in chosen], wanted - len(fresh))
-        for each in (*fresh, *again):
+    for kind, count in wanted.items():
+        candidates = worst_of_each(each for each in found if each.event.kind == kind)
+        for each in pick(candidates, len(candidates) if count is None else count):
             chosen.setdefault(each.seat, []).append(each.event)
     around: dict[tuple[str, int], list[Event]] = {}
     for each in found:
