@@ -80,15 +80,22 @@ def run(arguments: argparse.Namespace) -> int | None:
 def find(names: Sequence[str], kinds: Sequence[EventKind]) -> list[Found]:
     """The events of `kinds` in the scenarios named, in their order; a bar on stderr says how far it is.
 
+    Where scenarios are pieces of one recording that overlap, an event is of the first one that has it.
+
     Raises:
         InputError: a scenario cannot be used.
     """
-    found, egos = [], 0
+    found: list[Found] = []
+    known, egos = set[tuple[object, ...]](), 0
     with tqdm(names, unit="scenario", dynamic_ncols=True) as bar:
         for name in bar:
             scenario = Scenario.load(name)
             egos += len(possible_egos(scenario))
-            found += [Found(name, event) for event in mine(scenario, kinds)]
+            for event in mine(scenario, kinds):
+                at = (scenario.file.recording, scenario.start_frame + event.step, event.kind, event.ego, event.other)
+                if at not in known:
+                    known.add(at)
+                    found.append(Found(name, event))
             bar.set_postfix_str(f"{egos} egos, {len(found)} events")
     return found
 
