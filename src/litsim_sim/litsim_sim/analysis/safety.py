@@ -26,7 +26,7 @@ class Following:
     Attributes:
         leader: row of the leader in the table, -1 where there is none.
         gap: from bumper to bumper along the own heading [m]; 0 in contact, inf without leader.
-        closing: own speed minus the leader's along the own heading [m/s]; 0 without leader.
+        closing: own speed minus the leader's, along the own heading or along lanes [m/s]; 0 without leader.
         headway: gap over own speed [s]; inf without leader or at rest.
         drac: deceleration rate to avoid a crash, closing^2 / (2 gap) [m/s2] (Almqvist 1991); 0 where the gap does not
             close, inf in contact.

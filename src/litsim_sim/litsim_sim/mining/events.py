@@ -25,6 +25,8 @@ Number = float | int | str | None
 
 DECIMALS = 3
 
+CLOSING_MIN = 0.1  # [m/s] less is no approach: of hundred metres, the time would be a quarter of an hour; our choice
+
 TTC_S = 2.0  # [s] a new follower's is critical below
 HEADWAY_S = 0.9  # [s] the lower of the usual targets, 0.9 to 1.8 s
 PET_S = 1.5  # [s] critical below, grave below 1 s
@@ -162,4 +164,5 @@ class Situation:
         """The least time of the agent in `row` to its leader, from step `first` through `last` [s]; inf without."""
         piece = slice(first, last + 1)
         gap, closing = self.following.gap[row, piece], self.following.closing[row, piece]
-        return float(np.divide(gap, closing, out=np.full(len(gap), np.inf), where=closing > 0.0).min(initial=np.inf))
+        times = np.divide(gap, closing, out=np.full(len(gap), np.inf), where=closing > CLOSING_MIN)
+        return float(times.min(initial=np.inf))

@@ -47,8 +47,9 @@ class LaneChange:
 def lane_changes(tracks: LaneTracks) -> list[LaneChange]:
     """The lane changes of all agents, by agent and time.
 
-    A lane counts as taken when the agent comes within 0.375 m of its centre line, or stays in it for 2 s; what comes
-    back before is no change. Neither is what crosses two borders at once, nor what turns at a junction.
+    A lane counts as taken when the agent comes within 0.375 m of its centre line, or stays in it for 2 s, and the one
+    that it is first seen in; what comes back before is no change. Neither is what crosses two borders at once, nor what
+    turns at a junction.
     """
     found = []
     for row in range(len(tracks.lane)):
@@ -64,7 +65,7 @@ def _changes(tracks: LaneTracks, row: int, first: int, last: int) -> list[LaneCh
     taken = [
         (first + begin, first + end)
         for begin, end in runs(level[first:last])
-        if end - begin >= round(STAYED_S / STEP_S) or centred[first + begin : first + end].any()
+        if begin == 0 or end - begin >= round(STAYED_S / STEP_S) or centred[first + begin : first + end].any()
     ]
     found = []
     for before, after in pairwise(taken):

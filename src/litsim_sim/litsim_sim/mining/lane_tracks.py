@@ -33,6 +33,7 @@ class LaneTracks:
         lane: (n, steps) position in `LaneMap.lanes`; -1 where an agent is not on the road, or on no lane.
         s: (n, steps) along the lane [m].
         d: (n, steps) to the left of its centre line [m].
+        along: (n, steps) speed along it [m/s].
         stretch: (n, steps) number of the piece of a track over which lanes can be counted; one begins where an agent is
             back on the road, or comes to a lane that none of those before leads to. -1 where `lane` is.
         level: (n, steps) how many lanes farther to the left than at the beginning of the stretch.
@@ -44,6 +45,7 @@ class LaneTracks:
     lane: IntArray
     s: FloatArray
     d: FloatArray
+    along: FloatArray
     stretch: IntArray
     level: IntArray
     lateral_speed: FloatArray
@@ -54,13 +56,15 @@ class LaneTracks:
         """Place the agents of `log` on the lanes of `lane_map`."""
         valid = log.valid
         width = np.array([lane.width for lane in lane_map.lanes])
-        lane, s, d = np.full(valid.shape, NOWHERE), np.zeros(valid.shape), np.zeros(valid.shape)
+        lane = np.full(valid.shape, NOWHERE)
+        s, d, along = (np.zeros(valid.shape) for _ in range(3))
         there = np.nonzero(valid)
         for begin in range(0, len(there[0]), CHUNK):
             some = (there[0][begin : begin + CHUNK], there[1][begin : begin + CHUNK])
             at = lane_map.nearest(log.x[some], log.y[some], log.yaw[some])
             lane[some] = np.where(np.abs(at.d) <= 0.5 * width[at.lane] + OFF_LANE_M, at.lane, NOWHERE)
             s[some], d[some] = at.s, at.d
+            along[some] = log.speed[some] * np.cos(log.yaw[some] - at.heading)
         ways = Ways(lane_map.lanes)
         stretch, level = np.full(valid.shape, NOWHERE), np.zeros(valid.shape, np.int64)
         following = np.tile(np.array(ways.straightest, np.int64), (len(log.ids), 1))
@@ -69,7 +73,7 @@ class LaneTracks:
             for before, after in ways.taken(lane[row]):
                 following[row, before] = after
         speed = _lateral_speed(lane, d, stretch, level, width)
-        return cls(lane, s, d, stretch, level, speed, following)
+        return cls(lane, s, d, along, stretch, level, speed, following)
 
 
 class Ways:

@@ -34,7 +34,7 @@ def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
     nearest = np.full((shape[1], len(lane_map.lanes)), NOWHERE)  # the last agent of each lane, seen from behind
     nearest[step[first], lane[first]] = agent[first]
     _look_ahead(tracks, lane_map, nearest, leader, distance)
-    return _followed(log, leader, distance)
+    return _followed(log, tracks.along, leader, distance)
 
 
 def _look_ahead(
@@ -58,12 +58,11 @@ def _look_ahead(
         agent, step, lane, way = agent[~found], step[~found], lane[~found], (way + length[lane])[~found]
 
 
-def _followed(log: Log, leader: IntArray, distance: FloatArray) -> Following:
-    """The measures, from leaders and the distances (n, steps) to their centres [m]."""
+def _followed(log: Log, along: FloatArray, leader: IntArray, distance: FloatArray) -> Following:
+    """The measures, from speeds `along` lanes [m/s], leaders, and distances to their centres [m]; all (n, steps)."""
     steps = np.arange(leader.shape[1])
     gap = distance - 0.5 * (log.length[:, None] + log.length[leader])
     leader = np.where(gap < SIGHT_M, leader, NOWHERE)
     there = leader != NOWHERE
-    along = log.speed[leader, steps] * np.cos(log.yaw[leader, steps] - log.yaw)
-    closing = np.where(there, log.speed - along, 0.0)
+    closing = np.where(there, along - along[leader, steps], 0.0)
     return Following.measured(leader, np.where(there, np.maximum(gap, 0.0), np.inf), closing, log.speed)

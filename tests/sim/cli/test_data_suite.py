@@ -1,0 +1,105 @@
+"""`data suite`: arguments, table, picture and file."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from litsim_sim.campaign.suite import Suite
+from litsim_sim.cli import data
+from litsim_sim.cli.data.suite import find, parse_events
+from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, InputError
+from litsim_sim.mining.events import EventKind
+from litsim_sim.scenario.scenario import Scenario, packaged
+
+
+def status(*words: str | Path) -> int | None:
+    """Exit status of the command."""
+    try:
+        data.main(["suite", *map(str, words)])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def test_the_demo_gives_a_suite_and_the_same_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, again = tmp_path / "hard.yaml", tmp_path / "again.yaml"
+    asked = ("demo", "--events", "lane_change,cut_in=1", "--hardest", "2", "--egos", "idm", "bat")
+    assert status(*asked, "--out", out, "--plot", tmp_path / "severities.png") == 0
+    printed = capsys.readouterr().out
+    assert "lane change" in printed and "merge" not in printed
+    suite = Suite.load(out)
+    assert suite.name == "hard"
+    assert [ego.kind for ego in suite.egos] == ["idm", "bat"]
+    assert sorted(tag for case in suite.cases for tag in case.tags) == ["cut_in", "lane_change", "lane_change"]
+    assert all(case.scenario == "demo" for case in suite.cases)
+    assert (tmp_path / "severities.png").read_bytes().startswith(b"\x89PNG")
+    assert status(*asked, "--name", "hard", "--out", again) == 0
+    assert again.read_bytes() == out.read_bytes()
+
+
+def test_the_hardest_are_at_least_as_hard_as_a_spread(tmp_path: Path) -> None:
+    worst = {}
+    for how in ("--hardest", "--spread"):
+        out = tmp_path / f"{how.strip('-')}.yaml"
+        assert status("demo", "--events", "lane_change", how, "3", "--out", out) == 0
+        worst[how] = sorted(case.events[0]["severity"] for case in Suite.load(out).cases)
+    assert len(worst["--hardest"]) == len(worst["--spread"]) == 3
+    assert worst["--hardest"][2] == worst["--spread"][2]
+    assert worst["--hardest"][0] > worst["--spread"][0]
+
+
+def test_an_event_in_two_pieces_of_a_recording_is_of_the_first(tmp_path: Path) -> None:
+    recording = packaged("scenarios/us101_like.parquet")
+    shutil.copy(recording, tmp_path)
+    for name, frame in (("first", 0), ("second", 10)):
+        text = packaged("scenarios/demo.yaml").read_text().replace("start_frame: 0", f"start_frame: {frame}")
+        (tmp_path / f"{name}.yaml").write_text(text.replace("egos: [", "tuning: []\negos: [7]\n#"))
+    first, second = (str(tmp_path / f"{name}.yaml") for name in ("first", "second"))
+    both, alone = find([first, second], [EventKind.LANE_CHANGE]), find([first], [EventKind.LANE_CHANGE])
+    assert len(alone) > 2
+    moments = {(each.event.ego, each.event.step + Scenario.load(each.scenario).start_frame) for each in both}
+    assert len(moments) == len(both)
+    assert both[: len(alone)] == alone
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("nowhere",), "no such scenario"),
+        (("demo", "--events", "crash"), "is no event, expected some of cut_in"),
+        (("demo", "--events", "merge,merge"), "named twice"),
+        (("demo", "--events", "merge=0"), "expected a whole number"),
+        (("demo", "--hardest", "2", "--spread", "2"), "not allowed with"),
+    ],
+)
+def test_bad_arguments_are_said_in_one_line(
+    words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert status(*words) == EXIT_INPUT
+    assert said in capsys.readouterr().err
+
+
+def test_nothing_found_is_no_success(tmp_path: Path) -> None:
+    assert status("demo", "--events", "left_turn", "--out", tmp_path / "s.yaml") == EXIT_FAILED
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_default_leaves_out_what_happens_all_the_time() -> None:
+    assert set(EventKind) - set(parse_events(None)) == {EventKind.FOLLOWING, EventKind.TURN}
+    assert parse_events("merge, cut_in=3") == {EventKind.MERGE: None, EventKind.CUT_IN: 3}
+    with pytest.raises(InputError, match="is no event"):
+        parse_events("")
+
+
+def test_the_packaged_suite_is_what_its_command_makes(tmp_path: Path) -> None:
+    command = (Path(__file__).resolve().parents[3] / "tools" / "small_suite.sh").read_text()
+    events = re.search(r"--events (\S+) --hardest (\d+)", command)
+    assert events is not None
+    shutil.copytree(packaged("suites/small"), tmp_path / "small")
+    out = tmp_path / "small.yaml"
+    assert status(tmp_path / "small", "--out", out, "--events", events[1], "--hardest", events[2]) == 0
+    assert out.read_bytes() == packaged("suites/small.yaml").read_bytes()
