@@ -90,6 +90,12 @@ class Graph:
         """Start the launcher."""
         return self._start([program("litsim_sim", "launch"), *arguments], environment)
 
+    def start_program(
+        self, package: str, executable: str, *arguments: object, **environment: str
+    ) -> subprocess.Popen[str]:
+        """Start a program of ours that is no node."""
+        return self._start([program(package, executable), *arguments], environment)
+
     def start_node(self, package: str, executable: str, *arguments: str, **parameters: object) -> subprocess.Popen[str]:
         """Start one node in :attr:`domain`, as ``ros2 run`` does."""
         given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]

@@ -14,6 +14,7 @@ from litsim_policy.run.workers import Workers
 from litsim_sim.analysis.summary import summarise
 from litsim_sim.campaign.case import GRAPH, Case
 from litsim_sim.campaign.criteria import Criteria, CriterionResult, Verdict
+from litsim_sim.campaign.junit import JUNIT_FILE, write_junit
 from litsim_sim.campaign.results import Campaign, CampaignFolder, RunResult, read_campaign
 from litsim_sim.core.errors import reason
 from litsim_sim.launch.processes import without_interrupts
@@ -119,6 +120,7 @@ def conclude(folder: CampaignFolder) -> Campaign:
         suite=[asdict(each) for each in judged],
         rows=row_summaries(campaign.results),
     )
+    write_junit(campaign, folder.path / JUNIT_FILE)
     return campaign
 
 

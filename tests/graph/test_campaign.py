@@ -1,0 +1,113 @@
+"""Campaigns over DDS: runs side by side, each in a domain of its own; a stack that fails fails its runs alone."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+from junitparser import JUnitXml
+
+from litsim_sim.campaign.criteria import Verdict
+from litsim_sim.campaign.results import RunResult, read_campaign
+from litsim_sim.record.run import read_run
+
+STACK = [sys.executable, str(Path(__file__).with_name("external_ego.py"))]
+PATIENT = {"bridge.answer_timeout_s": 4.0}
+EGOS = [
+    {"name": "good", "kind": "external", "command": STACK},
+    {"name": "crashes", "kind": "external", "command": ["sh", "-c", "echo no licence; exit 4"]},
+    {"name": "hangs", "kind": "external", "command": [*STACK, "--skip", "12-99"], "parameters": PATIENT},
+    {"name": "lies", "kind": "external", "command": [*STACK, "--nan-at", "12"]},
+    "log",
+]
+CRITERIA = {"runs": [{"name": "no fault", "field": "collision.ego_at_fault", "max": 0}]}
+
+
+def suite(graph: Any, egos: list[Any], ids: list[int]) -> Path:
+    path: Path = graph.folder / "suite.yaml"
+    content = {"name": "short", "cases": [{"scenario": "short.yaml", "egos": ids}], "egos": egos}
+    graph.scenario()
+    path.write_text(yaml.safe_dump(content | {"policies": ["replay"], "criteria": CRITERIA}))
+    return path
+
+
+def start(graph: Any, file: Path, *options: object, **environment: str) -> subprocess.Popen[str]:
+    words = ("--suite", file, "--out", graph.folder / "out", *options)
+    return graph.start_program("litsim_policy", "evaluate", *words, **environment)
+
+
+def by_ego(graph: Any) -> dict[str, RunResult]:
+    return {result.case.ego.name: result for result in read_campaign(graph.folder / "out").results}
+
+
+def test_a_stack_that_is_broken_fails_its_run_with_the_reason_and_no_other(graph: Any) -> None:
+    done = graph.finish(start(graph, suite(graph, EGOS, [13]), "--graph", "--processes", 2))
+    assert done.returncode == 1, done.stderr
+    assert not graph.running()
+    found = by_ego(graph)
+    assert {name: result.verdict for name, result in found.items()} == {
+        "good": Verdict.PASSED,
+        "crashes": Verdict.ERROR,
+        "hangs": Verdict.ERROR,
+        "lies": Verdict.ERROR,
+        "log": Verdict.PASSED,
+    }
+    reasons = {name: result.reason for name, result in found.items()}
+    assert "the stack (sh -c 'echo no licence; exit 4') ended with exit status 4: no licence" in reasons["crashes"]
+    assert reasons["hangs"].startswith("no answer to step 12 on /litsim/ego/control within 4 s")
+    assert "cannot be used: acceleration is nan" in reasons["lies"]
+    assert f"error: short/13/crashes/replay: error: {reasons['crashes']}" in done.stderr
+
+    tests = {test.name: test for each in JUnitXml.fromfile(str(graph.folder / "out/junit.xml")) for test in each}
+    (said,) = tests["short/13/crashes/replay"].result
+    assert "no licence" in said.text and type(said).__name__ == "Error"
+    assert not tests["short/13/good/replay"].result
+
+    folders = {name: graph.folder / "out/runs" / result.case.id for name, result in found.items()}
+    crashed, good = found["crashes"], found["good"]
+    assert crashed.log and (folders["crashes"] / crashed.log).read_text() == "no licence\n"
+    assert good.recording and good.report and (folders["good"] / good.report).is_file()
+    run = read_run(folders["good"] / good.recording)
+    assert (run.info.ego, run.complete) == ("external", True)
+    assert good.metrics is not None and good.metrics["steps"] == 35
+
+
+def test_a_stack_that_runs_already_drives_in_one_run_after_the_other(graph: Any) -> None:
+    stack = graph.start_script("external_ego.py")
+    file = suite(graph, [{"name": "mine", "kind": "external", "interface": "control"}], [13, 21])
+    done = graph.finish(start(graph, file, "--processes", 2, ROS_DOMAIN_ID=str(graph.domain)))
+    assert done.returncode == 0, done.stderr
+    assert stack.poll() is None, "it was kept alive over the runs"
+    results = read_campaign(graph.folder / "out").results
+    assert [result.case.ego_id for result in results] == [13, 21]
+    assert all(result.metrics and result.metrics["lockstep"]["missed"] == 0 for result in results)
+
+
+def test_what_a_killed_campaign_has_started_ends_and_it_goes_on(graph: Any) -> None:
+    slow = {"name": "slow", "kind": "external", "command": [*STACK, "--late", "10-30", "--late-by", "0.5"]}
+    file = suite(graph, [slow], [13])
+    killed = start(graph, file)
+    graph.wait("the run", lambda: list(graph.folder.glob("out/runs/*/run/*.mcap")))
+    graph.end(killed, signal.SIGKILL)
+    graph.wait("the end of all that it started", lambda: not graph.running())
+    assert not read_campaign(graph.folder / "out").results
+    done = graph.finish(start(graph, file))
+    assert done.returncode == 0, done.stderr
+    (result,) = read_campaign(graph.folder / "out").results
+    assert result.verdict == Verdict.PASSED
+    assert [path.name for path in (graph.folder / "out/runs").iterdir()] == [result.case.id]
+
+
+def test_an_interrupted_campaign_ends_its_graphs_in_good_order(graph: Any) -> None:
+    slow = {"name": "slow", "kind": "external", "command": [*STACK, "--late", "10-30", "--late-by", "0.5"]}
+    interrupted = start(graph, suite(graph, [slow], [13]))
+    graph.wait("the run", lambda: list(graph.folder.glob("out/runs/*/run/*.mcap")))
+    status, said = graph.end(interrupted)
+    assert status == 130 and "Traceback" not in said
+    assert not graph.running()
+    assert json.loads((graph.folder / "out/results.json").read_text())["runs"] == []
