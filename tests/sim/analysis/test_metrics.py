@@ -90,6 +90,22 @@ def test_collisions_show(run: Any, moved: Make) -> None:
     assert collision["rate_controlled"] == 1.0
 
 
+@pytest.mark.parametrize(("ahead", "at_fault", "own"), [(3.5, 1, 0.0), (-3.5, 0, None)])
+def test_only_contacts_at_the_egos_fault_spoil_its_own_ttc(
+    run: Any, moved: Make, ahead: float, at_fault: int, own: float | None
+) -> None:
+    """Agent 3 is put into the ego's lane, overlapping its front or its rear."""
+    hit = []
+    for each in run.tables:
+        there = each.step >= 50
+        ego = each.x[each.row(1)]
+        now = float(ego + ahead - each.x[each.row(3)])
+        hit.append(moved([each], 3, x=now, y=3.66)[0] if there else each)
+    metrics = compute_metrics(replace(run, tables=hit))
+    assert metrics["collision"]["ego_at_fault"] == at_fault and metrics["safety"]["min_ttc_s"] == 0.0
+    assert metrics["safety"]["min_own_ttc_s"] == own
+
+
 def test_guarded_commands_show(run: Any, capsys: pytest.CaptureFixture[str]) -> None:
     assert compute_metrics(run)["comfort"]["controlled"]["guarded"] == {"count": 0, "share": None}
     guarded = compute_metrics(replace(run, controls=answers(run)))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_sim.analysis.safety import following, safety_series, times_to_collision
+from litsim_sim.analysis.safety import following, safety_series, shortest_own_ttc, times_to_collision
 
 Make = Callable[..., Any]
 
@@ -53,6 +53,23 @@ def test_ttc_of_a_crossing(table: Make) -> None:
     crossing = table(0, {"id": 1, "x": -20.0, "y": 0.0}, {"id": 2, "x": 0.0, "y": -20.0, "yaw": 1.5707963})
     # fronts reach the other's flank 3 m before the crossing point: 20 - 2 - 1 = 17 m at 10 m/s
     assert time_to_collision(crossing, 0) == pytest.approx(1.75, abs=0.06)
+
+
+def test_own_ttc_leaves_out_who_was_touched_from_then_on(table: Make) -> None:
+    """Agent 2 comes from behind, touches agent 1 at step 1, and overlaps its front at step 2; agent 3 stands ahead."""
+    scenes = [
+        table(
+            step,
+            {"id": 1, "x": 0.0, "y": 0.0},
+            {"id": 2, "x": x, "y": 0.0},
+            {"id": 3, "x": 4.0 + gap, "y": 0.0, "speed": 0.0},
+        )
+        for step, (x, gap) in enumerate(((-5.0, 28.5), (-3.0, 24.5), (2.0, 19.5)))
+    ]
+    assert shortest_own_ttc(scenes, 1, {2: 1}) == pytest.approx(2.0, abs=0.06)
+    assert shortest_own_ttc(scenes, 1, {2: 2}) == 0.0, "until then it counts"
+    assert shortest_own_ttc(scenes[:1], 1, {}) == pytest.approx(2.9, abs=0.06)
+    assert shortest_own_ttc(scenes, 4, {}) == float("inf")
 
 
 def test_headway_and_drac(table: Make) -> None:

@@ -31,7 +31,7 @@ from litsim_sim.analysis.metrics_tree import (
 )
 from litsim_sim.analysis.progress import mean_progress
 from litsim_sim.analysis.realism import realism
-from litsim_sim.analysis.safety import TTC_CRITICAL_S, safety_series
+from litsim_sim.analysis.safety import TTC_CRITICAL_S, safety_series, shortest_own_ttc
 from litsim_sim.analysis.tables import ledger_row
 from litsim_sim.analysis.takeover import Handback, Jump, handbacks, ledger
 from litsim_sim.analysis.timing import StageTime, Timing, timing
@@ -173,6 +173,7 @@ def _safety(run: Run, hits: Collisions) -> SafetyMetrics:
     drivers = [careful_driver(tables, ego, contact.agent, contact.step, dt, lane_map) for contact in hits.ego]
     return {
         "min_ttc_s": _finite(series.ttc.min(initial=np.inf)),
+        "min_own_ttc_s": _own_ttc(run, hits, float(series.ttc.min(initial=np.inf))),
         "ttc_below": {str(limit): _mean(series.ttc < limit) for limit in TTC_CRITICAL_S},
         "min_headway_s": _finite(series.headway.min(initial=np.inf)),
         "max_drac_mps2": _finite(series.drac.max(initial=0.0)),
@@ -183,6 +184,20 @@ def _safety(run: Run, hits: Collisions) -> SafetyMetrics:
         ],
         "avoidable_contacts": sum(d.avoided for d in drivers),
     }
+
+
+def _own_ttc(run: Run, hits: Collisions, shortest: float) -> float | None:
+    """Shortest time to collision of the ego's own making [s]: 0 in a contact at its fault; others count until contact.
+
+    Args:
+        run: whose tables are looked at again where there were contacts.
+        hits: its contacts.
+        shortest: time to collision with anybody [s], inf where there is none.
+    """
+    if any(contact.ego_at_fault for contact in hits.ego):
+        return 0.0
+    touched = {contact.agent: contact.step for contact in hits.ego}
+    return _finite(shortest_own_ttc(run.simulated, run.info.ego_id, touched) if touched else shortest)
 
 
 def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:

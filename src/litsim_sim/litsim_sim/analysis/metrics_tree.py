@@ -92,6 +92,7 @@ class SafetyMetrics(TypedDict):
     """Surrogate measures of the ego."""
 
     min_ttc_s: float | None
+    min_own_ttc_s: float | None
     ttc_below: Annotated[dict[str, float | None], Keys(tuple(map(str, TTC_CRITICAL_S)))]
     min_headway_s: float | None
     max_drac_mps2: float | None

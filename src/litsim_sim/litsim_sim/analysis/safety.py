@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +82,26 @@ def safety_series(tables: Sequence[AgentTable], agent: int) -> SafetySeries:
             values.append((times_to_collision(table, rows)[0], behind.headway[0], behind.drac[0]))
     columns = np.array(values).reshape(-1, 3)
     return SafetySeries(agent, np.array(steps, np.int64), columns[:, 0], columns[:, 1], columns[:, 2])
+
+
+def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[int, int]) -> float:
+    """Shortest time to collision [s] of `agent` with those that it has not touched; inf where there is none within 3 s.
+
+    Whoever it touches counts until then, as in nuPlan's measure: what follows from a contact is no approach of its own.
+
+    Args:
+        tables: steps.
+        agent: whose.
+        touched: step of the first contact by the id of the other agent.
+    """
+    shortest = np.inf
+    for table in tables:
+        gone = [other for other, step in touched.items() if step <= table.step]
+        others = table.take(~np.isin(table.id, gone)) if gone else table
+        rows = np.flatnonzero(others.id == agent)
+        if len(rows):
+            shortest = min(shortest, float(times_to_collision(others, rows)[0]))
+    return shortest
 
 
 def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:

@@ -33,6 +33,7 @@ NAMED: dict[str, tuple[str, int | None]] = {
     "safety.avoidable_contacts": ("avoidable contacts", 0),
     "safety.max_drac_mps2": ("ego: largest DRAC [m/s²]", 2),
     "safety.min_headway_s": ("ego: shortest headway [s]", 2),
+    "safety.min_own_ttc_s": ("ego: shortest own TTC [s]", 2),
     "safety.min_pet_s": ("ego: shortest PET [s]", 2),
     "safety.min_ttc_s": ("ego: shortest TTC [s]", 2),
     "takeovers": ("takeovers", 0),
