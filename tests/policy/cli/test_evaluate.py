@@ -121,6 +121,9 @@ def test_the_exit_status_is_the_verdict_by_the_criteria(tmp_path, capsys, limit:
     found = results(tmp_path / "out")
     assert found["verdict"] == ("failed" if status else "passed")
     assert found["rows"]["idm, replay"]["colliding_runs"] == 1
+    page = tmp_path / "out/experiment.html"
+    assert f"to look at: {page}\n" in said.out
+    assert ('<span class="badge bad">not passed</span>' in page.read_text()) == bool(status)
 
 
 def test_a_run_that_fails_is_marked_in_the_table_listed_and_run_again_on_demand(

@@ -18,6 +18,7 @@ from litsim_policy.run.case_run import RunOutcome, RunStopped, run_in_process
 from litsim_sim.campaign.criteria import Criteria, Verdict
 from litsim_sim.campaign.results import CampaignFolder, RunResult, read_campaign
 from litsim_sim.campaign.suite import Suite
+from litsim_sim.report.thumbnails import read_thumbnail
 
 
 @pytest.fixture
@@ -48,6 +49,7 @@ def test_runs_are_judged_and_stored_as_they_come(begun: Callable[..., Any]) -> N
         (judged,) = result.criteria
         assert judged.passed == (result.metrics["collision"]["ego_at_fault"] == 0)
         assert result.verdict == (Verdict.PASSED if judged.passed else Verdict.FAILED)
+        assert read_thumbnail(runs.folder.run_folder(result.case)) is not None
 
 
 def test_a_run_that_fails_is_an_error_with_its_reason_and_ends_no_other(begun: Callable[..., Any]) -> None:

@@ -17,6 +17,7 @@ from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.core.errors import InputError
+from litsim_sim.report.thumbnails import read_thumbnail
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
@@ -33,6 +34,30 @@ def test_a_case_is_run_without_sumo_and_measured() -> None:
     found = run_in_process(case())
     assert found["valid"] and found["collision"]["excess"] == 0 and found["policy"] == "replay"
     assert found["world"]["sumo_deviation_m"] is None
+
+
+def test_its_picture_is_left_in_the_folder(tmp_path: Path) -> None:
+    metrics = run_in_process(case("idm", 3), tmp_path)
+    picture = read_thumbnail(tmp_path)
+    assert picture is not None and picture["contact"] is not None
+    first = min(each["step"] for each in metrics["collision"]["contacts"] if not each["in_log"])
+    assert picture["step"] == first and picture["what"].endswith("touch")
+
+
+def test_over_dds_the_picture_comes_from_the_record(
+    launcher: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    run = record(Runner(RunPlan.load("demo", "idm", "replay", ego_id=3)))
+    monkeypatch.setattr(case_run, "read_run", lambda path: run)
+    (tmp_path / "metrics.json").write_text(json.dumps(compute_metrics(run)))
+    found = over_graph(case("idm", 3), launcher("cp metrics.json $out; touch $out/a.mcap"))
+    assert found.recording == "run" and read_thumbnail(tmp_path / "case") is not None
+
+
+def test_a_record_that_cannot_be_read_is_no_reason_to_fail(launcher: Any) -> None:
+    folder = launcher(f"echo '{json.dumps(campaigns.metrics())}' > $out/metrics.json; echo broken > $out/a.mcap")
+    assert over_graph(case("idm"), folder).metrics is not None
+    assert read_thumbnail(folder / "case") is None
 
 
 def test_a_case_is_the_run_of_its_own_scenario_whatever_was_run_before() -> None:

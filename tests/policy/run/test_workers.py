@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ import pytest
 import campaigns
 from litsim_policy.run.case_run import run_in_process
 from litsim_policy.run.workers import Workers
+from litsim_sim.report.thumbnails import read_thumbnail
 
 
 class Fatal:
@@ -29,9 +31,10 @@ def good(ego_id: int = 7) -> Any:
     return campaigns.cases(cases=[{"scenario": "demo", "ego_id": ego_id}], egos=["log"], policies=["replay"])[0]
 
 
-def test_a_case_comes_to_the_same_as_in_this_process() -> None:
+def test_a_case_comes_to_the_same_as_in_this_process(tmp_path: Path) -> None:
     with Workers() as workers:
-        found = workers.run(good())
+        found = workers.run(good(), tmp_path)
+    assert read_thumbnail(tmp_path) is not None
     assert found.metrics is not None and found.metrics["digest"] == run_in_process(good())["digest"]
     assert found.failure == "" and found.wall_s is not None and found.recording is None
 

@@ -22,6 +22,7 @@ from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error
 from litsim_sim.launch.processes import without_interrupts
+from litsim_sim.report.experiment import write_experiment_report
 
 STATUS_HELP = (
     "Exit status: 0, the campaign passes by the criteria of its suite (by default: every run passes); 1, it does not, "
@@ -80,7 +81,9 @@ def evaluate(arguments: argparse.Namespace) -> int:
             print_error("ended before all runs were; the same command goes on where it was")
             raise
         campaign = conclude(folder)
+        page = write_experiment_report(folder.path, quiet=False)
     _print(campaign)
+    print(f"to look at: {page}")
     return 0 if passes(campaign.judged) else EXIT_FAILED
 
 

@@ -64,9 +64,9 @@ class LocalRuns:
         Raises:
             RunStopped: the campaign has ended meanwhile.
         """
-        self.folder.clear(case)
+        folder = self.folder.clear(case)
         try:
-            outcome = self._over_graph(case) if case.shell == GRAPH else workers.run(case)
+            outcome = self._over_graph(case) if case.shell == GRAPH else workers.run(case, folder)
         except RunStopped:
             raise
         except Exception as error:  # noqa: BLE001 - whatever it is, the others are to go on, and the table is to say it

@@ -9,6 +9,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,10 +20,13 @@ from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics
 from litsim_sim.campaign.case import GRAPH, Case
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.results import RunResult
+from litsim_sim.core.errors import InputError
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.nodes import GraphOptions, nodes_of
 from litsim_sim.launch.processes import LOG_FOLDER, STACK, check_program, start_process
+from litsim_sim.record.run import read_run
 from litsim_sim.report.run_report import REPORT_FILE
+from litsim_sim.report.thumbnails import write_thumbnail
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
@@ -86,15 +90,23 @@ def check_case(case: Case) -> None:
         check_program(case.ego.command)
 
 
-def run_in_process(case: Case) -> dict[str, Any]:
+def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
     """Metrics of a run in this process, without SUMO: it would only show what is measured.
 
+    Args:
+        case: to run.
+        folder: where the picture of the run is left, for the page of the campaign.
+
     Raises:
-        InputError: the run cannot be run.
+        InputError: the run cannot be run, or `folder` not be written.
     """
     scenario = _scenario(case.scenario).around(case.ego_id, case.seed)
     plan = RunPlan(scenario, case.ego.kind, case.policy, case.stage_parameters)
-    return compute_metrics(record(Runner(plan)))
+    run = record(Runner(plan))
+    metrics = compute_metrics(run)
+    if folder is not None:
+        write_thumbnail(run, metrics, folder)
+    return metrics
 
 
 def run_over_graph(
@@ -133,14 +145,23 @@ def run_over_graph(
     failure = f"not over within {time_limit_s:g} s" if late else said.reason(process.returncode)
     metrics = json.loads((out / METRICS_FILE).read_text()) if (out / METRICS_FILE).is_file() and not late else None
     log = out / LOG_FOLDER / f"{STACK}.log"
+    recorded = any(out.glob("*.mcap"))
+    if metrics and recorded:
+        _draw(out, metrics, folder)
     return RunOutcome(
         metrics=metrics,
         failure="" if metrics else failure,
-        recording=RECORDING if any(out.glob("*.mcap")) else None,
+        recording=RECORDING if recorded else None,
         report=f"{RECORDING}/{REPORT_FILE}" if (out / REPORT_FILE).is_file() else None,
         log=str(log.relative_to(folder)) if log.is_file() else None,
         wall_s=time.monotonic() - begin,
     )
+
+
+def _draw(recording: Path, metrics: dict[str, Any], folder: Path) -> None:
+    """Leave the picture of a recorded run in `folder`; one that cannot be made is no reason for a run to fail."""
+    with suppress(InputError):
+        write_thumbnail(read_run(recording), metrics, folder)
 
 
 def is_elsewhere(case: Case) -> bool:

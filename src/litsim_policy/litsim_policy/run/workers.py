@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from litsim_policy.run.case_run import RunFailed, RunOutcome, how_it_ended, run_in_process
@@ -34,16 +35,16 @@ class Workers:
         for process in list(self._all):
             process.terminate()
 
-    def run(self, case: Case) -> RunOutcome:
-        """Run a case in this thread's process."""
+    def run(self, case: Case, folder: Path | None = None) -> RunOutcome:
+        """Run a case in this thread's process; its picture is left in `folder`."""
         begin = time.monotonic()
         try:
-            metrics, failure = self._ask(case), ""
+            metrics, failure = self._ask(case, folder), ""
         except RunFailed as error:
             metrics, failure = None, str(error)
         return RunOutcome(metrics, failure, wall_s=time.monotonic() - begin)
 
-    def _ask(self, case: Case) -> dict[str, Any]:
+    def _ask(self, case: Case, folder: Path | None) -> dict[str, Any]:
         """Metrics of a case from this thread's process.
 
         Raises:
@@ -52,7 +53,7 @@ class Workers:
         if not hasattr(self._mine, "process"):
             self._start()
         try:
-            self._mine.pipe.send(case)
+            self._mine.pipe.send((case, folder))
             found: dict[str, Any] | str = self._mine.pipe.recv()
         except (EOFError, OSError):
             self._mine.process.join()
@@ -77,11 +78,11 @@ def _serve(pipe: Connection) -> None:
     end_with_parent()
     while True:
         try:
-            case = pipe.recv()
+            case, folder = pipe.recv()
         except EOFError:  # who has begun this one is gone
             return
         try:
-            found: dict[str, Any] | str = run_in_process(case)
+            found: dict[str, Any] | str = run_in_process(case, folder)
         except Exception as error:  # noqa: BLE001 - whatever it is, the others are to go on, and the table is to say it
             found = reason(error)
         pipe.send(found)
