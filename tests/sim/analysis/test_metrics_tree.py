@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.analysis.metrics_tree import find_field, metric_fields
 from litsim_sim.core.scene import Controller
 from litsim_sim.scenario.scenario import packaged
+from litsim_sim.scenario.signals import Signals
 
 Make = Callable[..., Any]
 
@@ -37,9 +39,9 @@ def metrics(table: Make, make_run: Make) -> dict[str, Any]:
         for k in range(61)
     ]
     times = {"policy": dict.fromkeys(range(61), 0.002)}
-    return compute_metrics(
-        make_run(tables, log, timing=times, net_xml=packaged("nets/us101_like.net.xml").read_bytes())
-    )
+    net_xml = packaged("nets/us101_like.net.xml").read_bytes()
+    signals = Signals(("1",), (), np.empty(0, np.int64), np.zeros((1, 61), np.uint8))
+    return compute_metrics(make_run(tables, log, timing=times, net_xml=net_xml, signals=signals))
 
 
 def test_every_leaf_of_a_run_is_a_field_of_its_kind(metrics: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,7 @@ from litsim_sim.core.signals import STOP_STATES
 from litsim_sim.maps import urban
 from litsim_sim.maps.highway import find_netconvert
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.maps.signal_links import crossings
+from litsim_sim.maps.signal_links import crossings, read_links
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.recordings.segments import Manifest
 from litsim_sim.scenario.log import Log
@@ -197,10 +198,26 @@ def test_drivers_differ_and_defaults_say_nothing_of_driving() -> None:
 # The urban net
 
 
+def test_movements_of_the_net_have_green_with_their_street() -> None:
+    """Not only those of the plan: netconvert numbers links anew where it may."""
+    phases = {
+        logic.get("id"): [phase.get("state", "") for phase in logic]
+        for logic in ET.parse(URBAN_LIKE.net).getroot().findall("tlLogic")
+    }
+    links = read_links(URBAN_LIKE.net)
+    assert len(links) == 28
+    for link in links:
+        main = abs(np.sin(link.heading)) < 0.5
+        left = np.sin(link.exit_heading - link.heading) > 0.5
+        green = [at for at, state in enumerate(phases[link.light]) if state[link.index] in "Gg"]
+        assert green == [0 if main else 3], link.name
+        assert phases[link.light][green[0]][link.index] == ("g" if left else "G"), link.name
+
+
 def test_left_turns_have_lanes_but_no_phase() -> None:
     tree = urban.plain_xml()
     connections = tree["road.con.xml"].findall("connection")
-    for logic in tree["road.tll.xml"]:
+    for logic in tree["road.tll.xml"].findall("tlLogic"):
         states = [phase.get("state", "") for phase in logic]
         assert len({len(state) for state in states}) == 1
         own = [c for c in connections if c.get("tl") == logic.get("id")]

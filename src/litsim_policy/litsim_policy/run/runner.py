@@ -150,4 +150,5 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
         statuses=[finished],
         scenario_yaml=info.scenario_yaml,
         net_xml=scenario.net_path.read_bytes(),
+        signals=scenario.signals,
     )

@@ -26,16 +26,18 @@ from litsim_sim.analysis.metrics_tree import (
     Metrics,
     RealismMetrics,
     SafetyMetrics,
+    SignalMetrics,
     Spread,
     TimingMetrics,
 )
 from litsim_sim.analysis.progress import mean_progress
 from litsim_sim.analysis.realism import realism
 from litsim_sim.analysis.safety import TTC_CRITICAL_S, safety_series, shortest_own_ttc
+from litsim_sim.analysis.signals import log_passages, run_passages
 from litsim_sim.analysis.tables import ledger_row
 from litsim_sim.analysis.takeover import Handback, Jump, handbacks, ledger
 from litsim_sim.analysis.timing import StageTime, Timing, timing
-from litsim_sim.core.scene import ARRAY_FIELDS
+from litsim_sim.core.scene import ARRAY_FIELDS, Controller
 from litsim_sim.io.files import replacing
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import Run
@@ -90,6 +92,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "safety": _safety(run, hits),
         "comfort": _comfort(run, hits),
         "realism": _realism(run, hits),
+        "signals": _signals(run),
         "lockstep": _lockstep(lock),
         "timing": _timing(timing(run)),
         "world": {
@@ -220,6 +223,30 @@ def _realism(run: Run, hits: Collisions) -> RealismMetrics | None:
     """Likelihood of the agents ever under control under the log's histograms."""
     found = realism(run.simulated, run.simulated_log, hits.controlled, lane_map_of(run), run.info.dt)
     return None if found is None else {"score": found.score, "features": found.features, "agent_steps": found.steps}
+
+
+def _signals(run: Run) -> SignalMetrics | None:
+    """Stop lines passed by everybody, and at red by the ego, by agents under control, and by all in the recording."""
+    passed = run_passages(run)
+    if passed is None:
+        return None
+    red = [each for each in passed if each.at_red]
+    return {
+        "passed": len(passed),
+        "red_ego": sum(each.agent == run.info.ego_id for each in red),
+        "red_controlled": sum(each.controller in (Controller.POLICY, Controller.BASELINE) for each in red),
+        "red_log": sum(each.at_red for each in log_passages(run)),
+        "reds": [
+            {
+                "agent": p.agent,
+                "step": p.step,
+                "connection": p.connection,
+                "group": p.group,
+                "by": p.controller.name.lower(),
+            }
+            for p in red
+        ],
+    }
 
 
 def _finite(value: float) -> float | None:

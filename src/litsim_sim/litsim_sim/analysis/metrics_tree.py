@@ -164,6 +164,16 @@ class TimingMetrics(TypedDict):
     path_ms: dict[str, Spread]
 
 
+class SignalMetrics(TypedDict):
+    """Stop lines that were passed, and how many of them at red."""
+
+    passed: int
+    red_ego: int
+    red_controlled: int
+    red_log: int
+    reds: list[dict[str, Any]]
+
+
 class WorldMetrics(TypedDict):
     """What the world did on its own."""
 
@@ -205,6 +215,7 @@ class Metrics(TypedDict):
     safety: SafetyMetrics
     comfort: ComfortMetrics
     realism: RealismMetrics | None
+    signals: SignalMetrics | None
     lockstep: LockstepMetrics
     timing: TimingMetrics
     world: WorldMetrics

@@ -15,6 +15,8 @@ CLOCK = "/clock"
 AGENTS = "/litsim/agents"
 OBJECTS = "/litsim/objects"
 LANES = "/litsim/lanes"
+SIGNALS = "/litsim/signals"
+SIGNAL_MAP = "/litsim/signals/map"
 EGO_STATE = "/litsim/ego/state"
 EGO_ROUTE = "/litsim/ego/route"
 

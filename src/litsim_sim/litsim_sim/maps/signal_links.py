@@ -29,29 +29,27 @@ class SignalLink:
     Attributes:
         name: ``FROM_LANE -> TO_LANE``, by SUMO's ids; positions among a light's links change when a net is built anew.
         from_lane, to_lane: ids of the lanes.
-        via: ids of the lanes inside the junction, in driving direction.
-        light: id of the traffic light.
-        index: position among its links.
         stop: (2,) middle of the stop line: where `from_lane` ends, frame map [m].
         heading: of `from_lane` there [rad].
         width: of `from_lane` [m].
         exit: (2,) where `to_lane` begins [m].
         exit_heading: of `to_lane` there [rad].
-        length: of the way from the stop line to there [m].
+        via: ids of the lanes inside the junction, in driving direction.
+        light: id of the traffic light; empty where only the record of a run is known.
+        index: position among its links, -1 likewise.
     """
 
     name: str
     from_lane: str
     to_lane: str
-    via: tuple[str, ...]
-    light: str
-    index: int
     stop: FloatArray
     heading: float
     width: float
     exit: FloatArray
     exit_heading: float
-    length: float
+    via: tuple[str, ...] = ()
+    light: str = ""
+    index: int = -1
 
 
 def read_links(path: Path) -> tuple[SignalLink, ...]:
@@ -95,7 +93,6 @@ def _link(connection: Any, lanes: dict[str, Lane]) -> SignalLink:
         width=begin.width,
         exit=end.centerline[0],
         exit_heading=float(np.arctan2(*(end.centerline[1] - end.centerline[0])[::-1])),
-        length=sum(lanes[name].length for name in via),
     )
 
 

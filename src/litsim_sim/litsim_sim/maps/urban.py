@@ -95,6 +95,7 @@ def _edge(edges: ET.Element, start: str, end: str, lanes: int) -> None:
 def _connect(connections: ET.Element, signals: ET.Element, name: str, arms: tuple[str, str, str, str]) -> None:
     """Movements of a junction and its signal plan, one signal a movement, numbered in the order written."""
     greens = {"main": "", "side": ""}  # states of all signals while that street has green
+    places: list[dict[str, str]] = []
     for at, arm in enumerate(arms):
         street = "side" if at % 2 else "main"
         through, left, right = (arms[(at + turn) % 4] for turn in (2, 1, 3))
@@ -105,6 +106,7 @@ def _connect(connections: ET.Element, signals: ET.Element, name: str, arms: tupl
             attributes = {"from": f"{arm}{name}", "to": f"{name}{target}", "tl": name}
             lane = {"fromLane": str(from_lane), "toLane": str(to_lane), "linkIndex": str(len(greens["main"]))}
             ET.SubElement(connections, "connection", attributes | lane)
+            places.append(attributes | lane)
             # G goes first; g may go, and gives way
             go = "g" if target == left else "G"
             for other in greens:
@@ -116,3 +118,5 @@ def _connect(connections: ET.Element, signals: ET.Element, name: str, arms: tupl
         yellow, red = re.sub("[Gg]", "y", state), "r" * len(state)
         for duration, signal in ((CYCLE[street], state), (CYCLE["yellow"], yellow), (CYCLE["all_red"], red)):
             ET.SubElement(logic, "phase", {"duration": str(duration), "state": signal})
+    for place in places:  # netconvert numbers links anew, unless they are numbered beside the plan
+        ET.SubElement(signals, "connection", place)

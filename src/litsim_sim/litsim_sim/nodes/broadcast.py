@@ -26,6 +26,8 @@ from litsim_sim.ros.topics import (
     LANES,
     OBJECTS,
     RUN_INFO,
+    SIGNAL_MAP,
+    SIGNALS,
     TAKEOVERS,
     Topic,
 )
@@ -40,9 +42,8 @@ class Broadcast:
 
     def __init__(self, node: Node, plan: RunPlan) -> None:
         self._plan = plan
-        self._publishers = {
-            t: publisher_on(node, t) for t in (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES)
-        }
+        topics = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES, *of_signals(plan.scenario))
+        self._publishers = {topic: publisher_on(node, topic) for topic in topics}
         self._scene: list[tuple[Topic, Any]] = []
 
     def begin(self, info: RunInfo) -> None:
@@ -50,6 +51,8 @@ class Broadcast:
         self._publishers[RUN_INFO].publish(info)
         self._publishers[EGO_ROUTE].publish(route(self._plan.scenario))
         self._publishers[LANES].publish(standard.lanes(self._plan.scenario.lane_map))
+        if (signals := self._plan.scenario.signals) is not None:
+            self._publishers[SIGNAL_MAP].publish(messages.signal_map_to_message(signals, self._plan.run_id))
 
     def show(self, table: AgentTable) -> None:
         """The agents of a step, which the stages wait for."""
@@ -64,6 +67,9 @@ class Broadcast:
             self._publish(EGO_STATE, messages.ego_odometry(table, ego_id)),
             self._publish(CLOCK, Clock(clock=messages.stamp(table.step))),
         ]
+        if (signals := self._plan.scenario.signals) is not None:
+            shown = messages.signals_to_message(signals.table(table.step), self._plan.run_id)
+            self._scene.append(self._publish(SIGNALS, shown))
         if table.step == 0 or self._publishers[OBJECTS].get_subscription_count():
             self._scene.append(self._publish(OBJECTS, standard.objects(table, ego_id)))
 
@@ -75,6 +81,11 @@ class Broadcast:
     def _publish(self, topic: Topic, message: Any) -> tuple[Topic, Any]:
         self._publishers[topic].publish(message)
         return topic, message
+
+
+def of_signals(scenario: Scenario) -> tuple[Topic, ...]:
+    """Topics of the signals, if the scenario knows of some."""
+    return (SIGNAL_MAP, SIGNALS) if scenario.signals is not None else ()
 
 
 def route(scenario: Scenario) -> Path:
@@ -89,6 +100,7 @@ def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]])
     """A run and who takes part; `configuration` are the parameters of stages, by stage and name."""
     per_step = (
         (CLOCK, AGENTS, EGO_STATE)
+        + tuple(topic for topic in of_signals(plan.scenario) if topic.per_step)
         + (() if plan.policy == "replay" else (FORECASTS, TAKEOVERS, CONTROLS))
         + ((EGO_APPLIED,) if plan.ego == EXTERNAL else (EGO_CONTROL,))
     )

@@ -17,7 +17,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ControlTable, EgoCommand, EgoMode
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ByteArray, ControlTable, EgoCommand, EgoMode
+from litsim_sim.core.signals import SignalState
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.step_marks import marks_of
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
@@ -27,17 +28,21 @@ from litsim_sim.core.topic_names import (
     EGO_APPLIED,
     EGO_CONTROL,
     RUN_INFO,
+    SIGNAL_MAP,
+    SIGNALS,
     STATUS,
     TAKEOVERS,
     TIMING,
 )
 from litsim_sim.io.yaml_input import load_yaml
+from litsim_sim.maps.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.digest import CONTROL_FIELDS
 from litsim_sim.recordings.recording import HEADER_KEY, Recording, RecordingHeader
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.signals import Signals
 
-DECODED = (RUN_INFO, AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
+DECODED = (RUN_INFO, AGENTS, SIGNAL_MAP, SIGNALS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
 """Topics whose messages are decoded; of all others only the log times are used."""
 
 RECORDING_FILE = "recording.parquet"
@@ -129,6 +134,7 @@ class Run:
         statuses: in order of arrival.
         scenario_yaml: the resolved scenario.
         net_xml: the SUMO net, or empty.
+        signals: what the signals showed; None where the scenario knows of none.
         gaps: by topic that must hold one message for every step; a topic without gaps has an empty entry.
         complete: whether the recorder closed the file.
         problem: what is wrong with an incomplete file, or empty.
@@ -148,6 +154,7 @@ class Run:
     statuses: list[Status] = field(default_factory=list)
     scenario_yaml: str = ""
     net_xml: bytes = b""
+    signals: Signals | None = None
     gaps: dict[str, TopicGaps] = field(default_factory=dict)
     complete: bool = True
     problem: str = ""
@@ -214,6 +221,7 @@ def read_run(path: Path) -> Run:
         statuses=content.statuses,
         scenario_yaml=scenario_yaml,
         net_xml=reader.attachments.get(NET_FILE, b""),
+        signals=content.signals,
         gaps={topic: TopicGaps.find(content.steps(topic), info.total_steps) for topic in info.topics},
         complete=reader.complete,
         problem=reader.problem,
@@ -234,6 +242,8 @@ class _Content:
         self.timing: dict[str, dict[int, float]] = {}
         self.marks: dict[str, dict[int, dict[str, float]]] = {}
         self.statuses: list[Status] = []
+        self._signal_map: Any = None
+        self._shown: dict[int, ByteArray] = {}
         self._steps: dict[str, list[int]] = {}
         self._times: dict[str, list[int]] = {}
 
@@ -246,12 +256,29 @@ class _Content:
         step_ns = self.info.dt * 1e9 if self.info else 1.0
         return self._steps.get(topic, []) + [round(t / step_ns) for t in self._times.get(topic, [])]
 
+    @property
+    def signals(self) -> Signals | None:
+        """What the signals showed; of a step without a message nothing is known."""
+        if self._signal_map is None:
+            return None
+        found = self._signal_map
+        groups = tuple(found.group)
+        states = np.full((len(groups), max(self._shown, default=-1) + 1), int(SignalState.UNAVAILABLE), np.uint8)
+        for step, state in self._shown.items():
+            states[:, step] = state
+        return Signals(
+            groups, tuple(map(_signal_link, found.links)), np.array([link.group for link in found.links]), states
+        )
+
     def take(self, topic: str, message: Any) -> None:
         """A decoded message; those of another run are dropped."""
         if topic == RUN_INFO:
             self.info = self.info or _copy(RunInfo, message)
             return
         if self.info is not None and message.run_id != self.info.run_id:
+            return
+        if topic == SIGNAL_MAP:
+            self._signal_map = message
             return
         step = int(message.step)
         self._steps.setdefault(topic, []).append(step)
@@ -264,6 +291,8 @@ class _Content:
         elif topic == (EGO_APPLIED if self.info is not None and EGO_APPLIED in self.info.topics else EGO_CONTROL):
             command = EgoCommand(step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
             self.ego.setdefault(step, command)
+        elif topic == SIGNALS:
+            self._shown.setdefault(step, np.asarray(message.state, np.uint8))
         elif topic == TAKEOVERS:
             self.takeovers.setdefault(step, [_takeover(each) for each in message.takeovers])
             self.detections.setdefault(step, Detection(int(message.iterations), bool(message.converged)))
@@ -298,6 +327,20 @@ def _copy(kind: type[_T], message: Any, **ready: Any) -> _T:
     names = [each.name for each in wanted if each.default is MISSING or hasattr(message, each.name)]
     values = {name: getattr(message, name) for name in names}
     return kind(**ready, **{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
+
+
+def _signal_link(message: Any) -> SignalLink:
+    stop, leave = message.stop, message.exit
+    return SignalLink(
+        name=f"{message.from_lane}{ARROW}{message.to_lane}",
+        from_lane=message.from_lane,
+        to_lane=message.to_lane,
+        stop=np.array([stop.x, stop.y]),
+        heading=stop.theta,
+        width=message.width,
+        exit=np.array([leave.x, leave.y]),
+        exit_heading=leave.theta,
+    )
 
 
 def _takeover(message: Any) -> Takeover:

@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped
-from litsim_msgs.msg import AgentStates, Controls, EgoControl, StageStatus
+from geometry_msgs.msg import Pose2D, PoseStamped
+from litsim_msgs.msg import AgentStates, Controls, EgoControl, SignalLink, SignalMap, SignalStates, StageStatus
 from nav_msgs.msg import Odometry, Path
 from std_msgs.msg import Header
 
 from litsim_sim.core.scene import ARRAY_FIELDS, STEP_NS, AgentTable, ControlTable, EgoCommand, EgoMode, FloatArray
+from litsim_sim.core.signals import SignalTable
+from litsim_sim.scenario.signals import Signals
 
 FRAME = "map"
 _TYPECODES = {"f8": "d", "f4": "f", "i8": "q", "u1": "B"}
@@ -61,6 +63,30 @@ def agents_from_message(message: AgentStates) -> AgentTable:
     """Table of an ``AgentStates``."""
     arrays = {name: from_array(getattr(message, name), dtype) for name, dtype in _AGENT_DTYPES.items()}
     return AgentTable(message.step, **arrays)
+
+
+def signals_to_message(signals: SignalTable, run_id: str) -> SignalStates:
+    """``SignalStates`` of a table."""
+    state = to_array(signals.state)
+    return SignalStates(
+        header=header(signals.step), run_id=run_id, step=signals.step, group=list(signals.group), state=state
+    )
+
+
+def signal_map_to_message(signals: Signals, run_id: str) -> SignalMap:
+    """``SignalMap`` of the signals of a scenario."""
+    links = [
+        SignalLink(
+            from_lane=link.from_lane,
+            to_lane=link.to_lane,
+            group=group,
+            stop=_pose(link.stop, link.heading),
+            width=link.width,
+            exit=_pose(link.exit, link.exit_heading),
+        )
+        for link, group in zip(signals.links, signals.link_group.tolist(), strict=True)
+    ]
+    return SignalMap(header=header(0), run_id=run_id, group=list(signals.groups), links=links)
 
 
 def controls_to_message(controls: ControlTable, run_id: str) -> Controls:
@@ -124,6 +150,10 @@ def status(
     return StageStatus(
         header=header(step), run_id=run_id, step=step, stage=stage, state=state, compute_time=compute_time, text=text
     )
+
+
+def _pose(place: FloatArray, heading: float) -> Pose2D:
+    return Pose2D(x=float(place[0]), y=float(place[1]), theta=float(heading))
 
 
 def _quaternion(yaw: float) -> tuple[float, float]:

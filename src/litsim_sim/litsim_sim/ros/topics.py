@@ -11,7 +11,18 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
-from litsim_msgs.msg import AgentStates, Controls, EgoControl, Hello, JointForecast, RunInfo, StageStatus, Takeovers
+from litsim_msgs.msg import (
+    AgentStates,
+    Controls,
+    EgoControl,
+    Hello,
+    JointForecast,
+    RunInfo,
+    SignalMap,
+    SignalStates,
+    StageStatus,
+    Takeovers,
+)
 from nav_msgs.msg import Odometry, Path
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -66,6 +77,8 @@ TIMING = Topic(topic_names.TIMING, StageStatus)
 
 OBJECTS = Topic(topic_names.OBJECTS, PointCloud2, per_step=True)
 LANES = Topic(topic_names.LANES, MarkerArray, latched=True)
+SIGNALS = Topic(topic_names.SIGNALS, SignalStates, per_step=True)
+SIGNAL_MAP = Topic(topic_names.SIGNAL_MAP, SignalMap, latched=True)
 EGO_TWIST = Topic(topic_names.EGO_TWIST, TwistStamped)
 EGO_TRAJECTORY = Topic(topic_names.EGO_TRAJECTORY, Path)
 EGO_APPLIED = Topic(topic_names.EGO_APPLIED, EgoControl, per_step=True)
@@ -95,6 +108,8 @@ RECORDED_TOPICS = (
     EGO_STATE,
     EGO_ROUTE,
     LANES,
+    SIGNAL_MAP,
+    SIGNALS,
     FORECASTS,
     TAKEOVERS,
     CONTROLS,
