@@ -45,7 +45,7 @@ def test_a_report_gives_the_path_from_a_little_behind_the_agent_on() -> None:
     off.in_conflict[:] = [True, False]
     here = np.array([100.0, 200.0])
     first, second = off.report(
-        here, np.array([1.0, 0.0]), np.array([0.5, -1.0]), np.array([2.0, 0.0]), np.array([0, 3])
+        here, np.array([1.0, 0.0]), (np.array([0.5, -1.0]), np.array([2.0, 0.0])), np.array([0, 3])
     )
     assert first.reference_path[:, 0].tolist() == list(range(95, 251))
     assert second.reference_path[:, 0].tolist() == list(range(195, 300))
@@ -60,4 +60,4 @@ def test_a_report_gives_the_path_from_a_little_behind_the_agent_on() -> None:
     assert (first.log_collision_predicted, second.log_collision_predicted) == (True, False)
     assert (first.residual_position, first.residual_speed, first.time_shift) == (0.5, 2.0, 0.0)
     assert (second.residual_position, second.time_shift) == (-1.0, pytest.approx(0.3))
-    assert OffLog.empty().report(*[np.empty(0)] * 4, np.empty(0, np.int64)) == ()
+    assert OffLog.empty().report(*[np.empty(0)] * 2, (np.empty(0), np.empty(0)), np.empty(0, np.int64)) == ()

@@ -105,14 +105,21 @@ class ConflictDetector:
             *follow_logs(log.x, log.y, log.yaw, log.valid, rows, now, self._steps, table.x, table.y, ~table.off_log)
         )
 
-    def forecast_future(self, table: AgentTable, forecast: Forecast) -> PredictedMotion:
+    def forecast_future(self, table: AgentTable, forecast: Forecast, of: BoolArray | None = None) -> PredictedMotion:
         """Every agent as it is forecast, whatever the forecast's `dt`; those without a forecast are nowhere.
 
         Between the instants of the forecast, and from the present pose to the first of them, centres, headings and
         covariances are interpolated linearly; now, the covariance is zero. Beyond its last instant there is nothing.
         Who brakes hard is moved back along the forecast to where that leads; see `ConflictConfig.braking_time`.
+
+        Args:
+            table: n agents.
+            forecast: of the same step.
+            of: mask (n,) of the agents that are asked for, all others being nowhere; None is all.
         """
         config, rows = self._config, forecast.rows(table.id)
+        if of is not None:
+            rows[~of] = -1
         states, valid = interpolate(
             np.ascontiguousarray(forecast.mean),
             np.ascontiguousarray(forecast.yaw),

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba.types import Tuple
 
 from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.motion.car_following import along_paths
-from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_BOOLS, OUT_FLOATS, kernel
+from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.scenario.log import Log
@@ -50,13 +53,67 @@ class Residuals:
             table: everybody now.
             rows: (r,) of the agents in `table`.
         """
-        now = table.step - lag
-        at = log_rows, np.clip(now, 0, log.steps - 1)
-        known = (now >= 0) & (now < log.steps) & log.valid[at]
-        x, y = log.x[at], log.y[at]
-        position = np.hypot(table.x[rows] - x, table.y[rows] - y)
-        yaw = wrap_angle(table.yaw[rows] - log.yaw[at])
-        return cls(known, x, y, position, table.speed[rows] - log.speed[at], yaw)
+        return cls(
+            *_residuals(
+                log.valid,
+                log.x,
+                log.y,
+                log.yaw,
+                log.speed,
+                log_rows,
+                table.step - lag,
+                rows,
+                table.x,
+                table.y,
+                table.yaw,
+                table.speed,
+            )
+        )
+
+    @property
+    def reported(self) -> tuple[FloatArray, FloatArray]:
+        """Position and speed as they are published: -1 and 0 of those that have no log to go back to."""
+        return np.where(self.known, self.position, -1.0), np.where(self.known, self.speed, 0.0)
+
+    def take(self, which: BoolArray) -> Residuals:
+        """Those of the agents of the mask `which` (r,)."""
+        return self if which.all() else Residuals(*(getattr(self, field.name)[which] for field in fields(self)))
+
+
+@kernel(Tuple((OUT_BOOLS, *[OUT_FLOATS] * 5))(BOOLS2, *[FLOATS2] * 4, INTS, INTS, INTS, *[FLOATS] * 4))
+def _residuals(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    log_valid: BoolArray,
+    log_x: FloatArray,
+    log_y: FloatArray,
+    log_yaw: FloatArray,
+    log_speed: FloatArray,
+    log_rows: IntArray,
+    now: IntArray,
+    rows: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the fields of :class:`Residuals`.
+
+    Args:
+        log_valid, log_x, log_y, log_yaw, log_speed: (N, S) of the log [m], [rad], [m/s].
+        log_rows: (r,) of the agents in it.
+        now: (r,) step of it at which each of them is.
+        rows: (r,) of the agents in the table.
+        x, y, yaw, speed: (n,) of the table.
+    """
+    count, last = len(rows), log_x.shape[1] - 1
+    known, off = np.empty(count, np.bool_), np.empty((5, count))
+    for k in range(count):
+        at, me = (log_rows[k], min(max(now[k], 0), last)), rows[k]
+        known[k] = 0 <= now[k] <= last and log_valid[at]
+        off[0, k], off[1, k] = log_x[at], log_y[at]
+        off[2, k] = math.hypot(x[me] - log_x[at], y[me] - log_y[at])
+        off[3, k] = speed[me] - log_speed[at]
+        off[4, k] = wrapped(yaw[me] - log_yaw[at])
+    return known, off[0], off[1], off[2], off[3], off[4]
 
 
 def obstructed(off: OffLog, at: IntArray, table: AgentTable, rows: IntArray, residuals: Residuals) -> BoolArray:
@@ -74,7 +131,7 @@ def obstructed(off: OffLog, at: IntArray, table: AgentTable, rows: IntArray, res
     """
     if not len(at):
         return np.zeros(0, np.bool_)
-    paths, rows = off.logged_paths.take(at), rows[at]
+    paths, rows = off.logged_paths if len(at) == len(off) else off.logged_paths.take(at), rows[at]
     place = paths.project(np.arange(len(at)), residuals.x[at], residuals.y[at])
     sight = OBSTACLE_SIGHT + 2.0 * residuals.position[at]
     view = along_paths(paths, table, rows, sight=sight)

@@ -122,13 +122,13 @@ class OffLog:
             self.__dict__.pop("paths", None)
 
     def report(
-        self, x: FloatArray, y: FloatArray, off_position: FloatArray, off_speed: FloatArray, lag: IntArray
+        self, x: FloatArray, y: FloatArray, residuals: tuple[FloatArray, FloatArray], lag: IntArray
     ) -> tuple[Takeover, ...]:
         """What is published of each agent at a step.
 
         Args:
             x, y: (r,) of the agents now, frame map [m]; their reference paths begin a little behind.
-            off_position, off_speed: (r,) residuals from the log [m], [m/s].
+            residuals: (r,) in position and in speed from the log [m], [m/s].
             lag: (r,) steps by which the log lags that each goes back to.
         """
         if not len(self):
@@ -183,8 +183,7 @@ class OffLog:
                 begin.tolist(),
                 end.tolist(),
                 self.in_conflict.tolist(),
-                off_position.tolist(),
-                off_speed.tolist(),
+                *(values.tolist() for values in residuals),
                 self.source.tolist(),
                 lag.tolist(),
                 strict=True,

@@ -31,31 +31,39 @@ class ConflictScene:
         self._detector, self._table, self._forecast = detector, table, forecast
         self._lag, self._lagged = lag, lagged
         self._covered = np.zeros(len(table), np.bool_)
+        self._foreseen = np.zeros(len(table), np.bool_)
         self._rows: IntArray = np.empty(0, np.int64)
 
     def detect(self, on_log: BoolArray, off_log: BoolArray) -> list[Conflict]:
         """Conflicts of agents `on_log` with agents `off_log`; see :meth:`ConflictDetector.detect`."""
-        self._cover(off_log)
+        self._cover(off_log, off_log)
         rows = self._rows
         return self._detector.detect(self._near, on_log[rows], off_log[rows], self._logged, self._expected)
 
     def still_in_conflict(self, agents: BoolArray, off_log: BoolArray) -> BoolArray:
         """Mask of `agents` that would be in conflict; see :meth:`ConflictDetector.still_in_conflict`."""
-        self._cover(agents)
+        self._cover(agents, off_log)
         rows, found = self._rows, np.zeros(len(self._table), np.bool_)
         found[rows] = self._detector.still_in_conflict(
             self._near, agents[rows], off_log[rows], self._logged, self._expected
         )
         return found
 
-    def _cover(self, agents: BoolArray) -> None:
-        """Make the futures of `agents` and of everybody near them, where they are not made yet."""
+    def _cover(self, agents: BoolArray, off_log: BoolArray) -> None:
+        """Make the futures of `agents` and of everybody near them, where they are not made yet.
+
+        What is expected of agents matters where they are `off_log`; of others, only their logs are looked at.
+        """
         missing = self._detector.around(self._table, agents) & ~self._covered
-        if len(self._rows) and not missing.any():
+        nothing_yet = not len(self._rows)
+        if nothing_yet or missing.any():
+            self._covered |= missing
+            self._rows = np.flatnonzero(self._covered)
+            self._near = self._table.take(self._rows)
+            self._logged = self._detector.logged_future(self._near, self._lag[self._rows])
+        elif not (off_log & ~self._foreseen).any():
             return
-        self._covered |= missing
-        self._rows = np.flatnonzero(self._covered)
-        self._near, lag = self._table.take(self._rows), self._lag[self._rows]
-        self._logged = self._detector.logged_future(self._near, lag)
-        expected = self._detector.forecast_future(self._near, self._forecast)
-        self._expected = expected.replaced(self._lagged[self._rows], self._logged)
+        self._foreseen |= off_log
+        rows = self._rows
+        expected = self._detector.forecast_future(self._near, self._forecast, self._foreseen[rows])
+        self._expected = expected.replaced(self._lagged[rows], self._logged)

@@ -28,7 +28,7 @@ from litsim_sim.core.quantities import (
     configuration,
 )
 from litsim_sim.core.scene import AgentTable, BoolArray, Controller, IntArray
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -87,17 +87,19 @@ class TakeoverManager:
         """Who is off its log at this step, and why."""
         if table.step < self.scenario.history_steps:
             return TakeoverTable(table.step)
+        log = self.scenario.log
         self._off = self._off.take(table.rows(self._off.agent) >= 0)
         for row in np.flatnonzero((table.controller == Controller.POLICY) & ~self._is_off(table)):
             self._adopt(table, int(row))
         self._choose_lags(table)
-        lag = self._lag[np.searchsorted(self.scenario.log.ids, table.id)]
-        lagged = (lag > 0) & (table.controller == Controller.LOG)
-        before = self._off
+        lag = self._lag[np.searchsorted(log.ids, table.id)]
+        lagged, was_off = (lag > 0) & (table.controller == Controller.LOG), self._is_off(table)
         scene = ConflictScene(self._detector, table, forecast, lag, lagged)
-        iterations, converged = self._take_over(table, scene, lagged)
-        self._review(table, scene, np.isin(self._off.agent, before.agent), lagged)
-        takeovers = self._report(table)
+        is_off, iterations, converged = self._take_over(table, scene, was_off, lagged)
+        rows, log_rows = self._rows(table, self._off)
+        residuals = Residuals.of(log, log_rows, lag[rows], table, rows)
+        self._review(table, scene, was_off[rows], rows, residuals, is_off | lagged)
+        takeovers = self._off.report(table.x[rows], table.y[rows], residuals.reported, lag[rows])
         self._off = self._off.take(self._off.state != TakeoverState.RELEASED)
         return TakeoverTable(table.step, takeovers, iterations, converged)
 
@@ -119,24 +121,36 @@ class TakeoverManager:
         off[table.rows(self._off.agent)] = True
         return off
 
-    def _take_over(self, table: AgentTable, scene: ConflictScene, lagged: BoolArray) -> tuple[int, bool]:
-        """Add the agents whose conflict is confirmed; returns the iterations needed and whether nothing was left.
+    def _take_over(
+        self, table: AgentTable, scene: ConflictScene, was_off: BoolArray, lagged: BoolArray
+    ) -> tuple[BoolArray, int, bool]:
+        """Add the agents whose conflict is confirmed.
 
         Each iteration looks at the agents that the one before has put off their logs; the first, at all that were.
+
+        Args:
+            table: everybody.
+            scene: of the step.
+            was_off: mask (n,) of those that are off their logs, the ego included.
+            lagged: mask (n,) of those that follow a log that lags.
+
+        Returns:
+            mask of those that are off their logs now, the iterations needed, and whether nothing was left.
         """
         suspected: dict[int, int] = {}
-        fresh, iterations = self._is_off(table) | lagged, 0
+        off, fresh, iterations = was_off, was_off | lagged, 0
         while fresh.any() and iterations < self.config.iterations_max:
             iterations += 1
-            before = self._is_off(table)
+            before, off = off, off.copy()
             for conflict in scene.detect(~before, fresh):
                 seen = self._suspected.get(conflict.agent, 0) + 1
                 suspected[conflict.agent] = seen
                 if seen >= self.config.confirm_steps or conflict.time_to_conflict <= self.config.urgent_time:
                     self._open(table, conflict)
-            fresh = self._is_off(table) & ~before
+                    off[table.row(conflict.agent)] = True
+            fresh = off & ~before
         self._suspected = suspected
-        return iterations, not fresh.any()
+        return off, iterations, not fresh.any()
 
     def _open(self, table: AgentTable, conflict: Conflict) -> None:
         """Take over the agent of `conflict`, towards the crossing point."""
@@ -165,31 +179,33 @@ class TakeoverManager:
             self._logged[agent] = logged_path(self.scenario.log, self.scenario.lane_map, agent)
         return self._logged[agent]
 
-    def _review(self, table: AgentTable, scene: ConflictScene, known: BoolArray, lagged: BoolArray) -> None:
-        """Move the agents of the mask `known` (r,), off their logs before this step, through their life cycle."""
+    def _review(
+        self,
+        table: AgentTable,
+        scene: ConflictScene,
+        known: BoolArray,
+        rows: IntArray,
+        residuals: Residuals,
+        off_log: BoolArray,
+    ) -> None:
+        """Move agents that were off their logs before this step through their life cycle.
+
+        Args:
+            table: everybody.
+            scene: of the step.
+            known: mask (r,) of them.
+            rows: (r,) of all that are off their logs in `table`.
+            residuals: of these.
+            off_log: mask (n,) of those whose forecasts count, and of those that follow a log that lags.
+        """
         if not known.any():
             return
-        off = self._off.take(known)
-        rows, log_rows = self._rows(table, off)
-        mine = np.zeros(len(table), np.bool_)
-        mine[rows] = True
-        in_conflict = scene.still_in_conflict(mine, self._is_off(table) | lagged)
-        residuals = Residuals.of(self.scenario.log, log_rows, self._lag[log_rows], table, rows)
-        review(self.config, off, table, rows, residuals, in_conflict[rows])
+        off, mine = self._off.take(known), np.zeros(len(table), np.bool_)
+        mine[rows[known]] = True
+        in_conflict = scene.still_in_conflict(mine, off_log)
+        review(self.config, off, table, rows[known], residuals.take(known), in_conflict[rows[known]])
         if off is not self._off:
             self._off = off.joined(self._off.take(~known))
-
-    def _report(self, table: AgentTable) -> tuple[Takeover, ...]:
-        """The takeovers as they are published.
-
-        Residuals are measured against the log that an agent goes back to, with its lag, as the release measures them.
-        """
-        rows, log_rows = self._rows(table, self._off)
-        lag = self._lag[log_rows]
-        residuals = Residuals.of(self.scenario.log, log_rows, lag, table, rows)
-        position = np.where(residuals.known, residuals.position, -1.0)
-        speed = np.where(residuals.known, residuals.speed, 0.0)
-        return self._off.report(table.x[rows], table.y[rows], position, speed, lag)
 
 
 def conflict_stage(read: ParameterReader) -> Callable[[Scenario], TakeoverManager]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_INTS, int64, kernel
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
 from litsim_sim.recordings.recording import Recording
@@ -131,10 +133,23 @@ class Log:
 
     def lags(self, rows: IntArray, step: int, x: FloatArray, y: FloatArray) -> IntArray:
         """(r,) lags as :meth:`lag` defines them, of the agents in `rows` (r,) that are at `x`, `y` (r,) [m]."""
-        until = slice(0, step + 1)
-        distance = np.hypot(self.x[rows, until] - x[:, None], self.y[rows, until] - y[:, None])
-        distance[~self.valid[rows, until]] = np.inf
-        near = distance <= distance.min(axis=1, initial=np.inf, keepdims=True) + LAG_TOLERANCE
-        nearest = np.max(np.where(near, np.arange(near.shape[1]), -1), axis=1, initial=-1)
-        known = np.isfinite(distance).any(axis=1)
-        return np.where(known, step - nearest, 0)
+        return _lags(self.x, self.y, self.valid, rows, step, x, y)
+
+
+@kernel(OUT_INTS(FLOATS2, FLOATS2, BOOLS2, INTS, int64, FLOATS, FLOATS))
+def _lags(
+    log_x: FloatArray, log_y: FloatArray, valid: BoolArray, rows: IntArray, step: int, x: FloatArray, y: FloatArray
+) -> IntArray:
+    """Return what :meth:`Log.lags` does, of the poses and the mask (n, steps) of the log."""
+    found = np.zeros(len(rows), np.int64)
+    for k, row in enumerate(rows):
+        until, least = min(step + 1, log_x.shape[1]), np.inf
+        for t in range(until):
+            if valid[row, t]:
+                least = min(least, (log_x[row, t] - x[k]) ** 2 + (log_y[row, t] - y[k]) ** 2)
+        near = (math.sqrt(least) + LAG_TOLERANCE) ** 2
+        for t in range(until - 1, -1, -1):
+            if valid[row, t] and (log_x[row, t] - x[k]) ** 2 + (log_y[row, t] - y[k]) ** 2 <= near:
+                found[k] = step - t
+                break
+    return found
