@@ -49,6 +49,7 @@ def catch_up(
         speed: of the agents [m/s].
         log_speed, log_acceleration: of their logs [m/s], [m/s2].
     """
-    approach = np.clip(config.position_gain * behind / config.speed_gain, -config.speed_excess, config.speed_excess)
+    approach = config.position_gain * behind / config.speed_gain
+    approach = np.minimum(np.maximum(approach, -config.speed_excess), config.speed_excess)
     wanted = log_acceleration + config.speed_gain * (log_speed + approach - speed)
-    return np.asarray(np.clip(wanted, -config.deceleration_max, config.acceleration_max))
+    return np.asarray(np.minimum(np.maximum(wanted, -config.deceleration_max), config.acceleration_max))

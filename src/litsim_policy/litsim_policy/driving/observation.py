@@ -17,15 +17,17 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numba.types import Tuple
+from numba.types import Tuple, UniTuple
 
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.car_following import Poses
 from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, segment_at
 from litsim_sim.core.compiled import (
     BOOLS2,
     FLOATS,
     FLOATS2,
+    FLOATS3,
     INTS,
     OUT_FLOATS,
     OUT_FLOATS2,
@@ -36,7 +38,6 @@ from litsim_sim.core.compiled import (
     kernel,
     void,
 )
-from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.pair_geometry import wrapped
 from litsim_sim.core.quantities import Length, Positive, Whole, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
@@ -53,8 +54,7 @@ CURVATURE = 0.05  # [1/m]
 HEADING = 0.2  # [rad] to lane and path
 YAW_RATE = 0.2  # [rad/s]
 TIME = 5.0  # [s]
-CURVE_LENGTH = 10.0  # [m] of lane around the agent over which its curvature is taken ...
-CURVE = np.array([[-0.5 * CURVE_LENGTH], [0.5 * CURVE_LENGTH]])  # ... from here to there
+CURVE_LENGTH = 10.0  # [m] of lane around the agent over which its curvature is taken
 
 CORE, SLOT, ROAD, WAY = 4, 7, 7, 14
 WAY_FEATURES = (
@@ -149,24 +149,24 @@ class Observer:
     def _see_road(self, agents: PathFollowers, features: FloatArray) -> None:
         """Write the features of the road under the agents."""
         at = agents.lane
-        _, _, heading = self._lane_map.pose_at(at.lane, at.s + CURVE)
+        around = self._lane_map.headings_around(at.lane, at.s, 0.5 * CURVE_LENGTH)
         sides = self._half_width, self._to_left, self._to_right
         first = CORE + SLOT * self.config.slots
-        _see_road(at.lane, at.d, at.heading, heading, agents.yaw, *sides, first, features)
+        _see_road(at.lane, at.d, at.heading, around, agents.yaw, *sides, first, features)
 
     def _see_way(self, scene: DrivingScene, features: FloatArray) -> None:
         """Write the features of the ways to the goals, in the order of WAY_FEATURES."""
-        agents, table = scene.agents, scene.agents.table
-        view, each = agents.view, np.arange(len(agents))
-        ahead = agents.s[:, None] + agents.reach[:, None] * np.array([0.0, 0.5, 1.5])
-        way = features[:, -WAY:]
-        way[:, 0] = agents.d / LATERAL
-        way[:, 1:4] = (
-            wrap_angle(agents.paths.heading(each[:, None], agents.paths.segment(ahead)) - agents.yaw[:, None]) / HEADING
+        agents, table, view = scene.agents, scene.agents.table, scene.agents.view
+        unit_x, unit_y = _directions(agents.paths.segments, agents.paths.count, agents.s, agents.reach)
+        _see_path(
+            agents.d,
+            np.arctan2(unit_y, unit_x),
+            agents.yaw,
+            agents.path_yaw_rate,
+            agents.to_goal(scene.goal[:, 0], scene.goal[:, 1]),
+            scene.due_step - table.step,
+            features,
         )
-        way[:, 4] = agents.path_yaw_rate / YAW_RATE
-        way[:, 8] = agents.to_goal(scene.goal[:, 0], scene.goal[:, 1]) / DISTANCE
-        way[:, 9] = (scene.due_step - table.step) * STEP_S / TIME
         _see_leader(view.gap, view.speed, view.ahead, view.in_path, agents.speed, self.config.sight, features)
         _see_opponent(
             table.x,
@@ -309,7 +309,7 @@ def _see_road(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
     Args:
         lane, d, lane_heading: (m,) as in :class:`litsim_sim.maps.lane_map.LanePosition`.
-        around: (2, m) heading of the lane behind and ahead, as CURVE says [rad].
+        around: (m, 2) heading of the lane half of CURVE_LENGTH behind and ahead [rad].
         yaw: (m,) of the agents [rad].
         half_width, to_left, to_right: of all lanes, and the width of what lies beyond them [m].
         first: position of the first feature.
@@ -322,8 +322,60 @@ def _see_road(  # noqa: PLR0917 - a kernel takes arrays and numbers
         features[i, first + 2] = (marker_left + to_left[lane[i]]) / EDGE
         features[i, first + 3] = (marker_right + to_right[lane[i]]) / EDGE
         features[i, first + 4] = d[i] / LATERAL
-        features[i, first + 5] = wrapped(around[1, i] - around[0, i]) / CURVE_LENGTH / CURVATURE
+        features[i, first + 5] = wrapped(around[i, 1] - around[i, 0]) / CURVE_LENGTH / CURVATURE
         features[i, first + 6] = wrapped(yaw[i] - lane_heading[i]) / HEADING
+
+
+@kernel(UniTuple(OUT_FLOATS2, 2)(FLOATS3, INTS, FLOATS, FLOATS))
+def _directions(
+    segments: FloatArray, count: IntArray, s: FloatArray, reach: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Directions of m paths where the agents are, and half a reach and one and a half ahead.
+
+    Args:
+        segments, count: of the paths, as :mod:`litsim_policy.motion.path_kernels` has them.
+        s, reach: (m,) arc lengths of the agents and their pursuit reaches [m].
+
+    Returns:
+        x and y (m, 3) of unit vectors.
+    """
+    unit_x, unit_y = np.empty((len(s), 3)), np.empty((len(s), 3))
+    for i in range(len(s)):
+        for k, share in enumerate((0.0, 0.5, 1.5)):
+            at = segment_at(segments, count[i], i, s[i] + reach[i] * share)
+            unit_x[i, k], unit_y[i, k] = segments[i, at, UNIT_X], segments[i, at, UNIT_Y]
+    return unit_x, unit_y
+
+
+@kernel(void(FLOATS, FLOATS2, FLOATS, FLOATS, FLOATS, INTS, OUT_FLOATS2))
+def _see_path(
+    d: FloatArray,
+    heading: FloatArray,
+    yaw: FloatArray,
+    yaw_rate: FloatArray,
+    to_goal: FloatArray,
+    steps_left: IntArray,
+    features: FloatArray,
+) -> None:
+    """Write where m agents are on their ways to their goals.
+
+    Args:
+        d: (m,) offsets from the paths [m].
+        heading: (m, 3) of the paths, as :func:`_directions` has them [rad].
+        yaw: (m,) of the agents [rad].
+        yaw_rate: (m,) of a pure pursuit of the paths [rad/s].
+        to_goal: (m,) distance along the paths [m].
+        steps_left: (m,) until the agents were expected at their goals.
+        features: (m, size) into which is written.
+    """
+    first = features.shape[1] - WAY
+    for i in range(len(d)):
+        features[i, first] = d[i] / LATERAL
+        for k in range(3):
+            features[i, first + 1 + k] = wrapped(heading[i, k] - yaw[i]) / HEADING
+        features[i, first + 4] = yaw_rate[i] / YAW_RATE
+        features[i, first + 8] = to_goal[i] / DISTANCE
+        features[i, first + 9] = steps_left[i] * STEP_S / TIME
 
 
 @kernel(void(FLOATS2, FLOATS2, BOOLS2, BOOLS2, FLOATS, float64, OUT_FLOATS2))

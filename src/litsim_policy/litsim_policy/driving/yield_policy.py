@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import field
 
 import numpy as np
 
 from litsim_policy.driving.handback import HandbackConfig, catch_up
-from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
+from litsim_policy.motion.car_following import IdmConfig, idm, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_sim.core.geometry import to_body
+from litsim_sim.core.compiled import (
+    BOOLS2,
+    FLOATS,
+    FLOATS2,
+    INTS,
+    OUT_BOOLS,
+    OUT_FLOATS,
+    boolean,
+    float64,
+    int64,
+    kernel,
+)
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Speed, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
@@ -91,17 +103,24 @@ class YieldPolicy:
 
         They give way to their opponents and to those alongside that are ahead.
         """
-        view, table, idm = agents.view, agents.table, self._config.idm
-        wanted = self._wanted_speed(agents)
-        leads = view.ahead & view.in_path & (view.gap > 0)
-        follow = idm_acceleration(idm, agents.speed, wanted, view.gap, view.speed, leads)
-        opponent = np.array([t.opponent for t in takeovers])[:, None]
-        courted = view.ahead & (view.in_path | (table.id == opponent)) & ~leads
-        courted &= (view.gap > 0) | _goes_first(agents)
-        courtesy = idm_acceleration(idm, agents.speed, wanted, view.gap, view.speed, courted)
-        in_the_way = (courted & (view.aside < 0.0) & (view.speed < agents.speed[:, None])).any(axis=1)
-        courtesy = np.where(in_the_way, courtesy, np.maximum(courtesy, -self._config.courtesy_deceleration))
-        return np.where(courted.any(axis=1), np.minimum(follow, courtesy), follow)
+        view, table = agents.view, agents.table
+        return give_way(
+            view.gap,
+            view.speed,
+            view.ahead,
+            view.in_path,
+            view.aside,
+            table.id,
+            table.x,
+            table.y,
+            table.yaw,
+            agents.rows,
+            agents.speed,
+            self._wanted_speed(agents),
+            np.array([t.opponent for t in takeovers]),
+            self._config.courtesy_deceleration,
+            *self._config.idm.of_model,
+        )
 
     def _hand_back(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
         """Accelerations (m,) [m/s2] that close the distance to the log, but never into whatever is on the path."""
@@ -118,25 +137,22 @@ class YieldPolicy:
 
     def _steer(self, agents: PathFollowers) -> FloatArray:
         """Yaw rates (m,) [rad/s] along the paths, or along the lanes while the way to the side is taken."""
-        heading = agents.lane.heading
-        target = agents.target - np.column_stack([agents.x, agents.y])
-        sideways = -np.sin(heading) * target[:, 0] + np.cos(heading) * target[:, 1]
-        return np.where(self._side_taken(agents, sideways), agents.lane_yaw_rate, agents.path_yaw_rate)
-
-    def _side_taken(self, agents: PathFollowers, sideways: FloatArray) -> BoolArray:
-        """(m,) whether somebody is alongside, or will be soon, where moves by `sideways` (m,) [m] to the left lead."""
-        table, rows, config = agents.table, agents.rows, self._config
-        dx, dy = table.x - agents.x[:, None], table.y - agents.y[:, None]
-        ahead, left = to_body(dx, dy, agents.lane.heading[:, None])
-        clearance = np.abs(left) - 0.5 * (table.width + table.width[rows, None])
-        faster = table.speed - agents.speed[:, None]
-        approaching = np.sign(ahead) * faster < 0
-        reach = 0.5 * (table.length + table.length[rows, None]) + config.side_gap
-        reach += np.where(approaching, np.abs(faster) * config.side_horizon, 0.0)
-        move = sideways[:, None]
-        taken = (np.abs(ahead) < reach) & (left * move > 0) & (clearance < np.abs(move) + config.side_margin)
-        taken[np.arange(len(agents)), rows] = False
-        return np.asarray((np.abs(sideways) > config.side_drift) & taken.any(axis=1))
+        table, config = agents.table, self._config
+        taken = side_taken(
+            table.x,
+            table.y,
+            table.speed,
+            table.length,
+            table.width,
+            agents.rows,
+            agents.lane.heading,
+            agents.target,
+            config.side_gap,
+            config.side_horizon,
+            config.side_margin,
+            config.side_drift,
+        )
+        return np.where(taken, agents.lane_yaw_rate, agents.path_yaw_rate)
 
     def _wanted_speed(self, agents: PathFollowers) -> FloatArray:
         """(m,) speeds [m/s] of the agents' own logs where they are now and at this time.
@@ -155,12 +171,118 @@ class YieldPolicy:
         return np.searchsorted(self._log.ids, agents.table.id[agents.rows])
 
 
-def _goes_first(agents: PathFollowers) -> BoolArray:
-    """(m, n) who goes before each agent where both are alongside; never each before the other.
+@kernel(boolean(FLOATS, FLOATS, FLOATS, INTS, int64, int64))
+def _goes_first(x: FloatArray, y: FloatArray, yaw: FloatArray, ids: IntArray, j: int, own: int) -> bool:
+    """Whether the agent in row `j` goes before that in row `own` where both are alongside; never each before the other.
 
     Where paths cross, each agent can be ahead on the other's: along the direction between both headings only one is.
     """
-    table, yaw = agents.table, agents.yaw[:, None]
-    along = (table.x - agents.x[:, None]) * (np.cos(table.yaw) + np.cos(yaw))
-    along += (table.y - agents.y[:, None]) * (np.sin(table.yaw) + np.sin(yaw))
-    return np.asarray((along > 0) | ((along == 0) & (table.id < table.id[agents.rows, None])))
+    along = (x[j] - x[own]) * (math.cos(yaw[j]) + math.cos(yaw[own]))
+    along += (y[j] - y[own]) * (math.sin(yaw[j]) + math.sin(yaw[own]))
+    return along > 0.0 or (along == 0.0 and ids[j] < ids[own])
+
+
+@kernel(
+    OUT_FLOATS(
+        *(FLOATS2, FLOATS2, BOOLS2, BOOLS2, FLOATS2),
+        *(INTS, FLOATS, FLOATS, FLOATS),
+        *(INTS, FLOATS, FLOATS, INTS),
+        *[float64] * 6,
+    )
+)
+def give_way(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    gap: FloatArray,
+    along: FloatArray,
+    ahead: BoolArray,
+    in_path: BoolArray,
+    aside: FloatArray,
+    ids: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    rows: IntArray,
+    speed: FloatArray,
+    wanted: FloatArray,
+    opponent: IntArray,
+    courtesy_deceleration: float,
+    headway: float,
+    standstill_gap: float,
+    acceleration: float,
+    deceleration: float,
+    braking_max: float,
+) -> FloatArray:
+    """Accelerations (m,) [m/s2] of agents that follow whatever is on their paths, and give way.
+
+    Args:
+        gap, along, ahead, in_path, aside: (m, n) of :class:`litsim_policy.motion.car_following.AlongPath`; `along` is
+            the speed there.
+        ids, x, y, yaw: (n,) of everybody.
+        rows, speed, wanted: (m,) of the agents: rows, speeds and the speeds that they would drive [m/s].
+        opponent: (m,) ids.
+        courtesy_deceleration: as in :class:`YieldConfig`.
+        headway, standstill_gap, acceleration, deceleration, braking_max: of the car following.
+    """
+    found = np.empty(len(rows))
+    leads, courted = np.empty(len(ids), np.bool_), np.empty(len(ids), np.bool_)
+    model = (headway, standstill_gap, acceleration, deceleration, braking_max)
+    for i in range(len(rows)):
+        courted_any, in_the_way = False, False
+        for j in range(len(ids)):
+            leads[j] = ahead[i, j] and in_path[i, j] and gap[i, j] > 0.0
+            courted[j] = ahead[i, j] and (in_path[i, j] or ids[j] == opponent[i]) and not leads[j]
+            if courted[j] and not gap[i, j] > 0.0:
+                courted[j] = _goes_first(x, y, yaw, ids, j, rows[i])
+            if courted[j]:
+                courted_any = True
+                in_the_way = in_the_way or (aside[i, j] < 0.0 and along[i, j] < speed[i])
+        found[i] = idm(speed[i], wanted[i], gap[i], along[i], leads, *model)
+        if courted_any:
+            courtesy = idm(speed[i], wanted[i], gap[i], along[i], courted, *model)
+            if not in_the_way:
+                courtesy = max(courtesy, -courtesy_deceleration)
+            found[i] = min(found[i], courtesy)
+    return found
+
+
+@kernel(OUT_BOOLS(FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS2, *[float64] * 4))
+def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    x: FloatArray,
+    y: FloatArray,
+    speed: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    rows: IntArray,
+    lane_heading: FloatArray,
+    target: FloatArray,
+    side_gap: float,
+    side_horizon: float,
+    side_margin: float,
+    side_drift: float,
+) -> BoolArray:
+    """(m,) whether somebody is alongside, or will be soon, where the moves to the side of their lanes lead.
+
+    Args:
+        x, y, speed, length, width: (n,) of everybody.
+        rows: (m,) of the agents.
+        lane_heading: (m,) of their lanes [rad].
+        target: (m, 2) which they move to [m].
+        side_gap, side_horizon, side_margin, side_drift: as in :class:`YieldConfig`.
+    """
+    taken = np.zeros(len(rows), np.bool_)
+    for i in range(len(rows)):
+        own, cos, sin = rows[i], math.cos(lane_heading[i]), math.sin(lane_heading[i])
+        move = -sin * (target[i, 0] - x[own]) + cos * (target[i, 1] - y[own])
+        if not abs(move) > side_drift:
+            continue
+        for j in range(len(x)):
+            dx, dy = x[j] - x[own], y[j] - y[own]
+            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+            faster = speed[j] - speed[own]
+            reach = 0.5 * (length[j] + length[own]) + side_gap
+            if np.sign(ahead) * faster < 0.0:
+                reach += abs(faster) * side_horizon
+            clearance = abs(left) - 0.5 * (width[j] + width[own])
+            if j != own and abs(ahead) < reach and left * move > 0.0 and clearance < abs(move) + side_margin:
+                taken[i] = True
+                break
+    return taken

@@ -101,6 +101,10 @@ class LaneMap:
         lane, s = np.asarray(lane, np.int64), np.asarray(s, np.float64)
         return self._segments.pose_at(lane, s)
 
+    def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
+        """(n, 2) headings [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of the lanes in `lane` (n,)."""
+        return self._segments.headings_around(lane, s, reach)
+
     def path_from(self, lane_index: int, s: float, length: float) -> FloatArray:
         """The centre line from `s` on the lane at position `lane_index` for `length` metres, as points (m, 2).
 

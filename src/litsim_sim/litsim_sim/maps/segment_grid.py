@@ -11,6 +11,7 @@ import numpy as np
 from litsim_sim.core.compiled import (
     FLOATS,
     FLOATS2,
+    INTS,
     INTS2,
     OUT_BOOLS,
     OUT_INTS,
@@ -18,6 +19,7 @@ from litsim_sim.core.compiled import (
     int64,
     kernel,
 )
+from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.maps.net_lanes import Lane
 
@@ -49,9 +51,6 @@ class SegmentGrid:
         self.start_s = np.concatenate([lane.s[:-1] for lane in lanes])
         self._first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)  # segment of each lane
         self._length = np.array([lane.length for lane in lanes])
-        # One ascending key for all lanes, so that one search finds the segment of any (lane, s).
-        self._lane_key = np.concatenate([[0.0], np.cumsum(self._length + 1.0)])
-        self._start_key = self._lane_key[self.lane] + self.start_s
         self._bounds = bounds
         self._cells, self._shape = self._make_grid()
         self._lines = np.column_stack([self.start_x, self.start_y, self.cos, self.sin, self.size])
@@ -76,13 +75,24 @@ class SegmentGrid:
 
         Beyond its ends a lane is continued straight.
         """
-        within = np.clip(s, 0.0, self._length[lane])
-        segment = np.searchsorted(self._start_key, self._lane_key[lane] + within, side="right") - 1
-        segment = np.clip(segment, self._first[lane], self._first[lane + 1] - 1)
+        shape = np.broadcast_shapes(lane.shape, s.shape)
+        lanes = np.ascontiguousarray(np.broadcast_to(lane, shape)).reshape(-1)
+        lengths = np.ascontiguousarray(np.broadcast_to(s, shape)).reshape(-1)
+        segment = _segments_at(lanes, lengths, *self._places).reshape(shape)
         along = s - self.start_s[segment]
         x = self.start_x[segment] + along * self.cos[segment]
         y = self.start_y[segment] + along * self.sin[segment]
         return x, y, self.heading[segment]
+
+    def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
+        """(n, 2) headings [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of the lanes in `lane` (n,)."""
+        before, beyond = (_segments_at(lane, s + by, *self._places) for by in (-reach, reach))
+        return np.column_stack([self.heading[before], self.heading[beyond]])
+
+    @property
+    def _places(self) -> tuple[FloatArray, IntArray, FloatArray]:
+        """What kernels need to find segments by arc length: `start_s`, the first segment of each lane, its length."""
+        return self.start_s, self._first, self._length
 
     def best(self, x: FloatArray, y: FloatArray, yaw: FloatArray, handicap: FloatArray, turn: float) -> IntArray:
         """(n,) segments of least cost: distance, handicap, and `turn` times 1 - cos of the angle to the heading.
@@ -217,4 +227,22 @@ def _any_within(  # noqa: PLR0917 - a kernel takes arrays and numbers
             if _distance(x[i], y[i], lines, segment) <= reach[segment]:
                 found[i] = True
                 break
+    return found
+
+
+@kernel(OUT_INTS(INTS, FLOATS, FLOATS, INTS, FLOATS))
+def _segments_at(lane: IntArray, s: FloatArray, start_s: FloatArray, first: IntArray, length: FloatArray) -> IntArray:
+    """Segments (n,) of lanes at arc lengths; beyond its ends a lane is continued straight.
+
+    Args:
+        lane, s: (n,) positions of the lanes and arc lengths [m].
+        start_s: (k,) arc lengths at which the segments begin [m].
+        first: first segment of each lane, and behind the last one the number of all.
+        length: of each lane [m].
+    """
+    found = np.empty(len(s), np.int64)
+    for i in range(len(s)):
+        begin, end = first[lane[i]], first[lane[i] + 1]
+        at = begin + np.searchsorted(start_s[begin:end], within(s[i], 0.0, length[lane[i]]), side="right") - 1
+        found[i] = min(max(at, begin), end - 1)
     return found
