@@ -52,6 +52,7 @@ def test_clear_changes_are_shown_and_the_others_on_request(tmp_path: Path, capsy
     out = capsys.readouterr().out
     row = next(line for line in out.splitlines() if "progress_m" in line)
     assert row.split() == ["*", "progress_m", "3", "11", "13", "+2", "2", "..", "2"]
+    assert "of fewer than 20 runs it is too narrow" in out
     assert max(map(len, out[out.index("mean over") :].splitlines())) <= 100
 
 
@@ -90,3 +91,9 @@ def test_what_is_no_pair_of_campaigns_is_refused(
         main([before, *(str(tmp_path / other) for other in others)])
     assert ended.value.code == 2
     assert said in capsys.readouterr().err
+
+
+def test_enough_runs_are_not_called_few(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = campaign(tmp_path / "a", [0] * 20)
+    main([folder, folder])
+    assert "too narrow" not in capsys.readouterr().out

@@ -24,6 +24,7 @@ CASES_MAX = 20  # of a list, where not everything is asked for
 DIGITS = 3
 SMALL = 1e-3  # below which two digits are enough, for the width of the table
 MARK = "*"
+FEW = 20  # pairs, below which the bootstrap's bounds hold in less than nine of ten cases
 
 
 def print_campaigns(
@@ -93,6 +94,8 @@ def _print_changes(console: Console, comparison: CampaignComparison, *, everythi
         table.add_row(*_cells(change), style="bold" if change.clear else None)
     console.print(table)
     _say(console, f"{MARK} the interval (paired bootstrap, {RESAMPLES} resamples) leaves out 0", "dim")
+    if len(comparison.pairs) < FEW:
+        _say(console, f"  of fewer than {FEW} runs it is too narrow: see docs/campaigns.md", "dim")
     if len(shown) < len(differing):
         _say(console, f"{len(differing) - len(shown)} more measures differ (--all)", "dim")
 
