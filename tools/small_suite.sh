@@ -1,5 +1,5 @@
 #!/bin/bash
-# Makes the packaged suite `small` anew: 40 cases of generated traffic, 20 s each. Half a minute; equal files each time.
+# Makes the packaged suite `small` anew: 40 cases of generated traffic, 20 s each. A quarter of a minute; equal files each time.
 #   tools/small_suite.sh [FOLDER]
 set -e
 cd "$(dirname "$0")/.."
