@@ -110,6 +110,12 @@ def test_whole_numbers_are_equal_to_those_with_a_point() -> None:
     assert horizons[0].id == horizons[1].id
 
 
+def test_more_values_to_try_leave_the_runs_of_the_others_what_they_were() -> None:
+    few, many = (cases(policies=["litsim"], parameters={"conflict.horizon": each}) for each in ([2.0], [2.0, 3.0]))
+    assert [case.id for case in few] == [case.id for case in many][:1]
+    assert (few[0].name, many[0].name) == ("demo/7/idm/litsim", "demo/7/idm/litsim, horizon=2.0")
+
+
 @pytest.mark.parametrize(
     "other",
     [

@@ -224,7 +224,6 @@ def _case(row: _Row, seed: int | None, road: _Road, *, graph: bool, deciding: Ma
         "ego_id": str(road.ego_id),
         "ego": ego.name,
         "policy": row.policy,
-        "label": row.label,
         "parameters": dict(row.parameters),
         "seed": road.seed if seed is None else seed,
     }
