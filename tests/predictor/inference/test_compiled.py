@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,22 @@ def test_some_are_answered_as_they_are_among_all(name: str) -> None:
             np.testing.assert_allclose(
                 values, getattr(everybody, field)[np.array(rows)], rtol=0, atol=1e-4, err_msg=field
             )
+
+
+@pytest.mark.parametrize("name", ["default", "paper"])
+def test_maps_that_were_seen_before_change_no_bit(name: str) -> None:
+    """Some agents see the same map as others, some one of an earlier scene, some neither."""
+    earlier, now = scene(20), scene(20, seed=1)
+    raster = now.raster.copy()
+    raster[3:8], raster[8:13] = raster[3], earlier.raster[8:13]
+    now = replace(now, raster=raster)
+    fresh, used = network(name), network(name)
+    used(earlier, EVERYBODY)
+    used(now, EVERYBODY)
+    out = fresh(now, EVERYBODY)
+    assert_same_bits(used(now, EVERYBODY), out)
+    other = fresh(replace(now, raster=earlier.raster), EVERYBODY)
+    assert not any(np.array_equal(other.mean[row], out.mean[row]) for row in EVERYBODY if row not in range(8, 13))
 
 
 def test_a_process_that_only_predicts_imports_no_torch() -> None:

@@ -15,16 +15,19 @@ from onnxruntime.capi import onnxruntime_pybind11_state as failures
 
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import AgentFutures, AgentInputs
+from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.weights import Weights, packaged, read_weights
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import IntArray
 
 FORMAT = "litsim_predictor/graph/2"
-INPUTS = ("position", "heading", "history", "observed", "state", "raster", "asked")
-"""What a graph may ask for: fields of :class:`.contract.AgentInputs`, places relative to the first agent's; and the
-rows that it is asked to answer."""
+INPUTS = ("position", "heading", "history", "observed", "state", "asked", "raster", "known", "code_of")
+"""What a graph may ask for: fields of :class:`.contract.AgentInputs`, places relative to the first agent's; the rows
+that it is asked to answer; and of the map, see :class:`.map_memory.MapCodes`."""
 OUTPUTS = ("maneuver", "mean", "scale", "correlation")
 """What a graph answers: the fields of :class:`.contract.AgentFutures`."""
+CODES = "codes"
+"""What a graph that sees the map answers besides: what it makes of the rasters, for another time."""
 PARAMETER = "network."
 """What the names of the weights begin with in a graph."""
 _BROKEN = (
@@ -65,11 +68,13 @@ class CompiledNetwork:
             raise InputError(f"{path}: ONNX Runtime refuses it: {_first_line(error)}; expected an ONNX file") from error
         kind = self._session.get_modelmeta().custom_metadata_map.get("format")
         self._asks = [node.name for node in self._session.get_inputs()]
-        answers = tuple(node.name for node in self._session.get_outputs())
-        if kind != FORMAT or answers != OUTPUTS or not set(self._asks) <= set(INPUTS):
+        answers = {node.name: node.shape for node in self._session.get_outputs()}
+        if kind != FORMAT or tuple(answers)[: len(OUTPUTS)] != OUTPUTS or not set(self._asks) <= set(INPUTS):
             raise InputError(
                 f"{path}: metadata format is {kind!r}, expected {FORMAT!r}: a file written by litsim_predictor export"
             )
+        self._outputs = list(answers)
+        self._maps = MapMemory(answers[CODES][1]) if CODES in answers else None
 
     def __call__(self, inputs: AgentInputs, asked: IntArray) -> AgentFutures:
         """See :class:`.contract.Network`."""
@@ -80,10 +85,15 @@ class CompiledNetwork:
             "history": inputs.history,
             "observed": inputs.observed,
             "state": inputs.state,
-            "raster": inputs.raster,
             "asked": asked,
         }
-        return AgentFutures(*self._session.run(OUTPUTS, {name: given[name] for name in self._asks}))
+        if self._maps is not None:
+            maps = self._maps.look_up(inputs.raster)
+            given |= {"raster": maps.new, "known": maps.known, "code_of": maps.code_of}
+        answer = self._session.run(self._outputs, {name: given[name] for name in self._asks})
+        if self._maps is not None:
+            self._maps.keep(maps, answer.pop())
+        return AgentFutures(*answer)
 
 
 def compiled(name: str) -> CompiledNetwork | None:

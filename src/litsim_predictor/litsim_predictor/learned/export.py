@@ -15,16 +15,17 @@ import torch
 from onnx import ModelProto, TensorProto, helper
 from torch import Tensor, nn
 
-from litsim_predictor.inference.compiled import FORMAT, INPUTS, OUTPUTS, PARAMETER
+from litsim_predictor.inference.compiled import CODES, FORMAT, INPUTS, OUTPUTS, PARAMETER
 from litsim_predictor.inference.contract import HISTORY, HISTORY_CHANNELS, HORIZON, STATE_CHANNELS
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 from litsim_predictor.inference.weights import Provenance
-from litsim_predictor.learned.data.batch import SceneBatch
+from litsim_predictor.learned.data.batch import Prediction, SceneBatch
+from litsim_predictor.learned.models.joint import JointPredictor
 from litsim_predictor.learned.models.model import SceneModel
 from litsim_sim.io.files import replacing
 
 OPSET = 18
-AGENTS, ASKED = 3, 2  # of the scene that is traced
+AGENTS, ASKED, NEW, KNOWN = 4, 2, 3, 1  # of the scene that is traced: agents, and maps to encode or known already
 WEIGHTS_APART = "weights"  # what a graph without weights calls the file that it has none of
 
 
@@ -35,34 +36,34 @@ class OneScene(nn.Module):
         super().__init__()
         self.network = network
 
-    def forward(
-        self,
-        position: Tensor,
-        heading: Tensor,
-        history: Tensor,
-        observed: Tensor,
-        state: Tensor,
-        raster: Tensor,
-        asked: Tensor,
-    ) -> tuple[Tensor, ...]:
-        """See :data:`litsim_predictor.inference.compiled.OUTPUTS`."""
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """See :data:`litsim_predictor.inference.compiled.OUTPUTS`, and CODES where the network sees the map."""
+        position, heading, history, observed, state, asked, raster, known, code_of = inputs
         present = observed[:, -1]
         batch = SceneBatch(
-            position=position[None],
-            heading=heading[None],
-            history=history[None],
-            observed=observed[None],
-            state=state[None],
-            raster=raster[None],
-            agent=torch.ones_like(present)[None],
+            position=position,
+            heading=heading,
+            history=history,
+            observed=observed,
+            state=state,
+            raster=raster,
+            agent=torch.ones_like(present),
             # Of the future nothing is known, nor is it read.
-            future=position.new_zeros(1, 1, HORIZON, 2),
-            future_known=present.new_zeros(1, 1, HORIZON),
-            maneuver=torch.zeros(1, 1, dtype=torch.int64),
-            target=torch.zeros_like(present)[None],
+            future=position.new_zeros(1, HORIZON, 2),
+            future_known=present.new_zeros(1, HORIZON),
+            maneuver=torch.zeros(1, dtype=torch.int64),
+            target=torch.zeros_like(present),
         )
-        found = self.network(batch, "best", asked)
-        return found.maneuver[0].softmax(dim=-1), found.mean[0, :, 0], found.scale[0, :, 0], found.correlation[0, :, 0]
+        codes = []
+        if isinstance(self.network, JointPredictor):
+            codes = [self.network.map(raster)]
+            maps = torch.cat([known, *codes]).index_select(0, code_of)
+            found = self.network(batch, "best", asked, maps)
+        else:
+            found = self.network(batch.in_batch(), "best", asked)
+            found = Prediction(*(v.squeeze(0) for v in (found.maneuver, found.mean, found.scale, found.correlation)))
+        mean, scale, correlation = (v[:, 0] for v in (found.mean, found.scale, found.correlation))
+        return found.maneuver.softmax(dim=-1), mean, scale, correlation, *codes
 
 
 def write_graph(model: SceneModel, provenance: Provenance, path: Path, *, weights: bool) -> None:
@@ -90,16 +91,19 @@ def write_graph(model: SceneModel, provenance: Provenance, path: Path, *, weight
 
 def traced(model: SceneModel) -> ModelProto:
     """The graph of `model`, with its weights."""
+    outputs = (*OUTPUTS, CODES) if isinstance(model, JointPredictor) else OUTPUTS
     scene = (
         torch.rand(AGENTS, 2),
         torch.rand(AGENTS),
         torch.rand(AGENTS, HISTORY, HISTORY_CHANNELS),
         torch.ones(AGENTS, HISTORY, dtype=torch.bool),
         torch.rand(AGENTS, STATE_CHANNELS),
-        torch.zeros(AGENTS, CHANNELS, ROWS, COLUMNS, dtype=torch.uint8),
         torch.arange(ASKED),
+        torch.zeros(NEW, CHANNELS, ROWS, COLUMNS, dtype=torch.uint8),
+        torch.zeros(KNOWN, model.map.width if isinstance(model, JointPredictor) else 1),
+        torch.arange(AGENTS),
     )
-    asked = {name: {0: "asked"} for name in ("asked", *OUTPUTS)}
+    counts = dict.fromkeys(("asked", *OUTPUTS), "asked") | {"raster": "new", "known": "known", CODES: "new"}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         # Of values that a trace takes for constants, such as numbers of channels. That no number of agents is among
         # them is what the tests try.
@@ -110,8 +114,8 @@ def traced(model: SceneModel) -> ModelProto:
             scene,
             file,
             input_names=INPUTS,
-            output_names=OUTPUTS,
-            dynamic_axes={name: {0: "agents"} for name in INPUTS} | asked,
+            output_names=outputs,
+            dynamic_axes={name: {0: counts.get(name, "agents")} for name in (*INPUTS, *outputs)},
             opset_version=OPSET,
             do_constant_folding=False,  # the weights stay those of the file; ONNX Runtime folds when it loads
             dynamo=False,  # the exporter that needs nothing but onnx itself

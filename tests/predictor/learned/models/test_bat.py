@@ -348,7 +348,7 @@ def test_bat_learns_motions_and_maneuvers() -> None:
         (squared + named).backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), 10.0)
         optimiser.step()
-    naive = ((constant_velocity(batch) - batch.future) ** 2).sum(dim=-1).mean()
+    naive = ((constant_velocity(batch.state) - batch.future) ** 2).sum(dim=-1).mean()
     assert len(batch.maneuver.unique()) > 4
     assert squared < 0.05 * naive
     assert (found.maneuver.argmax(dim=-1) == batch.maneuver).float().mean() > 0.8

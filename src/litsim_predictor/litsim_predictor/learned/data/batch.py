@@ -50,6 +50,10 @@ class SceneBatch:
     maneuver: Tensor
     target: Tensor
 
+    def in_batch(self) -> SceneBatch:
+        """A batch of one scene, of fields without B."""
+        return replace(self, **{f.name: getattr(self, f.name)[None] for f in fields(self)})
+
     def to(self, device: torch.device | str) -> SceneBatch:
         """A copy of the batch whose tensors are on `device`."""
         return replace(self, **{f.name: getattr(self, f.name).to(device, non_blocking=True) for f in fields(self)})

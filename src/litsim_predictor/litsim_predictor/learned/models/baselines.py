@@ -31,7 +31,7 @@ class ConstantVelocity(SceneModel):
     ) -> Prediction:
         """See :class:`SceneModel`."""
         yaw = np.repeat(numbers(batch.state[..., 3])[..., None], HORIZON, axis=-1)
-        return self._prediction(batch, constant_velocity(batch), yaw, asked)
+        return self._prediction(batch, constant_velocity(batch.state), yaw, asked)
 
     def _prediction(self, batch: SceneBatch, mean: Tensor, yaw: FloatArray, asked: Tensor | None) -> Prediction:
         spreads = rows_of(torch.as_tensor(spread(yaw, TIMES, self._config)).to(batch.state), asked)

@@ -142,7 +142,7 @@ class Bat(SceneModel):
         logits = padded(maneuver_logits(self.lateral(encoding), self.longitudinal(encoding)), answered)
         raw = self.decoder(encoding, present(decoded_maneuvers(logits, decode), answered))  # (A, M, HORIZON, 5)
         everywhere = padded(raw, answered)
-        ahead = rows_of(constant_velocity(batch), asked)[:, :, None] + DT * everywhere[..., :2].cumsum(dim=-2)
+        ahead = constant_velocity(rows_of(batch.state, asked))[:, :, None] + DT * everywhere[..., :2].cumsum(dim=-2)
         scale, correlation = gaussian(everywhere[..., 2:])
         return Prediction(logits, torch.where(answered[..., None, None, None], ahead, 0.0), scale, correlation)
 

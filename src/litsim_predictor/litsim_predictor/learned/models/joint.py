@@ -31,7 +31,6 @@ from litsim_predictor.learned.models.model import (
     linear_of,
     padded,
     present,
-    rotate,
     rows_of,
     same_agent,
 )
@@ -40,7 +39,11 @@ LENGTH = 20.0  # [m] by which positions are scaled
 LANE = 4.0  # [m] by which lateral distances are scaled
 SPEED = 15.0  # [m/s] by which speeds are scaled
 STATE_UNITS = (LENGTH, LENGTH, SPEED, 1.0)  # by which the channels of a state are scaled: they are about as large as 1
+NEAR = 5.0  # [m] ahead or behind at which somebody counts as half as near as beside
 RELATION_CHANNELS = 8
+RELATION_UNITS = (LENGTH, LANE, 1.0 / NEAR, 1.0, 1.0, 0.25 * SPEED, SPEED, 1.0)
+"""By which the channels of a relation are scaled: offset ahead and to the left [m], nearness along [1/m], cosine and
+sine of the turn, how much faster, how fast [m/s], and the side in the lane: 1 ahead, -1 behind, 0 beside the lane."""
 
 
 class MapEncoder(nn.Module):
@@ -48,6 +51,7 @@ class MapEncoder(nn.Module):
 
     def __init__(self, channels: int, width: int) -> None:
         super().__init__()
+        self.width = width
         self.layers = nn.Sequential(
             nn.Conv2d(CHANNELS, channels, 3, stride=2, padding=1),
             nn.ReLU(),
@@ -94,42 +98,46 @@ class RelativeAttention(nn.Module):
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
-        self.heads = heads
+        self.width, self.heads = width, heads
         self.query, self.key_value = nn.Linear(width, width), nn.Linear(width, 2 * width)
         self.relation = nn.Sequential(nn.Linear(RELATION_CHANNELS, 64), nn.ReLU(), nn.Linear(64, 2 * width))
         self.out = nn.Linear(width, width)
         self.norm = nn.LayerNorm(width)
 
     def forward(self, agents: Tensor, near: Neighbours, asked: Tensor | None = None) -> Tensor:
-        """The codes `agents` (B, N, width) with what each agent sees of those `near` it added, (B, N, width).
+        """The codes `agents` (..., N, width) with what each agent sees of those `near` it added, (..., N, width).
 
-        Of the rows `asked` (M,) alone, to whom `near` then belongs, where these are given: (B, M, width).
+        Of the rows `asked` (M,) alone, to whom `near` then belongs, where these are given: (..., M, width).
         """
-        scenes, width = len(agents), agents.shape[-1] // self.heads
+        size = self.width // self.heads
 
         def by_head(values: Tensor) -> Tensor:
-            """(B, heads, N, width / heads) of (B, N, width)."""
-            return values.view(scenes, -1, self.heads, width).transpose(1, 2)
+            """(..., heads, N, size) of (..., N, width)."""
+            return values.view(*values.shape[:-2], -1, self.heads, size).transpose(-2, -3)
 
         # What a relation adds to keys and values is linear in `related`: it is taken out of the sums over neighbours,
         # so that its large matrix is applied once an agent and not once a pair.
-        related, last = self.relation[:-1](near.relation), cast(nn.Linear, self.relation[-1])  # (B, M, K, 64)
-        of_key, of_value = last.weight.view(2, self.heads, width, -1).unbind()
-        asking = agents if asked is None else agents[:, asked]
-        scale = width**-0.5
+        first, last = cast(nn.Linear, self.relation[0]), cast(nn.Linear, self.relation[-1])
+        related = linear_of(near.relation, agents.new_tensor(RELATION_UNITS), first).relu()  # (..., M, K, 64)
+        of_key, of_value = last.weight.view(2, self.heads, size, -1).unbind()
+        asking, scale = rows_of(agents, asked, agents.dim() - 2), size**-0.5
         query = by_head(nn.functional.linear(asking, self.query.weight * scale, self.query.bias * scale))
-        offered = nn.functional.linear(agents, self.key_value.weight, self.key_value.bias + last.bias)
-        key, value = (by_head(part) for part in offered.chunk(2, dim=-1))
+        bias = self.key_value.bias + last.bias
+        key, value = (
+            by_head(nn.functional.linear(agents, self.key_value.weight[part], bias[part]))
+            for part in (slice(self.width), slice(self.width, None))
+        )
 
         # Products of all with all are cheaper than keys and values gathered for each pair.
-        index = near.index[:, None].expand(-1, self.heads, -1, -1)
-        wanted = (query @ of_key).transpose(1, 2)  # (B, M, heads, 64)
-        everybody = query @ key.transpose(2, 3)
-        logits = everybody.gather(-1, index) + (wanted @ related.transpose(2, 3)).transpose(1, 2)
-        weights = logits.masked_fill(~near.seen[:, None], float("-inf")).softmax(dim=-1)  # (B, heads, M, K)
-        told = (weights.transpose(1, 2) @ related).transpose(1, 2) @ of_value.transpose(1, 2)
+        index = near.index.unsqueeze(-3)
+        index = index.expand(*index.shape[:-3], self.heads, -1, -1)
+        wanted = (query @ of_key).transpose(-2, -3)  # (..., M, heads, 64)
+        everybody = query @ key.transpose(-1, -2)
+        logits = everybody.gather(-1, index) + (wanted @ related.transpose(-1, -2)).transpose(-2, -3)
+        weights = logits.masked_fill(~near.seen.unsqueeze(-3), float("-inf")).softmax(dim=-1)  # (..., heads, M, K)
+        told = (weights.transpose(-2, -3) @ related).transpose(-2, -3) @ of_value.transpose(-1, -2)
         heard = torch.zeros_like(everybody).scatter(-1, index, weights) @ value + told
-        heard = heard.transpose(1, 2).reshape(scenes, -1, self.heads * width)
+        heard = heard.transpose(-2, -3).reshape(*asking.shape[:-2], -1, self.width)
         return cast(Tensor, self.norm(asking + self.out(heard)))
 
 
@@ -142,22 +150,26 @@ class SceneAttention(nn.Module):
         self.attention = nn.MultiheadAttention(width, heads, batch_first=True)
 
     def forward(self, batch: SceneBatch) -> Tensor:
-        """Code (B, N, width) of what every agent of `batch` sees of all others of its scene."""
+        """Code (..., N, width) of what every agent of `batch` sees of all others of its scene."""
         there = batch.agent[..., None].to(batch.position.dtype)
-        middle = (batch.position * there).sum(dim=1, keepdim=True) / there.sum(dim=1, keepdim=True)
+        middle = (batch.position * there).sum(dim=-2, keepdim=True) / there.sum(dim=-2, keepdim=True)
         yaw = batch.heading + batch.state[..., 3]
         place = torch.cat([(batch.position - middle) / LENGTH, torch.stack([yaw.cos(), yaw.sin()], dim=-1)], dim=-1)
         read = torch.cat([batch.state, place], dim=-1)
         units = read.new_tensor([*STATE_UNITS, 1.0, 1.0, 1.0, 1.0])
         states = self.embed[1](linear_of(read, units, cast(nn.Linear, self.embed[0])))
-        b, n, width = states.shape
         # As nn.MultiheadAttention does it, which a trace would tie to its number of agents.
         attention = self.attention
+        lead, size = states.shape[:-2], attention.embed_dim // attention.num_heads
         mixed = nn.functional.linear(states, attention.in_proj_weight, attention.in_proj_bias)
-        query, key, value = mixed.view(b, n, 3, attention.num_heads, -1).permute(2, 0, 3, 1, 4).unbind()
-        logits = query @ key.transpose(2, 3) * (width / attention.num_heads) ** -0.5
-        weights = logits.masked_fill(~batch.agent[:, None, None], float("-inf")).softmax(dim=-1)
-        return cast(Tensor, attention.out_proj((weights @ value).transpose(1, 2).flatten(2)))
+        query, key, value = (
+            part.view(*lead, -1, attention.num_heads, size).transpose(-2, -3)
+            for part in mixed.split(attention.embed_dim, dim=-1)
+        )
+        logits = query @ key.transpose(-1, -2) * size**-0.5
+        weights = logits.masked_fill(~batch.agent[..., None, None, :], float("-inf")).softmax(dim=-1)
+        heard = (weights @ value).transpose(-2, -3).reshape(*lead, -1, attention.embed_dim)
+        return cast(Tensor, attention.out_proj(heard))
 
 
 class DirectDecoder(nn.Module):
@@ -259,10 +271,16 @@ class JointPredictor(SceneModel):
         self.maneuver = nn.Sequential(nn.Linear(width, hidden), nn.ReLU(), nn.Linear(hidden, len(MANEUVERS)))
         self.decoder = (DirectDecoder if decoder == "direct" else RecurrentDecoder)(width, hidden)
 
-    def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
-        """See :meth:`SceneModel.forward`."""
+    def forward(
+        self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None, maps: Tensor | None = None
+    ) -> Prediction:
+        """See :meth:`SceneModel.forward`; the `batch` may be of one scene as it is, without B and without padding.
+
+        `maps` (T, map_width), of the T agents that are no padding, are what :attr:`map` makes of the rasters; where
+        they are given, the rasters are not looked at.
+        """
         there = batch.agent
-        maps = self.map(present(batch.raster, there))
+        maps = self.map(present(batch.raster, there)) if maps is None else maps
         histories = self.history(present(batch.history, there), present(batch.observed, there))
         if self.scene is None:
             state = present(batch.state, there)
@@ -276,24 +294,27 @@ class JointPredictor(SceneModel):
                 agents = layer(agents, near)
             agents = self.relative[-1](agents, near.seen_by(asked), asked)
         else:
-            agents = rows_of(agents, asked)
+            agents = rows_of(agents, asked, there.dim() - 1)
         logits = self.maneuver(agents)
-        return self._decode(rows_of(constant_velocity(batch), asked), batch, self.dropout(agents), logits, decode)
+        return self._decode(batch, asked, self.dropout(agents), logits, decode)
 
-    def _decode(self, base: Tensor, batch: SceneBatch, agents: Tensor, logits: Tensor, decode: Decode) -> Prediction:
+    def _decode(
+        self, batch: SceneBatch, asked: Tensor | None, agents: Tensor, logits: Tensor, decode: Decode
+    ) -> Prediction:
         maneuver = decoded_maneuvers(logits, decode)
-        modes = maneuver.shape[-1]
+        modes = 1 if decode == "best" else maneuver.shape[-1]
 
         def for_each_maneuver(values: Tensor) -> Tensor:
-            """The `values` (B, N, ...) of each agent once for each of its M manoeuvres, as (B * N * M, ...)."""
-            return values.flatten(0, 1) if modes == 1 else values.flatten(0, 1).repeat_interleave(modes, dim=0)
+            """The `values` (..., N, ...) of each agent once for each of its M manoeuvres, as (B * N * M, ...)."""
+            everybody = values if batch.agent.dim() == 1 else values.flatten(0, 1)
+            return everybody if modes == 1 else everybody.repeat_interleave(modes, dim=0)
 
-        truth = None
+        base, truth = constant_velocity(rows_of(batch.state, asked, batch.agent.dim() - 1)), None
         if self.training and float(torch.rand(())) < self.forcing:
             truth = for_each_maneuver(torch.where(batch.future_known[..., None], batch.future, base))
-        mean, raw = self.decoder(for_each_maneuver(agents), maneuver.flatten(), for_each_maneuver(base), truth)
+        mean, raw = self.decoder(for_each_maneuver(agents), maneuver.reshape(-1), for_each_maneuver(base), truth)
         scale, correlation = gaussian(raw)
-        shape = (len(logits), -1, modes, HORIZON)
+        shape = (*logits.shape[:-2], -1, modes, HORIZON)
         return Prediction(logits, mean.view(*shape, 2), scale.view(*shape, 2), correlation.view(*shape))
 
 
@@ -302,9 +323,10 @@ class Neighbours:
     """The K agents nearest to each of N agents, itself among them.
 
     Attributes:
-        index: (B, N, K) int64.
-        seen: (B, N, K) bool; padding sees itself, so that its attention is a number.
-        relation: (B, N, K, RELATION_CHANNELS) how each lies and moves as seen by the agent.
+        index: (..., N, K) int64.
+        seen: (..., N, K) bool; padding sees itself, so that its attention is a number.
+        relation: (..., N, K, RELATION_CHANNELS) how each lies and moves as seen by the agent, in
+            :data:`RELATION_UNITS`.
     """
 
     index: Tensor
@@ -315,32 +337,26 @@ class Neighbours:
     def of(cls, batch: SceneBatch, count: int, reach: float) -> Neighbours:
         """For each agent of `batch` at most `count` others that are nearer than `reach` [m]."""
         x, y = batch.position.unbind(dim=-1)
-        squared = (x[:, None] - x[:, :, None]) ** 2 + (y[:, None] - y[:, :, None]) ** 2
-        if not torch.onnx.is_in_onnx_export():  # of one scene, in which there is no padding
-            squared = squared.masked_fill(~batch.agent[:, None], float("inf"))
+        squared = (x[..., None, :] - x[..., None]).square() + (y[..., None, :] - y[..., None]).square()
+        if batch.agent.dim() > 1:
+            squared = squared.masked_fill(~batch.agent[..., None, :], float("inf"))
         squared = squared.masked_fill(same_agent(batch), -1.0)
-        most = torch.as_tensor(squared.shape[-1]).clamp_max(count + 1)  # a tensor, which a trace takes for no constant
+        # The number of agents is a tensor, which a trace takes for no constant.
+        most = torch.as_tensor(squared.shape[-1]).clamp_max(count + 1)
         squared, index = squared.topk(cast(int, most), dim=-1, largest=False, sorted=False)
         # Of each agent, and of each of those near it: x, y, heading, speed.
         pose = torch.cat([batch.position, batch.heading[..., None], batch.state[..., 2:3]], dim=-1)
-        other, own = chosen(pose, index), pose[:, :, None]
-        offset, turn, faster = (other - own).split([2, 1, 1], dim=-1)
-        ahead, left = rotate(offset, -own[..., 2]).split(1, dim=-1)
-        relation = torch.cat(
-            [
-                ahead / LENGTH,
-                left / LANE,
-                1.0 / (1.0 + ahead.abs() / 5.0),
-                turn.cos(),
-                turn.sin(),
-                faster / (0.25 * SPEED),
-                other[..., 3:] / SPEED,
-                (left.abs() < 0.5 * LANE).to(ahead.dtype) * ahead.sign(),
-            ],
-            dim=-1,
-        )
-        return cls(index, squared < reach**2, relation)
+        other, own = chosen(pose, index), pose[..., None, :]
+        dx, dy, turn, faster = (other - own).split(1, dim=-1)
+        heading = own[..., 2:3]
+        cos, sin = heading.cos(), heading.sin()
+        ahead, left = cos * dx + sin * dy, cos * dy - sin * dx
+        in_lane = (left.abs() < 0.5 * LANE).to(ahead.dtype)
+        near = 1.0 / (ahead.abs() + NEAR)
+        relation = [ahead, left, near, turn.cos(), turn.sin(), faster, other[..., 3:], in_lane * ahead.sign()]
+        return cls(index, squared < reach**2, torch.cat(relation, dim=-1))
 
     def seen_by(self, agents: Tensor | None) -> Neighbours:
         """Those of the rows `agents` (M,) alone, where these are given."""
-        return Neighbours(*(rows_of(v, agents) for v in (self.index, self.seen, self.relation)))
+        dim = self.index.dim() - 2
+        return Neighbours(*(rows_of(v, agents, dim) for v in (self.index, self.seen, self.relation)))

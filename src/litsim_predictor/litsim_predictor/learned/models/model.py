@@ -80,7 +80,7 @@ def offsets(batch: SceneBatch) -> Tensor:
 
 def same_agent(batch: SceneBatch) -> Tensor:
     """(N, N) bool, True where the first agent is the second."""
-    return diagonal(batch.agent)
+    return diagonal(batch.heading)
 
 
 def diagonal(like: Tensor) -> Tensor:
@@ -90,13 +90,20 @@ def diagonal(like: Tensor) -> Tensor:
 
 
 def present(values: Tensor, agent: Tensor) -> Tensor:
-    """(T, ...) of values (B, N, ...): those of the T agents that are no padding, in the order of `agent` (B, N)."""
+    """(T, ...) of values (B, N, ...): those of the T agents that are no padding, in the order of `agent` (B, N).
+
+    Of one scene as it is, agents (N,), it is all values (N, ...).
+    """
+    if agent.dim() == 1:
+        return values
     # An exported graph is of one scene, and there is no padding in that.
-    return values.flatten(0, 1) if torch.onnx.is_in_onnx_export() else values[agent]
+    return values.squeeze(0) if torch.onnx.is_in_onnx_export() else values[agent]
 
 
 def padded(values: Tensor, agent: Tensor) -> Tensor:
     """(B, N, ...) of values (T, ...), zeros where there is only padding; the reverse of :func:`present`."""
+    if agent.dim() == 1:
+        return values
     if torch.onnx.is_in_onnx_export():
         return values[None]
     everywhere = values.new_zeros(*agent.shape, *values.shape[1:])
@@ -104,15 +111,15 @@ def padded(values: Tensor, agent: Tensor) -> Tensor:
     return everywhere
 
 
-def rows_of(values: Tensor, agents: Tensor | None) -> Tensor:
-    """(B, M, ...) of values (B, N, ...): those of the rows `agents` (M,); all where that is None."""
-    return values if agents is None else values[:, agents]
+def rows_of(values: Tensor, agents: Tensor | None, dim: int = 1) -> Tensor:
+    """(B, M, ...) of values (B, N, ...), N their dimension `dim`: those of `agents` (M,); all where that is None."""
+    return values if agents is None else values.index_select(dim, agents)
 
 
 def chosen(values: Tensor, index: Tensor) -> Tensor:
-    """(B, M, K, ...) of values (B, N, ...): of each scene those of the agents `index` (B, M, K)."""
-    if torch.onnx.is_in_onnx_export():  # of one scene
-        return values[0][index[0]][None]
+    """(B, M, K, ...) of values (B, N, ...): of each scene those of the agents `index` (B, M, K); or all without B."""
+    if index.dim() == 2:
+        return values[index]
     return values[torch.arange(len(values), device=index.device)[:, None, None], index]
 
 
@@ -129,11 +136,11 @@ def future_times(like: Tensor) -> Tensor:
     return DT * torch.arange(1, HORIZON + 1, device=like.device, dtype=like.dtype)
 
 
-def constant_velocity(batch: SceneBatch) -> Tensor:
-    """(B, N, HORIZON, 2) positions at constant speed along the heading, in the agent frame [m]."""
-    speed, yaw = batch.state[..., 2], batch.state[..., 3]
-    direction = torch.stack([yaw.cos(), yaw.sin()], dim=-1)
-    return speed[..., None, None] * future_times(speed)[:, None] * direction[..., None, :]
+def constant_velocity(state: Tensor) -> Tensor:
+    """(..., HORIZON, 2) positions at constant speed along the heading, in the agent frame [m], of states (..., 4)."""
+    speed, yaw = state[..., 2:3], state[..., 3:]
+    velocity = speed * torch.cat([yaw.cos(), yaw.sin()], dim=-1)
+    return velocity[..., None, :] * future_times(speed)[:, None]
 
 
 def gaussian(raw: Tensor) -> tuple[Tensor, Tensor]:
