@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
 from typing import Any
+
+import yaml
 
 from litsim_sim.campaign.case import Case, cases_of
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.suite import Suite
+from litsim_sim.scenario.scenario import packaged
 
 VERSIONS = {"python": "3", "commit": "a", "sources": "b"}
 CRITERIA = Criteria(runs=[{"name": "no contact at fault", "field": "collision.ego_at_fault", "max": 0}])
@@ -23,3 +28,13 @@ def cases(**values: Any) -> list[Case]:
 
 def metrics(at_fault: int = 0, **values: Any) -> dict[str, Any]:
     return {"valid": True, "why": "", "collision": {"ego_at_fault": at_fault}} | values
+
+
+def scenario_file(folder: Path, name: str = "own", **values: Any) -> str:
+    """A copy of the demo with its recording beside it; returns the path of its file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    demo = yaml.safe_load(packaged("scenarios/demo.yaml").read_text())
+    shutil.copy(packaged(f"scenarios/{demo['recording']}"), folder / "demo.parquet")
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump(demo | {"recording": "demo.parquet"} | values))
+    return str(path)

@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
-from campaigns import VERSIONS, cases, suite
+from campaigns import VERSIONS, cases, scenario_file, suite
 from litsim_sim.campaign.case import Case, cases_of
 from litsim_sim.core.errors import InputError
-from litsim_sim.scenario.scenario import Scenario, packaged
-
-
-def scenario_file(folder: Path, name: str = "own", **values: Any) -> str:
-    """A copy of the demo with its recording beside it; returns the path of its file."""
-    folder.mkdir(parents=True, exist_ok=True)
-    demo = yaml.safe_load(packaged("scenarios/demo.yaml").read_text())
-    shutil.copy(packaged(f"scenarios/{demo['recording']}"), folder / "demo.parquet")
-    path = folder / f"{name}.yaml"
-    path.write_text(yaml.safe_dump(demo | {"recording": "demo.parquet"} | values))
-    return str(path)
+from litsim_sim.scenario.scenario import Scenario
 
 
 def one(**values: Any) -> Case:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns import CRITERIA, VERSIONS, metrics, suite
+from campaigns import CRITERIA, VERSIONS, metrics, scenario_file, suite
 from litsim_sim.campaign.case import cases_of
 from litsim_sim.campaign.comparison import CampaignComparison, compare_campaigns, paired_interval
 from litsim_sim.campaign.results import Campaign, CampaignFolder, RunResult, read_campaign
@@ -20,7 +20,7 @@ from litsim_sim.core.errors import InputError
 def campaign(folder: Path, outcomes: Sequence[Any], sources: str = "b", **values: Any) -> Campaign:
     """A run for each of `outcomes`, by seeds from 0: its metrics, a text for an error, None for one not run."""
     versions = VERSIONS | {"sources": sources}
-    asked = suite(policies=["litsim"], seeds=list(range(len(outcomes))), **values)
+    asked = suite(**{"policies": ["litsim"], "seeds": list(range(len(outcomes)))} | values)
     cases = cases_of(asked, with_versions=versions)
     lies = CampaignFolder(folder)
     lies.begin(asked, cases, versions)
@@ -71,6 +71,20 @@ def test_cases_are_matched_by_all_that_is_no_version(tmp_path: Path) -> None:
     assert [pair.case.name for pair in found.newly_failing] == ["demo/7/mine/litsim/0"]
     assert [case.name for case in found.only_after] == ["demo/7/mine/litsim/2"] and found.only_before == ()
     assert found.other_versions == {"sources": ("b", "c")}
+
+
+def test_cases_of_one_name_whose_scenario_is_another_are_not_the_same(tmp_path: Path) -> None:
+    entries = [
+        [{"scenario": scenario_file(tmp_path / at, simulation_s=s), "ego_id": 1}, {"scenario": "demo", "egos": "ego"}]
+        for at, s in (("a", 3.0), ("b", 4.0))
+    ]
+    before, after = (
+        campaign(tmp_path / f"out_{at}", [GOOD, GOOD], seeds=[0], cases=each)
+        for at, each in zip("ab", entries, strict=True)
+    )
+    found = compare_campaigns(before, after)
+    assert found.renamed == ["own/1/idm/litsim/0"]
+    assert [pair.case.name for pair in found.pairs] == ["demo/7/idm/litsim/0"]
 
 
 def test_campaigns_of_other_cases_cannot_be_compared(tmp_path: Path) -> None:

@@ -1,0 +1,71 @@
+"""What the terminal says of two campaigns."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
+from litsim_sim.campaign.comparison import compare_campaigns
+from litsim_sim.campaign.results import Campaign, CampaignFolder, RunResult, read_campaign
+from litsim_sim.report.campaign_comparison import CASES_MAX, print_campaigns
+
+
+def campaign(folder: Path, outcomes: Sequence[dict[str, Any] | None], sources: str = "b", **asked: Any) -> Campaign:
+    """A run of each seed from 0 with the measures of `outcomes`; None has not been run."""
+    asked = {"policies": ["litsim"], "seeds": list(range(len(outcomes)))} | asked
+    lies = CampaignFolder(folder)
+    made = cases(**asked)
+    lies.begin(suite(**asked), made, VERSIONS | {"sources": sources})
+    for case, outcome in zip(made, outcomes, strict=True):
+        if outcome is not None:
+            lies.store(RunResult.judged(case, outcome, CRITERIA))
+    return read_campaign(folder)
+
+
+def printed(before: Campaign, after: Campaign, *, everything: bool = False) -> str:
+    text = io.StringIO()
+    print_campaigns(compare_campaigns(before, after), everything=everything, console=Console(file=text, width=100))
+    return text.getvalue()
+
+
+def test_what_differs_between_the_versions_is_said(tmp_path: Path) -> None:
+    before, after = (campaign(tmp_path / name, [metrics()], sources=name) for name in ("a", "b"))
+    assert f"{tmp_path}/a -> {tmp_path}/b\n  sources: a -> b\n0 of 1 newly failing\n" in printed(before, after)
+
+
+def test_a_case_that_was_not_run_fails_newly(tmp_path: Path) -> None:
+    before, after = campaign(tmp_path / "a", [metrics()]), campaign(tmp_path / "b", [None])
+    assert "1 of 1 newly failing\n  demo/7/idm/litsim/0\n    was passed\n    is not run\n" in printed(before, after)
+
+
+def test_a_long_list_is_cut_and_said_to_be(tmp_path: Path) -> None:
+    count = CASES_MAX + 3
+    before = campaign(tmp_path / "a", [metrics()] * count)
+    after = campaign(tmp_path / "b", [metrics(at_fault=1)] * count)
+    assert "and 3 more (--all)" in (short := printed(before, after))
+    assert f"/{count - 1}\n" not in short
+    whole = printed(before, after, everything=True)
+    assert f"demo/7/idm/litsim/{count - 1}\n" in whole and "more" not in whole
+
+
+def test_cases_of_one_campaign_and_those_failing_in_both_are_counted(tmp_path: Path) -> None:
+    before = campaign(tmp_path / "a", [metrics(), metrics(at_fault=1)])
+    after = campaign(tmp_path / "b", [metrics(), metrics(at_fault=1), metrics()], seeds=[0, 1, 5])
+    said = printed(before, after)
+    assert "1 pass in neither" in said
+    assert f"only in {tmp_path}/b: 1, such as demo/7/idm/litsim/5" in said and f"only in {tmp_path}/a" not in said
+
+
+def test_measures_that_have_hardly_changed_are_shown_on_request(tmp_path: Path) -> None:
+    before = campaign(tmp_path / "a", [metrics(progress_m=value, takeovers=3) for value in (1.0, 2.0, 3.0, 4.0)])
+    after = campaign(tmp_path / "b", [metrics(progress_m=value, takeovers=3) for value in (2.0, 1.0, 4.0, 3.0)])
+    short, whole = printed(before, after), printed(before, after, everything=True)
+    assert "1 more measures differ (--all)" in short and "progress_m" not in short
+    row = next(line for line in whole.splitlines() if "progress_m" in line)
+    assert row.split()[:5] == ["progress_m", "4", "2.5", "2.5", "0"], "not marked: its interval holds 0"
+    assert "takeovers" not in whole, "nothing differs"
