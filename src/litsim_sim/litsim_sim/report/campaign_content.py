@@ -25,7 +25,7 @@ NAMED: dict[str, tuple[str, int | None]] = {
     "comfort.ego.within.lateral_acceleration": ("ego: comfort of steering", 3),
     "comfort.ego.within.longitudinal_acceleration": ("ego: comfort of accelerating", 3),
     "comfort.ego.within.longitudinal_jerk": ("ego: comfort of jerk", 3),
-    "ego_motion.off_road": ("ego: off road, share of steps", 3),
+    "ego_motion.off_road": ("ego: off road [share]", 3),
     "ego_motion.progress_ratio": ("ego: way over its log's", 2),
     "false_alarms": ("false alarms", 0),
     "handback.max_position_jump_m": ("largest jump [m]", 3),

@@ -11,7 +11,7 @@ class Panel {
     const { runs } = this.campaign;
     this.host.replaceChildren();
     this.#head(run);
-    if (run.reason) make("p", "problem", this.host, run.reason);
+    this.#reasons(run);
     this.#picture(run);
     const links = make("p", "links", this.host);
     if (run.report || run.log) addLinks(links, run);
@@ -54,6 +54,15 @@ class Panel {
     make("p", "hint", this.host, this.campaign.runs.rows[run.row]);
   }
 
+  // A line for each criterion that is not met, or the one reason for which there is no verdict.
+  #reasons(run) {
+    if (!run.reason) return;
+    const holder = make("div", "problem", this.host);
+    const missed = run.criteria.filter(({ passed }) => !passed);
+    for (const { criterion, reason } of missed) make("p", "", holder, `${this.campaign.runs.criteria[criterion].name}: ${reason}`);
+    if (!missed.length) make("p", "", holder, run.reason);
+  }
+
   #picture(run) {
     if (!run.picture && !run.steps) return;
     const { width, height } = PICTURE.large;
@@ -76,7 +85,7 @@ class Panel {
       make("td", "", row, name).title = field;
       const found = make("td", passed ? "number" : "number missed", row, read(value, null));
       if (!passed) found.title = reason;
-      make("td", "", row, limit);
+      make("td", "limit", row, limit);
       make("span", `badge ${passed ? "passed" : "failed"}`, make("td", "number", row), passed ? "met" : "not met");
     }
   }
