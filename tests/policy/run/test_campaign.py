@@ -16,7 +16,8 @@ from litsim_policy.run import campaign
 from litsim_policy.run.campaign import LocalRuns, conclude, row_summaries
 from litsim_policy.run.case_run import RunOutcome, RunStopped, run_in_process
 from litsim_sim.campaign.criteria import Criteria, Verdict
-from litsim_sim.campaign.results import CampaignFolder, RunResult, read_campaign
+from litsim_sim.campaign.folder import CampaignFolder
+from litsim_sim.campaign.results import RunResult, read_campaign
 from litsim_sim.campaign.suite import Suite
 from litsim_sim.report.thumbnails import read_thumbnail
 

@@ -13,7 +13,8 @@ import pytest
 from campaigns import CRITERIA, VERSIONS, metrics, scenario_file, suite
 from litsim_sim.campaign.case import cases_of
 from litsim_sim.campaign.comparison import CampaignComparison, compare_campaigns, paired_interval
-from litsim_sim.campaign.results import Campaign, CampaignFolder, RunResult, read_campaign
+from litsim_sim.campaign.folder import CampaignFolder
+from litsim_sim.campaign.results import Campaign, RunResult, read_campaign
 from litsim_sim.core.errors import InputError
 
 

@@ -9,8 +9,9 @@ import pytest
 from junit2htmlreport.parser import Junit
 
 from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
+from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.junit import write_junit
-from litsim_sim.campaign.results import Campaign, CampaignFolder, RunResult, read_campaign
+from litsim_sim.campaign.results import Campaign, RunResult, read_campaign
 
 
 @pytest.fixture

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
-from litsim_sim.campaign.results import CampaignFolder, RunResult
+from litsim_sim.campaign.folder import CampaignFolder
+from litsim_sim.campaign.results import RunResult
 from litsim_sim.cli.compare import main
 
 

@@ -21,7 +21,8 @@ from campaigns import cases, suite
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.campaign.case import Case
 from litsim_sim.campaign.criteria import Criteria
-from litsim_sim.campaign.results import CampaignFolder, RunResult
+from litsim_sim.campaign.folder import CampaignFolder
+from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.scene import AgentTable, Controller
 from litsim_sim.core.stages import StageState
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
 from litsim_sim.campaign.comparison import compare_campaigns
-from litsim_sim.campaign.results import Campaign, CampaignFolder, RunResult, read_campaign
+from litsim_sim.campaign.folder import CampaignFolder
+from litsim_sim.campaign.results import Campaign, RunResult, read_campaign
 from litsim_sim.report.campaign_comparison import CASES_MAX, print_campaigns
 
 

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from campaigns import cases, suite
-from litsim_sim.campaign.results import CampaignFolder, RunResult
+from litsim_sim.campaign.folder import CampaignFolder
+from litsim_sim.campaign.results import RunResult
 from litsim_sim.cli import report
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import Run

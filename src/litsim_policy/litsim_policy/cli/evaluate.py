@@ -17,7 +17,8 @@ from litsim_policy.run.case_run import TIME_LIMIT_S, check_case
 from litsim_policy.run.summary_table import print_summary
 from litsim_sim.campaign.case import Case, cases_of, code_versions
 from litsim_sim.campaign.criteria import Verdict
-from litsim_sim.campaign.results import RESULTS_FILE, Campaign, CampaignFolder, RunResult
+from litsim_sim.campaign.folder import CampaignFolder
+from litsim_sim.campaign.results import RESULTS_FILE, Campaign, RunResult
 from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error

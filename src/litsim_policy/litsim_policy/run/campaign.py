@@ -14,8 +14,9 @@ from litsim_policy.run.workers import Workers
 from litsim_sim.analysis.summary import summarise
 from litsim_sim.campaign.case import GRAPH, Case
 from litsim_sim.campaign.criteria import Criteria, CriterionResult, Verdict
+from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.junit import JUNIT_FILE, write_junit
-from litsim_sim.campaign.results import Campaign, CampaignFolder, RunResult, read_campaign
+from litsim_sim.campaign.results import Campaign, RunResult, read_campaign
 from litsim_sim.core.errors import reason
 from litsim_sim.launch.processes import without_interrupts
 
