@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from pathlib import Path
 
 import rclpy
 from litsim_msgs.msg import AgentStates, EgoControl
@@ -28,6 +29,8 @@ class ExternalEgo(Node):
             sys.exit(3)
         if agents.step in options.skip:
             return
+        while agents.step == options.hold_at and not options.until.exists():
+            time.sleep(0.02)
         if agents.step in options.late and agents.step != self.answered:
             time.sleep(options.late_by)
         self.answered = agents.step
@@ -48,6 +51,8 @@ def main() -> None:
     parser.add_argument("--skip", type=steps, default=range(0), metavar="FIRST-LAST")
     parser.add_argument("--late", type=steps, default=range(0), metavar="FIRST-LAST")
     parser.add_argument("--late-by", type=float, default=0.15, metavar="S")
+    parser.add_argument("--hold-at", type=int, default=-1, help="answer this step once the file --until is there")
+    parser.add_argument("--until", type=Path, default=Path("go"), metavar="FILE")
     parser.add_argument("--control-mode", type=int, default=EgoControl.CONTROL)
     rclpy.init()
     rclpy.spin(ExternalEgo(parser.parse_args()))

@@ -6,6 +6,7 @@ the run is over and recorded. `ros2 run litsim_sim analyze OUT` measures it then
 
 from __future__ import annotations
 
+import os
 import shlex
 from argparse import ArgumentTypeError
 from collections.abc import Callable
@@ -23,6 +24,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import one_setting
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
+from litsim_sim.launch.domain import hold_for_this_process
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphOptions, nodes_of
 from litsim_sim.launch.output import check_output
 from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan
@@ -91,6 +93,7 @@ def graph(context: LaunchContext) -> list[object]:
         for node in nodes_of(plan, how)
     }
     check_output(how.out, how.overwrite)
+    hold_for_this_process(whole("ROS_DOMAIN_ID", os.environ.get("ROS_DOMAIN_ID", "")) or 0)
     over = EmitEvent(event=Shutdown(reason=f"the run is over, recorded in {how.out}"))
     running = {BRIDGE, RECORDER}
     handlers = [

@@ -14,7 +14,7 @@ from PIL import Image
 from litsim_policy.ads_check.feasibility import is_clipped, motion
 from litsim_policy.ads_check.plot import plot_latency
 from litsim_policy.ads_check.requirements import Clause, Limits, Verdict, judge
-from litsim_policy.ads_check.trace import Ending, Endpoint, Evidence, Heard
+from litsim_policy.ads_check.trace import Ending, Endpoint, Evidence, Heard, summarised
 from litsim_sim.core.scene import STEP_NS, EgoCommand
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import INPUTS, Answer, Interface
@@ -252,3 +252,9 @@ def test_the_plot(seen: Evidence, tmp_path: Path) -> None:
         assert picture.size == (1100, 400)
     assert not plot_latency(replace(seen, heard=()), tmp_path / "nothing.png")
     assert not (tmp_path / "nothing.png").exists()
+
+
+def test_what_the_bridge_says_again_and_again_is_one_remark() -> None:
+    late = [f"/litsim/ego/twist: the answer to step {k}, at step {k + 1}, is stale ({k} so far)" for k in range(1, 9)]
+    other = "/litsim/ego/trajectory: ignored, /litsim/ego/twist is in use (1 so far)"
+    assert summarised([late[0], other, *late]) == (late[-1], other)

@@ -178,6 +178,9 @@ def test_a_later_step_that_is_complete_gives_up_the_earlier_ones(joiner: Joiner)
 
 def test_a_single_input_completes_its_step_at_once() -> None:
     joiner = Joiner(RUN, ("agents",))
+    assert not joiner.too_late("agents", RUN, 0)
+    assert not joiner.too_late("agents", "another run", 7)
+    assert joiner.too_late("agents", RUN, 7)  # it was not there at the beginning
     assert joiner.offer("agents", RUN, 0, "a0") == {"agents": "a0"}
     assert joiner.offer("agents", RUN, 0, "a0") is None
     assert joiner.offer("agents", RUN, 1, "a1") == {"agents": "a1"}

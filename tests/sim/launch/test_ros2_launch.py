@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.launch.domain import HOLDER
 from litsim_sim.launch.nodes import GraphOptions, nodes_of
 from litsim_sim.scenario.run_info import RunPlan
 
@@ -42,7 +43,7 @@ class Written(SimpleNamespace):
 
 
 @pytest.fixture
-def written_down(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+def written_down(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     """The launch file over a stand-in of launch's classes that only notes what they were called with."""
 
     def noting(name: str) -> Callable[..., Written]:
@@ -69,6 +70,8 @@ def written_down(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         for name in names:
             setattr(module, name, noting(name))
         monkeypatch.setitem(sys.modules, path, module)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))  # for locks of domains
+    monkeypatch.setenv(HOLDER, "nobody")
     sys.modules["launch.substitutions"].LaunchConfiguration = Configuration  # type: ignore[attr-defined]
     return load()
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from litsim_policy.ads_check.bystander import Bystander
-from litsim_policy.ads_check.trace import FAILED, FINISHED, Ending, Evidence
+from litsim_policy.ads_check.trace import FAILED, FINISHED, Ending, Evidence, summarised
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import INPUTS
@@ -62,7 +62,7 @@ def observe(check: Check) -> Evidence:
     """
     plan = RunPlan(check.scenario, EXTERNAL, "replay")
     nodes = {name: node_executable(name, plan.ego) for name in (RECORDER, BRIDGE)}
-    graph = Graph(check.out, check.domain_id)
+    graph = Graph(check.out, check.domain_id, check.answer_timeout_s)
     file = check.out / "scenario.yaml"
     file.write_text(check.scenario.to_yaml(), encoding="utf-8")
     stack: Child | None = None
@@ -88,7 +88,7 @@ def observe(check: Check) -> Evidence:
             heard=tuple(bystander.heard),
             interface=bystander.interface,
             counts=bystander.counts,
-            remarks=tuple(dict.fromkeys(filter(_names_an_input, bystander.remarks))),
+            remarks=summarised(filter(_names_an_input, bystander.remarks)),
             states=_states(check),
             lane_map=check.scenario.lane_map,
             vehicle=check.scenario.vehicle,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from litsim_sim.core.scene import STEP_NS
@@ -10,6 +12,7 @@ from litsim_sim.ego_port.answer import Answer, Interface
 from litsim_sim.ego_port.tracking import EgoState
 from litsim_sim.maps.lane_map import LaneMap
 
+NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?|\bnan\b|\binf\b")  # by which remarks on the same thing differ
 FINISHED, FAILED = "FINISHED", "FAILED"
 
 
@@ -76,7 +79,7 @@ class Evidence:
         heard: answers in the order in which they came, over whatever interface.
         interface: in use by the bridge; None where nothing has reached it.
         counts: what became of the answers at the bridge, :data:`litsim_sim.ego_port.port.COUNTS`.
-        remarks: what the bridge said about them on ``/diagnostics``, each text once.
+        remarks: what the bridge said about them on ``/diagnostics``, as :func:`summarised`.
         states: of the ego, by step, from the record.
         lane_map: the road.
         vehicle: the ego's.
@@ -113,3 +116,8 @@ class Evidence:
     def reachable(self) -> bool:
         """Whether the bridge can hear the stack."""
         return any(each.publishes and not each.problem for each in self.endpoints)
+
+
+def summarised(remarks: Iterable[str]) -> tuple[str, ...]:
+    """Of remarks that differ in nothing but numbers the last, which holds their count, in the order of the first."""
+    return tuple({NUMBER.sub("#", text): text for text in remarks}.values())

@@ -37,7 +37,7 @@ def launch(arguments: argparse.Namespace) -> int:
     paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
     check_output(options.out, options.overwrite)
     with domain as domain_id:
-        graph = Graph(options.out, domain_id)
+        graph = Graph(options.out, domain_id, options.answer_timeout_s)
         _announce(arguments, plan, domain_id)
         try:
             _run(graph, nodes, paths, arguments)

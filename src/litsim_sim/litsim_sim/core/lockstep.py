@@ -105,6 +105,11 @@ class Joiner:
         self.answered = step
         return held
 
+    def too_late(self, name: str, run_id: str, step: int) -> bool:
+        """Whether this input asks for a step of a run that has begun without this stage, and so with another."""
+        asks = name == self.inputs[0] and run_id == self.run_id
+        return asks and self.answered < 0 < step and 0 not in self._pending
+
     def asked_again(self, name: str, run_id: str, step: int) -> bool:
         """Whether this input asks once more for the step that was answered last."""
         return name == self.inputs[0] and run_id == self.run_id and step == self.answered

@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -24,11 +25,15 @@ from tqdm import tqdm
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.launch import keeper
+from litsim_sim.launch.domain import HOLDER
 from litsim_sim.launch.middleware import RANGE
 
 GRACE_S = 8.0  # [s] that the bridge and the recorder get to end a run in good order
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+QUIET_S = 120.0  # [s] that a running bridge may show no sign of life, in which it loads or computes
+STOPPED_TIMEOUTS = 2.0  # the same of one that is stopped, in times that a step waits for its answers
+STATE = re.compile(r"\) ")  # in /proc/PID/stat the state follows the name, which may hold anything else
 NAME_MAX = 60  # characters of a command by which a stack is named
 LOG_FOLDER = "log"  # in the folder of a recording
 STACK = "ads"
@@ -55,11 +60,20 @@ class Child:
         """Signal the whole group; `ros2 run`-like wrappers pass nothing on."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, number)
+            os.killpg(self.process.pid, signal.SIGCONT)  # one that is stopped takes no other signal
 
     @property
     def running(self) -> bool:
         """Whether the process has not ended yet."""
         return self.process.poll() is None
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the process is stopped, by SIGSTOP or a debugger."""
+        try:
+            return STATE.split(Path(f"/proc/{self.process.pid}/stat").read_text())[1][:1] in ("T", "t")
+        except (OSError, IndexError):
+            return False
 
     @property
     def errors(self) -> list[str]:
@@ -102,12 +116,14 @@ class GraphFailed(Exception):
 class Graph:
     """The processes of one run."""
 
-    def __init__(self, out: Path, domain_id: int) -> None:
+    def __init__(self, out: Path, domain_id: int, answer_timeout_s: float = 5.0) -> None:
+        """Prepare the folder `out` for the logs of a run in `domain_id`, whose steps wait for `answer_timeout_s`."""
+        self._stopped_s = STOPPED_TIMEOUTS * answer_timeout_s
         self._log_folder = out / LOG_FOLDER
         self._log_folder.mkdir(parents=True, exist_ok=True)
         for log in self._log_folder.glob("*.log"):  # of a run that is overwritten
             log.unlink()
-        own = {"ROS_DOMAIN_ID": str(domain_id), "PYTHONUNBUFFERED": "1"}
+        own = {"ROS_DOMAIN_ID": str(domain_id), HOLDER: str(os.getpid()), "PYTHONUNBUFFERED": "1"}
         self._environment = {RANGE: "LOCALHOST"} | os.environ | own
         self.children: dict[str, Child] = {}
         self._progress: Progress | None = None
@@ -140,7 +156,7 @@ class Graph:
         """Wait for the run to end.
 
         Raises:
-            GraphFailed: a node died before the run was over, or the bridge says that the run failed.
+            GraphFailed: a node died before the run was over, the bridge says that the run failed, or it says nothing.
         """
         bridge, recorder = self.children[BRIDGE], self.children[RECORDER]
         assert bridge.process.stdout is not None
@@ -153,13 +169,27 @@ class Graph:
                     _wait([bridge], _patience(dead))  # it has told them, or they it, that the run is over
                 if bridge.running and not all(map(self._may_leave, dead)):
                     raise GraphFailed("; ".join(child.obituary() for child in dead))
+            self._check_alive(bridge, self._progress)
             time.sleep(0.05)
         _wait([recorder], GRACE_S if bridge.process.returncode == 0 else 0.0)
         if bridge.process.returncode == EXIT_FAILED and bridge.errors:
-            raise GraphFailed(bridge.errors[-1] + self._about_the_stack())
+            stopped = [str(child) for child in self.children.values() if child.running and child.stopped]
+            why = f"; stopped, by a signal or a debugger: {', '.join(stopped)}" if stopped else ""
+            raise GraphFailed(bridge.errors[-1] + why + self._about_the_stack())
         for child in (bridge, recorder):
             if child.process.returncode != 0:
                 raise GraphFailed(child.obituary())
+
+    def _check_alive(self, bridge: Child, progress: Progress) -> None:
+        """See that the bridge, which watches all others, shows signs of life itself.
+
+        Raises:
+            GraphFailed: it has shown none for too long.
+        """
+        quiet_s = time.monotonic() - progress.heard
+        if quiet_s > min(self._stopped_s, QUIET_S) and quiet_s > (self._stopped_s if bridge.stopped else QUIET_S):
+            how = "it is stopped, by a signal or a debugger" if bridge.stopped else "it runs, but does not go on"
+            raise GraphFailed(f"{bridge}: no sign of life for {quiet_s:.0f} s, at step {progress.step}; {how}")
 
     def _may_leave(self, child: Child) -> bool:
         """Whether a process that has ended was free to: a recorder that is done, a stack after the last step."""
@@ -198,26 +228,31 @@ class Graph:
 
 
 class Progress(threading.Thread):
-    """Reads the bridge's lines `step K of N`, and makes a bar of them unless `quiet`.
+    """Reads the bridge's lines: of `step K of N` it makes a bar, unless `quiet`; any other is a sign of life.
 
     Attributes:
         complete: whether the last step has been answered.
+        step: that was named last; 0 before the first.
+        heard: when a line has come last, on the monotonic clock [s].
     """
 
     def __init__(self, lines: IO[str], quiet: bool) -> None:
         super().__init__(daemon=True)
         self._lines, self._quiet = lines, quiet
         self.complete = False
+        self.step = 0
+        self.heard = time.monotonic()
 
     def run(self) -> None:
         """See :class:`threading.Thread`."""
         bar = None
         for line in self._lines:
+            self.heard = time.monotonic()
             words = line.split()
             if len(words) != 4 or words[0] != "step":
                 continue
             step, total = int(words[1]), int(words[3])
-            self.complete = step == total
+            self.step, self.complete = step, step == total
             if not self._quiet:
                 bar = bar or tqdm(total=total, unit="step", dynamic_ncols=True)
                 bar.update(step - bar.n)

@@ -15,7 +15,7 @@ import numpy as np
 from litsim_sim.core.lockstep import RECORDER_WINDOW, Gate
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER, StageState
-from litsim_sim.core.topic_names import CONTROLS, EGO_CONTROL, RECORDED
+from litsim_sim.core.topic_names import CONTROLS, EGO_CONTROL, RECORDED, RUN_INFO
 from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, ego_state
 
 
@@ -39,6 +39,7 @@ class Attendance:
         self._stages = tuple(stages)
         self._ready: set[str] = set()
         self._failures: list[str] = []
+        self._foreign = ""  # another run that somebody publishes here
         self._heard: dict[str, int] = {}  # last step that each stage is known to have answered
 
     def take_status(self, run_id: str, stage: str, state: int, text: str) -> None:
@@ -56,6 +57,11 @@ class Attendance:
         """A stage says how long it took for a step, and so that it has answered it."""
         if run_id == self._run_id and stage != BRIDGE:
             self._heard[stage] = max(step, self._heard.get(stage, -1))
+
+    def take_run(self, run_id: str) -> None:
+        """Somebody publishes the run `run_id`."""
+        if run_id != self._run_id:
+            self._foreign = run_id
 
     def take_confirmation(self, run_id: str, step: int) -> None:
         """The recorder confirms the record up to `step`."""
@@ -79,11 +85,16 @@ class Attendance:
         return RECORDER in self._ready and not self.recorder_done
 
     def check(self) -> None:
-        """See that no stage has failed.
+        """See that no stage has failed, and that there is no other run.
 
         Raises:
-            RunFailed: some have; the message quotes each of them.
+            RunFailed: some have, and the message quotes each of them; or another bridge or a replay is there.
         """
+        if self._foreign:
+            raise RunFailed(
+                f"another bridge or a replay publishes run {self._foreign} on {RUN_INFO} in the same domain; "
+                "each needs a domain of its own"
+            )
         if self._failures:
             raise RunFailed("; ".join(self._failures))
 

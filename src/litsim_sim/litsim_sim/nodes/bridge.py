@@ -17,17 +17,18 @@ from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.port import EgoPort, Level
+from litsim_sim.launch.domain import held_domain
 from litsim_sim.nodes import diagnostics
 from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence
 from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
 from litsim_sim.nodes.broadcast import Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
-from litsim_sim.nodes.run_loop import RunLoop
+from litsim_sim.nodes.run_loop import Pulse, RunLoop
 from litsim_sim.ros import ego_port, messages
 from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
 from litsim_sim.ros.stage import process, serve, spare_from_collection
-from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, STATUS, TIMING, Topic
+from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.sumo import SumoMirror
 from litsim_sim.world.world import World, WorldConfig
@@ -41,6 +42,7 @@ class BridgeNode(Node):
 
     def __init__(self) -> None:
         super().__init__(BRIDGE, automatically_declare_parameters_from_overrides=True)
+        self.since = time.perf_counter()
         self.options = options = read_parameters(self, bridge_stage)
         plan = self.plan = options.plan()
         self._attendance = Attendance(plan.run_id, plan.stages)
@@ -55,6 +57,7 @@ class BridgeNode(Node):
             stop_on_missing=options.mode == "lockstep" and options.on_missing == "stop",
         )
         self._noted = ("", 0.0)
+        self._pulse = Pulse(options.progress == "lines")
         self._ego_nodes: list[str] = []
         external = plan.ego == EXTERNAL
         published = (HELLO, STATUS, TIMING, *((EGO_APPLIED,) if external else ()))
@@ -66,6 +69,8 @@ class BridgeNode(Node):
             self._listen(CONTROLS, lambda m: self._answers.offer_controls(m.run_id, m.step, m))
         self._listen(STATUS, lambda m: self._attendance.take_status(m.run_id, m.stage, m.state, m.text))
         self._listen(RECORDED, lambda m: self._attendance.take_confirmation(m.run_id, m.step))
+        for topic in (HELLO, RUN_INFO):
+            self._listen(topic, lambda m: self._attendance.take_run(m.run_id))
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
 
@@ -146,6 +151,7 @@ class BridgeNode(Node):
 
     def serve_until(self, done: Callable[[], bool], until: float) -> bool:
         while not done():
+            self._pulse.beat()
             left = until - time.perf_counter()
             if left <= 0:
                 return False
@@ -156,6 +162,7 @@ class BridgeNode(Node):
         return True
 
     def serve(self) -> None:
+        self._pulse.beat()
         serve(self._executor)
 
     def _ego_publishers(self) -> list[EgoPublisher]:
@@ -189,7 +196,9 @@ def main() -> None:
     """Entry point of ``ros2 run litsim_sim bridge``."""
     with process():
         try:
-            BridgeNode().run()
+            node = BridgeNode()
+            with held_domain(node.context.get_domain_id()):
+                node.run()
         except RunFailed as error:
             print_error(error)
             sys.exit(EXIT_FAILED)

@@ -81,8 +81,8 @@ class RecorderNode(Node):
 
         def receive(received: bytes) -> None:
             data = clear(received)
-            if special is not None and not self.finished:
-                special(data)
+            if special is not None and not self.finished and not special(data):
+                return
             if self._run_id and not self.finished:
                 self._take(topic, data)
             elif topic.latched:
@@ -94,13 +94,15 @@ class RecorderNode(Node):
         if self._buffer is not None:
             self._buffer.take(topic.name, step_of(topic, data), data)
 
-    def _on_run_info(self, data: bytes) -> None:
+    def _on_run_info(self, data: bytes) -> bool:
+        """Begin to record the run; returns False where it is not the one that is being recorded already."""
         info: RunInfo = deserialize_message(data, RunInfo)
         if self._run_id:
-            raise InputError(
-                f"{RUN_INFO.name}: run {info.run_id} begins while {self._run_id} is being recorded; is there another "
-                f"bridge in ROS_DOMAIN_ID {self.context.get_domain_id()}?"
+            self.get_logger().warning(
+                f"{RUN_INFO.name}: run {info.run_id} is not recorded, {self._run_id} is; is there another bridge in "
+                f"ROS_DOMAIN_ID {self.context.get_domain_id()}?"
             )
+            return False
         self._run_id = info.run_id
         describe(self._writer, info)
         names = [topic.name for topic in RECORDED_TOPICS]
@@ -111,6 +113,7 @@ class RecorderNode(Node):
         self._unheard = set(info.stages) - {STAGE}
         self._hearing = self._timer(HEARING_S if self._unheard else 0.0, self._ready)
         self.get_logger().info(f"recording run {info.run_id} to {self._writer.path}")
+        return True
 
     def _ready(self) -> None:
         """Let the run begin."""
@@ -122,10 +125,11 @@ class RecorderNode(Node):
         if self._word is not None and hello.run_id == self._run_id:
             self._status.publish(self._word)
 
-    def _on_status(self, data: bytes) -> None:
+    def _on_status(self, data: bytes) -> bool:
+        """Take what a node says of itself; returns whether it is to be recorded, as anything said is."""
         status: StageStatus = deserialize_message(data, StageStatus)
         if self._buffer is None or status.run_id != self._run_id:
-            return
+            return True
         if status.state == StageState.READY and status.stage in self._unheard:
             self._unheard.discard(status.stage)
             if not self._unheard:
@@ -135,6 +139,7 @@ class RecorderNode(Node):
         elif status.stage == BRIDGE and status.state >= StageState.FINISHED and not self._ending:
             self._ending = True
             self._settle(self._buffer, status)
+        return True
 
     def _settle(self, buffer: StepBuffer, status: StageStatus) -> None:
         """End once a while has passed after the last step came in: others may have said something on it."""

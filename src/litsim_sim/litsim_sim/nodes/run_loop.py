@@ -5,6 +5,7 @@ What is published and what arrives goes through a :class:`Graph`, which the brid
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Protocol, Self
@@ -22,6 +23,8 @@ from litsim_sim.nodes.bridge_options import BridgeOptions
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.world import World
 
+LOOK_S = 1.0  # [s] from its start that the bridge looks for another run; the world is set up meanwhile
+PULSE_S = 1.0  # [s] between two signs of life
 HELLO_PERIOD = 0.1  # [s] between the greetings of the handshake
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
 LAST_CALL_S = 1.0
@@ -36,6 +39,10 @@ class Graph(Protocol):
     @property
     def domain(self) -> str:
         """Where the graph is, in words."""
+
+    @property
+    def since(self) -> float:
+        """When this graph has begun to listen, on the performance counter [s]."""
 
     def begin(self) -> None:
         """Publish what holds for the whole run."""
@@ -151,7 +158,8 @@ class RunLoop:
             self._graph.serve()
 
     def _meet(self) -> None:
-        """Greet until every stage has said that it is ready."""
+        """Greet until every stage has said that it is ready; nothing before it is clear that no other run is on."""
+        self._graph.serve_until(lambda: False, self._graph.since + LOOK_S)
         self._graph.begin()
         attendance, begin = self._attendance, time.monotonic()
         while not attendance.all_ready:
@@ -263,6 +271,19 @@ class RunLoop:
     def _summary(self) -> str:
         """What only the bridge knows, for the record, in YAML."""
         return yaml.safe_dump(self._answers.summary() | self._world.summary(), sort_keys=False)
+
+
+class Pulse:
+    """Signs of life for the launcher, while a run waits as while it goes on."""
+
+    def __init__(self, wanted: bool) -> None:
+        self._wanted, self._last = wanted, -math.inf
+
+    def beat(self) -> None:
+        """Give one, if none was given for a while."""
+        if self._wanted and time.monotonic() >= self._last + PULSE_S:
+            self._last = time.monotonic()
+            print("alive", flush=True)
 
 
 class Progress:

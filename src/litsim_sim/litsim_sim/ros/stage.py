@@ -36,6 +36,8 @@ from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario.scenario import Scenario
 
 SIGNAL_PERIOD = 0.2  # [s] for which Ctrl-C may go unnoticed: waiting for DDS does not wake up for signals
+BRIDGE_QUIET_S = 5.0
+"""[s] without anything of a run after which another may begin: what is waited for is published each second."""
 TOGETHER_S = 0.5  # [s] within which signals are one
 
 
@@ -53,6 +55,8 @@ class StageNode(Node):
     def __init__(self) -> None:
         super().__init__(self.stage, automatically_declare_parameters_from_overrides=True)
         self._joiner: Joiner | None = None
+        self._asked = 0.0  # when something came last of the run at hand [s]
+        self._next: RunInfo | None = None  # a run that began while another was on
         self._word: StageStatus | None = None  # on the run at hand, READY or FAILED; repeated when the bridge greets
         self._last: list[tuple[Publisher, Any]] = []
         self._status = publisher_on(self, STATUS)
@@ -82,6 +86,9 @@ class StageNode(Node):
             self._say(self._joiner.run_id, StageStatus.FAILED, self._joiner.answered + 1, "the node was ended")
 
     def _on_run_info(self, info: RunInfo) -> None:
+        if self._busy(info.run_id):
+            self._next = info
+            return
         self._forget()
         try:
             self.configure(info, Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}"))
@@ -93,7 +100,14 @@ class StageNode(Node):
         self._say(info.run_id, StageStatus.READY, text=parameters_yaml(self))
         self.get_logger().info(f"ready for run {info.run_id}; waiting for its steps on {self.inputs[0].name}")
 
+    def _busy(self, run_id: str) -> bool:
+        """Whether another run is on, whose bridge is alive: whoever begins one beside it has to wait, not this one."""
+        on = self._joiner is not None and self._joiner.run_id != run_id and self._joiner.answered >= 0
+        return on and time.monotonic() < self._asked + BRIDGE_QUIET_S
+
     def _on_hello(self, hello: Hello) -> None:
+        if self._next is not None and self._next.run_id == hello.run_id and not self._busy(hello.run_id):
+            self._on_run_info(self._next)
         if self._word is not None and self._word.run_id == hello.run_id:
             self._status.publish(self._word)
 
@@ -106,6 +120,14 @@ class StageNode(Node):
     def _input(self, name: str) -> Callable[[Any], None]:
         def receive(message: Any) -> None:
             if self._joiner is None:
+                return
+            if message.run_id == self._joiner.run_id:
+                self._asked = time.monotonic()
+            if self._joiner.too_late(name, message.run_id, message.step):
+                self.get_logger().warning(
+                    f"run {message.run_id} has begun without this node, which takes part from step 0 on or not at all"
+                )
+                self._forget()
                 return
             if self._joiner.asked_again(name, message.run_id, message.step):
                 for publisher, answer in self._last:
@@ -144,7 +166,7 @@ class StageNode(Node):
         self._status.publish(self._word)
 
     def _forget(self) -> None:
-        self._joiner, self._word, self._last = None, None, []
+        self._joiner, self._word, self._last, self._next = None, None, [], None
         gc.unfreeze()  # what the run has left can go
 
 

@@ -1,0 +1,63 @@
+"""Two runs at once on one domain: one of them is refused, and the other goes on as if nothing had been."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+EXTERNAL = ("--ego", "external", "--policy", "replay", "--answer-timeout", 60)
+
+
+def start(graph: Any, out: Path, **environment: str) -> Any:
+    """A launched run that waits for its ego."""
+    words = ("--scenario", graph.scenario(), "--out", out, "--domain-id", graph.domain)
+    return graph.start_launch(*words, *EXTERNAL, **environment)
+
+
+def is_valid(out: Path) -> bool:
+    return bool(json.loads((out / "metrics.json").read_text())["valid"])
+
+
+def test_a_second_launcher_is_refused_and_the_first_run_goes_on(graph: Any) -> None:
+    first = start(graph, graph.folder / "first")
+    graph.wait("the first run", lambda: "waiting for " in log(graph.folder / "first"))
+    second = graph.finish(start(graph, graph.folder / "second"))
+    assert second.returncode == 2
+    expected = f"error: ROS_DOMAIN_ID {graph.domain}: another run of yours is on there (process {first.pid}); "
+    assert second.stderr.startswith(expected)
+    assert second.stderr.count("\n") == 1
+    graph.start_script("standard_ego.py")
+    done = graph.finish(first)
+    assert done.returncode == 0, done.stderr
+    assert is_valid(graph.folder / "first")
+
+
+def test_of_two_launchers_at_the_same_instant_one_goes_on(graph: Any) -> None:
+    graph.start_script("standard_ego.py")
+    launchers = {name: start(graph, graph.folder / name) for name in ("one", "other")}
+    done = {name: graph.finish(launcher) for name, launcher in launchers.items()}
+    assert sorted(each.returncode for each in done.values()) == [0, 2], [each.stderr for each in done.values()]
+    (winner,) = (name for name, each in done.items() if each.returncode == 0)
+    assert is_valid(graph.folder / winner)
+
+
+def test_a_bridge_that_finds_another_run_refuses(graph: Any, tmp_path: Path) -> None:
+    """As one of another user or machine, whose locks are elsewhere; stages that come with it take no part."""
+    first = start(graph, graph.folder / "first")
+    graph.wait("the first run", lambda: "waiting for " in log(graph.folder / "first"))
+    elsewhere = {"XDG_RUNTIME_DIR": str(tmp_path), "LITSIM_DOMAIN_HOLDER": ""}
+    parameters = {"scenario": graph.scenario(), "ego": "external", "policy": "replay", "progress": "none"}
+    given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+    bridge = graph.start_program("litsim_sim", "bridge", "--ros-args", *given, **elsewhere)
+    refused = graph.finish(bridge)
+    assert refused.returncode == 1
+    (error,) = (line for line in refused.stderr.splitlines() if line.startswith("error: "))
+    assert error.startswith("error: another bridge or a replay publishes run short-external-replay-")
+    graph.start_script("standard_ego.py")
+    graph.finish(first)  # valid, or ended over the other's beginning: its own bridge has seen it, too
+
+
+def log(out: Path) -> str:
+    path = out / "log/bridge.log"
+    return path.read_text() if path.is_file() else ""

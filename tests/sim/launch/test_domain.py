@@ -1,0 +1,86 @@
+"""Which domain a graph uses, and that no other is on it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.launch.domain import HOLDER, graph_domain, held_domain
+
+HOLD = """
+import sys
+from litsim_sim.launch.domain import held_domain
+try:
+    with held_domain(7) as domain:
+        print("held", flush=True)
+        sys.stdin.read()
+except Exception as error:
+    print(error, flush=True)
+"""
+
+
+@pytest.fixture(autouse=True)
+def locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Locks of this test alone."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+
+
+def another(**environment: str) -> subprocess.Popen[str]:
+    """Another process that holds domain 7, or says why it cannot."""
+    pipe = subprocess.PIPE
+    return subprocess.Popen(
+        [sys.executable, "-c", HOLD], stdin=pipe, stdout=pipe, text=True, env=os.environ | environment
+    )
+
+
+def said(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline().strip()
+
+
+def test_of_two_graphs_on_a_domain_the_second_is_refused_until_the_first_has_ended() -> None:
+    first = another()
+    assert said(first) == "held"
+    second = another()
+    assert said(second) == (
+        f"ROS_DOMAIN_ID 7: another run of yours is on there (process {first.pid}); choose another domain, or wait for "
+        "the end of that run"
+    )
+    second.communicate()
+    first.kill()  # however it ends
+    first.communicate()
+    with graph_domain(7, reserve=False) as domain:
+        assert domain == 7
+
+
+def test_who_was_started_by_the_holder_is_let_in() -> None:
+    with held_domain(7):
+        mine = another(**{HOLDER: str(os.getpid())})
+        assert said(mine) == "held"
+        mine.communicate()
+        assert said(another(**{HOLDER: "1"})).startswith("ROS_DOMAIN_ID 7: another run of yours is on there")
+
+
+def test_a_domain_that_was_chosen_by_another_graph_is_none_that_is_free() -> None:
+    with graph_domain(None, reserve=True) as first, graph_domain(None, reserve=True) as second:
+        assert first != second
+
+
+@pytest.mark.parametrize("domain", ["-1", "233", "one"])
+def test_there_is_no_such_domain(domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    with pytest.raises(InputError, match=f"ROS_DOMAIN_ID is '{domain}', expected 0 to 232"):
+        graph_domain(None, reserve=True)
+
+
+def test_locks_that_cannot_be_written_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "file"))
+    with pytest.raises(InputError, match="the lock of ROS_DOMAIN_ID 7 cannot be had: Not a directory"), held_domain(7):
+        pass
