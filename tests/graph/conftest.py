@@ -102,10 +102,6 @@ class Graph:
         ros = ["--ros-args", *arguments, *given] if given or "-p" in arguments else arguments
         return self._start([program(package, executable), *ros], {"ROS_DOMAIN_ID": str(self.domain)})
 
-    def start_program(self, package: str, executable: str, *words: str, **environment: str) -> subprocess.Popen[str]:
-        """Start an executable in :attr:`domain` with more in its environment."""
-        return self._start([program(package, executable), *words], {"ROS_DOMAIN_ID": str(self.domain)} | environment)
-
     def start_script(self, name: str, *arguments: object) -> subprocess.Popen[str]:
         """Start a script of this folder in :attr:`domain`."""
         return self._start([sys.executable, HERE / name, *arguments], {"ROS_DOMAIN_ID": str(self.domain)})

@@ -46,7 +46,7 @@ def test_a_bridge_that_finds_another_run_refuses(graph: Any, tmp_path: Path) -> 
     """As one of another user or machine, whose locks are elsewhere; stages that come with it take no part."""
     first = start(graph, graph.folder / "first")
     graph.wait("the first run", lambda: "waiting for " in log(graph.folder / "first"))
-    elsewhere = {"XDG_RUNTIME_DIR": str(tmp_path), "LITSIM_DOMAIN_HOLDER": ""}
+    elsewhere = {"ROS_DOMAIN_ID": str(graph.domain), "XDG_RUNTIME_DIR": str(tmp_path), "LITSIM_DOMAIN_HOLDER": ""}
     parameters = {"scenario": graph.scenario(), "ego": "external", "policy": "replay", "progress": "none"}
     given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
     bridge = graph.start_program("litsim_sim", "bridge", "--ros-args", *given, **elsewhere)

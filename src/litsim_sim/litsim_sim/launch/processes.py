@@ -249,6 +249,8 @@ class Progress(threading.Thread):
         for line in self._lines:
             self.heard = time.monotonic()
             words = line.split()
+            if words[:1] == ["alive"]:
+                self.step = int(words[-1])
             if len(words) != 4 or words[0] != "step":
                 continue
             step, total = int(words[1]), int(words[3])

@@ -151,7 +151,7 @@ class BridgeNode(Node):
 
     def serve_until(self, done: Callable[[], bool], until: float) -> bool:
         while not done():
-            self._pulse.beat()
+            self._pulse.beat(self._answers.step)
             left = until - time.perf_counter()
             if left <= 0:
                 return False
@@ -162,7 +162,7 @@ class BridgeNode(Node):
         return True
 
     def serve(self) -> None:
-        self._pulse.beat()
+        self._pulse.beat(self._answers.step)
         serve(self._executor)
 
     def _ego_publishers(self) -> list[EgoPublisher]:

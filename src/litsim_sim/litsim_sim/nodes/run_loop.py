@@ -279,11 +279,11 @@ class Pulse:
     def __init__(self, wanted: bool) -> None:
         self._wanted, self._last = wanted, -math.inf
 
-    def beat(self) -> None:
-        """Give one, if none was given for a while."""
+    def beat(self, step: int) -> None:
+        """Give one, if none was given for a while; `step` is the one at hand."""
         if self._wanted and time.monotonic() >= self._last + PULSE_S:
             self._last = time.monotonic()
-            print("alive", flush=True)
+            print(f"alive at step {max(0, step)}", flush=True)
 
 
 class Progress:
