@@ -184,11 +184,11 @@ def interpolate(  # noqa: PLR0917 - a kernel takes arrays and numbers
             while reached < instant:
                 reached += 1
                 before[:] = after
-                sigma_x, sigma_y = float(sigmas[row, reached, 0]), float(sigmas[row, reached, 1])
+                sigma_x, sigma_y = np.float64(sigmas[row, reached, 0]), np.float64(sigmas[row, reached, 1])
                 after[X], after[Y] = mean[row, reached, 0], mean[row, reached, 1]
-                after[YAW] = before[YAW] + wrapped(float(yaw[row, reached]) - before[YAW])
+                after[YAW] = before[YAW] + wrapped(np.float64(yaw[row, reached]) - before[YAW])
                 after[XX], after[YY] = sigma_x**2, sigma_y**2
-                after[XY] = float(sigmas[row, reached, 2]) * sigma_x * sigma_y
+                after[XY] = np.float64(sigmas[row, reached, 2]) * sigma_x * sigma_y
             for c in range(6):
                 states[k, t, c] = before[c] + (time - instant) * (after[c] - before[c])
             for c in range(XX, XY + 1):

@@ -1,0 +1,75 @@
+"""Pairs of agents by compiled loops, against plain numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import ndtri
+
+from litsim_policy.conflict import pairs
+from litsim_policy.conflict.futures import PredictedMotion, X, Y
+from litsim_policy.conflict.pairs import FOLLOWED
+from litsim_sim.core.geometry import to_body
+from strips import Strips
+
+seeds, radii = st.integers(0, 2**32), st.floats(0.0, 60.0)
+
+
+@given(seeds, radii, st.integers(0, 15))
+def test_who_is_near_whom(seed: int, radius: float, agents: int) -> None:
+    random = np.random.default_rng(seed)
+    x, y = random.normal(0.0, 30.0, (2, agents))
+    of, others = random.random((2, agents)) < 0.5
+    within = np.hypot(x[:, None] - x, y[:, None] - y) <= radius
+    mine = within & of[:, None]
+    assert pairs.around(x, y, of, radius).tolist() == (of | mine.any(axis=0)).tolist()
+    mine &= others
+    np.fill_diagonal(mine, val=False)
+    assert pairs.near(x, y, of, others, radius).tolist() == np.argwhere(mine).tolist()
+
+
+@given(seeds)
+def test_a_follower_has_the_other_ahead_in_its_strip(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    x, y = random.normal(0.0, [[12.0], [2.0]], (2, 8))
+    yaw, length, width = random.normal(0.0, 0.5, 8), random.uniform(3, 12, 8), random.uniform(1, 3, 8)
+    leader, follower = both = random.integers(0, 8, (2, 40))
+    ahead, left = to_body(x[leader] - x[follower], y[leader] - y[follower], yaw[follower])
+    expected = ahead > FOLLOWED * 0.5 * (length[leader] + length[follower])
+    expected &= np.abs(left) < 0.5 * (width[leader] + width[follower])
+    assert pairs.followed(both.T.copy(), x, y, yaw, length, width).tolist() == expected.tolist()
+
+
+@given(seeds, st.floats(0.02, 0.9))
+def test_chances_of_pairs_are_those_of_numpy_at_every_step(seed: int, least: float) -> None:
+    random = np.random.default_rng(seed)
+    length, width = random.uniform(3, 12, 6), random.uniform(1, 3, 6)
+
+    def some(spread: float) -> PredictedMotion:
+        sigma = spread * random.uniform(0.1, 2.0, (2, 6, 4))
+        states = [*random.normal(0.0, 6.0, (2, 6, 4)), random.uniform(-3, 3, (6, 4)), *sigma**2, 0.5 * sigma.prod(0)]
+        return PredictedMotion(np.stack(states, axis=-1), random.random((6, 4)) < 0.8)
+
+    a, b = some(0.0), some(random.choice([0.0, 1.0]))
+    which = random.integers(0, 6, (12, 2))
+    arrays = (which, a.states, a.valid, a.bounds, b.states, b.valid, b.bounds, length, width, least, ndtri(least))
+    found, until = pairs.overlap_chances(*arrays, False), pairs.overlap_chances(*arrays, True)  # noqa: FBT003
+
+    i, j = which.T
+    distance = (b.states[j] - a.states[i])[..., [X, Y]].reshape(-1, 2).T
+    sizes = [tuple(np.repeat(values[k], 4) for values in (length, width)) for k in (i, j)]
+    strips = Strips.of(a.yaw[i].ravel(), b.yaw[j].ravel(), *sizes)
+    covariance = (a.covariance[i] + b.covariance[j]).reshape(-1, 3).T
+    exact = np.where(
+        covariance[0] + covariance[1] > 0.0,
+        strips.probability(*distance, covariance),
+        strips.contain(*distance).astype(np.float64),
+    ).reshape(found.shape)
+    both = a.valid[i] & b.valid[j]
+    expected = np.where(both & (exact >= least), exact, 0.0)
+    sure = np.abs(exact - least) > 0.02  # the strips bound the probability, which the quadrature gives to 0.02
+    assert found[sure] == pytest.approx(expected[sure], abs=1e-9)
+    first = np.where((found > 0.0).any(axis=1), (found > 0.0).argmax(axis=1), 3)
+    assert (until == np.where(np.arange(4) <= first[:, None], found, 0.0)).all()
