@@ -90,7 +90,7 @@ from {package}.called import called
 def caller(a):
     return 1.0 + called(a)
 """
-RUN = "from {package}.caller import caller; print(caller(1.0), sum(caller.stats.cache_misses.values()))"
+RUN = "from {package}.caller import caller; print(caller(1.0), sum(caller.loaded.stats.cache_misses.values()))"
 
 
 def package(tmp_path: Path, factor: float = 2.0, name: str = "made") -> Path:
@@ -129,6 +129,15 @@ def test_machine_code_is_made_once_and_anew_when_a_constant_of_another_module_ch
     package(tmp_path, factor=2.5)
     assert result(start(folder))[0] == [3.5, 1.0]
     assert result(start(folder))[0] == [3.5, 0.0]
+
+
+def test_kernels_are_loaded_before_a_run_but_for_those_that_only_others_call(tmp_path: Path) -> None:
+    folder = package(tmp_path)
+    which = "; print(*['loaded' in kernel.__dict__ for kernel in (caller, called)])"
+    code = "from {package}.caller import caller, called; from litsim_sim.core.compiled import load_kernels" + which
+    result(start(folder))  # compiled, so that the next one only loads
+    run = start(folder, code + "; load_kernels()" + which)
+    assert run.communicate()[0].split() == ["False", "False", "True", "False"]
 
 
 def test_processes_may_compile_at_once(tmp_path: Path) -> None:

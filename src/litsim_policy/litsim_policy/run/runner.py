@@ -13,6 +13,7 @@ import yaml
 from litsim_policy.ego.registry import Ego
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core import stage_registry
+from litsim_sim.core.compiled import load_kernels
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stage_registry import registered_name
@@ -76,6 +77,7 @@ class Runner:
         if self._reacts:
             self._predictor, self._manager = stages["predictor"](scenario), stages["conflict"](scenario)
             self._policy = stages["policy"](plan.policy, scenario)
+        load_kernels()
 
     def steps(self) -> Iterator[StepResult]:
         """Every step of the run with its answers, in order."""

@@ -5,8 +5,8 @@ A kernel is a function of numbers and arrays, decorated with its types::
     @kernel(float64(FLOATS, FLOATS))
     def dot(a, b): ...
 
-It is compiled for these types alone, when its module is imported and never in a step. The machine code is kept on disk:
-only the first import on a machine compiles (``ros2 run litsim_sim compile`` does it ahead of time), all others load it.
+It is compiled for these types alone. The machine code is kept on disk: only the first process on a machine compiles
+(``ros2 run litsim_sim compile`` does it ahead of time), all others load it, before the first step of a run.
 
 Kernels compute in the order that is written, in one thread, without fused or reassociated operations. The same inputs
 give the same bits in every process of a machine.
@@ -22,7 +22,7 @@ import re
 import sys
 from collections.abc import Callable
 from enum import Enum, EnumMeta
-from functools import cache
+from functools import cache, cached_property, update_wrapper
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,6 +33,7 @@ import numba
 import numpy as np
 from llvmlite import binding
 from numba import types
+from numba.extending import typeof_impl
 
 MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # in the source of every module that holds kernels
 OPTIONS = {
@@ -41,7 +42,7 @@ OPTIONS = {
 }
 F = TypeVar("F", bound=Callable[..., Any])
 
-_stamps: dict[int, str] = {}  # of kernels, by the identity of what `kernel` returned, which lives as long as its module
+_kernels: list[Kernel] = []  # all that are defined
 
 
 def read_array(dtype: types.Type, ndim: int) -> types.Array:
@@ -64,8 +65,40 @@ OUT_INTS, OUT_INTS2 = (written_array(int64, ndim) for ndim in (1, 2))
 OUT_BOOLS, OUT_BOOLS2 = (written_array(boolean, ndim) for ndim in (1, 2))
 
 
+class Kernel:
+    """A compiled function; its machine code is loaded when it is called first, or by :func:`load_kernels`."""
+
+    def __init__(self, function: FunctionType, signature: Any) -> None:
+        update_wrapper(self, function)
+        self._function, self._signature = function, signature
+        self.stamp, self.uses = _stamp(function), _kernels_of(function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the machine code; arguments that do not fit the signature are a TypeError."""
+        return self.loaded(*arguments)
+
+    @cached_property
+    def loaded(self) -> Any:
+        """Numba's dispatcher of the function."""
+        directory = cache_directory(Path(self._function.__code__.co_filename))
+        if directory is None or not any(directory.glob(f"*-{self.stamp}.*.nbi")):
+            _announce()
+        before = numba.config.CACHE_LOCATOR_CLASSES
+        numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{KernelLocator.__name__}"
+        try:
+            return numba.njit(self._signature, cache=directory is not None, **OPTIONS)(self._function)
+        finally:
+            numba.config.CACHE_LOCATOR_CLASSES = before
+
+
+@typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
+def _type_of_called(called: Kernel, _context: object) -> Any:
+    """What numba takes a kernel for that another one calls: it is loaded only where that one has to be compiled."""
+    return numba.typeof(called.loaded)
+
+
 def kernel(signature: Any) -> Callable[[F], F]:
-    """Return a decorator that compiles a function for one signature of numba's types, or loads its machine code.
+    """Return a decorator that makes a function a kernel for one signature of numba's types.
 
     Of its module, the function may use numbers, enumerations, arrays and other kernels; of others, `math` and numpy.
     Arguments that do not fit the signature are a TypeError. Numbers divided by zero give what numpy gives.
@@ -75,30 +108,33 @@ def kernel(signature: Any) -> Callable[[F], F]:
     """
 
     def compiled(function: F) -> F:
-        source, stamp = Path(function.__code__.co_filename), _stamp(cast(FunctionType, function))
-        directory = cache_directory(source)
-        if directory is None or not any(directory.glob(f"*-{stamp}.*.nbi")):
-            _announce()
-        before = numba.config.CACHE_LOCATOR_CLASSES
-        numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.KernelLocator"
-        try:
-            found = numba.njit(signature, cache=directory is not None, **OPTIONS)(function)
-        finally:
-            numba.config.CACHE_LOCATOR_CLASSES = before
-        _stamps[id(found)] = stamp
+        found = Kernel(cast(FunctionType, function), signature)
+        _kernels.append(found)
         return cast(F, found)
 
     return compiled
 
 
+def load_kernels() -> None:
+    """Load, or compile, all kernels that are defined so far, but for those that only others call: theirs have them.
+
+    To be called before the first step of a run: loading takes half a second.
+    """
+    inner = {id(called) for caller in _kernels for called in caller.uses}
+    for each in _kernels:
+        if id(each) not in inner:
+            each.loaded  # noqa: B018 - it is kept
+
+
 def compile_package(name: str) -> list[str]:
-    """Import all modules of package `name` that hold kernels, compiling what is not on disk; return their names."""
+    """Compile the kernels of package `name` that are not on disk yet; return the names of the modules with kernels."""
     found = []
     for module in pkgutil.walk_packages(import_module(name).__path__, f"{name}."):
         spec = find_spec(module.name)
         if spec is not None and spec.origin is not None and MARK.search(Path(spec.origin).read_text("utf-8")):
             import_module(module.name)
             found.append(module.name)
+    load_kernels()
     return found
 
 
@@ -180,10 +216,16 @@ def _stamp(function: FunctionType) -> str:
     return found.hexdigest()[:16]
 
 
+def _kernels_of(function: FunctionType) -> tuple[Kernel, ...]:
+    """The kernels that `function` calls."""
+    found = (function.__globals__.get(name) for name in function.__code__.co_names)
+    return tuple(value for value in found if isinstance(value, Kernel))
+
+
 def _constant(name: str, value: object) -> str:
     """What a kernel sees of a global `value`, which is frozen into its machine code."""
-    if id(value) in _stamps:
-        return _stamps[id(value)]
+    if isinstance(value, Kernel):
+        return value.stamp
     if value is math or value is np:
         return ""
     if isinstance(value, EnumMeta):

@@ -12,6 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 
+from litsim_sim.core.compiled import load_kernels
 from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState
@@ -84,6 +85,7 @@ class BridgeNode(Node):
         config = WorldConfig(guard_entries=self.plan.policy != "replay")
         world = World(scenario, config, SumoMirror(scenario.net_path, scenario.seed, scenario.signals))
         loop = RunLoop(self, self.plan, self.options, world, self._port, self._attendance, self._answers)
+        load_kernels()
         spare_from_collection()
         try:
             loop.run()

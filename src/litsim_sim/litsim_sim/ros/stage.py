@@ -24,6 +24,7 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from litsim_sim.core.compiled import load_kernels
 from litsim_sim.core.errors import EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error, reason
 from litsim_sim.core.lockstep import Joiner
 from litsim_sim.core.stages import BRIDGE
@@ -92,6 +93,7 @@ class StageNode(Node):
         self._forget()
         try:
             self.configure(info, Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}"))
+            load_kernels()
         except Exception as error:  # noqa: BLE001 - whatever it is, the bridge has to hear of it
             self._fail(info.run_id, 0, reason(error), error)
             return
