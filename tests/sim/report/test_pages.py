@@ -107,7 +107,8 @@ def test_style_and_scripts_are_as_they_are(small_run: Run, monkeypatch: pytest.M
 
 def test_the_page_of_a_campaign_holds_its_scripts(campaign: Callable[..., Path], tmp_path: Path) -> None:
     html = write_experiment_report(campaign(tmp_path, scenes=1)).read_text()
-    names = [f"campaign{part}.js" for part in ("", "_runs", "_pictures", "_table", "_charts", "_panel")]
+    parts = ("", "_runs", "_pictures", "_table", "_charts", "_panel", "_columns", "_view", "_filters")
+    names = [f"campaign{part}.js" for part in parts]
     for name in ("campaign.css", "container.js", "svg.js", *names):
         assert asset(name).strip() in html
         assert not re.search(r"</(script|style)", asset(name), re.IGNORECASE)

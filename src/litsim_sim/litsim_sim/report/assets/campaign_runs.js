@@ -8,6 +8,7 @@ class Runs {
   constructor(content) {
     Object.assign(this, content);
     for (const run of this.runs) run.dt = this.dt;
+    this.pictured = this.runs.some((run) => run.picture || run.steps);
     this.fieldOf = new Map(this.fields.map((field) => [field.path, field]));
     this.byId = new Map(this.runs.map((run) => [run.id, run]));
     this.alike = new Map(); // runs of the same case in other rows
