@@ -25,6 +25,7 @@ from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, Float
 from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.signals import Signals
 
 HIDDEN = 128
 LAYERS = ("hidden0", "hidden1", "mean")
@@ -115,9 +116,15 @@ class PolicyCConfig:
 class Driver:
     """The network and the layer, without anything of a run."""
 
-    def __init__(self, lane_map: LaneMap, network: PolicyNetwork, safety: SafetyConfig | None = None) -> None:
+    def __init__(
+        self,
+        lane_map: LaneMap,
+        network: PolicyNetwork,
+        safety: SafetyConfig | None = None,
+        signals: Signals | None = None,
+    ) -> None:
         self.observer = Observer(lane_map, network.observation)
-        self.safety = SafetyLayer(lane_map, safety)
+        self.safety = SafetyLayer(lane_map, safety, signals)
         self._network, self._lane_map = network, lane_map
 
     def drive(self, table: AgentTable, tasks: list[DrivingTask]) -> ControlTable:
@@ -146,7 +153,7 @@ class PolicyC:
     def __init__(
         self, scenario: Scenario, network: PolicyNetwork, handback: YieldPolicy, safety: SafetyConfig | None = None
     ) -> None:
-        self.driver = Driver(scenario.lane_map, network, safety)
+        self.driver = Driver(scenario.lane_map, network, safety, scenario.signals)
         self._handback, self._lane_map = handback, scenario.lane_map
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:

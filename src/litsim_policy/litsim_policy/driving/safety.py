@@ -18,6 +18,7 @@ from pydantic import model_validator
 from litsim_policy.driving.look_ahead import first_touch, rolled_out, stay_on_road, steps_of
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.stop_lines import StopLines
 from litsim_sim.core.compiled import (
     BOOLS2,
     FLOATS,
@@ -48,6 +49,7 @@ from litsim_sim.core.quantities import (
 )
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scenario.signals import Signals
 
 GUARDS = ("limits", "following", "contact", "road")
 SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as the one that was asked for
@@ -61,7 +63,7 @@ class SafetyConfig:
     """Limits, which always hold, and guards. Bounds are those of nuPlan's comfort measure unless said otherwise.
 
     Attributes:
-        following: brake for who is ahead on the path when braking can no longer wait.
+        following: brake for who is ahead on the path, and for red, when braking can no longer wait.
         contact: brake or steer where the command leads into another box within `horizon`.
         road: do not steer off the road.
         acceleration_max, deceleration_max: of what the network commands.
@@ -136,8 +138,9 @@ class SafeCommands:
 class SafetyLayer:
     """Applies to agents on one net; :attr:`interventions` counts agent-steps by guard since it was made."""
 
-    def __init__(self, lane_map: LaneMap, config: SafetyConfig | None = None) -> None:
+    def __init__(self, lane_map: LaneMap, config: SafetyConfig | None = None, signals: Signals | None = None) -> None:
         self.config = config or SafetyConfig()
+        self._stop_lines = StopLines(signals)
         self.interventions = dict.fromkeys(GUARDS, 0)
         self.agent_steps = 0
         self.lane_map = lane_map
@@ -170,7 +173,9 @@ class SafetyLayer:
             config.lateral_acceleration_max,
             config.yaw_acceleration_max,
         )
-        cap = following_cap(config, agents) if config.following else np.full(len(scene), config.acceleration_max)
+        cap = np.full(len(scene), config.acceleration_max)
+        if config.following:
+            cap = np.minimum(following_cap(config, agents), stopping_cap(config, agents, self._stop_lines.of(agents)))
         changed[:, 1] = cap < safe[:, 0]
         safe[:, 0] = np.minimum(safe[:, 0], cap)
         if (config.contact or config.road) and len(scene):
@@ -252,6 +257,27 @@ def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
         agents.speed,
         table.length[agents.rows],
         table.acceleration,
+        config.standstill_gap,
+        config.own_braking,
+        config.leader_braking,
+        config.relax,
+        config.imminent,
+        config.leader_brakes,
+        config.braking_max,
+        config.acceleration_max,
+    )
+
+
+def stopping_cap(config: SafetyConfig, agents: PathFollowers, gap: FloatArray) -> FloatArray:
+    """Accelerations (m,) [m/s2] above which agents could not stop at lines `gap` (m,) [m] ahead."""
+    line, nobody = gap[:, None], np.zeros((len(gap), 1))
+    return _following_cap(
+        line,
+        nobody,
+        np.isfinite(line),
+        agents.speed,
+        agents.table.length[agents.rows],
+        np.zeros(1),
         config.standstill_gap,
         config.own_braking,
         config.leader_braking,

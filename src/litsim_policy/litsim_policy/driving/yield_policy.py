@@ -12,6 +12,7 @@ from litsim_policy.driving.handback import HandbackConfig, catch_up
 from litsim_policy.motion.car_following import IdmConfig, idm, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
 from litsim_sim.core.compiled import (
     BOOLS2,
     FLOATS,
@@ -73,6 +74,7 @@ class YieldPolicy:
         self._lane_map = scenario.lane_map
         self._config = config
         self._handback = handback
+        self._stop_lines = StopLines(scenario.signals)
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Controls of every agent that is held or handed back, and of who is released to a log that lags."""
@@ -99,12 +101,13 @@ class YieldPolicy:
         )
 
     def _hold(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
-        """Accelerations (m,) [m/s2] of agents that follow whatever is on their paths, and give way.
+        """Accelerations (m,) [m/s2] of agents that follow whatever is on their paths, stop at red, and give way.
 
         They give way to their opponents and to those alongside that are ahead.
         """
         view, table = agents.view, agents.table
-        return give_way(
+        wanted = self._wanted_speed(agents)
+        acceleration = give_way(
             view.gap,
             view.speed,
             view.ahead,
@@ -116,11 +119,12 @@ class YieldPolicy:
             table.yaw,
             agents.rows,
             agents.speed,
-            self._wanted_speed(agents),
+            wanted,
             np.array([t.opponent for t in takeovers]),
             self._config.courtesy_deceleration,
             *self._config.idm.of_model,
         )
+        return idm_at_signals(self._config.idm, agents.speed, wanted, acceleration, self._stop_lines.of(agents))
 
     def _hand_back(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
         """Accelerations (m,) [m/s2] that close the distance to the log, but never into whatever is on the path."""
@@ -133,7 +137,8 @@ class YieldPolicy:
         free = log_speed + 2.0 * self._handback.speed_excess
         leads = view.ahead & view.in_path
         follow = idm_acceleration(self._config.idm, agents.speed, free, view.gap, view.speed, leads)
-        return np.minimum(wanted, follow)
+        line = self._stop_lines.of(agents)
+        return idm_at_signals(self._config.idm, agents.speed, free, np.minimum(wanted, follow), line)
 
     def _steer(self, agents: PathFollowers) -> FloatArray:
         """Yaw rates (m,) [rad/s] along the paths, or along the lanes while the way to the side is taken."""

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from litsim_policy.motion.car_following import IdmConfig
+from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.reference_path import ReferencePath, onto_lane, pursuit_yaw_rate
+from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.models import ModelName, make_predictor
 from litsim_predictor.selection import Wanted
@@ -37,12 +40,13 @@ class BatConfig:
 
 
 class BatEgo:
-    """Tracks its own forecast; without one it goes on along its lane at the speed that it has."""
+    """Tracks its own forecast, but stops at red; without one it goes on along its lane at the speed that it has."""
 
     def __init__(self, scenario: Scenario, config: BatConfig | None = None) -> None:
         self._scenario, self._config = scenario, config or BatConfig()
         self._predictor = make_predictor(self._config.predictor, scenario, wanted=Wanted.EGO)
         self._reachable: dict[frozenset[int], LaneMap] = {}
+        self._stop_lines = StopLines(scenario.signals)
 
     def plan(self, table: AgentTable) -> EgoCommand:
         """See :class:`litsim_policy.ego.registry.Ego`."""
@@ -59,6 +63,11 @@ class BatEgo:
         inside = within_edges(road, points, headings, 0.5 * float(table.width[row]) + self._config.edge_margin)
         path = ReferencePath.through(np.concatenate([inside, onto_lane(road, inside[-1], float(headings[-1]))]))
         turn = pursuit_yaw_rate(path, x, y, yaw, speed)
+        one = PathFollowers(road, table, np.array([row]), path.batch)
+        own_speed = np.array([speed])
+        wanted = float(
+            idm_at_signals(IdmConfig(), own_speed, own_speed, np.array([wanted]), self._stop_lines.of(one))[0]
+        )
         acceleration, yaw_rate = self._scenario.vehicle.within(wanted, turn, speed)
         return EgoCommand(table.step, acceleration, yaw_rate)
 

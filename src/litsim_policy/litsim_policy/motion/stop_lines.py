@@ -1,0 +1,110 @@
+"""Where agents have to stop for signals: a red light is a leader that stands at the stop line.
+
+At red everybody stops who can by braking as hard as vehicles do; at amber, who can comfortably. Nobody else does: who
+is too near when a light changes drives on, as people do.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
+from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_sim.core.quantities import Acceleration, Positive, configuration
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.core.signals import STOP_STATES, SignalState
+from litsim_sim.maps.signal_links import FACING, PASSED
+from litsim_sim.scenario.signals import Signals
+
+AMBER = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)
+ON_WAY = 1.6  # [m] from the middle of a lane within which a path is on it: half the width of a narrow lane
+GAP_MIN = 0.1  # [m] less than this counts as this
+FREE = np.inf
+
+
+@configuration
+class SignalConfig:
+    """Who stops.
+
+    Attributes:
+        red_braking: stop at red where no harder braking is needed.
+        amber_braking: stop at amber likewise.
+    """
+
+    red_braking: Positive[Acceleration] = 8.0
+    amber_braking: Positive[Acceleration] = 3.0
+
+
+class StopLines:
+    """Answers how far agents on paths have to the stop lines at which they have to stop."""
+
+    def __init__(self, signals: Signals | None, config: SignalConfig | None = None) -> None:
+        self._signals = signals
+        self._config = config or SignalConfig()
+        links = () if signals is None else signals.links
+        self._stop = np.array([link.stop for link in links]).reshape(-1, 2)
+        self._exit = np.array([link.exit for link in links]).reshape(-1, 2)
+        self._heading = np.array([link.heading for link in links])
+
+    def gaps(self, step: int, paths: PathBatch, s: FloatArray, length: FloatArray, speed: FloatArray) -> FloatArray:
+        """Distances (m,) [m] from the agents' fronts to where they have to stop; infinite where they need not.
+
+        Args:
+            step: at which the signals are looked at.
+            paths: m paths.
+            s: (m,) arc length of the agents' centres on their paths [m].
+            length: (m,) of the agents [m].
+            speed: (m,) [m/s].
+        """
+        found = np.full(len(paths), FREE)
+        if self._signals is None or not len(paths):
+            return found
+        state = self._signals.table(step).state[self._signals.link_group]
+        red, amber = np.isin(state, STOP_STATES), np.isin(state, AMBER)
+        asked = np.flatnonzero(red | amber)
+        if not len(asked):
+            return found
+        path, link = (grid.ravel() for grid in np.meshgrid(np.arange(len(paths)), asked, indexing="ij"))
+        line, on_way = self._lines_on(paths, path, link)
+        gap = line - (s + 0.5 * length)[path]
+        needed = speed[path] ** 2 / (2.0 * np.maximum(gap, GAP_MIN))
+        bound = np.where(red[link], self._config.red_braking, self._config.amber_braking)
+        stops = on_way & (gap > -PASSED) & (needed <= bound)
+        np.minimum.at(found, path[stops], np.maximum(gap[stops], GAP_MIN))
+        return found
+
+    def of(self, agents: PathFollowers) -> FloatArray:
+        """The same of agents that follow paths, at the step of their table."""
+        table = agents.table
+        return self.gaps(table.step, agents.paths, agents.s, table.length[agents.rows], agents.speed)
+
+    def _lines_on(self, paths: PathBatch, path: IntArray, link: IntArray) -> tuple[FloatArray, BoolArray]:
+        """Arc lengths (k,) [m] of stop lines on paths, and whether the path takes that connection (k,)."""
+        stop = paths.project(path, *np.ascontiguousarray(self._stop[link].T))
+        leave = paths.project(path, *np.ascontiguousarray(self._exit[link].T))
+        facing = np.cos(paths.heading(path, stop.segment) - self._heading[link]) >= FACING
+        near = (np.abs(stop.d) <= ON_WAY) & (np.abs(leave.d) <= ON_WAY)
+        return stop.s, near & facing & (leave.s > stop.s)
+
+
+def idm_at_signals(
+    config: IdmConfig, speed: FloatArray, desired_speed: FloatArray, acceleration: FloatArray, gap: FloatArray
+) -> FloatArray:
+    """`acceleration` (m,) [m/s2] of agents, or what stopping at a line `gap` (m,) [m] ahead asks for, if that is less.
+
+    Args:
+        config: of the Intelligent Driver Model, as the agents follow vehicles by.
+        speed, desired_speed: (m,) [m/s].
+        acceleration: (m,) [m/s2] behind whoever is ahead.
+        gap: (m,) infinite where there is no need to stop.
+    """
+    at = np.flatnonzero(gap < FREE)
+    if not len(at):
+        return acceleration
+    limited = acceleration.copy()
+    standing = np.zeros((len(at), 1))
+    limited[at] = np.minimum(
+        limited[at], idm_acceleration(config, speed[at], desired_speed[at], gap[at][:, None], standing)
+    )
+    return limited
