@@ -134,12 +134,12 @@ install_packages() {
 
 install_extras() { # what tests and lint need; what of it is optional is skipped by its tests, which say so
   local key extra
-  key=$(cat requirements/{dev,maps,live,film,constraints}.txt | sha256sum)
+  key=$(cat requirements/{dev,maps,live,film,ray,constraints}.txt | sha256sum)
   stamped extras "$key" && return
   say "installing what tests, lint and maps need"
   unstamp extras
   install -r requirements/dev.txt || fail "pip could not install requirements/dev.txt; its message is above"
-  for extra in maps live film; do
+  for extra in maps live film ray; do
     install -r "requirements/$extra.txt" || say "note: requirements/$extra.txt could not be installed; its tests will be skipped"
   done
   stamp extras "$key"

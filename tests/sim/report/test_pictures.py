@@ -87,7 +87,7 @@ def test_ffmpeg_that_fails_is_named_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == [broken]
 
 
-@pytest.mark.parametrize("words", [[], ["nowhere"], ["bag", "--png", "a.jpg"]])
+@pytest.mark.parametrize("words", [[], ["bag", "--experiment", "x"], ["nowhere"], ["bag", "--png", "a.jpg"]])
 def test_command_line_says_what_is_wrong(words: list[str], capsys: Any) -> None:
     with pytest.raises(SystemExit) as stop:
         main(words)

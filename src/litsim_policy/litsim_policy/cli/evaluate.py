@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Self
 
@@ -13,7 +14,8 @@ from tqdm import tqdm
 
 from litsim_policy.cli.suite_arguments import add_suite_arguments, suite_of
 from litsim_policy.run.campaign import LocalRuns, conclude, passes, row_summaries
-from litsim_policy.run.case_run import TIME_LIMIT_S, check_case
+from litsim_policy.run.case_run import TIME_LIMIT_S, check_cases
+from litsim_policy.run.ray_runs import LOCAL, RayRuns
 from litsim_policy.run.summary_table import print_summary
 from litsim_sim.campaign.case import Case, cases_of, code_versions
 from litsim_sim.campaign.criteria import Verdict
@@ -47,6 +49,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--time-limit", type=positive, default=TIME_LIMIT_S, metavar="S", help="after which a run over DDS has failed"
     )
+    p.add_argument(
+        "--ray", metavar="ADDRESS", help=f"run on a Ray cluster: auto, HOST:PORT, or {LOCAL} for one of this machine"
+    )
     p.add_argument("--dry-run", action="store_true", help="say what would be run and what is done already")
     p.add_argument("--retry-errors", action="store_true", help="run again those that could not be judged")
     p.add_argument("--overwrite", action="store_true", help="remove the campaign that lies in the folder")
@@ -62,9 +67,12 @@ def evaluate(arguments: argparse.Namespace) -> int:
     suite = suite_of(arguments)
     versions = code_versions()
     cases = cases_of(suite, graph=arguments.graph, with_versions=versions)
-    for case in {(each.row, each.shell): each for each in cases}.values():
-        check_case(case)
+    check_cases(cases)
     folder = CampaignFolder(Path(arguments.out or DEFAULT_OUT))
+    runs: LocalRuns | RayRuns = LocalRuns(folder, suite.criteria, arguments.processes, arguments.time_limit)
+    if arguments.ray is not None:
+        runs = RayRuns(folder, suite.criteria, arguments.ray, arguments.processes, arguments.time_limit)
+    runs.check(cases)
     if arguments.dry_run:
         return _tell(cases, folder, arguments)
     with folder.alone():
@@ -72,10 +80,9 @@ def evaluate(arguments: argparse.Namespace) -> int:
         if arguments.retry_errors:
             done = _judged(done)
         to_run = [case for case in cases if case.id not in done]
-        runs = LocalRuns(folder, suite.criteria, arguments.processes, arguments.time_limit)
         try:
-            with Progress(len(cases), done.values()) as progress:
-                for result in runs.run(to_run):
+            with Progress(len(cases), done.values()) as progress, closing(runs.run(to_run)) as results:
+                for result in results:
                     progress.add(result)
         except BaseException:  # what is done is done
             without_interrupts(lambda: conclude(folder))

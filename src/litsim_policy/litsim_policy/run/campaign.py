@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -39,7 +39,10 @@ class LocalRuns:
     _stopped: threading.Event = field(default_factory=threading.Event)
     _meeting: threading.Lock = field(default_factory=threading.Lock)
 
-    def run(self, cases: Sequence[Case]) -> Iterator[RunResult]:
+    def check(self, cases: Sequence[Case]) -> None:
+        """Any cases can be run here."""
+
+    def run(self, cases: Sequence[Case]) -> Generator[RunResult, None, None]:
         """Run `cases`; the result of each as it comes, stored by then.
 
         Whatever ends it early, such as Ctrl-C, ends the runs in progress first; nothing is stored of them.

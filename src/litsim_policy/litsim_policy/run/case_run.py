@@ -8,7 +8,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -73,6 +73,16 @@ class RunOutcome:
         if self.metrics is None:
             return RunResult.error(case, self.failure, **files)
         return RunResult.judged(case, self.metrics, criteria, **files)
+
+
+def check_cases(cases: Iterable[Case]) -> None:
+    """Check, before the first run, what can be known of cases, once for each row.
+
+    Raises:
+        InputError: see :func:`check_case`.
+    """
+    for case in {(each.row, each.shell): each for each in cases}.values():
+        check_case(case)
 
 
 def check_case(case: Case) -> None:

@@ -22,6 +22,7 @@ from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, plain_values, version
 from litsim_sim.scenario.scenario import Scenario
 
 ID_LENGTH = 16
+SCENARIOS_KEPT = 4  # in memory while cases are made
 MODEL = "model"  # a parameter that rows of tables name by its value alone
 NOT_OF_THE_RESULT = ("commit",)
 """Versions that stand in reports but decide nothing: the digest of the sources does."""
@@ -125,7 +126,8 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
     _check_scenario_names(suite)
     found = code_versions() if with_versions is None else with_versions
     deciding = {name: version for name, version in found.items() if name not in NOT_OF_THE_RESULT}
-    roads = [road for entry in suite.cases for road in _roads(entry)]
+    load = lru_cache(maxsize=SCENARIOS_KEPT)(Scenario.load)  # entries of one scenario follow each other
+    roads = [road for entry in suite.cases for road in _roads(entry, load(entry.scenario))]
     seeds: list[int | None] = [*suite.seeds] or [None]
     cases: dict[str, Case] = {}
     for row, seed, road in product(_rows(suite), seeds, roads):
@@ -202,13 +204,12 @@ def _rows(suite: Suite) -> Iterator[_Row]:
             yield _Row(ego, policy, parameters, ", ".join(told))
 
 
-def _roads(entry: CaseEntry) -> Iterator[_Road]:
+def _roads(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
     """What happens on the road, once for each vehicle that is the ego.
 
     Raises:
         InputError: the scenario cannot be used, or an ego is not in it.
     """
-    scenario = Scenario.load(entry.scenario)
     of_no_run = {"name", "description", "ego", "egos", "tuning", "seed"}
     content = scenario.file.model_dump(mode="json", exclude=of_no_run)
     files = {field: Path(getattr(scenario.file, field)) for field in ("recording", "net")}

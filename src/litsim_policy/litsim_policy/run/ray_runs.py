@@ -1,0 +1,160 @@
+"""The runs of a campaign on a Ray cluster: one task a run. Ray is an optional requirement (requirements/ray.txt)."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from litsim_policy.run.case_run import TIME_LIMIT_S, RunOutcome, is_elsewhere, run_in_process, run_over_graph
+from litsim_sim.campaign.case import GRAPH, Case, code_versions
+from litsim_sim.campaign.criteria import Criteria
+from litsim_sim.campaign.folder import CampaignFolder
+from litsim_sim.campaign.results import RunResult
+from litsim_sim.core.errors import InputError, reason
+
+LOCAL = "local"  # address of a cluster of this machine alone, which ends with the campaign
+RETRIES = 3  # how often a run is done again whose worker was lost
+WAITING_MAX = 500  # tasks that the cluster is told of at a time
+SOURCES = "sources"  # of the versions: a digest of the installed packages
+LEAVING_S = 30.0  # [s] for what a lost worker had started to be gone
+
+
+@dataclass
+class RayRuns:
+    """Runs cases on the nodes of a cluster; each node has LitSim's environment, and the same packages.
+
+    A run whose worker was lost is done again, on whichever node; one that is over is stored here, and never done twice.
+
+    Attributes:
+        folder: where results are stored; recordings too, where the nodes share its file system.
+        criteria: by which runs are judged.
+        address: of the cluster as :func:`ray.init` takes it, or :data:`LOCAL`.
+        processes: runs at a time, of a :data:`LOCAL` cluster; others know how many processors they have.
+        time_limit_s: after which a run over DDS has failed [s].
+    """
+
+    folder: CampaignFolder
+    criteria: Criteria
+    address: str
+    processes: int
+    time_limit_s: float = TIME_LIMIT_S
+
+    def check(self, cases: Sequence[Case]) -> None:
+        """Check, before anything is begun, that `cases` can be run on a cluster.
+
+        Raises:
+            InputError: Ray is not installed, or a stack runs already, where no node would meet it.
+        """
+        _ray()
+        if elsewhere := [case.ego.name for case in cases if is_elsewhere(case)]:
+            raise InputError(f"--ray: ego {elsewhere[0]} has no command; nodes of a cluster start their own stacks")
+
+    def run(self, cases: Sequence[Case]) -> Generator[RunResult, None, None]:
+        """Run `cases`; the result of each as it comes, stored by then.
+
+        Raises:
+            InputError: there is no such cluster.
+        """
+        ray = _ray()
+        self._connect(ray)
+        try:
+            for case, outcome in self._outcomes(ray, cases):
+                result = self._present(case, outcome).judged(case, self.criteria)
+                self.folder.store(result)
+                yield result
+        finally:  # what still runs ends with its driver
+            ray.shutdown()
+
+    def _connect(self, ray: Any) -> None:
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anybody
+        given: dict[str, Any] = (
+            {"num_cpus": self.processes, "include_dashboard": False} if self.address == LOCAL else {}
+        )
+        try:
+            ray.init(address=self.address, log_to_driver=False, logging_level="error", **given)
+        except (ConnectionError, RuntimeError, ValueError, OSError) as error:
+            raise InputError(f"--ray {self.address}: cannot be connected to: {reason(error)}") from error
+
+    def _outcomes(self, ray: Any, cases: Sequence[Case]) -> Iterator[tuple[Case, RunOutcome]]:
+        """Outcomes as they come; never more than :data:`WAITING_MAX` tasks are with the cluster."""
+        task = ray.remote(max_retries=RETRIES, num_cpus=1)(run_task)
+        sources, folder = code_versions()[SOURCES], str(self.folder.path.resolve())
+        left = iter(cases)
+        pending: dict[Any, Case] = {}
+        while True:
+            for case in islice(left, WAITING_MAX - len(pending)):
+                given = (case.to_json(), folder, sources, self.time_limit_s)
+                pending[task.options(name=case.name).remote(*given)] = case
+            if not pending:
+                return
+            (ready, *_), _ = ray.wait(list(pending), num_returns=1)
+            case = pending.pop(ready)
+            try:
+                yield case, ray.get(ready)
+            except ray.exceptions.RayError as error:  # its worker was lost each time
+                yield case, RunOutcome(None, f"its worker was lost {RETRIES + 1} times: {reason(error)}")
+
+    def _present(self, case: Case, outcome: RunOutcome) -> RunOutcome:
+        """`outcome` without the files that lie on another node's disk."""
+        where = self.folder.run_folder(case)
+        files = {name: getattr(outcome, name) for name in ("recording", "report", "log")}
+        absent = [name for name, file in files.items() if file is not None and not (where / file).exists()]
+        nothing: dict[str, Any] = dict.fromkeys(absent)
+        return replace(outcome, **nothing)
+
+
+def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: float) -> RunOutcome:
+    """One task: run a case on this node, whatever becomes of it.
+
+    Args:
+        case: as :meth:`Case.to_json` has it.
+        folder: of the campaign; what runs leave lies in it.
+        sources: digest of the packages that are to run it.
+        time_limit_s: after which a run over DDS has failed [s].
+    """
+    begin = time.monotonic()
+    failure = ""
+    try:
+        if (here := code_versions()[SOURCES]) != sources:
+            failure = f"this node has other LitSim packages: sources {here}, expected {sources}"
+        else:
+            made = Case.from_json(case)
+            where = _cleared(CampaignFolder(Path(folder)), made)
+            if made.shell == GRAPH:
+                return run_over_graph(made, where, time_limit_s=time_limit_s)
+            return RunOutcome(run_in_process(made, where), wall_s=time.monotonic() - begin)
+    except Exception as error:  # noqa: BLE001 - whatever it is, the others are to go on, and the table is to say it
+        failure = reason(error)
+    return RunOutcome(None, failure, wall_s=time.monotonic() - begin)
+
+
+def _cleared(folder: CampaignFolder, case: Case) -> Path:
+    """The empty folder of a run; a lost worker's launcher may be closing its record there."""
+    until = time.monotonic() + LEAVING_S
+    while True:
+        try:
+            return folder.clear(case)
+        except OSError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.5)
+
+
+def _ray() -> Any:
+    """The package.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import ray
+    except ImportError as error:
+        raise InputError(
+            "--ray: Ray is not installed: .venv/bin/pip install -r requirements/ray.txt -c requirements/constraints.txt"
+        ) from error
+    return ray
