@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -41,3 +42,11 @@ def test_the_ends_of_the_half_open_turn() -> None:
 @given(*(st.floats(-10.0, 10.0) for _ in range(3)))
 def test_within_cuts_as_numpy_does(value: float, low: float, high: float) -> None:
     assert within(value, low, high) == np.clip(value, low, high)
+
+
+@pytest.mark.parametrize("value", [-1.0, -0.0, 0.0, 1.0])
+@pytest.mark.parametrize("low", [-0.0, 0.0])
+@pytest.mark.parametrize("high", [-0.0, 0.0])
+def test_within_keeps_the_sign_of_zero_that_numpy_gives(value: float, low: float, high: float) -> None:
+    found, expected = within(value, low, high), np.clip(*np.full((3, 1), [[value], [low], [high]]))[0]
+    assert found == expected and np.signbit(found) == np.signbit(expected)

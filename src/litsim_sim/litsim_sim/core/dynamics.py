@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+from numba.types import UniTuple
 from pydantic import Field
 
+from litsim_sim.core.compiled import FLOATS, OUT_FLOATS, float64, kernel
+from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Curvature, Number, Positive, Speed, configuration
 from litsim_sim.core.scene import STEP_S, FloatArray
+
+SPEED_MIN = 1e-3  # [m/s] up to which the bound on lateral acceleration is that of this speed
 
 
 @configuration
@@ -58,16 +64,57 @@ def bicycle_step(
     Returns:
         state at the end of the step, with the acceleration and yaw rate that were really applied.
     """
-    acceleration = np.clip(acceleration, -limits.deceleration_max, limits.acceleration_max)
-    speed = np.clip(motion.speed + acceleration * STEP_S, 0.0, np.maximum(limits.speed_max, motion.speed))
-    mean_speed = 0.5 * (motion.speed + speed)
-    yaw_rate_max = np.minimum(
-        mean_speed * limits.curvature_max, limits.lateral_acceleration_max / np.maximum(mean_speed, 1e-3)
+    return Motion(
+        *_bicycle_step(
+            motion.x,
+            motion.y,
+            motion.yaw,
+            motion.speed,
+            length,
+            acceleration,
+            yaw_rate,
+            limits.acceleration_max,
+            limits.deceleration_max,
+            limits.lateral_acceleration_max,
+            limits.curvature_max,
+            limits.speed_max,
+            limits.rear_axle,
+        )
     )
-    yaw_rate = np.clip(yaw_rate, -yaw_rate_max, yaw_rate_max)
-    yaw = motion.yaw + yaw_rate * STEP_S
-    mean_yaw = motion.yaw + 0.5 * yaw_rate * STEP_S
-    lever = limits.rear_axle * length
-    x = motion.x + mean_speed * STEP_S * np.cos(mean_yaw) + lever * (np.cos(yaw) - np.cos(motion.yaw))
-    y = motion.y + mean_speed * STEP_S * np.sin(mean_yaw) + lever * (np.sin(yaw) - np.sin(motion.yaw))
-    return Motion(x, y, yaw, speed, (speed - motion.speed) / STEP_S, yaw_rate)
+
+
+@kernel(UniTuple(OUT_FLOATS, 6)(*[FLOATS] * 7, *[float64] * 6))
+def _bicycle_step(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    length: FloatArray,
+    acceleration: FloatArray,
+    yaw_rate: FloatArray,
+    acceleration_max: float,
+    deceleration_max: float,
+    lateral_acceleration_max: float,
+    curvature_max: float,
+    speed_max: float,
+    rear_axle: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """See :func:`bicycle_step`; arrays (n,), the last six numbers as in :class:`VehicleLimits`.
+
+    Returns:
+        what :class:`Motion` holds.
+    """
+    new_x, new_y, new_yaw, new_speed = np.empty(len(x)), np.empty(len(x)), np.empty(len(x)), np.empty(len(x))
+    applied, turned = np.empty(len(x)), np.empty(len(x))
+    for i in range(len(x)):
+        wanted = speed[i] + within(acceleration[i], -deceleration_max, acceleration_max) * STEP_S
+        new_speed[i] = within(wanted, 0.0, max(speed_max, speed[i]))
+        mean_speed = 0.5 * (speed[i] + new_speed[i])
+        bound = min(mean_speed * curvature_max, lateral_acceleration_max / max(mean_speed, SPEED_MIN))
+        turned[i] = within(yaw_rate[i], -bound, bound)
+        new_yaw[i], mean_yaw = yaw[i] + turned[i] * STEP_S, yaw[i] + 0.5 * turned[i] * STEP_S
+        way, lever = mean_speed * STEP_S, rear_axle * length[i]
+        new_x[i] = x[i] + way * math.cos(mean_yaw) + lever * (math.cos(new_yaw[i]) - math.cos(yaw[i]))
+        new_y[i] = y[i] + way * math.sin(mean_yaw) + lever * (math.sin(new_yaw[i]) - math.sin(yaw[i]))
+        applied[i] = (new_speed[i] - speed[i]) / STEP_S
+    return new_x, new_y, new_yaw, new_speed, applied, turned

@@ -5,10 +5,13 @@ A box is (x, y, yaw, length, width): centre in frame map [m], heading [rad], ext
 
 from __future__ import annotations
 
+import math
 from typing import cast
 
 import numpy as np
 
+from litsim_sim.core.compiled import FLOATS, INTS, OUT_INTS2, kernel
+from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 
@@ -54,21 +57,36 @@ def boxes_overlap(
 
 def overlapping_pairs(x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray) -> IntArray:
     """Pairs (m, 2) of positions i < j whose boxes overlap, among boxes (n,)."""
-    reach = 0.5 * np.hypot(length, width)
-    order = np.argsort(x, kind="stable")
-    x_sorted, reach_max = x[order], float(reach.max(initial=0.0))
-    last = np.searchsorted(x_sorted, x_sorted + 2.0 * reach_max, side="right")
-    count = last - np.arange(len(x)) - 1
-    if not count.sum():
-        return np.empty((0, 2), np.int64)
-    first = np.repeat(np.arange(len(x)), count)
-    second = first + 1 + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    a, b = order[first], order[second]
-    near = np.hypot(x[b] - x[a], y[b] - y[a]) < reach[a] + reach[b]
-    a, b = a[near], b[near]
-    hit = boxes_overlap(x[b] - x[a], y[b] - y[a], yaw[a], yaw[b], (length[a], width[a]), (length[b], width[b]))
-    pairs = np.sort(np.stack([a[hit], b[hit]], axis=1), axis=1)
-    return cast(IntArray, pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
+    x, y, yaw, length, width = (np.ascontiguousarray(values) for values in (x, y, yaw, length, width))
+    pairs = _overlapping(x, y, yaw, length, width, np.argsort(x, kind="stable"))
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))] if len(pairs) > 1 else pairs
+
+
+@kernel(OUT_INTS2(FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
+def _overlapping(
+    x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray, order: IntArray
+) -> IntArray:
+    """Pairs (m, 2) of positions, the lower one first, of boxes (n,) that overlap; `order` (n,) has `x` ascend."""
+    reach = np.empty(len(x))
+    for i in range(len(x)):
+        reach[i] = 0.5 * math.hypot(length[i], width[i])
+    farthest = 2.0 * reach.max() if len(x) else 0.0
+    pairs, count = np.empty((8, 2), np.int64), 0
+    for first in range(len(x)):
+        a = order[first]
+        for second in range(first + 1, len(x)):
+            b = order[second]
+            if x[b] > x[a] + farthest:
+                break
+            dx, dy = x[b] - x[a], y[b] - y[a]
+            if not math.hypot(dx, dy) < reach[a] + reach[b]:
+                continue
+            if overlap(dx, dy, yaw[a], yaw[b], length[a], width[a], length[b], width[b]):
+                if count == len(pairs):
+                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                pairs[count, 0], pairs[count, 1] = min(a, b), max(a, b)
+                count += 1
+    return pairs[:count].copy()
 
 
 def to_body(dx: FloatArray, dy: FloatArray, yaw: FloatArray) -> tuple[FloatArray, FloatArray]:

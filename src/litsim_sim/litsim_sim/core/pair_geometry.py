@@ -46,5 +46,9 @@ def wrapped(angle: float) -> float:
 
 @kernel(float64(float64, float64, float64))
 def within(value: float, low: float, high: float) -> float:
-    """`value` cut to [`low`, `high`]; `high` where the bounds exclude each other, as :func:`numpy.clip` has it."""
-    return min(max(value, low), high)
+    """`value` cut to [`low`, `high`], as :func:`numpy.clip` has it with arrays of bounds.
+
+    It is `high` where the bounds exclude each other, and the bound where it is equal to one: zeros have signs, and
+    digests of runs know them.
+    """
+    return min(high, max(low, value))  # of equal numbers, the first

@@ -73,19 +73,20 @@ class AgentTable:
 
     def row(self, agent: int) -> int:
         """Row of `agent`, or -1 where it is not on the road."""
-        at = int(np.searchsorted(self.id, agent))
+        at = int(self.id.searchsorted(agent))
         return at if at < len(self.id) and self.id[at] == agent else -1
 
     def rows(self, agents: IntArray) -> IntArray:
         """Row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
         if not len(self.id):
             return np.full(len(agents), -1, np.int64)
-        at = np.minimum(np.searchsorted(self.id, agents), len(self.id) - 1)
+        at = np.minimum(self.id.searchsorted(agents), len(self.id) - 1)
         return np.where(self.id[at] == agents, at, -1)
 
     def take(self, rows: IntArray | BoolArray) -> AgentTable:
         """A table of the agents in `rows`, which are ascending positions or a mask (n,)."""
-        return AgentTable(self.step, *(getattr(self, f)[rows] for f in ARRAY_FIELDS))
+        at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
+        return AgentTable(self.step, *(getattr(self, f).take(at) for f in ARRAY_FIELDS))
 
     @property
     def off_log(self) -> BoolArray:
@@ -97,7 +98,7 @@ class AgentTable:
         """The agents of several tables, no two of which hold the same one, as one table of `step`."""
         columns = {f: np.concatenate([getattr(t, f) for t in tables]) for f in ARRAY_FIELDS}
         order = np.argsort(columns["id"], kind="stable")
-        return cls(step, **{f: values[order] for f, values in columns.items()})
+        return cls(step, **{f: values.take(order) for f, values in columns.items()})
 
     @classmethod
     def empty(cls, step: int) -> AgentTable:

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba.types import UniTuple
 
-from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_INTS, int64, kernel
+from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_FLOATS, OUT_INTS, int64, kernel
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
 from litsim_sim.recordings.recording import Recording
@@ -105,22 +106,23 @@ class Log:
             lag: (n,) steps by which the replay of each log lags; None is not at all.
         """
         at = np.full(len(self.ids), step) if lag is None else step - lag
-        inside = (at >= 0) & (at < self.steps)
-        rows = np.flatnonzero(inside & self.valid[np.arange(len(at)), np.where(inside, at, 0)])
-        at = at[rows]
+        rows = _on_road(self.valid, at)
+        x, y, yaw, speed, acceleration, yaw_rate = _logged(
+            self.x, self.y, self.yaw, self.speed, self.acceleration, self.yaw_rate, rows, at
+        )
         return AgentTable(
             step=step,
-            id=self.ids[rows],
-            kind=self.kind[rows],
+            id=self.ids.take(rows),
+            kind=self.kind.take(rows),
             controller=np.full(len(rows), Controller.LOG, np.uint8),
-            x=self.x[rows, at],
-            y=self.y[rows, at],
-            yaw=self.yaw[rows, at],
-            speed=self.speed[rows, at],
-            acceleration=self.acceleration[rows, at],
-            yaw_rate=self.yaw_rate[rows, at],
-            length=self.length[rows],
-            width=self.width[rows],
+            x=x,
+            y=y,
+            yaw=yaw,
+            speed=speed,
+            acceleration=acceleration,
+            yaw_rate=yaw_rate,
+            length=self.length.take(rows),
+            width=self.width.take(rows),
         )
 
     def lag(self, row: int, step: int, x: float, y: float) -> int:
@@ -152,4 +154,37 @@ def _lags(
             if valid[row, t] and (log_x[row, t] - x[k]) ** 2 + (log_y[row, t] - y[k]) ** 2 <= near:
                 found[k] = step - t
                 break
+    return found
+
+
+@kernel(OUT_INTS(BOOLS2, INTS))
+def _on_road(valid: BoolArray, at: IntArray) -> IntArray:
+    """Rows of the agents whose log, `valid` (n, steps), has them on the road at their steps `at` (n,)."""
+    rows, count = np.empty(len(at), np.int64), 0
+    for i in range(len(at)):
+        if 0 <= at[i] < valid.shape[1] and valid[i, at[i]]:
+            rows[count] = i
+            count += 1
+    return rows[:count].copy()
+
+
+@kernel(UniTuple(OUT_FLOATS, 6)(*[FLOATS2] * 6, INTS, INTS))
+def _logged(
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    yaw_rate: FloatArray,
+    rows: IntArray,
+    at: IntArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The six logs (n, steps), in the same order, of the agents in `rows` (m,) at their steps, of `at` (n,)."""
+    m = len(rows)
+    found = (np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m))
+    for k in range(m):
+        i = rows[k]
+        now = at[i]
+        found[0][k], found[1][k], found[2][k] = x[i, now], y[i, now], yaw[i, now]
+        found[3][k], found[4][k], found[5][k] = speed[i, now], acceleration[i, now], yaw_rate[i, now]
     return found

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields
 
 import numpy as np
 
+from litsim_sim.core.compiled import FLOATS, boolean, kernel
 from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
 from litsim_sim.core.scene import AgentTable, Controller, ControlSource, ControlTable, EgoCommand, FloatArray
 from litsim_sim.core.vehicle import Actuators
@@ -21,15 +23,24 @@ def check_answers(step: int, ego_id: int, controls: ControlTable, ego: EgoComman
     """
     if controls.step != step or ego.step != step:
         raise ValueError(f"answers to steps {controls.step} (controls) and {ego.step} (ego), expected {step}")
-    if not np.isfinite([ego.acceleration, ego.yaw_rate]).all():
+    if not (math.isfinite(ego.acceleration) and math.isfinite(ego.yaw_rate)):
         raise ValueError(f"ego control at step {step} is not finite: {ego.acceleration}, {ego.yaw_rate}")
-    values = (controls.acceleration, controls.lateral_acceleration, controls.yaw_rate)
-    if not all(np.isfinite(each).all() for each in values):
+    if not _finite(controls.acceleration, controls.lateral_acceleration, controls.yaw_rate):
         raise ValueError(f"controls at step {step} are not finite")
-    if (np.diff(controls.id) <= 0).any():
+    if (controls.id[1:] <= controls.id[:-1]).any():
         raise ValueError(f"ids of the controls at step {step} do not ascend: {controls.id.tolist()}")
     if ego_id in controls.id:
         raise ValueError(f"controls at step {step} list the ego, {ego_id}, which has a port of its own")
+
+
+@kernel(boolean(FLOATS, FLOATS, FLOATS))
+def _finite(acceleration: FloatArray, lateral_acceleration: FloatArray, yaw_rate: FloatArray) -> bool:
+    """Whether all numbers of three arrays (n,) are finite."""
+    for values in (acceleration, lateral_acceleration, yaw_rate):
+        for value in values:
+            if not math.isfinite(value):
+                return False
+    return True
 
 
 class DrivenVehicles:
