@@ -87,7 +87,7 @@ def find(names: Sequence[str], kinds: Sequence[EventKind]) -> list[Found]:
     """
     found: list[Found] = []
     known, egos = set[tuple[object, ...]](), 0
-    with tqdm(names, unit="scenario", dynamic_ncols=True) as bar:
+    with tqdm(names, unit="scenario", dynamic_ncols=True, disable=None) as bar:  # on a terminal
         for name in bar:
             scenario = Scenario.load(name)
             egos += len(possible_egos(scenario))
