@@ -12,7 +12,7 @@ from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.mining.events import Situation
-from litsim_sim.mining.signals import SignalPlans
+from litsim_sim.mining.signals import WaySignals
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import packaged
@@ -133,7 +133,7 @@ def log_of(*vehicles: Vehicle) -> Log:
     return Log.from_recording(recording, 0, int(table["frame"].max()) + 1)
 
 
-def situation(*vehicles: Vehicle, lane_map: LaneMap = MOTORWAY, signals: SignalPlans | None = None) -> Situation:
+def situation(*vehicles: Vehicle, lane_map: LaneMap = MOTORWAY, signals: WaySignals | None = None) -> Situation:
     return Situation.of(log_of(*vehicles), lane_map, signals)
 
 

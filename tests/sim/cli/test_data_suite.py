@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from litsim_sim.campaign.suite import Suite
@@ -95,11 +95,22 @@ def test_the_default_leaves_out_what_happens_all_the_time() -> None:
         parse_events("")
 
 
-def test_the_packaged_suite_is_what_its_command_makes(tmp_path: Path) -> None:
-    command = (Path(__file__).resolve().parents[3] / "tools" / "small_suite.sh").read_text()
-    events = re.search(r"--events (\S+) --hardest (\d+)", command)
-    assert events is not None
-    shutil.copytree(packaged("suites/small"), tmp_path / "small")
-    out = tmp_path / "small.yaml"
-    assert status(tmp_path / "small", "--out", out, "--events", events[1], "--hardest", events[2]) == 0
-    assert out.read_bytes() == packaged("suites/small.yaml").read_bytes()
+def test_a_packed_suite_stands_for_itself(tmp_path: Path) -> None:
+    source, out = tmp_path / "source", tmp_path / "packed.yaml"
+    source.mkdir()
+    shutil.copy(packaged("scenarios/us101_like.parquet"), source)
+    text = packaged("scenarios/demo.yaml").read_text().replace("start_frame: 0", "start_frame: 5")
+    (source / "late.yaml").write_text(text.replace("name: demo", "name: late").replace("25.0", "15.0"))
+    asked = (source / "late.yaml", "--events", "lane_change", "--hardest", "2", "--out", out)
+    assert status(*asked) == 0
+    plain = Suite.load(out)
+    assert status(*asked, "--pack") == 0
+    before = Scenario.load(source / "late.yaml")
+    shutil.rmtree(source)
+    packed = Suite.load(out)
+    assert {case.scenario for case in packed.cases} == {str(tmp_path / "packed" / "late.yaml")}
+    assert [(case.ego_id, case.events) for case in packed.cases] == [(case.ego_id, case.events) for case in plain.cases]
+    after = Scenario.load(packed.cases[0].scenario)
+    assert (after.start_frame, after.total_steps, after.egos) == (5, 180, before.egos)
+    pd.testing.assert_frame_equal(after.recording.table, before.recording.table)
+    assert after.net_path == before.net_path

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.signals import SignalState
 from litsim_sim.mining.events import Event, EventKind
 from litsim_sim.mining.junction_events import encounters, turn_events
-from litsim_sim.mining.signals import SignalPlans
+from litsim_sim.mining.signals import WaySignals
 from made_traffic import STREET, Vehicle, on_path, situation, times
 
 EGO, OTHER = 1, 2
@@ -19,7 +20,7 @@ LEFT, ONCOMING = ("WA_2", "AAN_0"), ("BA_1", "AW_1")
 SPEED = 8.0
 
 
-def met(*vehicles: Vehicle, signals: SignalPlans | None = None) -> list[Event]:
+def met(*vehicles: Vehicle, signals: WaySignals | None = None) -> list[Event]:
     return list(encounters(situation(*vehicles, lane_map=STREET, signals=signals)))
 
 
@@ -68,15 +69,26 @@ def test_a_left_turn_far_behind_oncoming_traffic_is_only_a_crossing() -> None:
     assert 3.0 < float(str(events[0].numbers["pet_s"])) <= 5.0
 
 
+TOGETHER, ALONE = ({LEFT: ("g", own), ONCOMING: ("G", "r")} for own in ("r", "G"))  # letters by phase
+
+
+def shown(oncoming: SignalState) -> WaySignals:
+    states = {LEFT: SignalState.GREEN_PERMISSIVE, ONCOMING: oncoming}
+    return WaySignals(ALONE, {way: np.full(300, state, np.uint8) for way, state in states.items()})
+
+
 @pytest.mark.parametrize(
-    ("plans", "kind"),
+    ("signals", "kind"),
     [
-        pytest.param({LEFT: ("g", "r"), ONCOMING: ("G", "r")}, EventKind.LEFT_TURN, id="together"),
-        pytest.param({LEFT: ("g", "G"), ONCOMING: ("G", "r")}, EventKind.CROSSING, id="alone in a phase"),
+        pytest.param(WaySignals(TOGETHER), EventKind.LEFT_TURN, id="has green only together with them"),
+        pytest.param(WaySignals(ALONE), EventKind.CROSSING, id="has a phase alone"),
+        pytest.param(shown(SignalState.GREEN), EventKind.LEFT_TURN, id="had green with them"),
+        pytest.param(shown(SignalState.RED), EventKind.CROSSING, id="had green alone"),
+        pytest.param(shown(SignalState.UNAVAILABLE), EventKind.CROSSING, id="not known then, has a phase alone"),
     ],
 )
-def test_a_left_turn_is_unprotected_if_its_light_never_lets_it_go_alone(plans: SignalPlans, kind: EventKind) -> None:
-    events = met(on_path(EGO, LEFT, 80.0, SPEED), on_path(OTHER, ONCOMING, 130.0, SPEED), signals=plans)
+def test_a_left_turn_is_unprotected_if_its_light_does_not_let_it_go_alone(signals: WaySignals, kind: EventKind) -> None:
+    events = met(on_path(EGO, LEFT, 80.0, SPEED), on_path(OTHER, ONCOMING, 130.0, SPEED), signals=signals)
     assert {event.kind for event in events} == {kind}
 
 

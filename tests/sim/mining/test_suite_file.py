@@ -9,8 +9,11 @@ import pytest
 from litsim_sim.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
 from litsim_sim.mining.events import Event, EventKind
+from litsim_sim.mining.mine import mine
 from litsim_sim.mining.selection import Chosen
 from litsim_sim.mining.suite_file import scenario_names, suite_fields, write_suite
+from litsim_sim.recordings import segments
+from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.scenario import Scenario, packaged
 
 SMALL = packaged("suites/small.yaml")
@@ -21,12 +24,12 @@ def chosen(scenario: str) -> Chosen:
     return Chosen(scenario, 7, (EventKind.CUT_IN,), (event,))
 
 
-def test_folders_of_segments_are_their_scenarios_once_each() -> None:
-    folder = packaged("suites/small")
-    names = scenario_names(["demo", str(folder), str(folder / "street_train_00.yaml"), "demo"])
-    assert names[0] == "demo"
-    assert set(names[1:]) == {str(path) for path in folder.glob("*.yaml") if path.name != "manifest.yaml"}
-    assert len(names) == len(set(names))
+def test_folders_of_segments_are_their_scenarios_once_each(tmp_path: Path) -> None:
+    recording = Recording.read(packaged("scenarios/us101_like.parquet"))
+    settings = segments.Settings(simulation_s=10.0, stride_s=7.0, split=(1.0, 0.0, 0.0))
+    segments.write(segments.cut([("us101_like.parquet", "us101_like", None, recording)], settings), tmp_path)
+    some = [str(tmp_path / f"us101_like_train_0{number}.yaml") for number in range(3)]
+    assert scenario_names(["demo", str(tmp_path), some[1], "demo"]) == ["demo", *some]
 
 
 def test_a_folder_without_manifest_is_refused(tmp_path: Path) -> None:
@@ -54,11 +57,13 @@ def test_an_empty_suite_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_packaged_suite_has_forty_cases_of_every_kind_whose_egos_are_there() -> None:
+def test_the_packaged_suite_has_forty_cases_of_every_kind_with_what_is_found_in_them() -> None:
     suite = Suite.load(SMALL)
     assert len({(case.scenario, case.ego_id) for case in suite.cases}) == 40
     tags = {tag for case in suite.cases for tag in case.tags}
     assert tags >= {"cut_in", "hard_braking", "leader_braking", "lane_change", "merge", "crossing", "left_turn"}
     for name in sorted({case.scenario for case in suite.cases}):
-        egos = Scenario.load(name).possible_egos
-        assert {case.ego_id for case in suite.cases if case.scenario == name} <= set(egos)
+        found = mine(Scenario.load(name))
+        for case in suite.cases:
+            entries = [event.entry() for event in found if event.ego == case.ego_id]
+            assert case.scenario != name or all(event in entries for event in case.events)

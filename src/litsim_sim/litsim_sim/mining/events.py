@@ -16,7 +16,7 @@ from litsim_sim.mining.lane_changes import LaneChange, lane_changes
 from litsim_sim.mining.lane_tracks import LaneTracks, Ways
 from litsim_sim.mining.leaders import leaders
 from litsim_sim.mining.passages import Passage, Turn, passages, turns
-from litsim_sim.mining.signals import SignalPlans, signal_plans
+from litsim_sim.mining.signals import WaySignals
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
 
@@ -117,7 +117,7 @@ class Situation:
         tracks: where agents are on them.
         following: who follows whom; arrays (n, steps).
         changes, passages, turns: of all agents.
-        signals: plans of the ways through junctions, see :mod:`litsim_sim.mining.signals`.
+        signals: of the ways through junctions.
     """
 
     log: Log
@@ -128,10 +128,10 @@ class Situation:
     changes: list[LaneChange]
     passages: list[Passage]
     turns: list[Turn]
-    signals: SignalPlans = field(default_factory=dict)
+    signals: WaySignals = field(default_factory=WaySignals)
 
     @classmethod
-    def of(cls, log: Log, lane_map: LaneMap, signals: SignalPlans | None = None) -> Situation:
+    def of(cls, log: Log, lane_map: LaneMap, signals: WaySignals | None = None) -> Situation:
         """Find who is where, follows whom, changes lanes and turns in `log` on the lanes of `lane_map`."""
         tracks = LaneTracks.of(log, lane_map)
         return cls(
@@ -143,13 +143,13 @@ class Situation:
             changes=lane_changes(tracks),
             passages=passages(log, tracks, lane_map),
             turns=turns(log),
-            signals=signals or {},
+            signals=signals or WaySignals(),
         )
 
     @classmethod
     def of_scenario(cls, scenario: Scenario) -> Situation:
         """The same of a scenario's log, net and signals."""
-        return cls.of(scenario.log, scenario.lane_map, signal_plans(scenario.net_path))
+        return cls.of(scenario.log, scenario.lane_map, WaySignals.of(scenario))
 
     def id_of(self, row: int) -> int:
         """Id of the agent in `row`."""

@@ -13,7 +13,7 @@ from litsim_sim.core.scene import STEP_S
 from litsim_sim.mining.events import Event, EventKind, Number, Situation, measured, severity
 from litsim_sim.mining.lane_tracks import TURN_RAD
 from litsim_sim.mining.passages import MARGIN, Passage, boxes
-from litsim_sim.mining.signals import Protection, Way, protection
+from litsim_sim.mining.signals import Protection, Way
 
 LEFT_TURN_PET_S = 3.0  # [s] at most, of a left turn across oncoming traffic
 
@@ -36,7 +36,7 @@ def encounters(situation: Situation) -> Iterator[Event]:
     """Two vehicles that come to a junction from two roads use one place of it within 5 s of each other.
 
     Left turn: one turns left across the way of one that comes straight from the opposite side, within 3 s, and its
-    light never lets it go alone. Merge: they leave in the same lane. Crossing: they leave in different ones. Each is
+    light does not let it go alone. Merge: they leave in the same lane. Crossing: they leave in different ones. Each is
     told once for either vehicle, with the role that it has.
     """
     by_junction: dict[str, list[Passage]] = {}
@@ -92,7 +92,8 @@ def _kind(situation: Situation, a: Passage, b: Passage, pet: float) -> tuple[Eve
     for turning, straight in ((a, b), (b, a)):
         opposite = np.pi - abs(float(wrap_angle(np.asarray(turning.heading - straight.heading)))) <= TURN_RAD
         if turning.is_left_turn and straight.is_straight and opposite and pet <= LEFT_TURN_PET_S:
-            signal = protection(situation.signals, _lanes(situation, turning), _lanes(situation, straight))
+            ways = _lanes(situation, turning), _lanes(situation, straight)
+            signal = situation.signals.protection(*ways, turning.first)
             if signal != Protection.PROTECTED:
                 return EventKind.LEFT_TURN, signal
     return EventKind.CROSSING, None

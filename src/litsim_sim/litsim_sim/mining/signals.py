@@ -1,32 +1,68 @@
-"""What a net's signal plans say of the ways through its junctions. Which light was on when is in no scenario."""
+"""Whether signals protect a turn: by what they showed, where the scenario knows that, otherwise by the net's plans."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import sumolib
 
+from litsim_sim.core.scene import ByteArray
+from litsim_sim.core.signals import SignalState
+from litsim_sim.scenario.scenario import Scenario
+
 GREEN = frozenset("Gg")  # SUMO's signals: with right of way, and giving way
+CLOSED = (SignalState.RED, SignalState.RED_AMBER, SignalState.FLASHING_RED)
+UNKNOWN = (SignalState.UNAVAILABLE, SignalState.DARK)
 
 Way = tuple[str, str]
 """A way through a junction: ids of the lanes before and after."""
-
-SignalPlans = Mapping[Way, tuple[str, ...]]
-"""The signal of every signalised way in each phase of its light."""
 
 
 class Protection(StrEnum):
     """How a turn is protected from those whose way it crosses."""
 
     PROTECTED = "protected"
-    """In some phase it has green and they have not: whether it went then is not known."""
+    """They had red when it went; where that is not known, there is a phase in which it has green and they have not."""
     PERMISSIVE = "permissive"
-    """It only ever has green together with them."""
+    """They had no red when it went; where that is not known, it only ever has green together with them."""
     NONE = "none"
     """It has no signal."""
+
+
+@dataclass(frozen=True)
+class WaySignals:
+    """What is known of the signals of ways through junctions.
+
+    Attributes:
+        plans: of every way that a light of the net controls, its letter in each phase of the light.
+        shown: of the ways of which the scenario knows it, the state at each step; arrays (steps,).
+    """
+
+    plans: Mapping[Way, tuple[str, ...]] = field(default_factory=dict)
+    shown: Mapping[Way, ByteArray] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> WaySignals:
+        """What the net and the signals of a scenario say."""
+        return cls(signal_plans(scenario.net_path), _shown(scenario))
+
+    def protection(self, turning: Way, crossed: Way, step: int) -> Protection:
+        """How one that goes `turning` at `step` is protected from those that go `crossed` at the same junction."""
+        if turning not in self.plans and turning not in self.shown:
+            return Protection.NONE
+        if turning in self.shown and crossed in self.shown:
+            state = self.shown[crossed][min(step, len(self.shown[crossed]) - 1)]
+            if state not in UNKNOWN:
+                return Protection.PROTECTED if state in CLOSED else Protection.PERMISSIVE
+        own, theirs = self.plans.get(turning, ()), self.plans.get(crossed, ())
+        both = len(own) == len(theirs)
+        alone = not both or any(a in GREEN and b not in GREEN for a, b in zip(own, theirs, strict=True))
+        return Protection.PROTECTED if alone else Protection.PERMISSIVE
 
 
 def signal_plans(net: Path) -> dict[Way, tuple[str, ...]]:
@@ -40,10 +76,11 @@ def signal_plans(net: Path) -> dict[Way, tuple[str, ...]]:
     return plans
 
 
-def protection(plans: SignalPlans, turning: Way, crossed: Way) -> Protection:
-    """How the way `turning` is protected from the way `crossed` at the same junction, by the plan of its light."""
-    own, theirs = plans.get(turning), plans.get(crossed, ())
-    if own is None:
-        return Protection.NONE
-    alone = len(own) != len(theirs) or any(a in GREEN and b not in GREEN for a, b in zip(own, theirs, strict=True))
-    return Protection.PROTECTED if alone else Protection.PERMISSIVE
+def _shown(scenario: Scenario) -> dict[Way, ByteArray]:
+    signals = scenario.signals
+    if signals is None:
+        return {}
+    groups = np.asarray(signals.link_group).tolist()
+    return {
+        (link.from_lane, link.to_lane): signals.states[group] for link, group in zip(signals.links, groups, strict=True)
+    }

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import validate_yaml
 from litsim_sim.mining.selection import Chosen
 from litsim_sim.recordings.segments import Manifest
-from litsim_sim.scenario.scenario import packaged_scenarios
+from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets, packaged_scenarios
 
 MANIFEST = "manifest.yaml"
 
@@ -65,6 +67,40 @@ def write_suite(path: Path, values: dict[str, Any]) -> Suite:
     with replacing(path) as new:
         new.write_text(text, encoding="utf-8")
     return suite
+
+
+def pack(chosen: Sequence[Chosen], folder: Path) -> list[Chosen]:
+    """Write the scenarios of `chosen` to `folder`, each with its piece of the recording; returns the cases of those.
+
+    What comes out needs nothing else: only packaged nets stay where they are, and packaged scenarios as they are.
+
+    Raises:
+        InputError: a scenario cannot be used, two have one name, or a file cannot be written.
+    """
+    names = [name for name in dict.fromkeys(each.scenario for each in chosen) if name not in packaged_scenarios()]
+    moved: dict[str, str] = {}
+    for name in names:
+        scenario = Scenario.load(name)
+        path = folder / f"{scenario.name}.yaml"
+        if str(path) in moved.values():
+            raise InputError(f"{name}: a second scenario with the name {scenario.name}: rename one to pack both")
+        _pack(scenario, path)
+        moved[name] = str(path)
+    return [replace(each, scenario=moved.get(each.scenario, each.scenario)) for each in chosen]
+
+
+def _pack(scenario: Scenario, path: Path) -> None:
+    recording, net = path.with_suffix(".parquet"), scenario.net_path
+    scenario.recording.write(recording)
+    net_name = net.name.removesuffix(".net.xml")
+    if net_name not in packaged_nets() or net != packaged(f"nets/{net.name}").resolve():
+        net_name = net.name
+        with replacing(path.parent / net_name) as new:
+            shutil.copyfile(net, new)
+    values = scenario.file.model_dump(mode="json", exclude_defaults=True, exclude={"crop"})
+    values |= {"recording": recording.name, "net": net_name}
+    with replacing(path) as new:
+        new.write_text(yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=120), encoding="utf-8")
 
 
 def _seen_from(scenario: str, folder: Path) -> str:

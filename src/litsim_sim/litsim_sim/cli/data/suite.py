@@ -17,7 +17,7 @@ from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.mining.events import EventKind
 from litsim_sim.mining.mine import mine, possible_egos
 from litsim_sim.mining.selection import Chosen, Found, choose
-from litsim_sim.mining.suite_file import scenario_names, suite_fields, write_suite
+from litsim_sim.mining.suite_file import pack, scenario_names, suite_fields, write_suite
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL
 from litsim_sim.scenario.scenario import Scenario
 
@@ -46,6 +46,8 @@ def add(subparsers: Any) -> None:
     command.add_argument("--name", help="of the suite; default that of the file")
     drivers = [ego for ego in EGOS if ego != EXTERNAL]
     command.add_argument("--egos", nargs="+", choices=drivers, default=["idm"], help="who drives; default idm")
+    packed = "copy scenarios and their pieces of recordings into the folder SUITE beside the file"
+    command.add_argument("--pack", action="store_true", help=packed)
     command.add_argument("--plot", type=Path, metavar="OUT.png", help="draw the severities by kind")
     command.set_defaults(run=run)
 
@@ -71,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int | None:
         plot_severities(_severities(found), _severities(_why(chosen)), arguments.plot)
         print(arguments.plot)
     if arguments.out is not None:
+        if arguments.pack:
+            chosen = pack(chosen, arguments.out.with_suffix(""))
         fields = {"name": arguments.name or arguments.out.stem, "egos": arguments.egos}
         suite = write_suite(arguments.out, suite_fields(chosen, arguments.out.parent, **fields))
         print(f"{arguments.out}: {len(suite.cases)} cases")
