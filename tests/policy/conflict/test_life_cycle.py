@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from litsim_policy.conflict.detection import Conflict
 from litsim_policy.conflict.life_cycle import Residuals, obstructed, review
 from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.conflict.takeover import TakeoverConfig
 from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState
 
 NOW = 40
@@ -113,3 +116,26 @@ def test_residuals_are_measured_from_the_log_with_its_lag(make_scenario, track, 
     assert found.known.tolist() == [True, False], "20 steps into the run no log lags by 21"
     assert (found.x[0], found.y[0]) == (log.x[0, 15], log.y[0, 15])
     assert [found.position[0], found.speed[0], found.yaw[0]] == pytest.approx([5.0, 2.0, 0.25])
+
+
+@given(st.integers(0, 2**32))
+def test_residuals_of_many_are_those_of_numpy(make_scenario, track, seed: int) -> None:
+    log = make_scenario(*(track(k, x=40.0 * k, y=-9.0, speed=9.0 + k, yaw=0.1 * k, last=20 + k) for k in (1, 2, 3))).log
+    random = np.random.default_rng(seed)
+    table = log.table(19)
+    moved = {f: getattr(table, f) + random.normal(0.0, 3.0, 3) for f in ("x", "y", "yaw", "speed")}
+    table = replace(table, step=int(random.integers(0, 40)), **moved)
+    rows, lag = random.permutation(3), random.integers(0, 30, 3)
+    found = Residuals.of(log, rows, lag, table, rows)
+    now = table.step - lag
+    at = rows, np.clip(now, 0, log.steps - 1)
+    assert (found.known == ((now >= 0) & (now < log.steps) & log.valid[at])).all()
+    assert (found.x == log.x[at]).all() and (found.y == log.y[at]).all()
+    assert (found.position == np.hypot(table.x[rows] - log.x[at], table.y[rows] - log.y[at])).all()
+    assert (found.speed == table.speed[rows] - log.speed[at]).all()
+    assert (found.yaw == wrap_angle(table.yaw[rows] - log.yaw[at])).all()
+    position, speed = found.reported
+    assert (position[~found.known] == -1.0).all() and (speed[~found.known] == 0.0).all()
+    assert (position[found.known] == found.position[found.known]).all()
+    which = random.random(3) < 0.5
+    assert (found.take(which).position == found.position[which]).all()

@@ -1,12 +1,14 @@
-"""Steps of a log as tables, with and without lags, against looking up every agent."""
+"""Steps of a log as tables, and by how much it lags, against looking up every agent."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from litsim_sim.core.scene import Controller
-from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.log import LAG_TOLERANCE, Log
 
 
 @pytest.fixture(scope="module")
@@ -39,3 +41,32 @@ def test_tables_are_copies(log: Log) -> None:
     before = log.x.copy()
     log.table(10).x[:] = 0.0
     assert (log.x == before).all()
+
+
+# Lags
+
+
+def waiting(seed: int) -> Log:
+    """Four agents that drive along x, wait and drive on, each on the road for some of forty steps."""
+    random = np.random.default_rng(seed)
+    first, last = np.sort(random.integers(0, 40, (2, 4)), axis=0)
+    valid = (np.arange(40) >= first[:, None]) & (np.arange(40) <= last[:, None])
+    x = np.cumsum(random.choice([0.0, 0.05, 1.5], (4, 40)), axis=1)
+    others = np.zeros((4, 4, 40))
+    kind, size = np.zeros(4, np.uint8), np.full((2, 4), 2.0)
+    return Log(np.arange(4), kind, *size, first, last, valid, x, random.normal(0.0, 0.1, (4, 40)), *others)
+
+
+@given(st.integers(0, 2**32), st.integers(-2, 45))
+def test_a_lag_is_the_time_since_the_latest_of_the_places_that_are_nearly_nearest(seed: int, step: int) -> None:
+    logs, random = waiting(seed), np.random.default_rng(seed + 1)
+    rows = random.integers(0, 4, 12)
+    x, y = random.uniform(-5.0, 40.0, 12), random.normal(0.0, 1.0, 12)
+    found = logs.lags(rows, step, x, y)
+    for k, row in enumerate(rows):
+        so_far = np.flatnonzero(logs.valid[row] & (np.arange(40) <= step))
+        if len(so_far):
+            distance = np.hypot(logs.x[row, so_far] - x[k], logs.y[row, so_far] - y[k])
+            assert found[k] == step - so_far[distance <= distance.min() + LAG_TOLERANCE][-1]
+        else:
+            assert found[k] == 0, "it has been nowhere yet"
