@@ -40,13 +40,14 @@ kernels_key() {
 }
 
 compile_kernels() {
-  [ "$(cat install/.litsim-kernels 2>/dev/null)" = "$(kernels_key)" ] && return
   PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy .venv/bin/python -m litsim_sim.cli.compile
-  kernels_key >install/.litsim-kernels
 }
 
 if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$key" ]; then
-  compile_kernels
+  if [ "$(cat install/.litsim-kernels 2>/dev/null)" != "$(kernels_key)" ]; then
+    compile_kernels
+    kernels_key >install/.litsim-kernels
+  fi
   exit 0
 fi
 
@@ -68,7 +69,10 @@ echo "build: colcon build (half a minute the first time)"
 # colcon starts no second compiler on a machine that is busy already.
 export MAKEFLAGS=${MAKEFLAGS:--j$(nproc)}
 rm -f "$stamp"
+compile_kernels & # needs nothing of the build, which does not keep all processors busy
+compiling=$!
 colcon build --symlink-install --event-handlers console_direct- --cmake-args -G Ninja -DLITSIM_PYTHON_ONLY=ON ||
   { echo "build: colcon failed; its whole output is in log/latest_build" >&2; exit 1; }
 printf '%s\n' "$key" >"$stamp"
-compile_kernels
+wait "$compiling"
+kernels_key >install/.litsim-kernels
