@@ -15,12 +15,17 @@ import pytest
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ControlSource, ControlTable
+from litsim_sim.core.signals import SignalState
+from litsim_sim.maps.signal_links import read_links
 from litsim_sim.record.run import Run
 from litsim_sim.report import run_report
-from litsim_sim.report.content import pack_run
+from litsim_sim.report.content import pack_run, signals
 from litsim_sim.report.forecasts import Forecasts
 from litsim_sim.report.pages import asset
 from litsim_sim.report.run_report import render, save
+from litsim_sim.report.tracks import tracks_of
+from litsim_sim.scenario.scenario import packaged
+from litsim_sim.scenario.signals import Signals
 from packed import unpack
 
 Make = Callable[..., Any]
@@ -200,3 +205,18 @@ def contrast(a: str, b: str) -> float:
 
     low, high = sorted((luminance(a), luminance(b)))
     return (high + 0.05) / (low + 0.05)
+
+
+def test_stop_lines_show_what_their_signals_do(small_run: Run) -> None:
+    links = tuple(link for link in read_links(packaged("nets/urban_like.net.xml")) if link.from_lane == "WA_0")
+    states = np.full((2, 61), int(SignalState.GREEN), np.uint8)
+    states[0, 20:40], states[0, 40:], states[1, :] = SignalState.AMBER, SignalState.RED, SignalState.UNAVAILABLE
+    run = replace(small_run, signals=Signals(("straight", "right"), links, np.array([1, 0]), states))
+    assert [link.name for link in links] == ["WA_0 -> AAS_0", "WA_0 -> AB_0"]
+    right, straight = signals(run, tracks_of(run))
+    assert straight["shown"] == [[0, "green"], [20, "amber"], [40, "red"]]
+    assert right["shown"] == [[0, ""]]
+    # eastwards, so that the left half of the lane's end is the one above
+    assert (straight["line"][0], right["line"][0]) == (-114.6, -114.6)
+    assert straight["line"][1] > straight["line"][3] > -8.25 > right["line"][1] > right["line"][3]
+    assert signals(small_run, tracks_of(small_run)) == []

@@ -9,7 +9,9 @@ import shapely
 
 from litsim_sim.analysis.lanes import lane_map_of
 from litsim_sim.core.colours import Mode
+from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray, Kind
+from litsim_sim.core.signals import SignalState
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.record.run import Run
@@ -20,6 +22,16 @@ from litsim_sim.report.tracks import Tracks, ghosts_of, tracks_of
 
 METRE, RADIAN, SPEED, SIGMA = 0.01, 0.002, 0.01, 0.05  # resolutions
 SIMPLIFY = 0.05  # [m] by which the outline of the road may be off
+LIGHTS = {
+    SignalState.FLASHING_RED: "red",
+    SignalState.RED: "red",
+    SignalState.RED_AMBER: "red",
+    SignalState.GREEN_PERMISSIVE: "green",
+    SignalState.GREEN: "green",
+    SignalState.AMBER_PERMISSIVE: "amber",
+    SignalState.AMBER: "amber",
+    SignalState.FLASHING_AMBER: "amber",
+}
 SURROUNDINGS = 150.0  # [m] of road beyond where agents drive
 
 
@@ -40,6 +52,7 @@ def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int
             "agents": _identities(tracks),
             "ghosts": ghosts.id.tolist(),
             "road": road(run, tracks),
+            "signals": signals(run, tracks),
             **_takeovers(run, tracks),
             "contacts": metrics["collision"]["contacts"],
             "series": _series(run, tracks, ghosts),
@@ -70,6 +83,31 @@ def road(run: Run, tracks: Tracks) -> dict[str, Any]:
     near = [lane for lane in lane_map.lanes if area.intersects(shapely.LineString(lane.centerline))]
     lanes = [{"width": lane.width, "line": _flat(shapely.LineString(lane.centerline))} for lane in near]
     return {"lanes": lanes, "lines": [line for lane in near if not lane.is_internal for line in _lines(lane)]}
+
+
+def signals(run: Run, tracks: Tracks) -> list[dict[str, Any]]:
+    """Stop lines: for each controlled connection its part of the line, and what is shown there by frame.
+
+    The connections of a lane share its line from left to right, as they turn. `shown` lists [frame, light] of every
+    change; lights are those of LIGHTS, or empty where nothing is known.
+    """
+    if run.signals is None:
+        return []
+    frames = np.arange(tracks.first, tracks.first + tracks.frames)
+    frames = frames[frames < run.signals.states.shape[1]]
+    found = []
+    for link, group in zip(run.signals.links, run.signals.link_group.tolist(), strict=True):
+        lane = sorted(
+            (other for other in run.signals.links if other.from_lane == link.from_lane),
+            key=lambda other: -wrap_angle(np.array(other.exit_heading - other.heading)),
+        )
+        left = np.array([-np.sin(link.heading), np.cos(link.heading)])
+        place = [other.name for other in lane].index(link.name)
+        ends = [link.stop + left * link.width * (0.5 - (place + side) / len(lane)) for side in (0.05, 0.95)]
+        lights = [LIGHTS.get(SignalState(state), "") for state in run.signals.states[group, frames].tolist()]
+        shown = [[k, light] for k, light in enumerate(lights) if k == 0 or light != lights[k - 1]]
+        found.append({"line": np.round(np.concatenate(ends), 2).tolist(), "shown": shown})
+    return found
 
 
 def _lines(lane: Lane) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ class Scene {
   constructor(content) {
     Object.assign(this, content.run, { arrays: content.arrays, road: content.road, series: content.series });
     Object.assign(this, { agents: content.agents, takeovers: content.takeovers, paths: content.paths });
-    Object.assign(this, { contacts: content.contacts, forecastTime: content.forecast.time });
+    Object.assign(this, { contacts: content.contacts, forecastTime: content.forecast.time, signals: content.signals });
     this.every = content.forecast.every;
     this.last = this.frames - 1;
     this.rows = new Map(this.agents.map((agent, row) => [agent.id, row]));
@@ -58,6 +58,11 @@ class Scene {
 
   acceleration(row, time) {
     return this.arrays.acceleration[row * this.frames + Math.floor(time)];
+  }
+
+  // What each stop line shows: red, amber, green, or nothing.
+  lightsAt(time) {
+    return this.signals.map(({ shown }) => (shown.findLast(([frame]) => frame <= time) || [0, ""])[1]);
   }
 
   takeoversAt(time) {

@@ -11,6 +11,7 @@ class BirdView {
     this.camera = { x: 0, y: 0, scale: 7, rotation: this.#direction() };
     this.surfaces = scene.road.lanes.map(({ width, line }) => ({ width, path: worldPath(line) }));
     this.lines = scene.road.lines.map(({ dashed, line }) => ({ dashed, path: worldPath(line) }));
+    this.stopLines = scene.signals.map(({ line }) => worldPath(line));
     this.paths = scene.paths.map(worldPath);
     this.readColours();
     this.#centre();
@@ -19,6 +20,8 @@ class BirdView {
   readColours() {
     const style = getComputedStyle(document.documentElement);
     const read = (name) => style.getPropertyValue(name).trim();
+    this.lightColours = Object.fromEntries(["red", "amber", "green"].map((name) => [name, read(`--signal-${name}`)]));
+    this.lightColours[""] = read("--signal-none");
     this.agentColours = COLOURS.map((name) => read(`--agent-${name}`));
     this.colours = {};
     for (const name of ["ground", "road", "paint", "ink", "outline", "conflict", "accent", "halo"]) this.colours[name] = read(`--${name}`);
@@ -121,6 +124,7 @@ class BirdView {
     c.fillRect(0, 0, this.canvas.width, this.canvas.height);
     this.#inWorld();
     this.#drawRoad();
+    this.#drawSignals(time);
     const records = this.scene.takeoversAt(time);
     const shown = records.filter((each) => this.shows.conflicts || each.agent === this.#selectedId());
     if (this.shows.forecasts) this.#drawForecasts(time);
@@ -164,6 +168,15 @@ class BirdView {
       c.stroke(path);
     }
     c.setLineDash([]);
+  }
+
+  #drawSignals(time) {
+    const { context: c } = this;
+    c.lineWidth = Math.max(0.8, this.#pixels(3));
+    this.scene.lightsAt(time).forEach((light, k) => {
+      c.strokeStyle = this.lightColours[light];
+      c.stroke(this.stopLines[k]);
+    });
   }
 
   #box({ x, y, yaw }, { length, width }) {
