@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_policy.motion import path_kernels
-from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S
+from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y
 from litsim_sim.core.scene import FloatArray, IntArray
 
 PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of a path before and beyond an agent that a policy is given
@@ -46,11 +46,6 @@ class PathBatch:
 
     def __len__(self) -> int:
         return len(self.count)
-
-    @property
-    def s(self) -> FloatArray:
-        """(m, L) arc lengths of the points [m], the last one repeated."""
-        return self.segments[..., S]
 
     def take(self, rows: IntArray) -> PathBatch:
         """The paths at positions `rows`."""
