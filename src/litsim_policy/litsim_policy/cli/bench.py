@@ -1,4 +1,4 @@
-"""`bench`: what a step costs in process and over the graph; detection alone; throughput; the memory of a long run."""
+"""`bench`: what a step costs in process and over the graph; detection alone; throughput; memory; the start."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from tqdm import tqdm
 from litsim_policy.run.benchmark import measure, table_rows, time_highway_env
 from litsim_policy.run.conflict_benchmark import detection_rows, measure_detection
 from litsim_policy.run.memory_benchmark import measure_memory, memory_rows
+from litsim_policy.run.start_benchmark import measure_start, start_rows
 from litsim_policy.run.throughput import measure_throughput, throughput_rows
 from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.io.files import replacing
@@ -51,6 +52,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--memory", type=float, metavar="MINUTES", help="of simulated time: whether the memory of a long run grows"
     )
+    p.add_argument(
+        "--start", action="store_true", help="from the launcher to the first step, beside the slowest import"
+    )
     p.add_argument("--conflicts", action="store_true", help="conflict detection alone, over 50 steps of horizon")
     return p
 
@@ -63,6 +67,8 @@ def main() -> None:
         show(*detection_table(arguments.agents), None)
     elif arguments.memory is not None:
         show(*memory_table(arguments.agents[0], arguments.memory), arguments.markdown)
+    elif arguments.start:
+        show(*start_table(arguments.agents[0], arguments.repeats), arguments.markdown)
     elif arguments.throughput:
         show(*throughput_table(arguments), arguments.markdown)
     else:
@@ -115,6 +121,14 @@ def memory_table(agents: int, minutes: float) -> tuple[str, list[str], list[list
     head = ["resident memory, MB", "step 0", "after a quarter", "at the end", "growth since, MB per simulated minute"]
     found = measure_memory(agents, minutes)
     return f"a run of {minutes:g} min, {agents} agents, {_machine()}", head, list(memory_rows(found, minutes))
+
+
+def start_table(agents: int, repeats: int) -> tuple[str, list[str], list[list[str]]]:
+    """How long a run takes to start: title, head and rows."""
+    with tempfile.TemporaryDirectory() as folder, tqdm(total=repeats, unit="repetition", dynamic_ncols=True) as bar:
+        found = measure_start(Path(folder), agents, repeats, bar.update)
+    title = f"the start of a run, {agents} agents, {repeats} repetitions, {_machine()}"
+    return title, ["", "median (minimum to maximum)"], list(start_rows(found))
 
 
 def throughput_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[str]]]:
