@@ -43,11 +43,18 @@ compile_kernels() {
   PYTHONPATH=src/litsim_sim:src/litsim_predictor:src/litsim_policy .venv/bin/python -m litsim_sim.cli.compile
 }
 
+# Bytecode of the workspace's modules, what is not up to date. Python writes it by itself when it imports a module, but not
+# where PYTHONDONTWRITEBYTECODE is set, and then each of a run's processes would compile them anew.
+compile_modules() {
+  .venv/bin/python -m compileall -q src/litsim_*/litsim_* install/litsim_msgs/lib/python*/site-packages/litsim_msgs
+}
+
 if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$key" ]; then
   if [ "$(cat install/.litsim-kernels 2>/dev/null)" != "$(kernels_key)" ]; then
     compile_kernels
     kernels_key >install/.litsim-kernels
   fi
+  compile_modules
   exit 0
 fi
 
@@ -76,3 +83,4 @@ colcon build --symlink-install --event-handlers console_direct- --cmake-args -G 
 printf '%s\n' "$key" >"$stamp"
 wait "$compiling"
 kernels_key >install/.litsim-kernels
+compile_modules

@@ -19,7 +19,7 @@ FIRST_STEP, SLOWEST, RATIO = "launcher to first step", "slowest import", "first 
 SECONDS = 4.0  # simulated, 3 s of history included
 
 Start = dict[str, float]
-"""Of one repetition: :data:`FIRST_STEP` [s], and the import of each of :data:`LIBRARIES` without the interpreter [s]."""
+"""Of one repetition: :data:`FIRST_STEP` [s], and the import of each of :data:`LIBRARIES` on its own [s]."""
 
 
 def measure_start(folder: Path, agents: int, repeats: int, advance: Callable[[], object]) -> list[Start]:
