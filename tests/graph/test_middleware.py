@@ -1,0 +1,31 @@
+"""Sockets of a node that stays on this machine."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import re
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+
+def addresses(pid: int) -> set[str]:
+    """Local addresses of the UDP sockets of a process."""
+    own = set()
+    for link in Path(f"/proc/{pid}/fd").iterdir():
+        with suppress(OSError):
+            own.update(re.findall(r"socket:\[(\d+)\]", str(link.readlink())))
+    rows = [line.split() for line in Path(f"/proc/{pid}/net/udp").read_text().splitlines()[1:]]
+    raw = [int(row[1].split(":")[0], 16).to_bytes(4, sys.byteorder) for row in rows if row[9] in own]
+    return {str(ipaddress.IPv4Address(each)) for each in raw}
+
+
+def test_a_node_listens_on_the_loopback_interface_alone_and_leaves_no_shared_memory(graph: Any) -> None:
+    node = graph.start_node("litsim_sim", "live")
+    graph.wait("its sockets", lambda: addresses(node.pid))
+    assert addresses(node.pid) == {"127.0.0.1"}
+    maps = Path(f"/proc/{node.pid}/maps").read_text() if os.access(f"/proc/{node.pid}/maps", os.R_OK) else ""
+    assert "fastrtps" in maps  # it is Fast DDS
+    assert "/dev/shm/fastrtps" not in maps
