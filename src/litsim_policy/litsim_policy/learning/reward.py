@@ -6,18 +6,21 @@ once what a collision tells seconds later. All vectorised over the agents that w
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba.types import Tuple, UniTuple
 
-from litsim_sim.core.geometry import boxes_overlap, to_body
+from litsim_sim.core.compiled import FLOATS, INTS, OUT_BOOLS2, OUT_FLOATS, OUT_FLOATS3, kernel
+from litsim_sim.core.pair_geometry import overlap, within
 from litsim_sim.core.quantities import NonNegative, Number, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
 BRAKE_FROM, BRAKE_FULL = 3.0, 4.5  # [m/s2] of braking between which the penalty rises
 EDGE_FROM, EDGE_FULL = 0.5, -0.1  # [m] from the agent's side to the edge of the road, likewise; negative is outside
-EDGE_PROBES = 7  # places between those two
+PROBES = np.linspace(EDGE_FROM, EDGE_FULL, 7)  # [m] from the agent's side at which the road is looked for
 NEAR_ALONG, NEAR_ACROSS = 1.5, 0.4  # [m] between boxes, along and across, below which somebody is near
 
 
@@ -81,17 +84,18 @@ def penalties(
 
     A collision is a new contact with somebody who is not behind: whoever is run into from behind could not help it.
     """
-    rows = after.rows(agents)
+    rows, rows_before = after.rows(agents), before.rows(agents)
     clearance = edge_clearance(after, rows, lane_map)
-    outside = (clearance <= EDGE_FULL) & (edge_clearance(before, before.rows(agents), lane_map) > EDGE_FULL)
+    outside = clearance <= EDGE_FULL
+    if outside.any():
+        outside &= edge_clearance(before, rows_before, lane_map) > EDGE_FULL
     touching, near = _others(after, rows)
-    known = before.rows(after.id)
-    touched = np.zeros_like(touching)
-    was_touching, _ = _others(before, before.rows(agents))
-    both = known >= 0
-    touched[:, both] = was_touching[:, known[both]]
+    if touching.any():
+        known = before.rows(after.id)
+        was_touching, _ = _others(before, rows_before)
+        touching &= (known < 0) | ~was_touching[:, known]
     return Penalties(
-        collision=np.asarray((touching & ~touched).any(axis=1)),
+        collision=np.asarray(touching.any(axis=1)),
         off_road=outside,
         edge=_ramp(clearance, EDGE_FROM, EDGE_FULL),
         proximity=near,
@@ -102,29 +106,54 @@ def penalties(
 
 def edge_clearance(table: AgentTable, rows: IntArray, lane_map: LaneMap) -> FloatArray:
     """(m,) distance [m] from the agents' sides to the edge of the road, in [EDGE_FULL, EDGE_FROM] to the next probe."""
-    probes = np.linspace(EDGE_FROM, EDGE_FULL, EDGE_PROBES)
-    out = 0.5 * table.width[rows, None] + probes
-    sides = np.stack([out, -out], axis=1)
-    x = table.x[rows, None, None] - sides * np.sin(table.yaw[rows, None, None])
-    y = table.y[rows, None, None] + sides * np.cos(table.yaw[rows, None, None])
+    x, y = _probes(table.x, table.y, table.yaw, table.width, rows)
     inside = np.asarray(lane_map.inside_road(x.ravel(), y.ravel()).reshape(x.shape).all(axis=1))
-    return np.where(inside.any(axis=1), probes[np.argmax(inside, axis=1)], EDGE_FULL)
+    return np.where(inside.any(axis=1), PROBES[np.argmax(inside, axis=1)], EDGE_FULL)
 
 
 def _others(table: AgentTable, rows: IntArray) -> tuple[BoolArray, FloatArray]:
     """Whom the agents touch that is not behind them (m, n), and how near the nearest of those is, in [0, 1] (m,)."""
-    dx, dy = table.x[None] - table.x[rows, None], table.y[None] - table.y[rows, None]
-    ahead, left = to_body(dx, dy, table.yaw[rows, None])
-    half_length = 0.5 * (table.length[None] + table.length[rows, None])
-    counts = ahead > -0.5 * half_length
-    counts[np.arange(len(rows)), rows] = False
-    size = (table.length, table.width)
-    mine = (table.length[rows, None], table.width[rows, None])
-    touching: BoolArray = boxes_overlap(dx, dy, table.yaw[rows, None], table.yaw, mine, size) & counts
-    along = np.abs(ahead) - half_length
-    across = np.abs(left) - 0.5 * (table.width[None] + table.width[rows, None])
-    apart = np.maximum(along / NEAR_ALONG, across / NEAR_ACROSS)
-    return touching, np.clip(1.0 - np.where(counts, apart, np.inf).min(axis=1, initial=np.inf), 0.0, 1.0)
+    return _contacts(table.x, table.y, table.yaw, table.length, table.width, rows)
+
+
+@kernel(UniTuple(OUT_FLOATS3, 2)(FLOATS, FLOATS, FLOATS, FLOATS, INTS))
+def _probes(
+    x: FloatArray, y: FloatArray, yaw: FloatArray, width: FloatArray, rows: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Places to the left and the right of m agents at which the road is looked for: x and y (m, 2, p) [m]."""
+    shape = (len(rows), 2, len(PROBES))
+    place_x, place_y = np.empty(shape), np.empty(shape)
+    for i in range(len(rows)):
+        own = rows[i]
+        cos, sin = math.cos(yaw[own]), math.sin(yaw[own])
+        for k in range(len(PROBES)):
+            out = 0.5 * width[own] + PROBES[k]
+            place_x[i, 0, k], place_x[i, 1, k] = x[own] - out * sin, x[own] + out * sin
+            place_y[i, 0, k], place_y[i, 1, k] = y[own] + out * cos, y[own] - out * cos
+    return place_x, place_y
+
+
+@kernel(Tuple((OUT_BOOLS2, OUT_FLOATS))(FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
+def _contacts(
+    x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray, rows: IntArray
+) -> tuple[BoolArray, FloatArray]:
+    """See :func:`_others`; the first five arrays (n,) are columns of the table."""
+    touching, near = np.zeros((len(rows), len(x)), np.bool_), np.empty(len(rows))
+    for i in range(len(rows)):
+        own, least = rows[i], np.inf
+        cos, sin = math.cos(yaw[own]), math.sin(yaw[own])
+        for j in range(len(x)):
+            dx, dy = x[j] - x[own], y[j] - y[own]
+            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+            half_length, half_width = 0.5 * (length[j] + length[own]), 0.5 * (width[j] + width[own])
+            if j == own or not ahead > -0.5 * half_length:
+                continue
+            # whoever is farther away than this along or across cannot touch, whatever the headings
+            if abs(ahead) < half_length + half_width and abs(left) < half_length + half_width:
+                touching[i, j] = overlap(dx, dy, yaw[own], yaw[j], length[own], width[own], length[j], width[j])
+            least = min(least, max((abs(ahead) - half_length) / NEAR_ALONG, (abs(left) - half_width) / NEAR_ACROSS))
+        near[i] = within(1.0 - least, 0.0, 1.0)
+    return touching, near
 
 
 def _ramp(value: FloatArray, start: float, full: float) -> FloatArray:
