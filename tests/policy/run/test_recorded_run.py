@@ -130,7 +130,7 @@ def test_a_record_that_is_cut_short_is_read_as_far_as_it_goes(write: Any, run_id
     path = bag / "bag_0.mcap"
     path.write_bytes(path.read_bytes()[:-30])
     with open_record(bag) as record:
-        assert record.notes[0].startswith("the recording is not complete (cut short or damaged at byte ")
+        assert record.notes[0].startswith("the recording is not complete (cut short at byte ")
         assert record.messages[topics.EGO_CONTROL.name].keys() == {0}
 
 

@@ -162,7 +162,7 @@ def test_file_cut_anywhere_is_readable_up_to_there(tmp_path: Path) -> None:
     assert set(seen) == {0, 20, 40, 50}
 
 
-def test_damaged_chunk_ends_the_reading_and_is_named(tmp_path: Path) -> None:
+def test_damaged_chunk_is_named_and_nothing_is_read(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "bag")
     with path.open("rb") as stream:
         second = make_reader(stream).get_summary().chunk_indexes[1]
@@ -170,10 +170,11 @@ def test_damaged_chunk_ends_the_reading_and_is_named(tmp_path: Path) -> None:
     middle = second.chunk_start_offset + second.chunk_length // 2
     data[middle : middle + 8] = b"\xff" * 8
     path.write_bytes(data)
-    reader = BagReader(path)
-    assert len(list(reader.messages())) == 20
-    assert not reader.complete
-    assert "damaged at byte" in reader.problem
+    with pytest.raises(InputError, match=r"run_0\.mcap: damaged at byte \d+: .*replay --repair keeps"):
+        BagReader(path)
+    path.write_bytes(data[: second.chunk_start_offset + second.chunk_length + 1])  # no checksum of the whole any more
+    with pytest.raises(InputError, match=rf"damaged at byte {second.chunk_start_offset}: a chunk that is not what was"):
+        BagReader(path)
 
 
 def test_existing_bag_is_refused_unless_told(tmp_path: Path) -> None:

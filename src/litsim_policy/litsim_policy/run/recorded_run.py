@@ -82,7 +82,13 @@ def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
             raise InputError(f"{reader.path}: {name} was recorded with another version of {type_name(topic.type)}")
     found: dict[str, dict[int, Any]] = {name: {} for name in wanted}
     for message in reader.messages(wanted):
-        decoded, kept = deserialize_message(message.data, wanted[message.topic].type), found[message.topic]
+        kept = found[message.topic]
+        try:
+            decoded = deserialize_message(message.data, wanted[message.topic].type)
+        except Exception as error:  # rclpy exports no class of what the middleware raises
+            where = f"{reader.path}: {message.topic} at {message.log_time_ns * 1e-9:.1f} s"
+            what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise InputError(f"{where}: no {type_name(wanted[message.topic].type)} that can be read: {what}") from error
         info = found[RUN_INFO.name].get(0)
         if message.topic in (RUN_INFO.name, STATUS.name):
             kept.setdefault(0 if message.topic == RUN_INFO.name else len(kept), decoded)

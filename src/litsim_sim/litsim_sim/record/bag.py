@@ -7,8 +7,7 @@ it was filling, and a chunk holds at most one second of simulation.
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,15 +15,12 @@ from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 import yaml
-from mcap.exceptions import McapError
-from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.summary import Summary
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
-from zstandard import ZstdError
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.record.mcap_survey import DAMAGE, Place, damage_at, opened, parse, survey
 
 METADATA_FILE = "metadata.yaml"
 METADATA_VERSION = 9  # of rosbag2's metadata.yaml since Jazzy
@@ -33,9 +29,6 @@ ROSBAG2_RECORD = "rosbag2"
 CHUNK_BYTES = 256 * 1024  # before compression
 CHUNK_SPAN_NS = 1_000_000_000  # of simulation time that a chunk may hold
 RECORD_BYTES = 31  # of an MCAP message record around its data
-DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, IndexError, KeyError)
-"""What the mcap library raises on bytes that are missing or wrong."""
-
 DERIVED_FILES = ("metrics.json", "series.parquet", "takeovers.parquet", "overview.png", "report.html")
 """What is computed from a bag and is out of date once the bag is overwritten."""
 
@@ -131,7 +124,9 @@ class BagWriter:
             _make_room(folder, overwrite)
             self._stream = self.path.open("xb")
             # Chunks are finished here, not by the library: it would do so only after a message that is too much.
-            self._writer = Writer(self._stream, chunk_size=2**62, compression=CompressionType.ZSTD)
+            self._writer = Writer(
+                self._stream, chunk_size=2**62, compression=CompressionType.ZSTD, enable_data_crcs=True
+            )
             self._writer.start(profile="ros2", library=f"litsim {LIBRARY_IDENTIFIER}")
             self._writer.add_metadata(ROSBAG2_RECORD, {"ROS_DISTRO": ros_distro})
             if self._custom:
@@ -287,7 +282,7 @@ def _make_room(folder: Path, overwrite: bool) -> None:
 
 
 class BagReader:
-    """Reads a bag, whole or cut short.
+    """Reads a bag, whole or cut short; one whose bytes are not those that were written is refused.
 
     Attributes:
         path: of the MCAP file.
@@ -299,83 +294,75 @@ class BagReader:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open the folder of a bag, or its MCAP file.
+        """Open the folder of a bag, or its MCAP file, and see that its bytes are those that were written.
 
         Raises:
-            InputError: no such file, several MCAP files in the folder, or not an MCAP file.
+            InputError: no such file, several MCAP files in the folder, not an MCAP file, or one that is damaged.
         """
         self.path = find_mcap(path)
         self.topics: dict[str, BagTopic] = {}
         self.attachments: dict[str, bytes] = {}
         self.metadata: dict[str, str] = {}
-        self.problem = ""
         self._channels: dict[int, str] = {}
         self._schemas: dict[int, Schema] = {}
-        summary = self._summary()
-        self.complete = summary is not None
-        if summary is not None:
-            self._schemas.update(summary.schemas)
-            for channel in summary.channels.values():
-                self._note(channel)
-        else:
-            for record in self._records():
-                self._note(record)
+        self._survey = survey(self.path)
+        self.complete = self._survey.cut is None
+        self.problem = "" if self.complete else f"cut short at byte {self._survey.cut}"
+        described = any(place.opcode == Opcode.CHANNEL for place in self._survey.summary)
+        chunks = () if described else (Opcode.CHUNK,)  # without a summary, what they hold is not known beforehand
+        for record in (
+            *self._records(self._survey.summary, {Opcode.SCHEMA, Opcode.CHANNEL}),
+            *self._records(self._survey.data, {Opcode.ATTACHMENT, Opcode.METADATA, *chunks}),
+        ):
+            self._note(record)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Messages in the order of the file, of `topics` or of all."""
-        for record in self._records():
+        """Messages in the order of the file, of `topics` or of all.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        for record in self._records(self._survey.data, {Opcode.MESSAGE, Opcode.CHUNK}):
             if isinstance(record, Message):
-                topic = self._channels[record.channel_id]
+                topic = self._channels.get(record.channel_id)
+                if topic is None:
+                    raise InputError(f"{self.path}: a message at {record.log_time} ns is of no topic that is described")
                 if topics is None or topic in topics:
                     yield BagMessage(topic, record.log_time, record.data)
 
-    def _summary(self) -> Summary | None:
-        """The summary of a whole file, its attachments and metadata read on the way; None of one that is cut short."""
-        try:
-            with self.path.open("rb") as stream:
-                if not stream.read(8).startswith(b"\x89MCAP"):
-                    raise InputError(f"{self.path}: not an MCAP file")
-                stream.seek(0)
-                reader = SeekingReader(stream)
-                with suppress(*DAMAGE, OSError):  # OSError: the footer would begin before the file
-                    summary = reader.get_summary()
-                    for record in (*reader.iter_attachments(), *reader.iter_metadata()):
-                        self._note(record)
-                    return summary
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be read: {error.strerror or error}") from error
-        return None
-
-    def _note(self, record: McapRecord) -> None:
+    def _note(self, record: McapRecord | None) -> None:
         if isinstance(record, Schema):
             self._schemas[record.id] = record
         elif isinstance(record, Channel) and record.id not in self._channels:
-            schema = self._schemas[record.schema_id]
+            try:
+                schema = self._schemas[record.schema_id]
+                definition = schema.data.decode()
+            except (KeyError, UnicodeDecodeError) as error:
+                raise InputError(f"{self.path}: topic {record.topic}: no definition that can be read") from error
             self._channels[record.id] = record.topic
             qos, type_hash = (record.metadata.get(k, "") for k in ("offered_qos_profiles", "topic_type_hash"))
-            self.topics[record.topic] = BagTopic(record.topic, schema.name, schema.data.decode(), qos, type_hash)
+            self.topics[record.topic] = BagTopic(record.topic, schema.name, definition, qos, type_hash)
         elif isinstance(record, Attachment):
             self.attachments[record.name] = record.data
         elif isinstance(record, Metadata) and record.name != ROSBAG2_RECORD:
             self.metadata.update(record.metadata)
 
-    def _records(self) -> Iterator[McapRecord]:
-        """Every record in file order, chunks opened, up to the end or the first damage."""
+    def _records(self, places: Iterable[Place], kinds: Collection[int]) -> Iterator[McapRecord | None]:
+        """The records of `kinds` among `places`, chunks opened."""
         with self.path.open("rb") as stream:
-            records = StreamReader(stream, emit_chunks=True, record_size_limit=self.path.stat().st_size).records
-            while True:
+            for place in places:
+                if place.opcode not in kinds:
+                    continue
+                stream.seek(place.content)
                 try:
-                    record = next(records)
-                    inside = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
-                except StopIteration:
-                    return
+                    record = parse(place, stream.read(place.end - place.content))
+                    inside = opened(record) if isinstance(record, Chunk) else [record]
                 except DAMAGE as error:
-                    self.complete = False
-                    self.problem = f"cut short or damaged at byte {stream.tell()} ({type(error).__name__})"
-                    return
+                    what = (
+                        f"a {Opcode(place.opcode).name.lower()} that is not what was written ({type(error).__name__})"
+                    )
+                    raise damage_at(self.path, place.begin, what) from error
                 yield from inside
-                if isinstance(record, Footer):
-                    return
 
 
 def find_mcap(path: Path) -> Path:

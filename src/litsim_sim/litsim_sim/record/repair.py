@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.record.bag import DAMAGE, ROSBAG2_RECORD, BagReader, BagTopic, BagWriter, find_mcap
+from litsim_sim.record.bag import ROSBAG2_RECORD, BagTopic, BagWriter, find_mcap
+from litsim_sim.record.mcap_survey import DAMAGE, REPAIR_HINT, attachment_is_whole, opened, parse, places, survey
 from litsim_sim.record.player import offered_qos
 from litsim_sim.record.run import read_run
 
@@ -46,9 +48,10 @@ def repair(bag: Path, out: Path) -> Repaired:
         InputError: `bag` is not an MCAP file or holds no message, or `out` holds a bag or cannot be written.
     """
     source = find_mcap(bag)
-    BagReader(source)  # refuses what is no bag
     lost: list[str] = []
     records = list(_records(source, lost))
+    if not lost:
+        _check_the_rest(source, lost)
     described = {record.id for record in records if isinstance(record, Channel)}
     if not any(isinstance(record, Message) and record.channel_id in described for record in records):
         raise InputError(f"{source}: holds no message that can be read: there is nothing to make a bag of")
@@ -104,30 +107,49 @@ def _announce(channel: Channel, schema: Schema, writer: BagWriter, done: Repaire
 
 
 def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
-    """Every record up to where the file breaks off, chunks opened; what cannot be read is noted in `lost`."""
-    size = path.stat().st_size
-    with path.open("rb") as stream:
-        records = StreamReader(stream, emit_chunks=True, record_size_limit=size).records
-        whole = 0  # bytes up to the end of the last record that was read
-        while True:
-            try:
-                record = next(records)
-            except (StopIteration, *DAMAGE):
-                rest = f": its last {size - whole} bytes hold no whole record" if size > whole else ""
-                lost.append(f"what was not written yet: the file breaks off{rest}")
-                return
-            whole = stream.tell()
-            if isinstance(record, Chunk):
-                yield from _opened(record, lost)
-            elif isinstance(record, Footer):
-                return
-            else:
-                yield record
+    """Every record up to where the file breaks off, chunks opened; what cannot be read is noted in `lost`.
+
+    Raises:
+        InputError: it is not an MCAP file, or cannot be read.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not content.startswith(MAGIC):
+        raise InputError(f"{path}: not an MCAP file")
+    whole = len(MAGIC)  # bytes up to the end of the last record that was read
+    for place in places(content):
+        whole, inside = place.end, content[place.content : place.end]
+        if place.opcode == Opcode.FOOTER:
+            return
+        try:
+            record = parse(place, inside)
+        except DAMAGE:
+            lost.append(f"a damaged record at byte {place.begin}")
+            continue
+        if isinstance(record, Chunk):
+            yield from _opened(record, lost)
+        elif isinstance(record, Attachment) and not attachment_is_whole(inside):
+            lost.append(f"a damaged attachment {record.name}")
+        elif record is not None:
+            yield record
+    size = len(content)
+    rest = f": its last {size - whole} bytes hold no whole record" if size > whole else ""
+    lost.append(f"what was not written yet: the file breaks off{rest}")
+
+
+def _check_the_rest(path: Path, lost: list[str]) -> None:
+    """Note where a file of which every record can be read is still not what was written: metadata, or the end."""
+    try:
+        survey(path)
+    except InputError as error:
+        lost.append(f"nothing that has a checksum of its own, yet {error}".removesuffix(REPAIR_HINT))
 
 
 def _opened(chunk: Chunk, lost: list[str]) -> list[McapRecord]:
     try:
-        return list(breakup_chunk(chunk, validate_crc=True))
+        return opened(chunk)
     except DAMAGE:
         first, last = chunk.message_start_time / _SECOND_NS, chunk.message_end_time / _SECOND_NS
         lost.append(f"a damaged chunk with the messages of {first:.1f} to {last:.1f} s")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
@@ -13,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from litsim_sim.core.errors import InputError
@@ -44,6 +45,19 @@ from litsim_sim.scenario.signals import Signals
 
 DECODED = (RUN_INFO, AGENTS, SIGNAL_MAP, SIGNALS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
 """Topics whose messages are decoded; of all others only the log times are used."""
+
+UNDECODABLE = (
+    SerdeError,
+    TypesysError,
+    struct.error,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    TypeError,
+    ValueError,
+)
+"""What is raised on a message, or a definition, that is not what this version reads."""
 
 RECORDING_FILE = "recording.parquet"
 SCENARIO_FILE = "scenario.yaml"
@@ -195,7 +209,7 @@ def read_run(path: Path) -> Run:
                 content.take(message.topic, decode(message.topic, message.data))
             else:
                 content.note(message.topic, message.log_time_ns)
-        except (SerdeError, AttributeError, KeyError, TypeError, ValueError) as error:
+        except UNDECODABLE as error:
             kind = reader.topics[message.topic].type_name
             raise InputError(
                 f"{reader.path}: topic {message.topic} at {message.log_time_ns * 1e-9:.1f} s: cannot be read as the "

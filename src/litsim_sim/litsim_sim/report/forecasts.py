@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.core.topic_names import FORECASTS
 from litsim_sim.record.bag import BagReader
-from litsim_sim.record.run import Run
+from litsim_sim.record.run import UNDECODABLE, Run
 
 POINTS_MAX = 13  # of one forecast: 5 s every 0.4 s
 
@@ -74,7 +73,7 @@ def read_forecasts(run: Run) -> Forecasts:
         agent = np.concatenate([ids for ids, *_ in found])
         step = np.concatenate([np.full(len(ids), at, np.int64) for ids, at, *_ in found])
         mean, spread = np.concatenate([f[2] for f in found]), np.concatenate([f[3] for f in found])
-    except (SerdeError, AttributeError, KeyError, TypeError, ValueError) as error:
+    except UNDECODABLE as error:
         raise InputError(f"{run.path}: topic {FORECASTS}: not joint forecasts of this version: {error}") from error
     order = np.lexsort((step, agent))
     return Forecasts(agent[order], step[order], time, mean[order], spread[order])

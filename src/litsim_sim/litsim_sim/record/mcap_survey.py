@@ -1,0 +1,219 @@
+"""Where the records of an MCAP file lie, and whether its bytes are those that were written.
+
+MCAP has four checksums, all CRC-32: of each chunk (its records, uncompressed), of each attachment, of the data section
+(every byte before the record DataEnd) and of the summary with the footer; zero means that the writer gave none. The
+mcap library, asked to, checks a chunk's, and the data section's where a file is read from one end to the other; it
+never checks those of attachments and of the summary. So all but the chunks', which are checked as they are opened, are
+checked here, before anything of the file is believed.
+
+A file that is cut short is told from one that is damaged: the first ends amid a record, or without the format's last
+eight bytes, and all that it holds is as it was written; the second is refused.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.stream_reader import breakup_chunk
+from mcap.writer import MCAP0_MAGIC as MAGIC
+from zstandard import ZstdError
+
+from litsim_sim.core.errors import InputError
+
+DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, IndexError, KeyError, MemoryError, OverflowError)
+"""What the mcap library raises on bytes that are missing or wrong."""
+
+REPAIR_HINT = "; replay --repair keeps what can still be read"
+
+_HEAD = struct.Struct("<BQ")  # of every record: opcode, bytes that follow
+_CRC = struct.Struct("<I")
+_FOOTER = struct.Struct("<QQI")  # begin of the summary, begin of its offsets, checksum
+_BLOCK = 2**20
+_KINDS: dict[int, Any] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK: Chunk,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.METADATA: Metadata,
+    Opcode.STATISTICS: Statistics,
+}
+_COUNTED = {Opcode.CHUNK: "chunk_count", Opcode.ATTACHMENT: "attachment_count", Opcode.METADATA: "metadata_count"}
+"""Records of the data section that the summary's statistics count."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A record as it lies in the file: its opcode, its first byte, that of its content, and the one after its last."""
+
+    opcode: int
+    begin: int
+    content: int
+    end: int
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A file that has been gone through.
+
+    Attributes:
+        data: records of the data section in file order, without its end.
+        summary: records of the summary; empty where the file is cut short, for its checksum is in the last record.
+        cut: byte at which a file that is cut short has no whole record any more; None where it was closed.
+    """
+
+    data: tuple[Place, ...]
+    summary: tuple[Place, ...]
+    cut: int | None
+
+
+def survey(path: Path) -> Survey:
+    """Find the records of the file at `path` and check its bytes, but for the inside of chunks.
+
+    Raises:
+        InputError: it cannot be read, is not an MCAP file, or is damaged.
+    """
+    try:
+        with path.open("rb") as stream:
+            if stream.read(len(MAGIC)) != MAGIC:
+                raise InputError(f"{path}: not an MCAP file")
+            with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                return _survey(path, content)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def places(content: mmap.mmap | bytes) -> Iterator[Place]:
+    """The records of a file one after the other, up to its footer or to where no whole record begins."""
+    at, size = len(MAGIC), len(content)
+    while at + _HEAD.size <= size:
+        opcode, length = _HEAD.unpack_from(content, at)
+        inside = at + _HEAD.size
+        if not opcode or length > size - inside:
+            return
+        yield Place(opcode, at, inside, inside + length)
+        if opcode == Opcode.FOOTER:
+            return
+        at = inside + length
+
+
+def parse(place: Place, content: bytes) -> McapRecord | None:
+    """A record from its content, of the kinds that a bag is read from; None of another.
+
+    Raises:
+        one of DAMAGE: it is no such record.
+    """
+    stream = ReadDataStream(BytesIO(content))
+    if place.opcode == Opcode.MESSAGE:
+        return Message.read(stream, len(content))
+    kind = _KINDS.get(place.opcode)
+    return None if kind is None else kind.read(stream)
+
+
+def opened(chunk: Chunk) -> list[McapRecord]:
+    """The records in a chunk, by its checksum as they were written.
+
+    Raises:
+        one of DAMAGE: they are not.
+    """
+    return breakup_chunk(chunk, validate_crc=True)
+
+
+def damage_at(path: Path, at: int, what: str) -> InputError:
+    """The error that says where `path` is damaged."""
+    return InputError(f"{path}: damaged at byte {at}: {what}{REPAIR_HINT}")
+
+
+def attachment_is_whole(content: bytes) -> bool:
+    """Whether the content of an attachment's record is as it was written, as far as its writer gave a checksum."""
+    if len(content) < _CRC.size:
+        return False
+    (given,) = _CRC.unpack(content[-_CRC.size :])
+    return given in (0, zlib.crc32(content[: -_CRC.size]))
+
+
+def _survey(path: Path, content: mmap.mmap) -> Survey:
+    found = list(places(content))
+    end = found[-1].end if found else len(MAGIC)
+    tail = content[end:]
+    footer = found[-1] if found and found[-1].opcode == Opcode.FOOTER else None
+    at_end = next((i for i, place in enumerate(found) if place.opcode == Opcode.DATA_END), None)
+    data = found if at_end is None else found[:at_end]
+    for place in data:
+        if place.opcode == Opcode.ATTACHMENT and not attachment_is_whole(content[place.content : place.end]):
+            raise damage_at(path, place.begin, "an attachment is not what was written")
+    if at_end is not None:
+        _check_data(path, content, found[at_end])
+    closed = len(content) >= end + len(MAGIC) and content[-len(MAGIC) :] == MAGIC
+    if footer is None or tail != MAGIC:
+        if closed or not _cut_short(tail, footer):
+            raise damage_at(path, end, "no record that can be read")
+        return Survey(tuple(data), (), end)
+    if at_end is None:
+        raise damage_at(path, footer.begin, "the end of the data is missing")
+    _check_summary(path, content, found[at_end].end, footer)
+    summary = tuple(found[at_end + 1 : -1])
+    _check_counts(path, content, data, summary)
+    return Survey(tuple(data), summary, None)
+
+
+def _cut_short(tail: bytes, footer: Place | None) -> bool:
+    """Whether a file may end with `tail` because it was not written to its end: amid a record, or amid the last bytes.
+
+    Bytes that were made room for when the power failed are zero.
+    """
+    if footer is not None:
+        return MAGIC.startswith(tail)
+    return not tail.strip(b"\0") or bool(tail[0])
+
+
+def _check_data(path: Path, content: mmap.mmap, end: Place) -> None:
+    """Hold the data section against its checksum, where the writer gave one."""
+    if end.end - end.content != _CRC.size:
+        raise damage_at(path, end.begin, "the end of the data is not what was written")
+    (given,) = _CRC.unpack_from(content, end.content)
+    if given and given != _crc(content, 0, end.begin):
+        raise damage_at(path, end.begin, "the bytes before are not those that were written")
+
+
+def _check_summary(path: Path, content: mmap.mmap, begin: int, footer: Place) -> None:
+    """Hold the summary, from `begin` on, and the footer against their checksum, where the writer gave one."""
+    if footer.end - footer.content != _FOOTER.size:
+        raise damage_at(path, footer.begin, "the footer is not what was written")
+    start, _, given = _FOOTER.unpack_from(content, footer.content)
+    if start not in (0, begin) or (given and given != _crc(content, begin, footer.end - _CRC.size)):
+        raise damage_at(path, begin, "the summary is not what was written")
+
+
+def _check_counts(path: Path, content: mmap.mmap, data: list[Place], summary: tuple[Place, ...]) -> None:
+    """Hold the number of records against the statistics in the summary: without a checksum of all data one may miss."""
+    there = Counter(place.opcode for place in data)
+    for place in summary:
+        if place.opcode == Opcode.STATISTICS:
+            try:
+                said = parse(place, content[place.content : place.end])
+            except DAMAGE as error:
+                raise damage_at(path, place.begin, "statistics that cannot be read") from error
+            for opcode, name in _COUNTED.items():
+                if there[opcode] != getattr(said, name):
+                    what = f"{getattr(said, name)} records of kind {opcode.name.lower()} written, {there[opcode]} found"
+                    raise damage_at(path, place.begin, what)
+
+
+def _crc(content: mmap.mmap, begin: int, end: int) -> int:
+    """CRC-32 of the bytes from `begin` up to `end`, read by the block."""
+    crc = 0
+    for at in range(begin, end, _BLOCK):
+        crc = zlib.crc32(content[at : min(at + _BLOCK, end)], crc)
+    return crc

@@ -1,0 +1,189 @@
+"""Damage done to files on purpose, and whether who reads them notices.
+
+``./litsim exec python tests/helpers/damage.py BAG [BAG …] --tries 20000`` damages copies of records of runs, measures
+each as ``analyze`` does, and prints how often which damage gave what.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.core.errors import InputError
+from litsim_sim.record.bag import find_mcap
+from litsim_sim.record.digest import RunDigest
+from litsim_sim.record.run import Run, read_run
+
+BLOCK = 512  # bytes of a sector of a disk
+SAME, REFUSED, SHORTER = "the same", "refused", "cut short, and said so"
+Counts = Counter[tuple[str, str]]
+"""How often a way of damage gave SAME, REFUSED or SHORTER."""
+
+
+def _flip(data: bytearray, at: int, random_: random.Random) -> None:
+    data[at] ^= 1 << random_.randrange(8)
+
+
+def _replace(data: bytearray, at: int, random_: random.Random) -> None:
+    data[at] = random_.choice([0, 255, random_.randrange(256)])
+
+
+def _remove(data: bytearray, at: int, random_: random.Random) -> None:
+    del data[at : at + random_.choice([1, 1, random_.randrange(1, BLOCK)])]
+
+
+def _insert(data: bytearray, at: int, random_: random.Random) -> None:
+    data[at:at] = random_.randbytes(random_.choice([1, 1, random_.randrange(1, BLOCK)]))
+
+
+def _zero(data: bytearray, at: int, _: random.Random) -> None:
+    end = min(at + BLOCK, len(data))
+    data[at:end] = bytes(end - at)
+
+
+def _repeat(data: bytearray, at: int, random_: random.Random) -> None:
+    data[at : at + BLOCK] = data[(other := random_.randrange(len(data))) : other + BLOCK]
+
+
+CUT, FLIP = "cut off there", "a bit flipped"
+WAYS: dict[str, Callable[[bytearray, int, random.Random], None]] = {
+    FLIP: _flip,
+    "a byte replaced": _replace,
+    "bytes removed": _remove,
+    "bytes put in": _insert,
+    f"{BLOCK} bytes zeroed": _zero,
+    f"{BLOCK} bytes taken from elsewhere": _repeat,
+}
+"""What is done to a file from a byte on."""
+
+
+def damages(data: bytes, tries: int, seed: int, *, cuts: float = 0.01) -> Iterator[tuple[str, bytes]]:
+    """Damaged versions of `data`, none equal to it, each with the name of what was done.
+
+    Args:
+        data: content of a file.
+        tries: number of versions; half of them have one bit flipped, at places spread evenly.
+        seed: of what is drawn.
+        cuts: share of versions that are cut off.
+    """
+    draw = random.Random(seed)
+    others = list(WAYS)[1:]
+    for number in range(tries):
+        at = number * len(data) // tries if number % 2 else draw.randrange(len(data))
+        if draw.random() < cuts:
+            yield CUT, data[:at]
+            continue
+        way = FLIP if number % 2 else draw.choice(others)
+        damaged = bytearray(data)
+        WAYS[way](damaged, at, draw)
+        if damaged != data and not data.startswith(damaged):
+            yield way, bytes(damaged)
+
+
+def outcomes(
+    path: Path, versions: Iterator[tuple[str, bytes]], read: Callable[[Path], Any], shorter: Callable[[Any], bool]
+) -> Counts:
+    """Write each version to `path` and read it; an AssertionError where something else comes out than may.
+
+    Args:
+        path: of the file, whose present content is what was written.
+        versions: of its content, as :func:`damages` gives them.
+        read: what is read of it; equal for equal content.
+        shorter: whether something that was read is, by its own word, a part of what was written.
+    """
+    whole, found = read(path), Counter[tuple[str, str]]()
+    for way, data in versions:
+        path.write_bytes(data)
+        try:
+            got = read(path)
+        except InputError as error:
+            said = str(error)
+        else:
+            said = ""
+        if said:
+            assert str(path) in said and "\n" not in said, f"{way}: {said}"
+            found[way, REFUSED] += 1
+            continue
+        if got == whole:
+            found[way, SAME] += 1
+        else:
+            assert shorter(got), f"{way}: read as something else"
+            found[way, SHORTER] += 1
+    return found
+
+
+class Measured:
+    """A record as it is analysed: its run, and its measures but for times on the clock."""
+
+    def __init__(self, path: Path) -> None:
+        self.run: Run = read_run(path)
+        self.metrics = json.dumps({**compute_metrics(self.run), "timing": None}, allow_nan=False)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Measured) and self.metrics == other.metrics
+
+    def __hash__(self) -> int:
+        return hash(self.metrics)
+
+    def is_part_of(self, whole: Measured) -> bool:
+        """Whether it is not valid, says that it is cut short, and holds what the whole run begins with."""
+        said = json.loads(self.metrics)
+        return (
+            not self.run.complete
+            and not said["valid"]
+            and "the recording is cut short at byte" in said["why"]
+            and said["digest"] == _digest(whole.run, self.run)
+        )
+
+
+def _digest(whole: Run, part: Run) -> str:
+    """The digest of as much of `whole` as `part` holds."""
+    total = RunDigest()
+    for table in whole.tables[: len(part.tables)]:
+        controls = whole.controls.get(table.step) if table.step in part.controls else None
+        total.update(table, controls, whole.ego_commands.get(table.step) if table.step in part.ego_commands else None)
+    return total.hexdigest()
+
+
+def damage_record(path: Path, tries: int, seed: int) -> Counts:
+    """Damage the record at `path`, an MCAP file, and measure it; what was there is not put back."""
+    whole, data = Measured(path), path.read_bytes()
+    return outcomes(path, damages(data, tries, seed), Measured, lambda part: part.is_part_of(whole))
+
+
+def table(counts: Counts) -> str:
+    """Counts as a table in Markdown: a row for each way of damage."""
+    kinds = [SAME, REFUSED, SHORTER]
+    rows = [f"| damage | tries | {' | '.join(kinds)} |", "|---|---:|" + "---:|" * len(kinds)]
+    for way in (*WAYS, CUT):
+        numbers = [counts[way, kind] for kind in kinds]
+        rows.append(f"| {way} | {sum(numbers)} | {' | '.join(map(str, numbers))} |")
+    return "\n".join(rows)
+
+
+def main() -> None:
+    """Damage copies of the records that the command line names."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="folder of a run, or its MCAP file")
+    p.add_argument("--tries", type=int, default=20_000)
+    p.add_argument("--seed", type=int, default=1)
+    arguments = p.parse_args()
+    counts: Counts = Counter()
+    with tempfile.TemporaryDirectory(prefix="litsim-damage-") as folder:
+        for bag in arguments.bags:
+            copy = Path(folder, "run_0.mcap")
+            copy.write_bytes(find_mcap(bag).read_bytes())
+            counts += damage_record(copy, arguments.tries // len(arguments.bags), arguments.seed)
+    sys.stdout.write(table(counts) + "\n")
+
+
+if __name__ == "__main__":
+    main()
