@@ -49,15 +49,15 @@ def test_a_stack_that_runs_already_is_met_by_no_node(monkeypatch: pytest.MonkeyP
 
 def test_a_task_is_a_run_and_says_why_it_is_none(tmp_path: Path) -> None:
     made, sources = case(), code_versions()["sources"]
-    found = run_task(made.to_json(), str(tmp_path), sources, 60.0)
+    found = run_task(made.to_json(), str(tmp_path), sources, 60.0, ".")
     assert found.metrics is not None and found.metrics["digest"] == run_in_process(made)["digest"]
     for changes, failure in (({"ego_id": 99999}, "99999"), ({"scenario": "nowhere"}, "nowhere")):
-        lost = run_task(made.to_json() | changes, str(tmp_path), sources, 60.0)
+        lost = run_task(made.to_json() | changes, str(tmp_path), sources, 60.0, ".")
         assert lost.metrics is None and failure in lost.failure
 
 
 def test_a_node_with_other_packages_runs_nothing(tmp_path: Path) -> None:
-    found = run_task(case().to_json(), str(tmp_path), "0123456789abcdef", 60.0)
+    found = run_task(case().to_json(), str(tmp_path), "0123456789abcdef", 60.0, ".")
     assert found.metrics is None and "this node has other LitSim packages" in found.failure
 
 

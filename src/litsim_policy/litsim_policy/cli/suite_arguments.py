@@ -42,7 +42,7 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument("--criteria", metavar="FILE", help="by which runs are judged; default: the packaged ones")
     p.add_argument(
-        "command", nargs="*", metavar="COMMAND", help="after --: starts the external ego, once a run; else start it"
+        "command", nargs="*", metavar="COMMAND", help="after --: starts the external ego, once a run; else you start it"
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import chdir
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -88,7 +89,7 @@ class RayRuns:
         pending: dict[Any, Case] = {}
         while True:
             for case in islice(left, WAITING_MAX - len(pending)):
-                given = (case.to_json(), folder, sources, self.time_limit_s)
+                given = (case.to_json(), folder, sources, self.time_limit_s, str(Path.cwd()))
                 pending[task.options(name=case.name).remote(*given)] = case
             if not pending:
                 return
@@ -108,7 +109,7 @@ class RayRuns:
         return replace(outcome, **nothing)
 
 
-def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: float) -> RunOutcome:
+def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: float, cwd: str) -> RunOutcome:
     """One task: run a case on this node, whatever becomes of it.
 
     Args:
@@ -116,6 +117,7 @@ def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: f
         folder: of the campaign; what runs leave lies in it.
         sources: digest of the packages that are to run it.
         time_limit_s: after which a run over DDS has failed [s].
+        cwd: the folder that the campaign was begun in; words of a stack's command may be relative to it.
     """
     begin = time.monotonic()
     failure = ""
@@ -126,7 +128,8 @@ def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: f
             made = Case.from_json(case)
             where = _cleared(CampaignFolder(Path(folder)), made)
             if made.shell == GRAPH:
-                return run_over_graph(made, where, time_limit_s=time_limit_s)
+                with chdir(cwd):
+                    return run_over_graph(made, where, time_limit_s=time_limit_s)
             return RunOutcome(run_in_process(made, where), wall_s=time.monotonic() - begin)
     except Exception as error:  # noqa: BLE001 - whatever it is, the others are to go on, and the table is to say it
         failure = reason(error)
