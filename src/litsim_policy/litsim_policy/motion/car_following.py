@@ -88,7 +88,7 @@ def idm_acceleration(
         np.full(shape, speed, np.float64).reshape(-1),
         np.full(shape, desired_speed, np.float64).reshape(-1),
         np.ascontiguousarray(gap).reshape(pairs),
-        np.ascontiguousarray(leader_speed).reshape(pairs),
+        np.ascontiguousarray(leader_speed, np.float64).reshape(pairs),
         np.ones(pairs, np.bool_) if leads is None else leads.reshape(pairs),
         *config.of_model,
     )

@@ -57,7 +57,7 @@ def boxes_overlap(
 
 def overlapping_pairs(x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray) -> IntArray:
     """Pairs (m, 2) of positions i < j whose boxes overlap, among boxes (n,)."""
-    x, y, yaw, length, width = (np.ascontiguousarray(values) for values in (x, y, yaw, length, width))
+    x, y, yaw, length, width = (np.ascontiguousarray(v, np.float64) for v in (x, y, yaw, length, width))
     pairs = _overlapping(x, y, yaw, length, width, np.argsort(x, kind="stable"))
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))] if len(pairs) > 1 else pairs
 
