@@ -11,10 +11,11 @@ import yaml
 from litsim_msgs.msg import RunInfo, StageStatus
 from rclpy.serialization import serialize_message
 
+from damage import FLIP, REFUSED, damages, outcomes
 from litsim_policy.run.recorded_run import open_record
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import EgoCommand
-from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.bag import BagReader, BagWriter, qos_yaml
 from litsim_sim.ros import messages, topics
 from litsim_sim.ros.definitions import type_hash, type_name
 from litsim_sim.scenario.run_info import RunPlan, versions
@@ -132,6 +133,49 @@ def test_a_record_that_is_cut_short_is_read_as_far_as_it_goes(write: Any, run_id
     with open_record(bag) as record:
         assert record.notes[0].startswith("the recording is not complete (cut short at byte ")
         assert record.messages[topics.EGO_CONTROL.name].keys() == {0}
+
+
+def test_a_damaged_record_is_refused_and_what_is_cut_off_is_not_made_up(write: Any, run_id: str) -> None:
+    said = [ego(step, float(step), run_id) for step in range(STEPS)]
+    path = write(*said, ready("policy", "{yield: 1}", run_id)) / "bag_0.mcap"
+
+    def read(path: Path) -> tuple[Any, str, Any, Any, list[str]]:
+        with open_record(path) as record:
+            values = yaml.safe_load(record.scenario.to_yaml())
+            scenario = str(values | {"recording": "", "net": ""})  # which lie in another folder each time
+            return record.info, scenario, record.messages, record.parameters, record.notes
+
+    info, _, answers, *_ = read(path)
+    found = outcomes(
+        path,
+        damages(path.read_bytes(), 400, 0),
+        read,
+        lambda got: (
+            got[0] == info
+            and got[2][topics.EGO_CONTROL.name].items() <= answers[topics.EGO_CONTROL.name].items()
+            and got[4][0].startswith("the recording is not complete (cut short at byte ")
+        ),
+    )
+    assert {kind for way, kind in found if way == FLIP} == {REFUSED}
+
+
+def test_a_message_that_cannot_be_read_is_named(write: Any, run_id: str) -> None:
+    path = write(ego(0, 1.0, run_id)) / "bag_0.mcap"
+    reader = BagReader(path)
+    said = list(reader.messages())
+    with BagWriter(path.parent, "bag", {}, overwrite=True) as writer:
+        for topic in reader.topics.values():
+            writer.add_topic(topic.name, topic.type_name, topic.definition, topic.qos_yaml, topic.type_hash)
+        for message in said:
+            data = message.data if message.topic == topics.RUN_INFO.name else message.data[:9]
+            writer.write(message.topic, data, message.log_time_ns)
+    with (
+        pytest.raises(
+            InputError, match=r"/litsim/ego/control at 0\.0 s: no litsim_msgs/msg/EgoControl that can be read"
+        ),
+        open_record(path),
+    ):
+        pass
 
 
 @pytest.mark.parametrize("name", ["scenario.yaml", "net.xml", "recording.parquet"])

@@ -13,9 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from damage import REFUSED, SAME, damages, outcomes
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
-from litsim_sim.recordings.recording import COLUMNS, HEADER_KEY, Recording, RecordingHeader
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.recording import CHECK_KEY, COLUMNS, HEADER_KEY, Recording, RecordingHeader
 
 HEADER = RecordingHeader("made", source="a test", licence="none", net="us101.net.xml", notes={"seed": 3})
 
@@ -162,3 +164,33 @@ def test_headers_of_later_versions_are_read(tmp_path: Path) -> None:
     header = json.dumps({"name": "later", "weather": "fair"}).encode()
     pq.write_table(arrow.replace_schema_metadata({HEADER_KEY: header}), path)
     assert Recording.read(path).header == RecordingHeader("later")
+
+
+def test_a_file_that_is_damaged_is_refused_or_reads_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    Recording.from_table(HEADER, table_of([(5, 10, 40), (2, 12, 30)]), "made").write(path)
+
+    def read(path: Path) -> tuple[RecordingHeader, bytes]:
+        recording = load_recording(path)
+        return recording.header, recording.table.to_csv().encode()
+
+    found = outcomes(path, damages(path.read_bytes(), 600, 0), read, lambda _: False)
+    refused = sum(number for (_, kind), number in found.items() if kind == REFUSED)
+    same = sum(number for (_, kind), number in found.items() if kind == SAME)
+    assert refused > same > 0  # much of a Parquet file's own metadata is not needed to read it
+
+
+def test_a_value_that_differs_from_what_was_written_is_seen_and_older_files_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    Recording.from_table(HEADER, table_of([(5, 10, 4)]), "made").write(path)
+    arrow = pq.read_table(path)
+    metadata = dict(arrow.schema.metadata)
+    speed = arrow.column("speed").to_numpy().copy()
+    speed[2] = np.nextafter(speed[2], 0.0)
+    other = arrow.set_column(arrow.column_names.index("speed"), "speed", pa.array(speed))
+    pq.write_table(other.replace_schema_metadata(metadata), path)
+    with pytest.raises(InputError, match=r"a\.parquet: damaged: its content is not what was written"):
+        Recording.read(path)
+    del metadata[CHECK_KEY]
+    pq.write_table(other.replace_schema_metadata(metadata), path)
+    assert Recording.read(path).table["speed"][2] == speed[2]

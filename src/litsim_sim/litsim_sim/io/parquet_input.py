@@ -11,6 +11,9 @@ import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
 
+UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)
+"""What pyarrow raises on what is no Parquet, or is damaged."""
+
 
 def read_schema(path: Path) -> pa.Schema:
     """The columns of the file at `path`, and its metadata.
@@ -20,9 +23,11 @@ def read_schema(path: Path) -> pa.Schema:
     """
     _require(path)
     try:
-        return pq.read_schema(path)
-    except (pa.ArrowException, OSError) as error:
+        schema = pq.read_schema(path)
+        _ = schema.names  # text in the file, which pyarrow decodes only now
+    except UNREADABLE as error:
         raise _unreadable(path, error) from error
+    return schema
 
 
 def read_arrow(path: Path) -> pa.Table:
@@ -32,10 +37,25 @@ def read_arrow(path: Path) -> pa.Table:
         InputError: it is missing, or no Parquet.
     """
     _require(path)
+    return parse_arrow(path, str(path))
+
+
+def parse_arrow(source: Path | pa.NativeFile, where: str) -> pa.Table:
+    """All columns of the Parquet content in `source`, with its metadata; checksums of pages are checked.
+
+    Args:
+        source: a file, or its content as pyarrow reads it.
+        where: names it in errors.
+
+    Raises:
+        InputError: it is no Parquet, or damaged.
+    """
     try:
-        return pq.read_table(path)
-    except (pa.ArrowException, OSError) as error:
-        raise _unreadable(path, error) from error
+        table = pq.read_table(source, page_checksum_verification=True)
+        _ = table.column_names  # text in the file, which pyarrow decodes only now
+    except UNREADABLE as error:
+        raise _unreadable(where, error) from error
+    return table
 
 
 def read_table(path: Path, needed: Sequence[str] = (), *, purpose: str = "") -> pd.DataFrame:
@@ -62,5 +82,5 @@ def _require(path: Path, purpose: str = "") -> None:
         raise InputError(f"{path}: no such file" + (purpose and f"; {purpose}"))
 
 
-def _unreadable(path: Path, error: Exception) -> InputError:
-    return InputError(f"{path}: not a readable Parquet file: {error}")
+def _unreadable(path: Path | str, error: Exception) -> InputError:
+    return InputError(f"{path}: not a readable Parquet file: {' '.join(str(error).split())}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from collections import Counter
 from collections.abc import Iterable
@@ -12,7 +11,6 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -35,11 +33,12 @@ from litsim_sim.core.topic_names import (
     TAKEOVERS,
     TIMING,
 )
+from litsim_sim.io.parquet_input import parse_arrow
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.maps.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.digest import CONTROL_FIELDS
-from litsim_sim.recordings.recording import HEADER_KEY, Recording, RecordingHeader
+from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.signals import Signals
 
@@ -377,12 +376,7 @@ def _log(reader: BagReader, scenario_yaml: str, steps: list[int]) -> list[AgentT
     if data is None:
         return []
     where = f"{reader.path}: attachment {RECORDING_FILE}"
-    try:
-        arrow = pq.read_table(pa.BufferReader(data))
-        header = RecordingHeader(**json.loads((arrow.schema.metadata or {})[HEADER_KEY]))
-    except (pa.ArrowException, OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(f"{where}: not a readable recording: {error}") from error
-    recording = Recording.from_table(header, arrow.to_pandas(), where)
+    recording = Recording.from_arrow(parse_arrow(pa.BufferReader(data), where), where)
     log = Log.from_recording(recording, start_frame(scenario_yaml, reader.path), steps[-1] + 1)
     return [log.table(step) for step in steps]
 

@@ -8,6 +8,7 @@ Converters from published formats: :mod:`litsim_sim.recordings.load`.
 from __future__ import annotations
 
 import json
+import zlib
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from litsim_sim.io.files import replacing
 from litsim_sim.io.parquet_input import read_arrow
 
 HEADER_KEY = b"litsim"
+CHECK_KEY = b"litsim_crc32"  # of the checksum, in the Parquet metadata; files of before have none
 
 COLUMNS: dict[str, str] = {
     "vehicle_id": "int64",
@@ -129,19 +131,32 @@ class Recording:
         Raises:
             InputError: as :meth:`from_table`, or the file is missing, no Parquet, or has no LitSim header.
         """
-        arrow = read_arrow(path)
-        raw = (arrow.schema.metadata or {}).get(HEADER_KEY)
+        return cls.from_arrow(read_arrow(path), str(path))
+
+    @classmethod
+    def from_arrow(cls, arrow: pa.Table, where: str) -> Recording:
+        """The recording in the content of a neutral-schema Parquet file; `where` names it in errors.
+
+        Raises:
+            InputError: as :meth:`from_table`, there is no LitSim header, or the checksum that the file was written with
+                is not that of what is read.
+        """
+        metadata = arrow.schema.metadata or {}
+        raw = metadata.get(HEADER_KEY)
         if raw is None:
             raise InputError(
-                f"{path}: no {HEADER_KEY.decode()!r} header in the Parquet metadata: not a LitSim recording"
+                f"{where}: no {HEADER_KEY.decode()!r} header in the Parquet metadata: not a LitSim recording"
             )
         known = {f.name for f in fields(RecordingHeader)}
         try:
             values = json.loads(raw)
             header = RecordingHeader(**{k: v for k, v in values.items() if k in known})
         except (ValueError, TypeError, AttributeError) as error:
-            raise InputError(f"{path}: malformed header in the Parquet metadata: {error}") from error
-        return cls.from_table(header, arrow.to_pandas(), str(path))
+            raise InputError(f"{where}: malformed header in the Parquet metadata: {error}") from error
+        recording = cls.from_table(header, arrow.to_pandas(), where)
+        if metadata.get(CHECK_KEY, (crc := _checksum(raw, recording.table))) != crc:
+            raise InputError(f"{where}: damaged: its content is not what was written")
+        return recording
 
     def write(self, path: Path) -> None:
         """Write as Parquet, header in the metadata.
@@ -153,15 +168,27 @@ class Recording:
             new.write_bytes(self.to_parquet())
 
     def to_parquet(self) -> bytes:
-        """The recording as a Parquet file (zstd), header in the metadata; equal recordings give equal bytes."""
+        """The recording as a Parquet file (zstd), header and checksum in the metadata.
+
+        Equal recordings give equal bytes. Parquet's own checksums are of pages alone, so that there is one of all.
+        """
         arrow = pa.Table.from_pandas(self.table, preserve_index=False)
         header = asdict(self.header)
         if not self.header.signals:  # as before there were any
             del header["signals"]
-        metadata = {HEADER_KEY: json.dumps(header, sort_keys=True).encode()}
+        raw = json.dumps(header, sort_keys=True).encode()
+        metadata = {HEADER_KEY: raw, CHECK_KEY: _checksum(raw, self.table)}
         sink = pa.BufferOutputStream()
-        pq.write_table(arrow.replace_schema_metadata(metadata), sink, compression="zstd")
+        pq.write_table(arrow.replace_schema_metadata(metadata), sink, compression="zstd", write_page_checksum=True)
         return bytes(sink.getvalue().to_pybytes())
+
+
+def _checksum(header: bytes, table: pd.DataFrame) -> bytes:
+    """CRC-32 over the header and the columns of a table in the neutral schema, in hexadecimal digits."""
+    crc = zlib.crc32(header)
+    for name, dtype in COLUMNS.items():
+        crc = zlib.crc32(table[name].to_numpy().astype(np.dtype(dtype).newbyteorder("<"), copy=False).tobytes(), crc)
+    return b"%08x" % crc
 
 
 def _check_tracks(table: pd.DataFrame, where: str) -> None:

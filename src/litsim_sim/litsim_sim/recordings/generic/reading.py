@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.parquet_input import UNREADABLE
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.mapping import Mapping, Span, Value
 
@@ -48,7 +48,7 @@ class Source:
                 return cls(path, parquet, tuple(pq.read_schema(path).names))
             with pcsv.open_csv(path) as reader:
                 return cls(path, parquet, tuple(reader.schema.names))
-        except (pa.ArrowException, OSError) as error:
+        except UNREADABLE as error:
             raise cls._unreadable(path, error) from error
 
     def __str__(self) -> str:
@@ -73,11 +73,11 @@ class Source:
             raise InputError(f"{self}: several columns are called {twice}; expected names that tell columns apart")
         try:
             if self.parquet:
-                arrow = pq.read_table(self.path, columns=wanted)
+                arrow = pq.read_table(self.path, columns=wanted, page_checksum_verification=True)
             else:
                 options = pcsv.ConvertOptions(include_columns=wanted, strings_can_be_null=True)
                 arrow = pcsv.read_csv(self.path, convert_options=options)
-        except (pa.ArrowException, OSError) as error:
+        except UNREADABLE as error:
             raise self._unreadable(self.path, error) from error
         if not len(arrow):
             raise InputError(f"{self}: holds no rows")
@@ -86,7 +86,7 @@ class Source:
 
     @staticmethod
     def _unreadable(path: Path, error: Exception) -> InputError:
-        return InputError(f"{path}: not readable as CSV or Parquet: {error}")
+        return InputError(f"{path}: not readable as CSV or Parquet: {' '.join(str(error).split())}")
 
 
 def read_rows(source: Source, mapping: Mapping, counts: Counts) -> pd.DataFrame:

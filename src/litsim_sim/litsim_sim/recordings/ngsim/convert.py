@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import Unwritable, replacing
+from litsim_sim.io.parquet_input import UNREADABLE
 from litsim_sim.recordings.cleaning.cleaning import CleaningReport
 from litsim_sim.recordings.cropping import Crop, cropped
 from litsim_sim.recordings.ngsim import tracks as ngsim_tracks
@@ -247,10 +248,13 @@ def complete(source: Path, out: Path, options: Options) -> list[Converted] | Non
     if out.suffix == ".parquet" and out.is_file() and out.stat().st_mtime_ns >= source.stat().st_mtime_ns:
         notes = _notes(out)
         if notes and {"file": source.name, "bytes": source.stat().st_size, **options.key()}.items() <= notes.items():
-            table = pq.read_table(out, columns=["vehicle_id"])
+            try:
+                table = pq.read_table(out, columns=["vehicle_id"], page_checksum_verification=True)
+            except UNREADABLE:  # to be made anew
+                return None
             vehicles = table.column("vehicle_id").unique()
             mended = RepairCounts(**notes["mended"])
-            name = json.loads(pq.read_schema(out).metadata[HEADER_KEY])["name"]
+            name = json.loads(table.schema.metadata[HEADER_KEY])["name"]
             return [Converted(out, name, len(table), len(vehicles), mended, "")]
     return None
 
@@ -260,7 +264,7 @@ def _notes(path: Path) -> dict[str, Any]:
     try:
         raw = (pq.read_schema(path).metadata or {}).get(HEADER_KEY, b"{}")
         notes = json.loads(raw).get("notes", {})
-    except (pa.ArrowException, ValueError):
+    except (*UNREADABLE, ValueError):
         return {}
     return notes if isinstance(notes, dict) else {}
 
