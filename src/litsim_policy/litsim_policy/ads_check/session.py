@@ -17,8 +17,9 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import INPUTS
 from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import EgoState
+from litsim_sim.launch.child import Child
 from litsim_sim.launch.executables import node_executable
-from litsim_sim.launch.processes import Child, Graph, GraphFailed
+from litsim_sim.launch.processes import Graph, GraphFailed
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario

@@ -21,9 +21,10 @@ from litsim_sim.campaign.case import GRAPH, Case
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.errors import InputError
+from litsim_sim.launch.child import start_process
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.nodes import GraphOptions, nodes_of
-from litsim_sim.launch.processes import LOG_FOLDER, STACK, check_program, start_process
+from litsim_sim.launch.processes import LOG_FOLDER, STACK, check_program
 from litsim_sim.record.run import read_run
 from litsim_sim.report.run_report import REPORT_FILE
 from litsim_sim.report.thumbnails import write_thumbnail

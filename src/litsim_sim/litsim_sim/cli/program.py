@@ -11,7 +11,7 @@ from functools import wraps
 from typing import Any, ParamSpec
 
 from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error
-from litsim_sim.launch.processes import SIGNALS
+from litsim_sim.launch.child import SIGNALS
 
 P = ParamSpec("P")
 

@@ -1,0 +1,114 @@
+"""A process of a graph: started so that it does not outlive who has started it, signalled, and what its end says."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import re
+import shlex
+import signal
+import subprocess
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from litsim_sim.launch import keeper
+
+GRACE_S = 8.0  # [s] that the bridge and the recorder get to end a run in good order
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+STATE = re.compile(r"\) ")  # in /proc/PID/stat the state follows the name, which may hold anything else
+NAME_MAX = 60  # characters of a command by which a stack is named
+
+_LIBC = ctypes.CDLL(None)
+
+
+@dataclass
+class Child:
+    """A process of the graph, in a process group of its own, its output in a log file.
+
+    Attributes:
+        name: of the node, or :data:`litsim_sim.launch.processes.STACK`.
+        command: of a stack, as the user gave it; empty of a node.
+    """
+
+    name: str
+    process: subprocess.Popen[str]
+    log: Path
+    command: Sequence[str] = ()
+
+    def signal(self, number: int) -> None:
+        """Signal the whole group; `ros2 run`-like wrappers pass nothing on."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, number)
+            os.killpg(self.process.pid, signal.SIGCONT)  # one that is stopped takes no other signal
+
+    @property
+    def running(self) -> bool:
+        """Whether the process has not ended yet."""
+        return self.process.poll() is None
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the process is stopped, by SIGSTOP or a debugger."""
+        try:
+            return STATE.split(Path(f"/proc/{self.process.pid}/stat").read_text())[1][:1] in ("T", "t")
+        except (OSError, IndexError):
+            return False
+
+    @property
+    def errors(self) -> list[str]:
+        """Errors in its log."""
+        return [line.removeprefix("error: ") for line in self._lines if line.startswith("error: ") or "[ERROR]" in line]
+
+    @property
+    def last_line(self) -> str:
+        """The last line of its log that says anything; empty where none does."""
+        return next((line.strip() for line in reversed(self._lines) if line.strip()), "")
+
+    def obituary(self) -> str:
+        """How the process ended, and the last thing in its log where that may say why."""
+        code, words = self.process.returncode, self.errors
+        if code is None:
+            how = f"has not ended within {GRACE_S:g} s"
+        elif code < 0:
+            how = f"was ended by {signal.Signals(-code).name}"
+        else:
+            how = f"ended with exit status {code}"
+            words = words or ([self.last_line] if code > 0 and self.last_line else [])
+        if self.command:  # what is an error in a log of somebody else's is not known; the last word is the nearest
+            words = [self.last_line or "it has said nothing"]
+        return f"{self} {how}{''.join(f': {line}' for line in words[-1:])}"
+
+    def __str__(self) -> str:
+        if self.command:
+            return f"the stack ({textwrap.shorten(shlex.join(self.command), NAME_MAX, placeholder=' …')})"
+        return f"node {self.name}"
+
+    @property
+    def _lines(self) -> list[str]:
+        return self.log.read_text(errors="replace").splitlines()
+
+
+def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:
+    """Start a process that ends when this thread is gone, whatever has ended it; `given` is for ``Popen``."""
+    return subprocess.Popen(
+        words,
+        stdin=subprocess.DEVNULL,
+        text=True,
+        preexec_fn=_begin_child,  # noqa: PLW1509 - two system calls
+        **given,
+    )
+
+
+def end_with_parent() -> None:
+    """Have this process end when the thread that has started it is gone, whatever has ended that."""
+    _LIBC.prctl(keeper.DIE_WITH_PARENT, signal.SIGTERM)
+
+
+def _begin_child() -> None:
+    """In a child before its program starts: end when the launcher is gone; hear signals."""
+    end_with_parent()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
