@@ -18,6 +18,7 @@ from litsim_sim.analysis.metrics import compute_metrics, write_metrics
 from litsim_sim.analysis.plots import telling_moment
 from litsim_sim.analysis.timing import timing
 from litsim_sim.cli.analyze import main
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource, ControlTable
 from litsim_sim.core.stages import StageState
 from litsim_sim.record.run import Status, TopicGaps
@@ -245,7 +246,7 @@ def test_bare_runs_can_be_drawn_and_printed(table: Make, make_run: Make, write_r
 
 
 def test_metrics_without_numbers_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="not JSON compliant"):
+    with pytest.raises(InputError, match=r"m\.json: a measure is not finite, .* not JSON compliant"):
         write_metrics({"x": float("nan")}, tmp_path / "m.json")
 
 

@@ -37,10 +37,11 @@ from litsim_sim.analysis.signals import log_passages, run_passages
 from litsim_sim.analysis.tables import ledger_row
 from litsim_sim.analysis.takeover import Handback, Jump, handbacks, ledger
 from litsim_sim.analysis.timing import StageTime, Timing, timing
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, Controller
 from litsim_sim.io.files import replacing
 from litsim_sim.record.digest import RunDigest
-from litsim_sim.record.run import Run
+from litsim_sim.record.run import LOST_ATTACHMENTS, Run
 
 METRICS_FILE = "metrics.json"
 
@@ -118,15 +119,20 @@ def write_metrics(metrics: dict[str, Any], path: Path) -> None:
     """Write `metrics` as JSON.
 
     Raises:
-        InputError: `path` cannot be written.
+        InputError: `path` cannot be written, or a measure is not finite, which the values of a run do not give.
     """
-    text = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
+    try:
+        text = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
+    except ValueError as error:
+        raise InputError(f"{path}: a measure is not finite, of values that no run has: {error}") from error
     with replacing(path) as new:
         new.write_text(text)
 
 
 def _unusable(run: Run) -> list[str]:
     problems = [] if run.log else ["the bag holds no recording to compare with"]
+    if lost := run.metadata.get(LOST_ATTACHMENTS):
+        problems.append(f"the recording was damaged and repaired, without {lost}")
     bad = [t.step for t in run.tables if not all(np.isfinite(getattr(t, f)).all() for f in ARRAY_FIELDS)]
     if bad:
         problems.append(f"agent states are not finite at {len(bad)} steps (first {bad[0]})")

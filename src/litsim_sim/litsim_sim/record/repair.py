@@ -15,10 +15,11 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import ROSBAG2_RECORD, BagTopic, BagWriter, find_mcap
 from litsim_sim.record.mcap_survey import DAMAGE, REPAIR_HINT, attachment_is_whole, opened, parse, places, survey
 from litsim_sim.record.player import offered_qos
-from litsim_sim.record.run import read_run
+from litsim_sim.record.run import LOST_ATTACHMENTS, read_run
 
 NO_QOS = "[]"  # profiles of a topic of which nothing is known
 REPAIR_RECORD = "repair"  # name of the metadata record that says what was lost
+LOST_ATTACHMENT = "a damaged attachment "
 _SECOND_NS = 1e9
 
 
@@ -62,14 +63,20 @@ def repair(bag: Path, out: Path) -> Repaired:
         writer.sync()
         lost += _steps_lost(writer.path)
         if lost:
-            writer.add_metadata(REPAIR_RECORD, {"repaired_from": source.name, "lost": "; ".join(lost)})
+            files = [each.removeprefix(LOST_ATTACHMENT) for each in lost if each.startswith(LOST_ATTACHMENT)]
+            writer.add_metadata(
+                REPAIR_RECORD,
+                {"repaired_from": source.name, "lost": "; ".join(lost)}
+                | ({LOST_ATTACHMENTS: ", ".join(files)} if files else {}),
+            )
     return done
 
 
 def _copy(records: list[McapRecord], writer: BagWriter, done: Repaired) -> None:
     """Write the records to the new bag; what only a damaged chunk described, the summary may describe as well."""
-    schemas = {record.id: record for record in records if isinstance(record, Schema)}
-    channels = {record.id: record for record in records if isinstance(record, Channel) and record.schema_id in schemas}
+    first = records[::-1]  # of what is described twice, the first counts: that in a chunk, which has a checksum
+    schemas = {record.id: record for record in first if isinstance(record, Schema) and _is_text(record.data)}
+    channels = {record.id: record for record in first if isinstance(record, Channel) and record.schema_id in schemas}
     announced: set[int] = set()
     undescribed = 0
     for record in records:
@@ -92,6 +99,14 @@ def _copy(records: list[McapRecord], writer: BagWriter, done: Repaired) -> None:
             writer.add_metadata(record.name, record.metadata)
     if undescribed:
         done.lost.append(f"{undescribed} messages of topics that were described in a damaged chunk")
+
+
+def _is_text(data: bytes) -> bool:
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def _announce(channel: Channel, schema: Schema, writer: BagWriter, done: Repaired) -> None:
@@ -131,7 +146,7 @@ def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
         if isinstance(record, Chunk):
             yield from _opened(record, lost)
         elif isinstance(record, Attachment) and not attachment_is_whole(inside):
-            lost.append(f"a damaged attachment {record.name}")
+            lost.append(f"{LOST_ATTACHMENT}{record.name}")
         elif record is not None:
             yield record
     size = len(content)

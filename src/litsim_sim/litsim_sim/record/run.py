@@ -61,6 +61,7 @@ UNDECODABLE = (
 RECORDING_FILE = "recording.parquet"
 SCENARIO_FILE = "scenario.yaml"
 NET_FILE = "net.xml"
+LOST_ATTACHMENTS = "lost_attachments"  # in the metadata of a record that was repaired: names of files it lacks since
 START_FIELD = "start_frame"  # of the scenario: frame of the recording at step 0
 
 
