@@ -87,7 +87,7 @@ def test_metadata_is_that_of_rosbag2(recorded: Any) -> None:
     for name, topic in topics.items():
         (offered,) = yaml.safe_load(channels[name].metadata["offered_qos_profiles"])
         assert offered["reliability"] == "reliable"
-        latched = name in ("/litsim/run_info", "/litsim/ego/route", "/litsim/lanes")
+        latched = name in ("/litsim/run_info", "/litsim/ego/route", "/litsim/lanes", "/litsim/signals/map")
         assert offered["durability"] == ("transient_local" if latched else "volatile")
         assert topic["topic_metadata"]["offered_qos_profiles"] == [offered]
         assert channels[name].metadata["topic_type_hash"] == topic["topic_metadata"]["type_description_hash"]

@@ -66,6 +66,8 @@ def _begin() -> None:
 
 def keep(command: list[str]) -> int:
     """Run `command` to its end; returns its exit status, that of a signal as a negative number."""
+    for number in HANDED_ON:  # shells have what they start in the background ignore SIGINT, and so would the command
+        signal.signal(number, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_BLOCK, HANDED_ON)  # taken one by one below
     _LIBC.prctl(SUBREAPER, 1)
     try:
