@@ -20,7 +20,8 @@ from litsim_sim.record.run import NET_FILE, RECORDING_FILE, SCENARIO_FILE
 from litsim_sim.ros.definitions import type_hash, type_name
 from litsim_sim.ros.topics import AGENTS, CONTROLS, EGO_APPLIED, EGO_CONTROL, FORECASTS, RUN_INFO, STATUS, TAKEOVERS
 from litsim_sim.scenario.run_info import versions
-from litsim_sim.scenario.scenario import Scenario, ScenarioFile
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.scenario_file import ScenarioFile
 
 ATTACHED = {"recording": RECORDING_FILE, "net": NET_FILE}
 """Field of the scenario, and the attachment that takes its place."""

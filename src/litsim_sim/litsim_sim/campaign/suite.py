@@ -12,7 +12,8 @@ from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES, REPLAY
-from litsim_sim.scenario.scenario import SEEDS, packaged_scenarios
+from litsim_sim.scenario.scenario import packaged_scenarios
+from litsim_sim.scenario.scenario_file import SEEDS
 
 Name = Annotated[str, Field(min_length=1)]
 EgoChoice = Literal["egos", "tuning", "ego", "all"]

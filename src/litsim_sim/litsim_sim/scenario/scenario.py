@@ -8,10 +8,9 @@ import re
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
@@ -20,83 +19,13 @@ from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.checks import check_agents, check_coverage
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.scenario_file import ScenarioFile
 from litsim_sim.scenario.signals import Signals, SignalsFile, build, read_signals, resolved
 
 DATA_VARIABLE = "LITSIM_DATA"
-SEEDS = 2**64  # as many as RunInfo has a place for
-COVERAGE_MIN = 0.9  # share of recorded box centres that must lie on the road
 PACKAGE = "litsim_sim"
-
-
-def _usable_name(name: str) -> str:
-    if not re.fullmatch(r"\w[\w.+=-]{0,99}", name):
-        raise ValueError(
-            "expected up to 100 letters, digits and . _ + = -, the first a letter or digit: folders are named so"
-        )
-    return name
-
-
-def _usable_path(path: str) -> str:
-    if not path or not path.isprintable():
-        raise ValueError("expected the path of a file")
-    return path
-
-
-_Path = Annotated[str, AfterValidator(_usable_path)]
-_Finite = Annotated[float, Field(allow_inf_nan=False)]
-_SignalsField = Annotated[
-    Annotated[_Path, Tag("file")] | Annotated[SignalsFile, Tag("content")],
-    Discriminator(lambda value: "file" if isinstance(value, str) else "content"),
-]
-
-
-class ScenarioFile(BaseModel):
-    """The fields of a scenario's YAML file.
-
-    Attributes:
-        name: short name; runs, reports and folders carry it.
-        description: what happens in it.
-        recording: file of the recording, relative to the YAML file; may begin with ``$LITSIM_DATA``.
-        crop: by column of that file, the [low, high] to keep.
-        net: SUMO net, relative to the YAML file, or the name of a packaged net.
-        start_frame: frame of step 0; the first of the recording if not given.
-        history_s: recorded past before the ego is free [s].
-        simulation_s: simulated time after that [s]; shorter where the recording is.
-        ego: id of the vehicle that the driving system under test moves.
-        egos: ids that experiments take as ego, one run each.
-        tuning: ids for tuning a system before such an experiment; disjoint from `egos`.
-        roi_m: radius around the ego, and around every other agent off its log, within which agents are forecast and may
-            be taken over [m].
-        seed: of everything random.
-        signals: file of the signals, relative to the YAML file, or its content, see :class:`SignalsFile`; those of the
-            recording, if it has some of this net, where not given.
-        vehicle: of the ego, by the fields of :class:`litsim_sim.core.vehicle.VehicleModel` that are not the default.
-    """
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    name: Annotated[str, AfterValidator(_usable_name)]
-    description: str = ""
-    recording: _Path
-    crop: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] | None = None
-    net: _Path
-    start_frame: int | None = None
-    history_s: Annotated[_Finite, Field(gt=0)] = 3.0
-    simulation_s: Annotated[_Finite, Field(gt=0)] = 25.0
-    ego: int
-    egos: list[int] = []
-    tuning: list[int] = []
-    roi_m: Annotated[_Finite, Field(gt=0)] = 30.0
-    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
-    signals: _SignalsField | None = None
-    vehicle: dict[str, _Finite] = {}
-
-    @field_validator("vehicle")
-    @classmethod
-    def _check_vehicle(cls, values: dict[str, float]) -> dict[str, float]:
-        VehicleModel.of(values)
-        return values
 
 
 class Scenario:
@@ -141,8 +70,8 @@ class Scenario:
         kept = recording.table[(frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps)]
         self.recording = Recording(recording.header, kept.reset_index(drop=True))
         self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
-        self._check_agents(self.file, where)
-        self._check_coverage(where)
+        check_agents(self.file, self.log, self.history_steps, where)
+        check_coverage(self.lane_map, self.net_path, self.log, where)
         given = self.file.signals or _recorded_signals(recording.header, self.net_path, file.recording)
         self.signals: Signals | None = None
         if isinstance(given, SignalsFile):
@@ -188,7 +117,7 @@ class Scenario:
         """
         given = {name: value for name, value in (("ego", ego), ("seed", seed)) if value is not None}
         file = validate_yaml(self.file.model_dump() | given, ScenarioFile, self.name, "")
-        self._check_agents(file, self.name)
+        check_agents(file, self.log, self.history_steps, self.name)
         other = copy.copy(self)
         other.file = file
         return other
@@ -265,37 +194,6 @@ class Scenario:
     def lane_map(self) -> LaneMap:
         """The lanes of the net, and queries on them."""
         return LaneMap.from_net(self.net_path)
-
-    def _check_agents(self, file: ScenarioFile, where: str) -> None:
-        """Check that every ego that `file` names is there from step 0 through the first simulated step."""
-        both = sorted(set(file.egos) & set(file.tuning))
-        if both:
-            raise InputError(f"{where}: field tuning repeats {both} of field egos, expected disjoint lists")
-        needed = self.history_steps + 1
-        for field, agents in (("ego", [file.ego]), ("egos", file.egos), ("tuning", file.tuning)):
-            for agent in agents:
-                row = self.log.row(agent)
-                if row < 0:
-                    start = ", ".join(str(i) for i in self.log.ids[self.log.valid[:, 0]])
-                    raise InputError(f"{where}: field {field}: no vehicle {agent}; present at the start: {start}")
-                first, last = int(self.log.first_step[row]), int(self.log.last_step[row])
-                if first > 0 or last < needed:
-                    raise InputError(
-                        f"{where}: field {field}: vehicle {agent} is present in steps {first} to {last}, expected at "
-                        f"least steps 0 to {needed} (the history and the first simulated step)"
-                    )
-
-    def _check_coverage(self, where: str) -> None:
-        """Check that the net lies under the recording."""
-        x, y = self.log.x[self.log.valid], self.log.y[self.log.valid]
-        share = float(self.lane_map.inside_road(x, y).mean())
-        if share < COVERAGE_MIN:
-            x0, y0, x1, y1 = self.lane_map.bounds
-            raise InputError(
-                f"{where}: net {self.net_path.name} does not cover the recording: {share:.1%} of the box centres are "
-                f"on its lanes, expected {COVERAGE_MIN:.0%}; the recording spans x {x.min():.0f} to {x.max():.0f}, "
-                f"y {y.min():.0f} to {y.max():.0f} m, the net x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} m"
-            )
 
 
 def _recorded_signals(header: RecordingHeader, net: Path, where: str) -> SignalsFile | None:

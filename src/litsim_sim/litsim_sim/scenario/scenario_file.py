@@ -1,0 +1,83 @@
+"""The fields of a scenario's YAML file."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator
+
+from litsim_sim.core.vehicle import VehicleModel
+from litsim_sim.scenario.signals import SignalsFile
+
+SEEDS = 2**64  # as many as RunInfo has a place for
+
+
+def _usable_name(name: str) -> str:
+    if not re.fullmatch(r"\w[\w.+=-]{0,99}", name):
+        raise ValueError(
+            "expected up to 100 letters, digits and . _ + = -, the first a letter or digit: folders are named so"
+        )
+    return name
+
+
+def _usable_path(path: str) -> str:
+    if not path or not path.isprintable():
+        raise ValueError("expected the path of a file")
+    return path
+
+
+_Path = Annotated[str, AfterValidator(_usable_path)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_SignalsField = Annotated[
+    Annotated[_Path, Tag("file")] | Annotated[SignalsFile, Tag("content")],
+    Discriminator(lambda value: "file" if isinstance(value, str) else "content"),
+]
+
+
+class ScenarioFile(BaseModel):
+    """The fields of a scenario's YAML file.
+
+    Attributes:
+        name: short name; runs, reports and folders carry it.
+        description: what happens in it.
+        recording: file of the recording, relative to the YAML file; may begin with ``$LITSIM_DATA``.
+        crop: by column of that file, the [low, high] to keep.
+        net: SUMO net, relative to the YAML file, or the name of a packaged net.
+        start_frame: frame of step 0; the first of the recording if not given.
+        history_s: recorded past before the ego is free [s].
+        simulation_s: simulated time after that [s]; shorter where the recording is.
+        ego: id of the vehicle that the driving system under test moves.
+        egos: ids that experiments take as ego, one run each.
+        tuning: ids for tuning a system before such an experiment; disjoint from `egos`.
+        roi_m: radius around the ego, and around every other agent off its log, within which agents are forecast and may
+            be taken over [m].
+        seed: of everything random.
+        signals: file of the signals, relative to the YAML file, or its content, see :class:`SignalsFile`; those of the
+            recording, if it has some of this net, where not given.
+        vehicle: of the ego, by the fields of :class:`litsim_sim.core.vehicle.VehicleModel` that are not the default.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    name: Annotated[str, AfterValidator(_usable_name)]
+    description: str = ""
+    recording: _Path
+    crop: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] | None = None
+    net: _Path
+    start_frame: int | None = None
+    history_s: Annotated[_Finite, Field(gt=0)] = 3.0
+    simulation_s: Annotated[_Finite, Field(gt=0)] = 25.0
+    ego: int
+    egos: list[int] = []
+    tuning: list[int] = []
+    roi_m: Annotated[_Finite, Field(gt=0)] = 30.0
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
+    signals: _SignalsField | None = None
+    vehicle: dict[str, _Finite] = {}
+
+    @field_validator("vehicle")
+    @classmethod
+    def _check_vehicle(cls, values: dict[str, float]) -> dict[str, float]:
+        VehicleModel.of(values)
+        return values
