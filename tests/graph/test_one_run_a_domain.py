@@ -42,20 +42,25 @@ def test_of_two_launchers_at_the_same_instant_one_goes_on(graph: Any) -> None:
     assert is_valid(graph.folder / winner)
 
 
-def test_a_bridge_that_finds_another_run_refuses(graph: Any, tmp_path: Path) -> None:
-    """As one of another user or machine, whose locks are elsewhere; stages that come with it take no part."""
+def test_of_two_bridges_on_a_domain_one_refuses(graph: Any, tmp_path: Path) -> None:
+    """The second is as of another user or machine, whose locks are elsewhere.
+
+    It looks for other runs before it begins. Where the machine is so busy that it finds none in that time, the first
+    one hears it begin, and ends.
+    """
     first = start(graph, graph.folder / "first")
     graph.wait("the first run", lambda: "waiting for " in log(graph.folder / "first"))
     elsewhere = {"ROS_DOMAIN_ID": str(graph.domain), "XDG_RUNTIME_DIR": str(tmp_path), "LITSIM_DOMAIN_HOLDER": ""}
     parameters = {"scenario": graph.scenario(), "ego": "external", "policy": "replay", "progress": "none"}
+    parameters["handshake_timeout_s"] = "30.0"
     given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
     bridge = graph.start_program("litsim_sim", "bridge", "--ros-args", *given, **elsewhere)
     refused = graph.finish(bridge)
     assert refused.returncode == 1
-    (error,) = (line for line in refused.stderr.splitlines() if line.startswith("error: "))
-    assert error.startswith("error: another bridge or a replay publishes run short-external-replay-")
     graph.start_script("standard_ego.py")
-    graph.finish(first)  # valid, or ended over the other's beginning: its own bridge has seen it, too
+    done = graph.finish(first)
+    found = "error: another bridge or a replay publishes run short-external-replay-"
+    assert found in refused.stderr or found in done.stderr
 
 
 def log(out: Path) -> str:
