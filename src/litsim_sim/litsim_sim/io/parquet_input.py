@@ -11,8 +11,15 @@ import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
 
+MAGIC = b"PAR1"
 UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)
 """What pyarrow raises on what is no Parquet, or is damaged."""
+
+
+def is_parquet(path: Path) -> bool:
+    """Whether the file at `path` begins as Parquet does; OSError where it cannot be read."""
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
 
 
 def read_schema(path: Path) -> pa.Schema:

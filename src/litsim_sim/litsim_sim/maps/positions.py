@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.parquet_input import read_schema
+from litsim_sim.io.parquet_input import is_parquet, read_schema
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.ngsim import formats as ngsim_format
 from litsim_sim.recordings.ngsim import official as ngsim
@@ -123,7 +123,4 @@ def _parquet_columns(path: Path) -> list[str]:
     """Names of the columns of a Parquet file; none of anything else."""
     if not path.is_file():
         raise InputError(f"{path}: no such recording")
-    with path.open("rb") as file:
-        if file.read(4) != b"PAR1":
-            return []
-    return list(read_schema(path).names)
+    return list(read_schema(path).names) if is_parquet(path) else []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.parquet_input import read_schema, read_table
+from litsim_sim.io.parquet_input import is_parquet, read_schema, read_table
 from litsim_sim.recordings.cropping import Crop, cropped
 from litsim_sim.recordings.ngsim import windows as ngsim_windows
 from litsim_sim.recordings.recording import COLUMNS, HEADER_KEY, Recording
@@ -29,7 +29,7 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such recording")
-    if path.suffix != ".parquet" and not _is_parquet(path):
+    if path.suffix != ".parquet" and not _looks_like_parquet(path):
         from litsim_sim.recordings.ngsim import formats as ngsim_format
         from litsim_sim.recordings.ngsim import official as ngsim  # loads scipy, which ready recordings do not need
 
@@ -54,9 +54,8 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
     )
 
 
-def _is_parquet(path: Path) -> bool:
+def _looks_like_parquet(path: Path) -> bool:
     try:
-        with path.open("rb") as file:
-            return file.read(4) == b"PAR1"
+        return is_parquet(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error

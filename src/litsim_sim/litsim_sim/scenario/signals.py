@@ -14,15 +14,13 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.csv as pcsv
-import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.core.scene import RATE_HZ, STEP_S, ByteArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState, SignalTable
+from litsim_sim.io.table_input import TableFile
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.maps.signal_links import ARROW, SignalLink, crossings, read_links
 from litsim_sim.scenario.log import Log
@@ -271,29 +269,21 @@ def _read_changes(given: StateList, path: Path) -> list[tuple[float, str, Any]]:
     """The changes of a file, ascending by time."""
     if not path.is_file():
         raise InputError(f"{path}: no such file of signal states")
-    try:
-        with path.open("rb") as file:
-            parquet = file.read(4) == b"PAR1"
-        table: pd.DataFrame = (pq.read_table(path) if parquet else pcsv.read_csv(path)).to_pandas()
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path}: not readable as CSV or Parquet: {error}") from error
-    word, first = ("row", 1) if parquet else ("line", 2)
-    missing = [name for name in (given.group, given.begin, given.state) if name not in table.columns]
-    if missing:
-        raise InputError(f"{path}: columns {missing} are missing; the file has {list(table.columns)}")
+    source = TableFile.open(path)
+    table = source.read([given.group, given.begin, given.state], may_be_empty=True)
     begin = pd.to_numeric(table[given.begin], errors="coerce").to_numpy(np.float64)
     if not np.isfinite(begin).all():
         at = int(np.argmin(np.isfinite(begin)))
         found = str(table[given.begin].iloc[at])
-        raise InputError(f"{path}: {word} {at + first}: column {given.begin!r} is {found!r}, expected a number")
+        raise InputError(f"{source.at(table['row'].iloc[at])}: column {given.begin!r} is {found!r}, expected a number")
     codes = {str(code): name for code, name in given.codes.items()}
     said = table[given.state].map(_plain)
     names = said.map(lambda value: codes.get(value, value.lower() if value.lower() in NAMES else None))
     if names.isna().any():
         at = int(np.argmax(names.isna().to_numpy()))
+        place = source.at(table["row"].iloc[at])
         raise InputError(
-            f"{path}: {word} {at + first}: state {said.iloc[at]!r} is none of {', '.join(NAMES)}; say in field codes "
-            f"what it is"
+            f"{place}: state {said.iloc[at]!r} is none of {', '.join(NAMES)}; say in field codes what it is"
         )
     order = np.argsort(begin, kind="stable")
     group = table[given.group].map(_plain).to_numpy()

@@ -11,11 +11,12 @@ import pandas as pd
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
+from litsim_sim.io.table_input import TableFile
 from litsim_sim.recordings.cleaning.cleaning import clean, front_centres
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.plausibility import check_plausible, heading
-from litsim_sim.recordings.generic.reading import Source, read_rows
+from litsim_sim.recordings.generic.reading import read_rows
 from litsim_sim.recordings.generic.resampling import in_order, resampled, split
 from litsim_sim.recordings.ngsim.tracks import PIECE, direction_of_motion
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
@@ -32,7 +33,7 @@ def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
             kind is not in the mapping, the table does not move as traffic does, or the result fails a check of
             :meth:`Recording.from_table`.
     """
-    source, counts = Source.open(path), Counts()
+    source, counts = TableFile.open(path), Counts()
     given = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
     table, names = _in_si(given, mapping, source)
     table = in_order(table, source, counts)
@@ -51,7 +52,7 @@ def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
     return Recording.from_table(header, moving[list(COLUMNS)], str(path)), counts
 
 
-def _in_si(given: pd.DataFrame, mapping: Mapping, source: Source) -> tuple[pd.DataFrame, dict[str, Any]]:
+def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Columns in SI units and frame map: vehicle_id, t [s], x, y, yaw, speed, acceleration where given, length, width,
     kind, lane, row; and what the header says of the ids.
     """
@@ -99,7 +100,7 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: Source) -> tuple[pd.Da
     return table, names
 
 
-def _ids(column: pd.Series, source: Source) -> tuple[IntArray, dict[str, Any]]:
+def _ids(column: pd.Series, source: TableFile) -> tuple[IntArray, dict[str, Any]]:
     """Ids as whole numbers: their own where they are small ones, else counted in the order of appearance."""
     if column.isna().any():
         raise InputError(f"{source}: {int(column.isna().sum())} rows have no vehicle id")
@@ -113,7 +114,7 @@ def _ids(column: pd.Series, source: Source) -> tuple[IntArray, dict[str, Any]]:
     return codes + 1, {"ids": kept} if kept else {"ids_renumbered": len(names)}
 
 
-def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: Source, counts: Counts) -> pd.DataFrame:
+def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableFile, counts: Counts) -> pd.DataFrame:
     """The rows of kinds that the mapping keeps, whose kind is one of ours."""
     if "kind" not in given:
         return given

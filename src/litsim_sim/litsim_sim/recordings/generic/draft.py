@@ -15,6 +15,7 @@ import yaml
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.table_input import TableFile
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.plausibility import (
     ANGLE_UNITS,
@@ -25,7 +26,6 @@ from litsim_sim.recordings.generic.plausibility import (
     ZEROS,
     heading,
 )
-from litsim_sim.recordings.generic.reading import Source
 
 NAMES: dict[str, str] = {
     "vehicle_id": r"(vehicle|track|agent|object|car|obj|veh)?_?id",
@@ -71,7 +71,7 @@ def draft(path: Path) -> str:
     Raises:
         InputError: the file cannot be read, or has no columns for id, place and time.
     """
-    source = Source.open(path)
+    source = TableFile.open(path)
     columns = _named(source)
     raw = source.read(sorted(set(columns.values())))
     table = pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()})
@@ -101,7 +101,7 @@ def draft(path: Path) -> str:
     return text
 
 
-def _named(source: Source) -> dict[str, str]:
+def _named(source: TableFile) -> dict[str, str]:
     """By our name, the column of the file that is called so; the first of several."""
     found: dict[str, str] = {}
     for ours, pattern in NAMES.items():

@@ -2,94 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
-import pyarrow.csv as pcsv
-import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.parquet_input import UNREADABLE
+from litsim_sim.io.table_input import TableFile
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.mapping import Mapping, Span, Value
 
 SHOWN = 12  # values of a column that a message lists
 
 
-@dataclass(frozen=True)
-class Source:
-    """A file of rows, as errors name it and its places.
-
-    Attributes:
-        path: of the file.
-        parquet: whether it is Parquet, not CSV.
-        columns: their names.
-    """
-
-    path: Path
-    parquet: bool
-    columns: tuple[str, ...]
-
-    @classmethod
-    def open(cls, path: Path) -> Source:
-        """Look at the file at `path`.
-
-        Raises:
-            InputError: it is neither CSV nor Parquet.
-        """
-        if not path.is_file():
-            raise InputError(f"{path}: no such file")
-        try:
-            with path.open("rb") as file:
-                parquet = file.read(4) == b"PAR1"
-            if parquet:
-                return cls(path, parquet, tuple(pq.read_schema(path).names))
-            with pcsv.open_csv(path) as reader:
-                return cls(path, parquet, tuple(reader.schema.names))
-        except UNREADABLE as error:
-            raise cls._unreadable(path, error) from error
-
-    def __str__(self) -> str:
-        return str(self.path)
-
-    def at(self, *rows: int) -> str:
-        """The place of some rows: lines of a CSV file, or rows of a Parquet file, the first being 1."""
-        word = "row" if self.parquet else "line"
-        return f"{self.path}: {word}{'s' if len(rows) > 1 else ''} {' and '.join(map(str, rows))}"
-
-    def read(self, wanted: list[str]) -> pd.DataFrame:
-        """The columns `wanted`, and `row`, by which :meth:`at` names a place.
-
-        Raises:
-            InputError: it cannot be read, or lacks one.
-        """
-        missing = sorted(set(wanted) - set(self.columns))
-        if missing:
-            raise InputError(f"{self}: columns {missing} of the mapping are missing; the file has {list(self.columns)}")
-        twice = sorted({name for name in wanted if self.columns.count(name) > 1})
-        if twice:
-            raise InputError(f"{self}: several columns are called {twice}; expected names that tell columns apart")
-        try:
-            if self.parquet:
-                arrow = pq.read_table(self.path, columns=wanted, page_checksum_verification=True)
-            else:
-                options = pcsv.ConvertOptions(include_columns=wanted, strings_can_be_null=True)
-                arrow = pcsv.read_csv(self.path, convert_options=options)
-        except UNREADABLE as error:
-            raise self._unreadable(self.path, error) from error
-        if not len(arrow):
-            raise InputError(f"{self}: holds no rows")
-        table = pd.DataFrame({name: arrow.column(name).to_pandas() for name in wanted})
-        return table.assign(row=np.arange(len(table)) + (1 if self.parquet else 2))  # a CSV's first line has the names
-
-    @staticmethod
-    def _unreadable(path: Path, error: Exception) -> InputError:
-        return InputError(f"{path}: not readable as CSV or Parquet: {' '.join(str(error).split())}")
-
-
-def read_rows(source: Source, mapping: Mapping, counts: Counts) -> pd.DataFrame:
+def read_rows(source: TableFile, mapping: Mapping, counts: Counts) -> pd.DataFrame:
     """The columns that the mapping names, by our names, of the rows that it keeps; and their places in `row`.
 
     Raises:
@@ -97,14 +21,14 @@ def read_rows(source: Source, mapping: Mapping, counts: Counts) -> pd.DataFrame:
             keeps no row of it.
     """
     columns = {ours: theirs for ours, theirs in mapping.columns.model_dump().items() if isinstance(theirs, str)}
-    raw = source.read(sorted({*columns.values(), *mapping.rows}))
+    raw = source.read(sorted({*columns.values(), *mapping.rows}), whose="of the mapping")
     counts.read = len(raw)
     raw = _filtered(raw, mapping, source, counts)
     raw = _of_one_clip(raw, mapping, source, counts)
     return pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()} | {"row": raw["row"]})
 
 
-def _filtered(raw: pd.DataFrame, mapping: Mapping, source: Source, counts: Counts) -> pd.DataFrame:
+def _filtered(raw: pd.DataFrame, mapping: Mapping, source: TableFile, counts: Counts) -> pd.DataFrame:
     """The rows that `rows` of the mapping keeps."""
     for column, rule in mapping.rows.items():
         keep = _kept(raw[column], rule, f"{source}: field rows.{column}")
@@ -126,7 +50,7 @@ def _kept(values: pd.Series, rule: Value | list[Value] | Span, where: str) -> pd
     return values.map(_plain).isin(wanted)
 
 
-def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: Source, counts: Counts) -> pd.DataFrame:
+def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFile, counts: Counts) -> pd.DataFrame:
     """The rows of the clip that the mapping chooses, or of the only one."""
     column = mapping.columns.clip
     if column is None:

@@ -9,14 +9,14 @@ import pandas as pd
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import RATE_HZ, STEP_S
+from litsim_sim.io.table_input import TableFile
 from litsim_sim.recordings.generic.counts import Counts
-from litsim_sim.recordings.generic.reading import Source
 from litsim_sim.recordings.ngsim.tracks import PIECE
 
 HOLE_MAX_S = 0.5  # [s] without a row that is interpolated; a longer hole splits the track
 
 
-def in_order(table: pd.DataFrame, source: Source, counts: Counts) -> pd.DataFrame:
+def in_order(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.DataFrame:
     """Rows sorted by vehicle and time; rows that say the same of a vehicle at the same time are one.
 
     Raises:
@@ -50,7 +50,7 @@ def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
     return table.assign(vehicle_id=vehicle + PIECE * piece)
 
 
-def resampled(table: pd.DataFrame, source: Source, counts: Counts) -> pd.DataFrame:
+def resampled(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.DataFrame:
     """Every track at the frames of 10 Hz that lie within its time; values between rows are interpolated.
 
     Pieces of tracks that are seen between two frames only are left out.

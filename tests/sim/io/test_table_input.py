@@ -1,0 +1,54 @@
+"""Tables as CSV or Parquet: one way to read both, and places that people find again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.table_input import TableFile
+
+TABLE = pd.DataFrame({"a": [1, 2, 3], "b": ["x", None, "z"], "c": 0.5})
+
+
+def written(folder: Path, name: str, table: pd.DataFrame = TABLE) -> Path:
+    if name.endswith("csv"):
+        table.to_csv(folder / name, index=False)
+    else:
+        table.to_parquet(folder / name)
+    return folder / name
+
+
+@pytest.mark.parametrize(("name", "place"), [("t.csv", "line 3"), ("t.parquet", "row 2")])
+def test_both_kinds_read_the_same(tmp_path: Path, name: str, place: str) -> None:
+    source = TableFile.open(written(tmp_path, name))
+    table = source.read(["b", "a"])
+    assert source.columns == ("a", "b", "c")
+    assert table["a"].tolist() == [1, 2, 3]
+    assert table["b"].isna().tolist() == [False, True, False]
+    assert source.at(table["row"].iloc[1]) == f"{tmp_path / name}: {place}"
+    word, number = place.split()
+    assert source.at(*table["row"].iloc[1:]).endswith(f": {word}s {number} and {int(number) + 1}")
+
+
+@pytest.mark.parametrize("name", ["t.csv", "t.parquet"])
+def test_what_is_missing(tmp_path: Path, name: str) -> None:
+    source = TableFile.open(written(tmp_path, name))
+    with pytest.raises(InputError, match=r"columns \['d'\] are missing; the file has \['a', 'b', 'c'\]"):
+        source.read(["a", "d"])
+    with pytest.raises(InputError, match=r"columns \['d'\] of the mapping are missing"):
+        source.read(["a", "d"], whose="of the mapping")
+    empty = TableFile.open(written(tmp_path, name, TABLE.iloc[:0]))
+    with pytest.raises(InputError, match="holds no rows"):
+        empty.read(["a"])
+    assert list(empty.read(["a"], may_be_empty=True).columns) == ["a", "row"]
+
+
+def test_what_is_neither(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        TableFile.open(tmp_path / "absent.csv")
+    (tmp_path / "t.parquet").write_bytes(b"PAR1 and no more")
+    with pytest.raises(InputError, match="not readable as CSV or Parquet"):
+        TableFile.open(tmp_path / "t.parquet")
