@@ -175,7 +175,10 @@ class SafetyLayer:
         )
         cap = np.full(len(scene), config.acceleration_max)
         if config.following:
-            cap = np.minimum(following_cap(config, agents), stopping_cap(config, agents, self._stop_lines.of(agents)))
+            cap = following_cap(config, agents)
+            lines = self._stop_lines.of(agents)
+            if np.isfinite(lines).any():
+                cap = np.minimum(cap, stopping_cap(config, agents, lines))
         changed[:, 1] = cap < safe[:, 0]
         safe[:, 0] = np.minimum(safe[:, 0], cap)
         if (config.contact or config.road) and len(scene):
@@ -249,35 +252,32 @@ def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
     suffices. It is approached with `relax`. What the approach needs, the leader going on as it does now, is braked
     for at once where it is more than `imminent`.
     """
-    view, table = agents.view, agents.table
-    return _following_cap(
-        view.gap,
-        view.speed,
-        view.ahead & view.in_path,
-        agents.speed,
-        table.length[agents.rows],
-        table.acceleration,
-        config.standstill_gap,
-        config.own_braking,
-        config.leader_braking,
-        config.relax,
-        config.imminent,
-        config.leader_brakes,
-        config.braking_max,
-        config.acceleration_max,
-    )
+    view = agents.view
+    return _cap_behind(config, agents, view.gap, view.speed, view.ahead & view.in_path, agents.table.acceleration)
 
 
 def stopping_cap(config: SafetyConfig, agents: PathFollowers, gap: FloatArray) -> FloatArray:
     """Accelerations (m,) [m/s2] above which agents could not stop at lines `gap` (m,) [m] ahead."""
-    line, nobody = gap[:, None], np.zeros((len(gap), 1))
+    line = gap[:, None]
+    return _cap_behind(config, agents, line, np.zeros(line.shape), np.isfinite(line), np.zeros(1))
+
+
+def _cap_behind(
+    config: SafetyConfig,
+    agents: PathFollowers,
+    gap: FloatArray,
+    leader_speed: FloatArray,
+    leads: BoolArray,
+    leader_acceleration: FloatArray,
+) -> FloatArray:
+    """See :func:`following_cap`, behind those of n that lead; `gap` to `leads` (m, n), `leader_acceleration` (n,)."""
     return _following_cap(
-        line,
-        nobody,
-        np.isfinite(line),
+        gap,
+        leader_speed,
+        leads,
         agents.speed,
         agents.table.length[agents.rows],
-        np.zeros(1),
+        leader_acceleration,
         config.standstill_gap,
         config.own_braking,
         config.leader_braking,
