@@ -167,6 +167,15 @@ def _cell(x: float, y: float, x_min: float, y_min: float, columns: int, rows: in
     return int(row * columns + column) if inside else columns * rows
 
 
+@kernel(float64(*[float64] * 5, FLOATS2, FLOATS, int64))
+def _cost(
+    x: float, y: float, cos: float, sin: float, turn: float, lines: FloatArray, handicap: FloatArray, segment: int
+) -> float:
+    """What :meth:`SegmentGrid.best` compares of one pose and one segment [m]."""
+    facing = cos * lines[segment, 2] + sin * lines[segment, 3]
+    return _distance(x, y, lines, segment) + handicap[segment] + turn * (1.0 - facing)
+
+
 @kernel(
     OUT_INTS(FLOATS, FLOATS, FLOATS, FLOATS, float64, FLOATS2, INTS2, float64, float64, int64, int64, FLOATS),
 )
@@ -191,16 +200,14 @@ def _best(  # noqa: PLR0917 - a kernel takes arrays and numbers
         for segment in cells[_cell(x[i], y[i], x_min, y_min, columns, rows)]:
             if segment < 0:
                 break
-            facing = cos[i] * lines[segment, 2] + sin[i] * lines[segment, 3]
-            cost = _distance(x[i], y[i], lines, segment) + handicap[segment] + turn * (1.0 - facing)
+            cost = _cost(x[i], y[i], cos[i], sin[i], turn, lines, handicap, segment)
             if cost < least:
                 found[i], least = segment, cost
         if least <= REACH:
             continue
         least = np.inf
         for segment in range(len(lines)):
-            facing = cos[i] * lines[segment, 2] + sin[i] * lines[segment, 3]
-            cost = _distance(x[i], y[i], lines, segment) + handicap[segment] + turn * (1.0 - facing)
+            cost = _cost(x[i], y[i], cos[i], sin[i], turn, lines, handicap, segment)
             if cost < least:
                 found[i], least = segment, cost
     return found
