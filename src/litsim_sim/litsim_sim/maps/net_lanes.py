@@ -13,6 +13,9 @@ import sumolib
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
+UNREADABLE = (SAXException, OSError, KeyError, ValueError, AttributeError, TypeError, IndexError)
+"""What sumolib raises on what is no net, or is damaged."""
+
 TOLERANCE = 1e-3  # [m] coordinates of a net are rounded to this
 
 
@@ -53,13 +56,22 @@ def read_lanes(path: Path) -> list[Lane]:
     Raises:
         InputError: the file is missing, is no SUMO net, or holds no lanes.
     """
+    return read_net(path)[1]
+
+
+def read_net(path: Path) -> tuple[Any, list[Lane]]:
+    """A SUMO net as sumolib has read it, and the lanes of :func:`read_lanes`.
+
+    Raises:
+        InputError: as there.
+    """
     if not path.is_file():
         raise InputError(f"{path}: no such net")
     try:
         net: Any = sumolib.net.readNet(str(path), withInternal=True, lxml=False)
         edges = net.getEdges(withInternal=True)
         lanes = [_lane(lane) for edge in edges for lane in edge.getLanes() if _drivable(lane)]
-    except (SAXException, OSError, KeyError, ValueError, AttributeError, TypeError, IndexError) as error:
+    except UNREADABLE as error:
         raise InputError(f"{path}: not a readable SUMO net: {error!r}") from error
     if not lanes:
         raise InputError(f"{path}: the net holds no lanes")
@@ -68,7 +80,7 @@ def read_lanes(path: Path) -> list[Lane]:
         lost = [name for name in lane.successors if name not in known]
         if lost:
             raise InputError(f"{path}: lane {lane.id} leads to unknown lanes {lost}")
-    return lanes
+    return net, lanes
 
 
 def _drivable(lane: Any) -> bool:

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.sax import SAXException
 
 import numpy as np
-import sumolib
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.maps.net_lanes import Lane, read_lanes
+from litsim_sim.maps.net_lanes import UNREADABLE, Lane, read_net
 
 ARROW = " -> "  # between the lanes of a connection's name
 BESIDE = 0.5  # [m] beyond the lane's edge at which a stop line still counts as crossed
@@ -58,9 +56,9 @@ def read_links(path: Path) -> tuple[SignalLink, ...]:
     Raises:
         InputError: the file is missing, or is no SUMO net.
     """
-    lanes = {lane.id: lane for lane in read_lanes(path)}
+    net, every = read_net(path)
+    lanes = {lane.id: lane for lane in every}
     try:
-        net: Any = sumolib.net.readNet(str(path), withInternal=True, lxml=False)
         found = [
             _link(connection, lanes)
             for edge in net.getEdges(withInternal=False)
@@ -68,7 +66,7 @@ def read_links(path: Path) -> tuple[SignalLink, ...]:
             for connection in lane.getOutgoing()
             if connection.getTLSID() and lane.getID() in lanes and connection.getToLane().getID() in lanes
         ]
-    except (SAXException, OSError, KeyError, ValueError, AttributeError, TypeError, IndexError) as error:
+    except UNREADABLE as error:
         raise InputError(f"{path}: not a readable SUMO net: {error!r}") from error
     return tuple(sorted(found, key=lambda link: link.name))
 

@@ -12,11 +12,11 @@ import numpy as np
 import sumolib
 
 from litsim_sim.core.scene import ByteArray
-from litsim_sim.core.signals import SignalState
+from litsim_sim.core.signals import STOP_STATES, SignalState
 from litsim_sim.scenario.scenario import Scenario
 
 GREEN = frozenset("Gg")  # SUMO's signals: with right of way, and giving way
-CLOSED = (SignalState.RED, SignalState.RED_AMBER, SignalState.FLASHING_RED)
+CLOSED = (*STOP_STATES, SignalState.FLASHING_RED)
 UNKNOWN = (SignalState.UNAVAILABLE, SignalState.DARK)
 
 Way = tuple[str, str]

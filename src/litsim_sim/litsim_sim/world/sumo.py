@@ -44,7 +44,9 @@ class SumoMirror:
         libsumo.vehicletype.copy("DEFAULT_VEHTYPE", _TYPE)
         self._present: set[int] = set()
         self._signals = signals
-        self._lights = dict.fromkeys(libsumo.trafficlight.getIDList(), "")
+        lights = libsumo.trafficlight.getIDList()
+        self._links = {light: len(libsumo.trafficlight.getRedYellowGreenState(light)) for light in lights}
+        self._lights = dict.fromkeys(lights, "")  # what each was last set to
 
     def show(self, table: AgentTable) -> None:
         """Place the agents of `table`, remove those that are gone, and advance SUMO by one step."""
@@ -73,7 +75,7 @@ class SumoMirror:
 
     def _show_signals(self, step: int) -> None:
         """Set the lights that change: a state that is set holds until it is set again."""
-        shown = {light: ["O"] * len(libsumo.trafficlight.getRedYellowGreenState(light)) for light in self._lights}
+        shown = {light: ["O"] * links for light, links in self._links.items()}
         if self._signals is not None:
             states = self._signals.table(step).state
             for link, group in zip(self._signals.links, self._signals.link_group.tolist(), strict=True):
