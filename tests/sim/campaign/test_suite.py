@@ -67,6 +67,36 @@ def test_the_packaged_criteria_are_those_of_default(tmp_path: Path) -> None:
     assert load(tmp_path, GOOD + "criteria: default").criteria == load(tmp_path, GOOD + "criteria: copy.yaml").criteria
 
 
+def test_the_cases_of_suites_that_are_included_come_first(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    load(tmp_path / "other", "name: other\ninclude: [small]\ncases: [{scenario: b.yaml}]\negos: [bat]")
+    suite = load(tmp_path, GOOD + "include: [other/suite.yaml]")
+    small = Suite.load("small").cases
+    assert suite.cases[: len(small)] == small
+    assert [case.scenario for case in suite.cases[len(small) :]] == [
+        str(tmp_path / "other/b.yaml"),
+        "demo",
+        str(tmp_path / "windows/a.yaml"),
+    ]
+    assert [ego.name for ego in suite.egos] == ["idm", "braker", "mine"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("name: a\negos: [idm]", "neither cases nor include"),
+        ("name: a\ninclude: [suite.yaml]\negos: [idm]", "field include: the suite includes itself"),
+        (
+            "name: a\ninclude: [none.yaml]\negos: [idm]",
+            "none.yaml: no such suite, expected a YAML file, or one of",
+        ),
+    ],
+)
+def test_what_cannot_be_included(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        load(tmp_path, text)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -79,7 +109,7 @@ def test_the_packaged_criteria_are_those_of_default(tmp_path: Path) -> None:
             "ego idm: command, interface and ready_s belong",
         ),
         ("policies: [replay]", "policies: [reply]", r"line 10, field policies\.0"),
-        ("policies: [replay]", "policy: [replay]", "field policy: .*known fields: name, description, cases"),
+        ("policies: [replay]", "policy: [replay]", "field policy: .*known fields: name, description, include, cases"),
         ("ego_id: 17", "ego_id: 17, egos: all", r"line 4, field cases\.0: .*ego_id and egos, expected one of them"),
         ("kind: cut_in, ", "", r"line 4, field cases\.0\.events: .*an event without kind"),
         ("conflict.horizon", "horizon", "line 12, field parameters: .*'horizon', expected STAGE.NAME"),
@@ -106,5 +136,5 @@ def test_what_the_documentation_shows_can_be_used(tmp_path: Path) -> None:
 
 
 def test_no_suite(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match=r"none\.yaml: no such suite"):
         Suite.load(tmp_path / "none.yaml")

@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from litsim_sim.campaign.criteria import Criteria
-from litsim_sim.campaign.suite import CaseEntry, EgoSetup, Suite, located
+from litsim_sim.campaign.suite import CaseEntry, EgoSetup, Suite, located, packaged_suites
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import SET_HELP, not_among, setting
 from litsim_sim.io.yaml_input import validate_yaml
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES
-from litsim_sim.scenario.scenario import packaged
 
-SUITES = "suites"  # folder of the packaged ones
 DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
 """Of a campaign without a suite file; further ones are those of :class:`Suite`."""
 
@@ -46,18 +44,13 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
     )
 
 
-def packaged_suites() -> tuple[str, ...]:
-    """Names of the suites that come along, sorted."""
-    return tuple(sorted(path.stem for path in packaged(SUITES).glob("*.yaml")))
-
-
 def suite_of(arguments: argparse.Namespace) -> Suite:
     """The suite that the arguments ask for.
 
     Raises:
         InputError: a file cannot be used, or the arguments do not fit together.
     """
-    base = None if arguments.suite is None else Suite.load(_suite_file(arguments.suite))
+    base = None if arguments.suite is None else Suite.load(arguments.suite)
     given: dict[str, Any] = {"cases": _cases(arguments, base), "egos": _setups(arguments, base)}
     if base is None:
         names = arguments.scenario or DEFAULTS["scenario"]
@@ -99,19 +92,6 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
     if len(elsewhere := [setup.name for setup in external if not setup.command]) > 1:
         raise InputError(f"{', '.join(elsewhere)}: started elsewhere; only one such ego can be told who it is")
     return setups
-
-
-def _suite_file(name: str) -> Path:
-    """The file of a suite, packaged or not.
-
-    Raises:
-        InputError: there is no such suite.
-    """
-    if name in packaged_suites():
-        return packaged(f"{SUITES}/{name}.yaml")
-    if not Path(name).is_file():
-        raise InputError(f"{name}: no such suite, expected a YAML file, or one of {', '.join(packaged_suites())}")
-    return Path(name)
 
 
 def _egos(text: str) -> str | list[int]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from litsim_sim.campaign.criteria import Criteria
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES, REPLAY
-from litsim_sim.scenario.scenario import packaged_scenarios
+from litsim_sim.scenario.scenario import packaged, packaged_scenarios
 from litsim_sim.scenario.scenario_file import SEEDS
 
 Name = Annotated[str, Field(min_length=1)]
@@ -21,6 +23,7 @@ EgoChoice = Literal["egos", "tuning", "ego", "all"]
 that are there from step 0 through the first simulated step."""
 
 DEFAULT_EGOS: EgoChoice = "egos"
+SUITES = "suites"  # folder of the packaged ones
 
 
 class CaseEntry(BaseModel):
@@ -107,6 +110,8 @@ class Suite(BaseModel):
     Attributes:
         name: short name; reports carry it.
         description: what the suite is for.
+        include: other suites, packaged names or files relative to this one, whose cases come before its own;
+            :meth:`load` has put them into `cases`.
         cases: scenarios, and which of their vehicles are the ego.
         egos: who drives it.
         policies: of :data:`litsim_sim.scenario.run_info.POLICIES`.
@@ -119,7 +124,8 @@ class Suite(BaseModel):
 
     name: Name
     description: str = ""
-    cases: Annotated[list[CaseEntry], Field(min_length=1)]
+    include: list[Name] = []
+    cases: list[CaseEntry] = []
     egos: Annotated[list[EgoSetup], Field(min_length=1)]
     policies: Annotated[list[Annotated[str, OneOf(POLICIES)]], Field(min_length=1)] = [REPLAY, "litsim"]
     seeds: list[Annotated[int, Field(ge=0, lt=SEEDS)]] = []
@@ -135,6 +141,12 @@ class Suite(BaseModel):
         return {_stage_and_name(name): v if isinstance(v, list) else [v] for name, v in values.items()}
 
     @model_validator(mode="after")
+    def _check_cases(self) -> Suite:
+        if not (self.cases or self.include):
+            raise ValueError("neither cases nor include, expected something to run")
+        return self
+
+    @model_validator(mode="after")
     def _check_names(self) -> Suite:
         for field in ("egos", "policies", "seeds"):
             names = [each.name if isinstance(each, EgoSetup) else each for each in getattr(self, field)]
@@ -143,19 +155,35 @@ class Suite(BaseModel):
         return self
 
     @classmethod
-    def load(cls, path: Path) -> Suite:
-        """Read a suite file; its scenarios, and the file of its criteria, are found relative to it.
+    def load(cls, name: str | Path, among: Sequence[Path] = ()) -> Suite:
+        """Read a suite; scenarios, a file of criteria and suites that it includes are found relative to its file.
+
+        Args:
+            name: a packaged name, or a YAML file.
+            among: files that include it.
 
         Raises:
-            InputError: it cannot be read, or a field does not fit.
+            InputError: it cannot be read, a field does not fit, or it includes itself.
         """
+        path = _suite_file(name)
+        if path.resolve() in among:
+            raise InputError(f"{path}: field include: the suite includes itself")
         text = read_text(path)
         values = parse_yaml(text, str(path), cls)
         if isinstance(values.get("criteria"), str):
             values["criteria"] = Criteria.load(values["criteria"], path.parent)
         suite = validate_yaml(values, cls, str(path), text)
-        cases = [case.model_copy(update={"scenario": located(case.scenario, path.parent)}) for case in suite.cases]
-        return suite.model_copy(update={"cases": cases})
+        cases = []
+        for other in suite.include:
+            beside = other if other in packaged_suites() else path.parent / other
+            cases += cls.load(beside, (*among, path.resolve())).cases
+        cases += [case.model_copy(update={"scenario": located(case.scenario, path.parent)}) for case in suite.cases]
+        return suite.model_copy(update={"include": [], "cases": cases})
+
+
+def packaged_suites() -> tuple[str, ...]:
+    """Names of the suites that come along, sorted."""
+    return tuple(sorted(path.stem for path in packaged(SUITES).glob("*.yaml")))
 
 
 def located(scenario: str, folder: Path) -> str:
@@ -164,6 +192,19 @@ def located(scenario: str, folder: Path) -> str:
     A packaged name stays as it is; the path of a file, relative to `folder`, becomes absolute.
     """
     return scenario if scenario in packaged_scenarios() else str((folder / scenario).resolve())
+
+
+def _suite_file(name: str | Path) -> Path:
+    """The file of a suite, packaged or not.
+
+    Raises:
+        InputError: there is no such suite.
+    """
+    if name in packaged_suites():
+        return packaged(f"{SUITES}/{name}.yaml")
+    if not Path(name).is_file():
+        raise InputError(f"{name}: no such suite, expected a YAML file, or one of {', '.join(packaged_suites())}")
+    return Path(name)
 
 
 def _stage_and_name(name: Any) -> str:
