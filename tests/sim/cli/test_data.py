@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -261,6 +262,25 @@ def test_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert page.count("data:image/png;base64,") == 2
     assert not re.search(r'(src|href)="(?!data:)', page)  # needs no other file
     assert "us101_like" in page
+
+
+def test_plot_finds_the_net_that_the_header_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from litsim_sim.report import recording_plots
+
+    lanes: list[int] = []
+    drawn = recording_plots.draw
+    monkeypatch.setattr(recording_plots, "draw", lambda *given: (lanes.append(bool(given[3])), drawn(*given)))
+    part = Recording.read(EMBEDDED)
+    part = Recording(part.header, part.table[part.table["frame"] < 20])
+    for net in ("own.net.xml", "own", "us101_like.net.xml", "absent.net.xml"):
+        Recording(replace(part.header, net=net), part.table).write(tmp_path / "part.parquet")
+        shutil.copy(packaged("nets/us101_like.net.xml"), tmp_path / "own.net.xml")
+        data.main(["plot", str(tmp_path / "part.parquet"), str(tmp_path / "out.png")])
+    assert lanes == [True, True, True, False]
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and "drawn without lanes" in said[0] and "absent.net.xml" in said[0]
 
 
 def test_plot_of_one_vehicle_without_lane(tmp_path: Path, track: type) -> None:

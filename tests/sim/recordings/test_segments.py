@@ -165,6 +165,31 @@ def test_the_command_writes_scenarios_that_load_and_a_manifest_that_reproduces_t
     assert Manifest.read(out / "manifest.yaml").recordings[0].file == "../data/made.parquet"
 
 
+def test_scenarios_that_cannot_be_loaded_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = long_recording(1200)
+    table = made.table.copy()
+    table.loc[(table["frame"] >= 600) & (table["vehicle_id"] % 4 == 1), "y"] += 60.0  # a quarter of the later rows
+    Recording(made.header, table).write(tmp_path / "made.parquet")
+    command = ["segments", str(tmp_path / "made.parquet"), "--out", str(tmp_path / "cut"), "--split", "1", "0", "0"]
+    data.main(command)
+    said = capsys.readouterr().out
+    assert "2 of 4 scenarios can be loaded" in said and "2 cannot for their coverage" in said
+    assert "made_train_03.yaml: net us101_like.net.xml does not cover the recording" in said
+    with pytest.raises(InputError, match=r"expected 90% \(field coverage_min\)"):
+        Scenario.load(tmp_path / "cut" / "made_train_03.yaml")
+    data.main([*command, "--coverage-min", "0.5"])
+    assert "4 of 4 scenarios can be loaded" in capsys.readouterr().out
+    assert 0.5 < Scenario.load(tmp_path / "cut" / "made_train_03.yaml").coverage < 0.9
+    data.main(["segments", "--manifest", str(tmp_path / "cut" / "manifest.yaml"), "--out", str(tmp_path / "b")])
+    assert "4 of 4" in capsys.readouterr().out
+    table["y"] += 60.0
+    Recording(made.header, table).write(tmp_path / "made.parquet")
+    with pytest.raises(SystemExit) as stopped:
+        data.main(command)
+    assert stopped.value.code == 1
+    assert "0 of 4 scenarios can be loaded" in capsys.readouterr().out
+
+
 def test_manifests_refuse_other_recordings_and_edits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, out = tmp_path / "made.parquet", tmp_path / "cut"
     long_recording(600).write(file)

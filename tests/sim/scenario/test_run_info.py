@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from litsim_sim.scenario.run_info import RunPlan, new_execution
+from litsim_sim.scenario.scenario import Scenario
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,8 @@ def test_whatever_changes_a_run_changes_its_identity(plan: RunPlan) -> None:
 def test_how_it_is_carried_out_does_not(plan: RunPlan) -> None:
     patient = RunPlan.load("demo", "idm", "litsim", settings=[("bridge", "answer_timeout_s", 60.0)])
     assert patient.identity == plan.identity
+    scenario = Scenario.load("demo", coverage_min=0.5)
+    assert replace(plan, scenario=scenario).identity == plan.identity, "what loading demands changes no run"
     replays = [RunPlan.load("demo", "idm", "replay", predictor=model).identity for model in ("kinematic", None)]
     assert replays[0] == replays[1], "nothing is forecast in a replay"
 

@@ -247,6 +247,11 @@ def test_net_that_does_not_cover_the_recording(tmp_path: Path, fields: dict[str,
     assert "net us101_like.net.xml does not cover the recording" in message
     assert "expected 90%" in message
     assert "the net x 0 to 640, y -29 to -2 m" in message
+    assert "expected 100%" in refusal(tmp_path, fields | {"coverage_min": 1})
+    share = Scenario.load(saved(tmp_path, fields | {"coverage_min": 0.0})).coverage
+    assert 0.0 < share < 0.9, "what is demanded is a field of the scenario, from 0 to 1"
+    for share in (-0.1, 1.1, float("nan")):
+        assert "field coverage_min" in refusal(tmp_path, fields | {"coverage_min": share})
 
 
 def test_nets_that_cannot_be_read(tmp_path: Path, fields: dict[str, Any]) -> None:

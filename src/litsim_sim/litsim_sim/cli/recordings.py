@@ -1,9 +1,13 @@
-"""A recording in words, as several commands print it."""
+"""What several commands do with a recording: say what it holds, find the net that it lies on."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, Kind
-from litsim_sim.recordings.recording import Recording
+from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.scenario import packaged, packaged_nets
 
 
 def describe(recording: Recording) -> str:
@@ -27,3 +31,28 @@ def describe(recording: Recording) -> str:
         "notes": ", ".join(f"{key}: {value}" for key, value in header.notes.items()),
     }
     return "\n".join(f"{name:<11}{value}" for name, value in rows.items() if value)
+
+
+def net_of(header: RecordingHeader, recording: Path, named: str | None = None) -> Path:
+    """The net on which a recording lies.
+
+    Args:
+        header: of the recording; its field `net` names a packaged net or a file.
+        recording: path of the recording; a net in the header lies in the same folder.
+        named: packaged net or file that is to be taken instead.
+
+    Raises:
+        InputError: there is no such net, or none is named.
+    """
+    name = named or header.net
+    plain = name.removesuffix(".net.xml")
+    if plain in packaged_nets():
+        return packaged(f"nets/{plain}.net.xml")
+    folder = Path() if named else recording.parent
+    for file in (folder / name, folder / f"{name}.net.xml"):
+        if name and file.is_file():
+            return file
+    raise InputError(
+        f"{recording}: no net {folder / name if name else 'named in its header'}: name a packaged net or a file with "
+        f"--net; packaged are {', '.join(packaged_nets())}"
+    )

@@ -87,7 +87,7 @@ class BridgeOptions:
             InputError: the scenario cannot be used, or not with these options.
         """
         chosen = {"ego": self.ego_id, "seed": self.seed}
-        overrides = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
+        overrides: dict[str, Any] = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
         scenario = Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
         return RunPlan(scenario, self.ego, self.policy, _by_stage(self.stage_parameters), new_execution())
 

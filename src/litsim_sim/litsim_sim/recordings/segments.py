@@ -39,6 +39,8 @@ class Settings(BaseModel):
         ego_min_s: an ego is there for the history and at least so long after it [s].
         ego_moves_m: and travels at least so far [m]: one that stands in a queue all the time tests nothing.
         split: shares of train, val and test.
+        coverage_min: what the scenarios demand of how the net covers the recording, see
+            :class:`litsim_sim.scenario.scenario_file.ScenarioFile`; None leaves that to its default.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -50,6 +52,7 @@ class Settings(BaseModel):
     ego_min_s: Annotated[float, Field(gt=0)] = 10.0
     ego_moves_m: Annotated[float, Field(ge=0)] = 20.0
     split: tuple[float, float, float] = (0.7, 0.1, 0.2)
+    coverage_min: Annotated[float, Field(ge=0, le=1)] | None = None
 
     @property
     def steps(self) -> int:
@@ -195,8 +198,11 @@ def cut(
     return Manifest(settings=settings, recordings=sources, segments=segments, without_ego=without_ego)
 
 
-def reproduce(manifest: Manifest, folder: Path) -> Manifest:
+def reproduce(manifest: Manifest, folder: Path) -> tuple[Manifest, list[Recording]]:
     """Cut again what `manifest`, which lies in `folder`, says.
+
+    Returns:
+        the manifest that comes of it, and its recordings, cropped.
 
     Raises:
         InputError: a recording is missing or is not the one that the manifest was made of.
@@ -208,7 +214,7 @@ def reproduce(manifest: Manifest, folder: Path) -> Manifest:
         if content_digest(recording) != source.digest:
             raise InputError(f"{path}: is not the recording that the manifest names: its content has another digest")
         sources.append((source.file, source.net, source.crop, recording))
-    return cut(sources, manifest.settings)
+    return cut(sources, manifest.settings), [recording for *_, recording in sources]
 
 
 def content_digest(recording: Recording) -> str:
@@ -238,6 +244,7 @@ def scenario_yaml(manifest: Manifest, segment: Segment) -> str:
         "seed": settings.seed,
         "ego": segment.ego,
         "egos": segment.egos,
+        "coverage_min": settings.coverage_min,
     }
     fields = {name: value for name, value in fields.items() if value is not None}
     return yaml.safe_dump(fields, sort_keys=False, default_flow_style=None, width=120)

@@ -78,7 +78,7 @@ class RunPlan:
         Raises:
             InputError: the scenario cannot be used.
         """
-        overrides = {"ego": ego_id, "seed": seed, "vehicle": dict(vehicle or {}) or None}
+        overrides: dict[str, Any] = {"ego": ego_id, "seed": seed, "vehicle": dict(vehicle or {}) or None}
         loaded = Scenario.load(scenario, **{name: value for name, value in overrides.items() if value is not None})
         model = [] if predictor is None or policy == REPLAY else [("predictor", "model", predictor)]
         return cls(loaded, ego, policy, by_stage([*model, *settings]))
@@ -94,8 +94,9 @@ class RunPlan:
         """The same for equal runs, wherever their files lie; of runs that may differ in anything, not the same."""
         file = self.scenario.file
         names = {each: Path(getattr(file, each)).name for each in ("recording", "net")}
-        default = None if file.vehicle else {"vehicle"}  # runs of before it was a field keep their names
-        described = file.model_copy(update=names).model_dump_json(exclude=default)
+        without = {"coverage_min"}  # decides whether there is a run, not what happens in it
+        without |= set() if file.vehicle else {"vehicle"}  # runs of before it was a field keep their names
+        described = file.model_copy(update=names).model_dump_json(exclude=without)
         described = f"{described}\n{self.ego}\n{self.policy}"
         if self.stage_parameters:
             described += f"\n{json.dumps(plain_values(self.stage_parameters), sort_keys=True)}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import os
 import re
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -19,13 +20,21 @@ from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording, RecordingHeader
-from litsim_sim.scenario.checks import check_agents, check_coverage
+from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_coverage
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
 from litsim_sim.scenario.signals import Signals, SignalsFile, build, read_signals, resolved
 
 DATA_VARIABLE = "LITSIM_DATA"
 PACKAGE = "litsim_sim"
+
+
+@dataclass(frozen=True)
+class Sources:
+    """A recording and its net as they are in memory, for many scenarios of the same ones."""
+
+    recording: Recording
+    lane_map: LaneMap
 
 
 class Scenario:
@@ -42,47 +51,60 @@ class Scenario:
         total_steps: the last step.
         signals: what signals show at each step; None where nothing is known of any.
         shortened: whether the recording ends before `simulation_s` have passed.
+        coverage: share of the recorded box centres that lie on lanes of the net.
     """
 
-    def __init__(self, file: ScenarioFile, where: str) -> None:
+    def __init__(self, file: ScenarioFile, where: str, sources: Sources | None = None) -> None:
         """Read and check everything that `file`, with resolved paths, names; `where` names it in errors.
 
+        Args:
+            file: the fields.
+            where: names them in errors.
+            sources: the recording, cropped, and the net, where they have been read already.
+
         Raises:
-            InputError: a file or its content cannot be used, or the fields do not fit the recording.
+            InputError: a file or its content cannot be used; an :class:`UnmetDemandError` where the fields do not fit
+                the recording, or the net does not.
         """
         self.net_path = Path(file.net)
-        recording = load_recording(Path(file.recording), file.crop)
+        if sources is not None:
+            self.lane_map = sources.lane_map
+        recording = load_recording(Path(file.recording), file.crop) if sources is None else sources.recording
         frames = recording.table["frame"].to_numpy()
         first, last = int(frames.min()), int(frames.max())
         self.start_frame = first if file.start_frame is None else file.start_frame
         if not first <= self.start_frame <= last:
-            raise InputError(f"{where}: start_frame is {file.start_frame}, expected one of {first} to {last}")
+            raise UnmetDemandError(
+                Demand.LENGTH, f"{where}: start_frame is {file.start_frame}, expected one of {first} to {last}"
+            )
         self.file = file.model_copy(update={"start_frame": self.start_frame})
         self.history_steps = round(file.history_s / STEP_S)
         wanted = self.history_steps + round(file.simulation_s / STEP_S)
         self.total_steps = min(wanted, last - self.start_frame)
         self.shortened = self.total_steps < wanted
         if self.total_steps <= self.history_steps:
-            raise InputError(
+            raise UnmetDemandError(
+                Demand.LENGTH,
                 f"{where}: the recording is too short: {last - self.start_frame} steps of {STEP_S} s follow frame "
-                f"{self.start_frame}, expected more than the history of {file.history_s:g} s"
+                f"{self.start_frame}, expected more than the history of {file.history_s:g} s",
             )
         kept = recording.table[(frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps)]
         self.recording = Recording(recording.header, kept.reset_index(drop=True))
         self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
         check_agents(self.file, self.log, self.history_steps, where)
-        check_coverage(self.lane_map, self.net_path, self.log, where)
+        self.coverage = check_coverage(self.lane_map, self.net_path, self.log, file.coverage_min, where)
         given = self.file.signals or _recorded_signals(recording.header, self.net_path, file.recording)
         self.signals: Signals | None = None
         if isinstance(given, SignalsFile):
             self.signals = build(given, self.net_path, self.log, self.start_frame, where)
 
     @classmethod
-    def load(cls, name_or_path: str | Path, **overrides: Any) -> Scenario:
+    def load(cls, name_or_path: str | Path, *, sources: Sources | None = None, **overrides: Any) -> Scenario:
         """Load a packaged scenario by name, or a scenario file by path.
 
         Args:
             name_or_path: such as ``demo``, or a path of a YAML file.
+            sources: recording and net that it names, where they have been read already.
             overrides: fields of the file to replace, such as `ego`, `seed`, `roi_m`; None leaves a field as it is.
                 Of `vehicle`, only the values given are replaced.
 
@@ -96,7 +118,7 @@ class Scenario:
             raise InputError(
                 f"{name_or_path}: no such scenario; expected a YAML file, or one of {', '.join(packaged_scenarios())}"
             )
-        return cls._build(read_text(path), str(path), path.resolve().parent, overrides)
+        return cls._build(read_text(path), str(path), path.resolve().parent, overrides, sources)
 
     @classmethod
     def from_yaml(cls, text: str, where: str) -> Scenario:
@@ -127,7 +149,9 @@ class Scenario:
         return yaml.safe_dump(self.file.model_dump(mode="json"), sort_keys=False)
 
     @classmethod
-    def _build(cls, text: str, where: str, folder: Path, overrides: dict[str, Any]) -> Scenario:
+    def _build(
+        cls, text: str, where: str, folder: Path, overrides: dict[str, Any], sources: Sources | None = None
+    ) -> Scenario:
         values = parse_yaml(text, where, ScenarioFile)
         given = {key: value for key, value in overrides.items() if value is not None}
         if "vehicle" in given and isinstance(values.get("vehicle"), dict):
@@ -147,7 +171,7 @@ class Scenario:
             resolved_fields["signals"] = read_signals(folder / file.signals)
         elif file.signals is not None:
             resolved_fields["signals"] = resolved(file.signals, folder, f"{where}: field signals")
-        return cls(file.model_copy(update=resolved_fields), where)
+        return cls(file.model_copy(update=resolved_fields), where, sources)
 
     @property
     def name(self) -> str:

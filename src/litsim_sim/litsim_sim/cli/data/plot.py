@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
-from litsim_sim.cli.recordings import describe
+from litsim_sim.cli.recordings import describe, net_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
-from litsim_sim.scenario.scenario import packaged, packaged_nets
 
 
 def add(subparsers: Any) -> None:
@@ -40,15 +40,23 @@ def run(arguments: argparse.Namespace) -> None:
 
     recording = load_recording(arguments.recording, parse_crop(arguments.crop))
     try:
-        draw(recording, arguments.out, describe(recording), _lane_map(recording, arguments.net))
+        draw(recording, arguments.out, describe(recording), _lane_map(recording, arguments.recording, arguments.net))
     except OSError as error:
         raise InputError(f"{arguments.out}: cannot be written: {error.strerror or error}") from error
     print(arguments.out)
 
 
-def _lane_map(recording: Recording, named: str | None) -> LaneMap | None:
-    """Lanes of the net that is named, or of the packaged one that the header names; None if there is none."""
-    name = (named or recording.header.net).removesuffix(".net.xml")
-    if name in packaged_nets():
-        return LaneMap.from_net(packaged(f"nets/{name}.net.xml"))
-    return LaneMap.from_net(Path(named)) if named else None
+def _lane_map(recording: Recording, path: Path, named: str | None) -> LaneMap | None:
+    """Lanes of the net that is named, or of the one that the header names; None where there is none of the latter.
+
+    Raises:
+        InputError: there is no such net as is named, or it cannot be read.
+    """
+    try:
+        net = net_of(recording.header, path, named)
+    except InputError as error:
+        if named:
+            raise
+        print(f"drawn without lanes: {error}", file=sys.stderr)
+        return None
+    return LaneMap.from_net(net)

@@ -9,11 +9,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from litsim_sim.core.errors import InputError
+from litsim_sim.cli.recordings import net_of
+from litsim_sim.core.errors import EXIT_FAILED, InputError
+from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings import segments
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
-from litsim_sim.scenario.scenario import DATA_VARIABLE, packaged_nets
+from litsim_sim.scenario.scenario import DATA_VARIABLE, Sources, packaged, packaged_nets
+from litsim_sim.scenario.usability import Usability, describe, survey
 
 
 def add(subparsers: Any) -> None:
@@ -37,11 +40,13 @@ def add(subparsers: Any) -> None:
     split = [f"{share:g}" for share in defaults.split]
     shares = f"shares of time for train, val and test; default {' '.join(split)}"
     command.add_argument("--split", type=float, nargs=3, default=list(defaults.split), help=shares)
+    coverage = "share of the box centres that have to lie on lanes, for the scenarios; default: as of scenarios"
+    command.add_argument("--coverage-min", type=float, metavar="SHARE", help=coverage)
     command.set_defaults(run=run)
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Cut, write and say what came out.
+def run(arguments: argparse.Namespace) -> int:
+    """Cut, write and say what came out; returns the exit status: 1 where none of the scenarios can be loaded.
 
     Raises:
         InputError: as :func:`cut_files` and :func:`reproduce`, or the arguments do not fit each other.
@@ -49,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
     if bool(arguments.recordings) == bool(arguments.manifest):
         raise InputError("expected either recordings or --manifest")
     if arguments.manifest:
-        manifest = reproduce(arguments.manifest, arguments.out)
+        manifest, recordings = reproduce(arguments.manifest, arguments.out)
     else:
         crop = {column: [_number(low), _number(high)] for column, low, high in arguments.crop or []}
         try:
@@ -60,18 +65,25 @@ def run(arguments: argparse.Namespace) -> None:
                 stride_s=arguments.stride,
                 ego_min_s=arguments.ego_min,
                 split=tuple(arguments.split),
+                coverage_min=arguments.coverage_min,
             )
         except ValidationError as error:
             problem = error.errors()[0]
             raise InputError(f"{'.'.join(map(str, problem['loc']))} is {problem['input']}: {problem['msg']}") from error
-        manifest = cut_files(arguments.recordings, arguments.out, arguments.net, crop or None, settings)
+        manifest, recordings = cut_files(arguments.recordings, arguments.out, arguments.net, crop or None, settings)
+    usability = _usability(manifest, arguments.out, recordings)
     print(segments.describe(manifest))
+    print(describe(usability))
+    return EXIT_FAILED if all(each.lacks for each in usability) else 0
 
 
 def cut_files(
     paths: list[Path], out: Path, net: str | None, crop: dict[str, list[float]] | None, settings: segments.Settings
-) -> segments.Manifest:
+) -> tuple[segments.Manifest, list[Recording]]:
     """Cut the recordings at `paths` and write manifest and scenario files to the folder `out`.
+
+    Returns:
+        the manifest, and the recordings, cropped.
 
     Raises:
         InputError: a recording, its net or `out` cannot be used.
@@ -79,20 +91,20 @@ def cut_files(
     sources = []
     for path in paths:
         recording = load_recording(path, crop)
-        sources.append((_stored(path, out), _net(net, recording, path, out), crop, recording))
+        sources.append((_stored(path, out), _net(net_of(recording.header, path, net), out), crop, recording))
     manifest = segments.cut(sources, settings)
     segments.write(manifest, out)
-    return manifest
+    return manifest, [recording for *_, recording in sources]
 
 
-def reproduce(path: Path, out: Path) -> segments.Manifest:
-    """Cut again what the manifest at `path` says and write it to `out`.
+def reproduce(path: Path, out: Path) -> tuple[segments.Manifest, list[Recording]]:
+    """Cut again what the manifest at `path` says and write it to `out`; returns the same as :func:`cut_files`.
 
     Raises:
         InputError: the manifest or a recording cannot be used, or `out` cannot be written.
     """
     manifest = segments.Manifest.read(path)
-    again = segments.reproduce(manifest, path.parent)
+    again, cropped = segments.reproduce(manifest, path.parent)
     if again != manifest:
         raise InputError(f"{path}: its recordings and settings give other segments than it lists: was it edited?")
     files = [source.file for source in again.recordings]
@@ -107,7 +119,7 @@ def reproduce(path: Path, out: Path) -> segments.Manifest:
     ]
     again = again.model_copy(update={"recordings": recordings})
     segments.write(again, out)
-    return again
+    return again, cropped
 
 
 def _stored(path: Path, folder: Path) -> str:
@@ -118,15 +130,20 @@ def _stored(path: Path, folder: Path) -> str:
     return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
-def _net(net: str | None, recording: Recording, path: Path, out: Path) -> str:
+def _net(net: Path, out: Path) -> str:
     """Name of the packaged net, or path of the net relative to `out`."""
-    name = net or recording.header.net.removesuffix(".net.xml")
-    if name in packaged_nets():
-        return name
-    file = Path(net) if net else path.parent / recording.header.net
-    if not name or not file.is_file():
-        raise InputError(f"{path}: no net {name or 'named in its header'}: name a packaged net or a file with --net")
-    return Path(os.path.relpath(file.resolve(), out.resolve())).as_posix()
+    if net.parent == packaged("nets"):
+        return net.name.removesuffix(".net.xml")
+    return Path(os.path.relpath(net.resolve(), out.resolve())).as_posix()
+
+
+def _usability(manifest: segments.Manifest, out: Path, recordings: list[Recording]) -> list[Usability]:
+    """Which of the scenarios that lie in `out` can be loaded; `recordings` are those of the manifest."""
+    nets = [packaged(f"nets/{s.net}.net.xml") if s.net in packaged_nets() else out / s.net for s in manifest.recordings]
+    lane_maps = {net: LaneMap.from_net(net) for net in nets}
+    sources = [Sources(recording, lane_maps[net]) for recording, net in zip(recordings, nets, strict=True)]
+    paths = [out / f"{segment.name}.yaml" for segment in manifest.segments]
+    return survey(paths, [sources[segment.recording] for segment in manifest.segments])
 
 
 def _number(text: str) -> float:

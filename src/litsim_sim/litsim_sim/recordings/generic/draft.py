@@ -91,8 +91,10 @@ def draft(path: Path) -> str:
         made.fields["clip"] = first if isinstance(first, str) else int(first)
         made.remarks["clip"] = f"the first of {table['clip'].nunique()}"
         table = table[table["clip"] == first]
-    _clock(made, table)
-    _units(made, table)
+    steps = _Steps.of(table)
+    _clock(made, steps)
+    _sizes(made, table)
+    _motion(made, steps)
     if "kind" in columns:
         _kinds(made, table["kind"])
     unused = [name for name in source.columns if name not in columns.values()]
@@ -122,43 +124,68 @@ def _named(source: TableFile) -> dict[str, str]:
     return found
 
 
-def _clock(made: _Draft, table: pd.DataFrame) -> None:
+@dataclass(frozen=True)
+class _Steps:
+    """Consecutive rows of the same vehicle, in the units of the file.
+
+    Attributes:
+        clock: our name of the column that they are ordered by, time or frame.
+        begin: (k) rows where the steps begin.
+        dt, dx, dy: (k,) by how much clock and place change.
+    """
+
+    clock: str
+    begin: pd.DataFrame
+    dt: FloatArray
+    dx: FloatArray
+    dy: FloatArray
+
+    @classmethod
+    def of(cls, table: pd.DataFrame) -> _Steps:
+        clock = "time" if "time" in table else "frame"
+        ordered = table.sort_values(["vehicle_id", clock])
+        same = np.diff(pd.factorize(ordered["vehicle_id"])[0]) == 0
+        changes = (np.diff(ordered[name].to_numpy(np.float64))[same] for name in (clock, "x", "y"))
+        return cls(clock, ordered[:-1][same], *changes)
+
+
+def _clock(made: _Draft, steps: _Steps) -> None:
     """Unit of the times; of frame numbers, only that their rate has to be looked up."""
-    clock = "time" if "time" in table else "frame"
-    steps = _steps(table, clock)
-    if clock == "frame":
+    if steps.clock == "frame":
         made.fields["rate_hz"] = 10.0
         made.remarks["rate_hz"] = "a guess: frames a second of the camera"
         return
-    low, high = STEP_RANGE_S
-    fits = [unit for unit in ("s", "ms", "us", "ns") if low <= float(np.median(steps)) * FACTORS[unit] <= high]
+    (low, high), median = STEP_RANGE_S, float(np.median(steps.dt)) if len(steps.dt) else 0.0
+    fits = [unit for unit in ("s", "ms", "us", "ns") if low <= median * FACTORS[unit] <= high]
     made.fields.setdefault("units", {})["time"] = fits[0] if fits else "s"
-    made.remarks["units.time"] = f"rows of a vehicle follow each other by {float(np.median(steps)):g}"
+    made.remarks["units.time"] = f"rows of a vehicle follow each other by {median:g}"
 
 
-def _units(made: _Draft, table: pd.DataFrame) -> None:
-    """Units of sizes, places, speeds and angles, by what fits together."""
+def _sizes(made: _Draft, table: pd.DataFrame) -> None:
+    """Unit of the sizes, by the width of half of the vehicles."""
+    if "width" not in table:
+        return
+    width = float(table.groupby("vehicle_id")["width"].median().median())
+    low, high = 0.9 * WIDTH_RANGE[0], WIDTH_RANGE[1]
     units = made.fields.setdefault("units", {})
-    columns = made.fields["columns"]
-    if "width" in table:
-        width = float(table.groupby("vehicle_id")["width"].median().median())
-        low, high = 0.9 * WIDTH_RANGE[0], WIDTH_RANGE[1]
-        units["size"] = next((u for u in ("m", "ft", "cm") if low <= width * FACTORS[u] <= high), "m")
-        made.remarks["units.size"] = f"half of the vehicles are wider than {width:g}"
+    units["size"] = next((u for u in ("m", "ft", "cm") if low <= width * FACTORS[u] <= high), "m")
+    made.remarks["units.size"] = f"half of the vehicles are wider than {width:g}"
+
+
+def _motion(made: _Draft, steps: _Steps) -> None:
+    """Units of places, speeds and angles, by what fits together."""
+    units, columns = made.fields.setdefault("units", {}), made.fields["columns"]
     units["position"] = "ft" if re.search(r"_?(ft|feet)$", columns["x"].lower()) else "m"
-    clock = "time" if "time" in table else "frame"
-    scale = FACTORS[units["time"]] if clock == "time" else 1.0 / made.fields["rate_hz"]
-    ordered = table.sort_values(["vehicle_id", clock])
-    same = np.diff(pd.factorize(ordered["vehicle_id"])[0]) == 0
-    dt = np.diff(ordered[clock].to_numpy(np.float64))[same] * scale
-    dx, dy = (np.diff(ordered[name].to_numpy(np.float64))[same] * FACTORS[units["position"]] for name in ("x", "y"))
+    by_frame = steps.clock == "frame"
+    dt = steps.dt * (1.0 / made.fields["rate_hz"] if by_frame else FACTORS[units["time"]])
+    dx, dy = (change * FACTORS[units["position"]] for change in (steps.dx, steps.dy))
     driven = np.hypot(dx, dy) / np.where(dt > 0, dt, np.inf)
     moving = driven > MOVING
-    if "speed" in table and moving.any():
-        said = np.abs(ordered["speed"].to_numpy(np.float64)[:-1][same][moving])
+    if "speed" in steps.begin and moving.any():
+        said = np.abs(steps.begin["speed"].to_numpy(np.float64)[moving])
         ratio = float(np.median(said / driven[moving]))
         rates = {0.0: 1.0}
-        if clock == "frame":  # whose rate is not in the file: that of a camera which makes speeds agree
+        if by_frame:  # whose rate is not in the file: that of a camera which makes speeds agree
             rates = {rate: rate / made.fields["rate_hz"] for rate in CAMERA_RATES_HZ}
         choices = {
             (unit, rate): abs(float(np.log(max(ratio, 1e-9) * FACTORS[unit] / faster)))
@@ -167,11 +194,11 @@ def _units(made: _Draft, table: pd.DataFrame) -> None:
         }
         units["speed"], rate = min(choices, key=lambda choice: round(choices[choice], 2))
         made.remarks["units.speed"] = f"column {columns['speed']} agrees so with how positions change"
-        if clock == "frame":
+        if by_frame:
             made.fields["rate_hz"] = rate
             made.remarks["rate_hz"] = "a guess by how positions change: frames a second of the camera"
-    if "yaw" in table and moving.any():
-        _angles(made, ordered["yaw"].to_numpy(np.float64)[:-1][same][moving], np.arctan2(dy, dx)[moving])
+    if "yaw" in steps.begin and moving.any():
+        _angles(made, steps.begin["yaw"].to_numpy(np.float64)[moving], np.arctan2(dy, dx)[moving])
 
 
 def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:
@@ -197,13 +224,6 @@ def _kinds(made: _Draft, kinds: pd.Series) -> None:
     }
     made.fields["kinds"] = found
     made.remarks["kinds"] = "drop leaves rows out: " + ", ".join(f"{said} {rows}" for said, rows in counts.items())
-
-
-def _steps(table: pd.DataFrame, clock: str) -> FloatArray:
-    ordered = table.sort_values(["vehicle_id", clock])
-    same = np.diff(pd.factorize(ordered["vehicle_id"])[0]) == 0
-    steps = np.diff(ordered[clock].to_numpy(np.float64))[same]
-    return steps if len(steps) else np.zeros(1)
 
 
 def _written(made: _Draft, head: str) -> str:

@@ -1,0 +1,58 @@
+"""Which of many scenarios can be loaded, and what the others lack."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from litsim_sim.core.errors import InputError, reason
+from litsim_sim.scenario.checks import UnmetDemandError
+from litsim_sim.scenario.scenario import Scenario, Sources
+
+FILES = "files"  # what is lacking where a file, or a field by itself, cannot be used
+SHOWN = 10  # scenarios that are named by :func:`describe`
+
+
+@dataclass(frozen=True)
+class Usability:
+    """Whether a scenario can be loaded.
+
+    Attributes:
+        name: of the scenario file.
+        lacks: the demand that it does not meet, of :class:`litsim_sim.scenario.checks.Demand` or :data:`FILES`; empty
+            where it can be loaded.
+        why: what loading says of it; empty likewise.
+        coverage: share of the recorded box centres on lanes; None where it cannot be loaded.
+    """
+
+    name: str
+    lacks: str = ""
+    why: str = ""
+    coverage: float | None = None
+
+
+def survey(paths: Iterable[Path], sources: Sequence[Sources | None]) -> list[Usability]:
+    """Load the scenario files at `paths`, each with the recording and net of `sources` where they are in memory."""
+    found = []
+    for path, given in zip(paths, sources, strict=True):
+        try:
+            found.append(Usability(path.name, coverage=Scenario.load(path, sources=given).coverage))
+        except InputError as error:
+            lacks = str(error.demand) if isinstance(error, UnmetDemandError) else FILES
+            found.append(Usability(path.name, lacks, reason(error)))
+    return found
+
+
+def describe(found: Sequence[Usability]) -> str:
+    """How many can be loaded, how many lack what, and of the first of those what loading says, as lines of text."""
+    shares = [each.coverage for each in found if each.coverage is not None]
+    lacking = [each for each in found if each.lacks]
+    range_text = f"; {min(shares):.1%} to {max(shares):.1%} of the box centres on lanes" if shares else ""
+    lines = [f"{len(shares)} of {len(found)} scenarios can be loaded{range_text}"]
+    lines += [f"{count} cannot for their {lacks}" for lacks, count in Counter(each.lacks for each in lacking).items()]
+    lines += [f"  {each.why}" for each in lacking[:SHOWN]]
+    if len(lacking) > SHOWN:
+        lines.append(f"  and {len(lacking) - SHOWN} more")
+    return "\n".join(lines)
