@@ -10,7 +10,9 @@ import yaml
 
 from litsim_sim.campaign.case import Case, cases_of
 from litsim_sim.campaign.criteria import Criteria
+from litsim_sim.campaign.results import read_campaign
 from litsim_sim.campaign.suite import Suite
+from litsim_sim.report.experiment import write_experiment_report
 from litsim_sim.scenario.scenario import packaged
 
 VERSIONS = {"python": "3", "commit": "a", "sources": "b"}
@@ -38,3 +40,18 @@ def scenario_file(folder: Path, name: str = "own", **values: Any) -> str:
     path = folder / f"{name}.yaml"
     path.write_text(yaml.safe_dump(demo | {"recording": "demo.parquet"} | values))
     return str(path)
+
+
+def told(out: Path) -> list[Any]:
+    """All that the campaign in `out` has found, without what the clock says."""
+    found = []
+    for result in read_campaign(out).results:
+        plain = result.to_json() | {"wall_s": 0, "finished_at": ""}
+        plain["metrics"] = plain["metrics"] | {"timing": {}}
+        found.append(plain)
+    return found
+
+
+def page_of(folder: Path, out: Path | None = None) -> Path:
+    """The page of the campaign in `folder`, written."""
+    return write_experiment_report(read_campaign(folder), out)

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 import yaml
 
+from campaigns import told
 from litsim_policy.cli import evaluate, run
 from litsim_sim.campaign.results import read_campaign
 
@@ -223,16 +224,6 @@ def children(of: int) -> list[int]:
             continue
         if int(parent) == of and state != "Z":
             found.append(int(stat.parent.name))
-    return found
-
-
-def told(out: Path) -> list[Any]:
-    """All that a campaign has found, without what the clock says."""
-    found = []
-    for result in read_campaign(out).results:
-        plain = result.to_json() | {"wall_s": 0, "finished_at": ""}
-        plain["metrics"] = plain["metrics"] | {"timing": {}}
-        found.append(plain)
     return found
 
 

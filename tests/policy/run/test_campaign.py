@@ -13,7 +13,7 @@ import pytest
 
 import campaigns
 from litsim_policy.run import campaign
-from litsim_policy.run.campaign import LocalRuns, conclude, row_summaries
+from litsim_policy.run.campaign import LocalRuns, conclude
 from litsim_policy.run.case_run import RunOutcome, RunStopped, run_in_process
 from litsim_sim.campaign.criteria import Criteria, Verdict
 from litsim_sim.campaign.folder import CampaignFolder
@@ -122,31 +122,25 @@ def result(case: Any, metrics: dict[str, Any] | None) -> RunResult:
     return RunOutcome(metrics, "" if metrics else "lost").judged(case, campaigns.CRITERIA)
 
 
-def test_rows_are_summed_up_with_their_verdicts() -> None:
-    cases = campaigns.cases(cases=[{"scenario": "demo", "egos": [7, 3, 24]}], policies=["replay"])
-    measured = run_in_process(cases[0])
-    bad = measured | {"collision": measured["collision"] | {"ego_at_fault": 1}}
-    rows = row_summaries([result(cases[0], measured), result(cases[1], bad), result(cases[2], None)])
-    row = rows["idm, replay"]
-    assert (row["runs"], row["measured"], row["failed"]) == (3, 2, 1)
-    assert (row["passed"], row["not_passed"], row["errors"]) == (1, 1, 1)
-
-
-@pytest.mark.parametrize(("share", "verdict"), [(0.5, "passed"), (0.75, "failed")])
+@pytest.mark.parametrize(("share", "verdict"), [(0.3, "passed"), (0.5, "failed")])
 def test_the_conclusion_is_by_the_criteria_of_the_suite(tmp_path: Path, share: float, verdict: str) -> None:
     some = {"name": "most pass", "field": "passed_share", "min": share}
     criteria = Criteria(runs=[dict(campaigns.CRITERIA.runs[0])], suite=[some])  # type: ignore[list-item]
-    suite: Suite = campaigns.suite(cases=[{"scenario": "demo", "egos": [7, 3]}], policies=["replay"], criteria=criteria)
-    cases = campaigns.cases(cases=[{"scenario": "demo", "egos": [7, 3]}], policies=["replay"])
+    what: dict[str, Any] = {"cases": [{"scenario": "demo", "egos": [7, 3, 24]}], "policies": ["replay"]}
+    suite: Suite = campaigns.suite(**what, criteria=criteria)
+    cases = campaigns.cases(**what)
     folder = CampaignFolder(tmp_path)
     folder.begin(suite, cases, campaigns.VERSIONS)
     measured = run_in_process(cases[0])
-    for case, metrics in zip(cases, (measured, None), strict=True):
+    at_fault = measured | {"collision": measured["collision"] | {"ego_at_fault": 1}}
+    for case, metrics in zip(cases, (measured, at_fault, None), strict=True):
         folder.clear(case)
         folder.store(result(case, metrics))
     found = conclude(folder)
-    assert len(found.results) == 2
+    assert len(found.results) == 3
     written = json.loads((tmp_path / "results.json").read_text())
     assert (written["name"], written["verdict"]) == ("some", verdict)
-    assert written["suite"][0]["value"] == 0.5 and written["rows"]["idm, replay"]["runs"] == 2
-    assert [run["verdict"] for run in written["runs"]] == ["passed", "error"]
+    row = written["rows"]["idm, replay"]
+    assert (row["runs"], row["measured"], row["failed"]) == (3, 2, 1)
+    assert (row["passed"], row["not_passed"], row["errors"]) == (1, 1, 1)
+    assert "3 runs" in (tmp_path / "experiment.html").read_text()

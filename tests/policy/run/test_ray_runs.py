@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 
 import campaigns
+from campaigns import told
 from litsim_policy.run import ray_runs
 from litsim_policy.run.case_run import RunOutcome, run_in_process
 from litsim_policy.run.ray_runs import RayRuns, run_task
 from litsim_sim.campaign.case import code_versions
 from litsim_sim.campaign.folder import CampaignFolder
-from litsim_sim.campaign.results import read_campaign
 from litsim_sim.core.errors import InputError
 
 PATIENCE_S = 300.0  # a cluster takes its time to begin on a busy machine
@@ -99,16 +99,6 @@ def kill_a_worker(of: int) -> str:
                 return line
         time.sleep(0.02)
     raise AssertionError(f"waited {PATIENCE_S:g} s for a run")
-
-
-def told(out: Path) -> list[Any]:
-    """All that a campaign has found, without what the clock says."""
-    found = []
-    for result in read_campaign(out).results:
-        plain = result.to_json() | {"wall_s": 0, "finished_at": ""}
-        plain["metrics"] = plain["metrics"] | {"timing": {}}
-        found.append(plain)
-    return found
 
 
 def test_runs_of_a_worker_that_is_lost_are_done_again_and_none_twice(tmp_path: Path) -> None:

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from campaigns import page_of
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.record.run import Run
-from litsim_sim.report.experiment import write_experiment_report
 from litsim_sim.report.thumbnails import read_thumbnail, write_thumbnail
 
 Browser = Any
@@ -35,7 +35,7 @@ def folder(campaign: Write, small_run: Run, tmp_path_factory: pytest.TempPathFac
 
 @pytest.fixture(scope="module")
 def page(folder: Path) -> Path:
-    return write_experiment_report(folder)
+    return page_of(folder)
 
 
 @pytest.fixture
@@ -223,7 +223,7 @@ def test_the_address_keeps_the_view(chromium: Browser, page: Path) -> None:
 
 
 def test_thousands_of_runs(chromium: Browser, campaign: Write, tmp_path: Path) -> None:
-    page = write_experiment_report(campaign(tmp_path, scenes=2500))
+    page = page_of(campaign(tmp_path, scenes=2500))
     assert page.stat().st_size < 2_000_000
     chromium.open(page)
     assert chromium.run(SHOWN).startswith("5000 of 5000 runs: 1 error,")
@@ -264,7 +264,7 @@ def test_names_that_look_like_html_are_text(chromium: Browser, campaign: Write, 
         case |= {"name": HOSTILE, "label": HOSTILE, "tags": [HOSTILE], "scenario": HOSTILE, "events": [event]}
         case["parameters"] = {HOSTILE: HOSTILE}
     file.write_text(json.dumps(values))
-    page = write_experiment_report(folder)
+    page = page_of(folder)
     chromium.open(page)
     chromium.run("campaign.open(campaign.selected[0])")
     assert chromium.run(NAMES)[0] == HOSTILE

@@ -11,7 +11,7 @@ import pytest
 
 from litsim_sim.campaign.criteria import Criterion
 from litsim_sim.campaign.results import Campaign, read_campaign
-from litsim_sim.report.campaign_content import criteria_of, fields_of, pack_campaign, results_by_row
+from litsim_sim.report.campaign_content import criteria_of, fields_of, pack_campaign
 from packed import unpack
 
 
@@ -77,7 +77,3 @@ def test_criteria_of_other_times_are_not_lost(read: Campaign) -> None:
     own = read.criteria.model_copy(update={"runs": read.criteria.runs[:1]})
     names = [name for name, _, _ in criteria_of(replace(read, criteria=own))]
     assert names == ["no contact at fault", "time to collision", "takeovers at most 100"]
-
-
-def test_rows_keep_the_order_of_the_campaign(read: Campaign) -> None:
-    assert {row: len(found) for row, found in results_by_row(read).items()} == {"idm, replay": 6, "idm, litsim": 6}

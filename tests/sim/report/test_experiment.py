@@ -11,14 +11,13 @@ from typing import Any
 
 import pytest
 
-from campaigns import cases, suite
+from campaigns import cases, page_of, suite
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.cli import report
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import Run
 from litsim_sim.report import experiment
-from litsim_sim.report.experiment import write_experiment_report
 from litsim_sim.report.thumbnails import read_thumbnail
 from packed import unpack
 
@@ -40,7 +39,7 @@ def packed(page: Path) -> dict[str, Any]:
 
 
 def test_verdicts_are_of_all_runs_and_those_not_judged_have_not_passed(campaign: Write, tmp_path: Path) -> None:
-    out = write_experiment_report(campaign(tmp_path))
+    out = page_of(campaign(tmp_path))
     html = out.read_text()
     assert out == tmp_path / "experiment.html"
     assert cells(html, "runs") == ["6", "6"]
@@ -54,7 +53,7 @@ def test_verdicts_are_of_all_runs_and_those_not_judged_have_not_passed(campaign:
 
 
 def test_the_better_value_is_marked_and_what_leaves_runs_out_has_an_asterisk(campaign: Write, tmp_path: Path) -> None:
-    html = write_experiment_report(campaign(tmp_path)).read_text()
+    html = page_of(campaign(tmp_path)).read_text()
     assert cells(html, "agents")[1].endswith("*") and not cells(html, "agents")[0].endswith("*")
     assert "* over the runs that left measures" in html
     assert cells(html, "without measures") == ["*0*", "1"]
@@ -63,7 +62,7 @@ def test_the_better_value_is_marked_and_what_leaves_runs_out_has_an_asterisk(cam
 
 
 def test_criteria_count_the_runs_that_miss_them(campaign: Write, tmp_path: Path) -> None:
-    html = write_experiment_report(campaign(tmp_path)).read_text()
+    html = page_of(campaign(tmp_path)).read_text()
     assert cells(html, "no contact at fault") == ["2 of 6", "0 of 5"]
     assert cells(html, "time to collision") == ["2 of 6", "2 of 5"]
     assert cells(html, "takeovers at most 100") == ["0 of 6", "0 of 5"]
@@ -71,27 +70,27 @@ def test_criteria_count_the_runs_that_miss_them(campaign: Write, tmp_path: Path)
 
 
 def test_tags_count_the_runs_that_have_not_passed_the_worst_first(campaign: Write, tmp_path: Path) -> None:
-    html = write_experiment_report(campaign(tmp_path)).read_text()
+    html = page_of(campaign(tmp_path)).read_text()
     # replay: 0 of the even ones, 1 and 3 of the odd ones; litsim: 0 and the error 4, and 1
     assert cells(html, "odd") == ["2 of 3", "1 of 3"]
     assert cells(html, "even") == ["1 of 3", "2 of 3"]
-    fewer = write_experiment_report(campaign(tmp_path / "fewer", scenes=4)).read_text()
+    fewer = page_of(campaign(tmp_path / "fewer", scenes=4)).read_text()
     assert cells(fewer, "odd") == ["2 of 2", "1 of 2"] and cells(fewer, "even") == ["1 of 2", "1 of 2"]
     assert fewer.index('scope="row">odd') < fewer.index('scope="row">even')
 
 
 def test_a_campaign_that_keeps_its_own_criteria_passes(campaign: Write, tmp_path: Path) -> None:
     lenient = {"runs": [{"field": "takeovers", "max": 100}], "suite": [{"field": "passed_share", "min": 0.9}]}
-    html = write_experiment_report(campaign(tmp_path, criteria=lenient)).read_text()
+    html = page_of(campaign(tmp_path, criteria=lenient)).read_text()
     assert '<span class="badge good">passed</span>' in html
     assert cells(html, "passed_share at least 0.9") == ["0.9167", "met"]
 
 
 def test_an_unfinished_campaign_has_a_page_that_says_so(campaign: Write, tmp_path: Path) -> None:
-    html = write_experiment_report(campaign(tmp_path, done=7)).read_text()
+    html = page_of(campaign(tmp_path, done=7)).read_text()
     assert "unfinished: 5 to run" in html and "7 of 12 runs" in html and "not passed" in html
     assert cells(html, "runs") == ["6", "1"]
-    html = write_experiment_report(campaign(tmp_path / "begun", done=0)).read_text()
+    html = page_of(campaign(tmp_path / "begun", done=0)).read_text()
     assert "unfinished: 12 to run" in html
 
 
@@ -101,7 +100,7 @@ def test_a_campaign_of_errors_alone_has_a_page(tmp_path: Path) -> None:
     folder.begin(suite(), [lost], {})
     folder.clear(lost)
     folder.store(RunResult.error(lost, "its process was ended by SIGKILL"))
-    page = write_experiment_report(tmp_path)
+    page = page_of(tmp_path)
     assert cells(page.read_text(), "passed") == ["0.0 %"]
     (run,) = packed(page)["runs"]
     assert (run["verdict"], run["reason"]) == ("error", "its process was ended by SIGKILL")
@@ -114,8 +113,8 @@ def test_files_of_runs_are_linked_from_where_the_page_is_if_they_are_there(campa
     (own / "run").mkdir()
     (own / "run/report.html").write_text("")
     for page, start in (
-        (write_experiment_report(folder), "runs"),
-        (write_experiment_report(folder, tmp_path / "pages/x.html"), "../a%20campaign/runs"),
+        (page_of(folder), "runs"),
+        (page_of(folder, tmp_path / "pages/x.html"), "../a%20campaign/runs"),
     ):
         linked = {run["id"]: run["report"] for run in packed(page)["runs"] if run["report"]}
         assert linked == {own.name: f"{start}/{own.name}/run/report.html"}
@@ -135,10 +134,10 @@ def test_pictures_come_from_the_record_and_are_kept(
         return small_run
 
     monkeypatch.setattr(experiment, "read_run", reader)
-    runs = packed(write_experiment_report(folder))["runs"]
+    runs = packed(page_of(folder))["runs"]
     assert [run["picture"] is not None for run in runs] == [False, True, True, True]
     assert len(read) == 4 and {path.name for path in read} == {"run"}
-    write_experiment_report(folder)
+    page_of(folder)
     assert len(read) == 5  # only the one that has no picture is tried again
     assert read_thumbnail(read[1].parent) == runs[1]["picture"]
 
@@ -157,11 +156,11 @@ def test_command_line(campaign: Write, tmp_path: Path, capsys: pytest.CaptureFix
 def test_what_is_no_campaign(text: str, tmp_path: Path) -> None:
     (tmp_path / "campaign.json").write_text(text)
     with pytest.raises(InputError, match=r"campaign\.json"):
-        write_experiment_report(tmp_path)
+        page_of(tmp_path)
 
 
 def test_rows_without_a_result_yet_are_there(campaign: Write, tmp_path: Path) -> None:
-    data = packed(write_experiment_report(campaign(tmp_path, done=2)))
+    data = packed(page_of(campaign(tmp_path, done=2)))
     assert data["rows"] == ["idm, replay", "idm, litsim"]
     assert [run["row"] for run in data["runs"]] == [0, 0]
 
@@ -171,7 +170,7 @@ def test_the_page_keeps_what_the_campaign_says(campaign: Write, tmp_path: Path) 
     values = json.loads((folder / "campaign.json").read_text())
     values["versions"]["sumo"] = "1.28 <b>"
     (folder / "campaign.json").write_text(json.dumps(values))
-    html = write_experiment_report(folder).read_text()
+    html = page_of(folder).read_text()
     assert "<dt>sumo</dt><dd>1.28 &lt;b&gt;</dd>" in html and values["begun_at"] in html
 
 
@@ -180,4 +179,4 @@ def test_a_row_is_named_by_its_label(tmp_path: Path) -> None:
     (one,) = cases(policies=["replay"])
     named = replace(one, label="horizon=2.0")
     folder.begin(suite(), [named], {})
-    assert "idm, replay, horizon=2.0" in write_experiment_report(tmp_path).read_text()
+    assert "idm, replay, horizon=2.0" in page_of(tmp_path).read_text()

@@ -13,11 +13,11 @@ import jinja2
 import numpy as np
 import pytest
 
+from campaigns import page_of
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.record.run import Run
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.report import run_report
-from litsim_sim.report.experiment import write_experiment_report
 from litsim_sim.report.forecasts import Forecasts
 from litsim_sim.report.pages import asset, render_page
 from litsim_sim.report.recording_plots import draw
@@ -83,7 +83,7 @@ def test_hostile_text_of_a_campaign(campaign: Callable[..., Path], tmp_path: Pat
     for case in values["cases"]:
         case |= {"name": HOSTILE, "label": HOSTILE, "tags": [HOSTILE], "scenario": HOSTILE}
     file.write_text(json.dumps(values))
-    html = write_experiment_report(folder).read_text()
+    html = page_of(folder).read_text()
     expect_text(html, scripts=2, times=10)
     data = re.search(r'<script id="data" type="text/plain">([A-Za-z0-9+/=]*)</script>', html)
     assert data and unpack(data[1])[0]["tags"] == [HOSTILE]
@@ -106,7 +106,7 @@ def test_style_and_scripts_are_as_they_are(small_run: Run, monkeypatch: pytest.M
 
 
 def test_the_page_of_a_campaign_holds_its_scripts(campaign: Callable[..., Path], tmp_path: Path) -> None:
-    html = write_experiment_report(campaign(tmp_path, scenes=1)).read_text()
+    html = page_of(campaign(tmp_path, scenes=1)).read_text()
     parts = ("", "_runs", "_pictures", "_table", "_charts", "_panel", "_columns", "_view", "_filters")
     names = [f"campaign{part}.js" for part in parts]
     for name in ("campaign.css", "container.js", "svg.js", *names):

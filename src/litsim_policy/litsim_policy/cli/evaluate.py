@@ -13,7 +13,7 @@ from rich.console import Console
 from tqdm import tqdm
 
 from litsim_policy.cli.suite_arguments import add_suite_arguments, suite_of
-from litsim_policy.run.campaign import LocalRuns, conclude, passes, row_summaries
+from litsim_policy.run.campaign import LocalRuns, conclude
 from litsim_policy.run.case_run import TIME_LIMIT_S, check_cases
 from litsim_policy.run.ray_runs import LOCAL, RayRuns
 from litsim_policy.run.summary_table import print_summary
@@ -21,11 +21,12 @@ from litsim_sim.campaign.case import Case, cases_of, code_versions
 from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.results import RESULTS_FILE, Campaign, RunResult
+from litsim_sim.campaign.row_summary import row_summary
 from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error
 from litsim_sim.launch.processes import without_interrupts
-from litsim_sim.report.experiment import write_experiment_report
+from litsim_sim.report.experiment import EXPERIMENT_REPORT_FILE
 
 STATUS_HELP = (
     "Exit status: 0, the campaign passes by the criteria of its suite (by default: every run passes); 1, it does not, "
@@ -89,10 +90,9 @@ def evaluate(arguments: argparse.Namespace) -> int:
             print_error("ended before all runs were; the same command goes on where it was")
             raise
         campaign = conclude(folder)
-        page = write_experiment_report(folder.path, quiet=False)
     _print(campaign)
-    print(f"to look at: {page}")
-    return 0 if passes(campaign.judged) else EXIT_FAILED
+    print(f"to look at: {campaign.folder / EXPERIMENT_REPORT_FILE}")
+    return 0 if campaign.passes else EXIT_FAILED
 
 
 class Progress:
@@ -143,7 +143,7 @@ def _counted(results: Collection[RunResult]) -> str:
 
 def _print(campaign: Campaign) -> None:
     """The table; what the campaign fails by, and every run that has not passed, with its reason."""
-    print_summary(campaign.name, row_summaries(campaign.results), Console())
+    print_summary(campaign.name, {row: row_summary(results) for row, results in campaign.rows.items()}, Console())
     print(f"{_counted(campaign.results)}; every run: {campaign.folder / RESULTS_FILE}")
     for criterion in campaign.judged:
         if not criterion.passed:

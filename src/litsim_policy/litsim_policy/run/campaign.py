@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import threading
-from collections import Counter
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 from litsim_policy.run.case_run import TIME_LIMIT_S, RunOutcome, RunStopped, is_elsewhere, run_over_graph
 from litsim_policy.run.workers import Workers
-from litsim_sim.analysis.summary import summarise
 from litsim_sim.campaign.case import GRAPH, Case
-from litsim_sim.campaign.criteria import Criteria, CriterionResult, Verdict
+from litsim_sim.campaign.criteria import Criteria, Verdict
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.junit import JUNIT_FILE, write_junit
 from litsim_sim.campaign.results import Campaign, RunResult, read_campaign
+from litsim_sim.campaign.row_summary import row_summary
 from litsim_sim.core.errors import reason
 from litsim_sim.launch.processes import without_interrupts
+from litsim_sim.report.experiment import write_experiment_report
 
 
 @dataclass
@@ -89,45 +88,20 @@ class LocalRuns:
             return run_over_graph(case, where, self._stopped.is_set, self.time_limit_s)
 
 
-def row_summaries(results: Iterable[RunResult]) -> dict[str, dict[str, Any]]:
-    """What the runs of each row come to together: see :func:`litsim_sim.analysis.summary.summarise`, and verdicts.
-
-    Verdicts are counted as `passed`, `not_passed` (by a criterion) and `errors`.
-    """
-    by_row: dict[str, list[RunResult]] = {}
-    for result in results:
-        by_row.setdefault(result.case.row, []).append(result)
-    summaries = {}
-    for row, mine in by_row.items():
-        measured = [dict(result.metrics) for result in mine if result.metrics is not None]
-        counts = Counter(result.verdict for result in mine)
-        summaries[row] = summarise(measured, len(mine) - len(measured)) | {
-            "passed": counts[Verdict.PASSED],
-            "not_passed": counts[Verdict.FAILED],
-            "errors": counts[Verdict.ERROR],
-        }
-    return summaries
-
-
 def conclude(folder: CampaignFolder) -> Campaign:
-    """Write what the campaign in `folder` comes to, as far as it has come, and return it.
+    """Write what the campaign in `folder` comes to, as far as it has come: results, JUnit and page. Returns it.
 
     Raises:
         InputError: a file cannot be read or written.
     """
     campaign = read_campaign(folder.path)
-    judged = campaign.judged
     folder.write_results(
         campaign.results,
         name=campaign.name,
-        verdict=str(Verdict.PASSED if passes(judged) else Verdict.FAILED),
-        suite=[asdict(each) for each in judged],
-        rows=row_summaries(campaign.results),
+        verdict=str(Verdict.PASSED if campaign.passes else Verdict.FAILED),
+        suite=[asdict(each) for each in campaign.judged],
+        rows={row: row_summary(results) for row, results in campaign.rows.items()},
     )
     write_junit(campaign, folder.path / JUNIT_FILE)
+    write_experiment_report(campaign, quiet=False)
     return campaign
-
-
-def passes(judged: Iterable[CriterionResult]) -> bool:
-    """Whether a campaign passes, by what its criteria say of it as a whole."""
-    return all(each.passed for each in judged)

@@ -109,10 +109,23 @@ class Campaign:
 
     @property
     def judged(self) -> tuple[CriterionResult, ...]:
-        """The campaign held against the criteria of its suite; it passes where all of them do."""
+        """The campaign held against the criteria of its suite."""
         by_id = {result.case.id: result for result in self.results}
         found = (by_id.get(case.id) for case in self.cases)
         return self.criteria.of_runs([Outcome(*((r.verdict, r.metrics) if r else (None, None))) for r in found])
+
+    @property
+    def passes(self) -> bool:
+        """Whether it meets every criterion of its suite."""
+        return all(each.passed for each in self.judged)
+
+    @property
+    def rows(self) -> dict[str, list[RunResult]]:
+        """The finished runs of each row of its tables, in the order of the cases; a row may have none yet."""
+        rows: dict[str, list[RunResult]] = {case.row: [] for case in self.cases}
+        for result in self.results:
+            rows[result.case.row].append(result)
+        return rows
 
     @property
     def missing(self) -> tuple[Case, ...]:

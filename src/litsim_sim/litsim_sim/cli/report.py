@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from litsim_sim.campaign.results import is_campaign
+from litsim_sim.campaign.results import is_campaign, read_campaign
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 
@@ -38,7 +38,7 @@ def report(arguments: argparse.Namespace) -> list[Path]:
     if is_campaign(arguments.run):
         from litsim_sim.report.experiment import write_experiment_report
 
-        return [write_experiment_report(arguments.run, arguments.out, quiet=arguments.quiet)]
+        return [write_experiment_report(read_campaign(arguments.run), arguments.out, quiet=arguments.quiet)]
     if not written or arguments.out is not None:
         from litsim_sim.report.run_report import write_report
 

@@ -61,7 +61,7 @@ def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]],
         beside: the folder of the page, from which links lead.
     """
     results = campaign.results
-    rows = row_names(campaign)
+    rows = list(campaign.rows)
     criteria = criteria_of(campaign)
     tags = sorted({tag for result in results for tag in result.case.tags})
     content = {
@@ -93,11 +93,6 @@ def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]],
         ],
     }
     return Packer(content).pack()
-
-
-def row_names(campaign: Campaign) -> list[str]:
-    """Names of the rows, in the order of the campaign."""
-    return list(dict.fromkeys(case.row for case in campaign.cases))
 
 
 def criteria_of(campaign: Campaign) -> list[tuple[str, str, str]]:
@@ -203,8 +198,3 @@ def _happenings(metrics: Mapping[str, Any] | None) -> dict[str, Any]:
         "takeovers": [[each["detected_step"], end] for each, end in zip(metrics["ledger"], ended, strict=True)],
         "contacts": contacts,
     }
-
-
-def results_by_row(campaign: Campaign) -> dict[str, list[RunResult]]:
-    """The finished runs of each row, in the order of the campaign."""
-    return {row: [each for each in campaign.results if each.case.row == row] for row in row_names(campaign)}

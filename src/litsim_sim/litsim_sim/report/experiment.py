@@ -11,12 +11,12 @@ from typing import Any
 
 from tqdm import tqdm
 
-from litsim_sim.analysis.summary import summarise
 from litsim_sim.campaign.criteria import CriterionResult, Verdict
-from litsim_sim.campaign.results import RUNS_FOLDER, Campaign, RunResult, read_campaign
+from litsim_sim.campaign.results import RUNS_FOLDER, Campaign, RunResult
+from litsim_sim.campaign.row_summary import row_summary
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import read_run
-from litsim_sim.report.campaign_content import criteria_of, pack_campaign, results_by_row
+from litsim_sim.report.campaign_content import criteria_of, pack_campaign
 from litsim_sim.report.pages import render_page
 from litsim_sim.report.run_report import save
 from litsim_sim.report.thumbnails import read_thumbnail, write_thumbnail
@@ -70,22 +70,21 @@ SUMMARY = (
 )
 
 
-def write_experiment_report(folder: Path, out: Path | None = None, quiet: bool = True) -> Path:
+def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: bool = True) -> Path:
     """Write the page of a campaign, finished or not.
 
     Args:
-        folder: of the campaign, as `litsim_policy evaluate --out FOLDER` leaves it.
-        out: the page; default: `experiment.html` in the folder. Reports and logs of runs are linked from there.
+        campaign: as :func:`litsim_sim.campaign.results.read_campaign` finds it.
+        out: the page; default: `experiment.html` in its folder. Reports and logs of runs are linked from there.
         quiet: whether to show no progress where pictures of runs have still to be made from their records.
 
     Returns:
         where the page was written.
 
     Raises:
-        InputError: no campaign lies there, or the page cannot be written.
+        InputError: the page cannot be written.
     """
-    campaign = read_campaign(folder)
-    path = out or folder / EXPERIMENT_REPORT_FILE
+    path = out or campaign.folder / EXPERIMENT_REPORT_FILE
     save(_render(campaign, _pictures(campaign, quiet), path.parent), path)
     return path
 
@@ -117,15 +116,15 @@ def _folder(campaign: Campaign, result: RunResult) -> Path:
 
 
 def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Path) -> str:
-    by_row = results_by_row(campaign)
-    summary = {row: _summary(results) for row, results in by_row.items()}
+    by_row = campaign.rows
+    summary = {row: row_summary(results) for row, results in by_row.items()}
     return render_page(
         "experiment.html.j2",
         title=campaign.name,
         heading=campaign.name,
         subtitle=_subtitle(campaign),
         judged=[_suite_criterion(each) for each in campaign.judged],
-        passed=all(each.passed for each in campaign.judged),
+        passed=campaign.passes,
         missing=len(campaign.missing),
         rows=[_verdicts(name, results) for name, results in by_row.items()],
         names=list(by_row),
@@ -140,15 +139,6 @@ def _render(campaign: Campaign, pictures: dict[str, dict[str, Any]], beside: Pat
         "there is nothing to measure.",
         data=pack_campaign(campaign, pictures, beside),
     )
-
-
-def _summary(results: list[RunResult]) -> dict[str, Any]:
-    """What a row comes to: its measures, and verdicts of all its runs."""
-    measured = [dict(each.metrics) for each in results if each.metrics is not None]
-    verdicts = Counter(each.verdict for each in results)
-    share = verdicts[Verdict.PASSED] / len(results) if results else None
-    more = {"passed_share": share, "errors": verdicts[Verdict.ERROR]}
-    return summarise(measured, len(results) - len(measured)) | more
 
 
 def _subtitle(campaign: Campaign) -> str:
