@@ -15,7 +15,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.signals import SignalState
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.scenario.signals import Signals
+from litsim_sim.scenario.signals import Signals, SignalsFile, heed, on_clock
 
 GROUPS = {"east": ["WA_0", "WA_1 -> AB_1"], "left": ["WA_2 -> AAN_0"], "walk": []}
 CHANGES = [
@@ -66,6 +66,37 @@ def test_changes_count_from_frame_0_of_the_recording(build: Callable[..., Scenar
     assert shown(signals, "left") == [(0, "RED"), (20, "GREEN")]
     assert signals.table(11).stop.tolist() == [True, True]
     assert signals.table(1000).state.tolist() == signals.table(60).state.tolist()
+
+
+def test_a_group_may_name_all_lanes_of_an_edge(build: Callable[..., Scenario]) -> None:
+    signals = build({"groups": {"all": ["WA"]}, "changes": [[0.0, "all", "green"]]}).signals
+    assert signals is not None
+    assert signals.link_names == ("WA_0 -> AAS_0", "WA_0 -> AB_0", "WA_1 -> AB_1", "WA_2 -> AAN_0")
+
+
+@pytest.mark.parametrize(
+    "shown_by",
+    [
+        {"changes": [[100.0, "east", "green"], [103.0, "east", "red"]]},
+        {
+            "program": {
+                "offset_s": 100.0,
+                "phases": [{"duration_s": 3, "states": {"east": "green"}}, {"duration_s": 90}],
+            }
+        },
+    ],
+)
+def test_times_may_be_of_another_clock(build: Callable[..., Scenario], shown_by: dict[str, Any]) -> None:
+    given = SignalsFile.model_validate({"groups": {"east": ["WA"]}} | shown_by)
+    signals = build(on_clock(given, 98.0).model_dump(mode="json", exclude_none=True)).signals
+    assert shown(signals, "east")[-1] == (30, "RED")  # 103 s there are 5 s here; the scenario begins at 2 s
+
+
+def test_how_vehicles_heed_signals(build: Callable[..., Scenario]) -> None:
+    changes = [[0.0, "east", "green"], [3.05, "east", "red"]]
+    scenario = build({"groups": {"east": ["WA"]}, "changes": changes})
+    assert scenario.signals is not None
+    assert heed(scenario.signals, scenario.log) == {"east": (4, 3)}
 
 
 def test_before_its_first_change_nothing_is_known_of_a_group(build: Callable[..., Scenario]) -> None:

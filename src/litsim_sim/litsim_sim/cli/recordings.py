@@ -9,6 +9,8 @@ from litsim_sim.core.scene import STEP_S, Kind
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged, packaged_nets
 
+LONG_NOTES = ("mapping", "ids")  # of a header, which are whole tables
+
 
 def describe(recording: Recording) -> str:
     """What a recording holds, as text."""
@@ -28,7 +30,7 @@ def describe(recording: Recording) -> str:
         "at a time": f"{per_frame.min()} to {per_frame.max()}, mean {per_frame.mean():.1f}",
         "speed": f"mean {table['speed'].mean():.1f}, {table['speed'].min():.1f} to {table['speed'].max():.1f} m/s",
         "extent": span,
-        "notes": ", ".join(f"{key}: {value}" for key, value in header.notes.items()),
+        "notes": ", ".join(f"{key}: {value}" for key, value in header.notes.items() if key not in LONG_NOTES),
     }
     return "\n".join(f"{name:<11}{value}" for name, value in rows.items() if value)
 

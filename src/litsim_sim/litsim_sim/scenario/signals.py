@@ -82,8 +82,8 @@ class SignalsFile(_Strict):
     """Signals as people write them: groups, and one of three ways to say what they show.
 
     Attributes:
-        groups: by name, the connections ``FROM_LANE -> TO_LANE`` that it controls, or ``FROM_LANE`` for all of a lane;
-            a group of the recording that is not needed has an empty list.
+        groups: by name, the connections ``FROM_LANE -> TO_LANE`` that it controls, or ``FROM_LANE`` for all of a lane,
+            or ``EDGE`` for all of its lanes; a group of the recording that is not needed has an empty list.
         changes: [seconds from frame 0 of the recording, group, state], ascending.
         states: a file of changes.
         program: a fixed cycle.
@@ -155,6 +155,15 @@ def resolved(given: SignalsFile, folder: Path, where: str) -> SignalsFile:
     return SignalsFile(groups=given.groups, changes=changes)
 
 
+def on_clock(given: SignalsFile, zero_s: float) -> SignalsFile:
+    """The same, resolved, with times counted from `zero_s` on [s] instead of from 0."""
+    if given.program is not None:
+        program = given.program.model_copy(update={"offset_s": given.program.offset_s - zero_s})
+        return given.model_copy(update={"program": program})
+    changes = [(round(begin - zero_s, 6), group, state) for begin, group, state in given.changes or []]
+    return given.model_copy(update={"changes": changes})
+
+
 def build(given: SignalsFile, net: Path, log: Log, start_frame: int, where: str) -> Signals:
     """The signals of a scenario.
 
@@ -187,6 +196,7 @@ def _members(groups: Mapping[str, Sequence[str]], links: Iterable[SignalLink], w
     for link in links:
         by_name.setdefault(link.name, []).append(link.name)
         by_name.setdefault(link.from_lane, []).append(link.name)
+        by_name.setdefault(link.from_lane.rpartition("_")[0], []).append(link.name)
     members: dict[str, str] = {}
     for group, names in groups.items():
         for name in names:
@@ -194,7 +204,7 @@ def _members(groups: Mapping[str, Sequence[str]], links: Iterable[SignalLink], w
             if plain not in by_name:
                 near = difflib.get_close_matches(plain, by_name, 3, 0.4)
                 raise InputError(
-                    f"{where}.{group}: {name}: the net has no such controlled connection or lane; near: "
+                    f"{where}.{group}: {name}: the net has no such controlled connection, lane or edge; near: "
                     f"{', '.join(near) or 'none: has it traffic lights?'}"
                 )
             for member in by_name[plain]:
@@ -251,17 +261,21 @@ def _states(
     return states
 
 
-def _check_against(signals: Signals, log: Log, where: str) -> None:
-    """Refuse signals that most vehicles of the log do not heed."""
+def heed(signals: Signals, log: Log) -> dict[str, tuple[int, int]]:
+    """By group, how many vehicles of the log pass its stop lines, and how many of them at red."""
     found = crossings(signals.links, log.x, log.y, log.yaw, log.length, log.valid)
     group = signals.link_group[found.link]
     red = np.isin(signals.states[group, found.step], STOP_STATES)
-    for row, name in enumerate(signals.groups):
-        mine = group == row
-        if mine.sum() >= PASSED_MIN and red[mine].mean() > AT_RED_MAX:
+    return {name: (int((group == row).sum()), int(red[group == row].sum())) for row, name in enumerate(signals.groups)}
+
+
+def _check_against(signals: Signals, log: Log, where: str) -> None:
+    """Refuse signals that most vehicles of the log do not heed."""
+    for name, (passed, at_red) in heed(signals, log).items():
+        if passed >= PASSED_MIN and at_red > AT_RED_MAX * passed:
             raise InputError(
-                f"{where}: field signals: group {name}: {int(red[mine].sum())} of {int(mine.sum())} vehicles pass its "
-                f"stop lines at red: are its connections and times right?"
+                f"{where}: field signals: group {name}: {at_red} of {passed} vehicles pass its stop lines at red: are "
+                f"its connections and times right?"
             )
 
 

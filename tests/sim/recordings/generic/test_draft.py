@@ -32,6 +32,15 @@ def drafted(path: Path) -> Mapping:
         lambda table: table.rename(
             columns={"timestamp": "timestamp_s", "heading": "psi_rad", "x": "xCenter", "y": "yCenter"}
         ),
+        lambda table: table.assign(length=100.0 * table["length"], width=180.0).rename(
+            columns={
+                "heading": "Course_rad",
+                "x": "Easting",
+                "y": "Northing",
+                "length": "Length_cm",
+                "width": "Width_cm",
+            }
+        ),
     ],
 )
 def test_units_and_conventions_are_found(tmp_path: Path, traffic: Traffic, change: Callable[..., pd.DataFrame]) -> None:

@@ -23,6 +23,7 @@ from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
 
 IDS_KEPT = 5000  # names of vehicles that are kept in the header; of more, only the count
 DROP = "drop"
+CLOCK = "time_of_frame_0_s"  # note of the header: what the clock of the file showed at frame 0
 
 
 def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
@@ -73,7 +74,8 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd
     ids, names = _ids(given["vehicle_id"], source)
     time = numbers("time", units.time) if columns.time is not None else numbers("frame") / mapping.rate_hz
     if columns.time is not None:  # frame 0 is the first one
-        time = time - np.floor(time.min() * RATE_HZ) / RATE_HZ
+        zero = float(np.floor(time.min() * RATE_HZ) / RATE_HZ)
+        time, names = time - zero, {CLOCK: round(zero, 6)} | names
     turn, mirror = np.deg2rad(mapping.transform.yaw_deg), -1.0 if mapping.transform.mirror_y else 1.0
     x, y = numbers("x", units.position), mirror * numbers("y", units.position)
     table = pd.DataFrame(

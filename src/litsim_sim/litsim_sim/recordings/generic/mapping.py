@@ -132,6 +132,8 @@ class Mapping(_Strict):
         kinds: vehicle classes by what column `kind` says; ``drop`` leaves those rows out.
         clip: the clip to convert, of those in column `clip`; needed where there are several.
         rows: by column of the file, which rows to keep: a value, a list of values, or a :class:`Span`.
+        signals: file of what the signals of the net showed (docs/signals.md), relative to the mapping; times in it are
+            those of the column `time`, or else counted from frame 0.
         accept: checks of :mod:`litsim_sim.recordings.generic.plausibility` that are left out, the file being right.
         clean: whether headings, speeds and accelerations are derived from smoothed positions. Needed where the file has
             none and positions are noisy; left out, those of the file stay, and missing ones are plain differences.
@@ -150,6 +152,7 @@ class Mapping(_Strict):
     kinds: dict[str, KindName] = {}
     clip: Value | None = None
     rows: dict[str, Value | list[Value] | Span] = {}
+    signals: str = ""
     accept: list[Check] = []
     clean: bool = False
 

@@ -1,0 +1,46 @@
+"""Signals of a whole recording against its vehicles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.scenario.recorded_signals import survey
+from litsim_sim.scenario.scenario import packaged
+from litsim_sim.scenario.signals import SignalsFile
+
+NET = packaged("nets/urban_like.net.xml")
+
+
+def recording(starts: list[int]) -> Recording:
+    """Cars on WA_1 at 10 m/s, each at the line a second after its first frame."""
+    cars = []
+    for number, start in enumerate(starts, 1):
+        frame = np.arange(start, start + 30)
+        x = -114.6 + (frame - start) - 10.0 - 2.0
+        cars.append(pd.DataFrame({"vehicle_id": number, "frame": frame, "x": x, "y": -4.95}))
+    same = {"yaw": 0.0, "speed": 10.0, "acceleration": 0.0, "length": 4.0, "width": 1.8, "kind": 0, "lane": -1}
+    return Recording.from_table(RecordingHeader("made"), pd.concat(cars).assign(**same), "made")
+
+
+def signals(**fields: Any) -> SignalsFile:
+    return SignalsFile.model_validate({"groups": {"east": ["WA"], "north": ["ANA"]}} | fields)
+
+
+def test_pieces_are_counted_together() -> None:
+    given = signals(changes=[[0.0, "east", "green"], [65.0, "east", "red"]])
+    lines = survey(given, NET, recording([0, 20, 610, 630, 670]), "made")
+    assert lines == ["signals    east: 5 vehicles pass, 1 at red", "signals    north: 0 vehicles pass, 0 at red"]
+
+
+def test_signals_that_nobody_heeds_are_refused() -> None:
+    given = signals(changes=[[0.0, "east", "red"]])
+    with pytest.raises(
+        InputError, match=r"^made: field signals: group east: 5 of 5 vehicles pass its stop lines at red"
+    ):
+        survey(given, NET, recording([0, 20, 40, 60, 80]), "made")
