@@ -74,7 +74,7 @@ def test_scenario_field(graph: Any, fields: dict[str, Any], expected: str) -> No
     ("damage", "expected"),
     [
         ("hole", "hole.parquet: vehicle_id 13: frame 89 is followed by a hole (next row: frame 91); expected one row"),
-        ("nan", "nan.parquet: row 1234 (vehicle_id "),
+        ("nan", "nan.parquet: row 1235 (vehicle_id "),
         ("column", "column.parquet: unknown columns ['heading'], missing columns ['yaw']; expected exactly "),
         ("elsewhere", "short.yaml: net us101_like.net.xml does not cover the recording: 0.0% of the box centres"),
     ],

@@ -88,7 +88,7 @@ def test_order_of_rows_and_columns_does_not_matter(order: list[int]) -> None:
 def test_values_that_are_not_finite(column: str, value: float) -> None:
     table = table_of([(7, 100, 5)])
     table.loc[3, column] = value
-    assert f"row 3 (vehicle_id 7, frame 103): column {column} is {value}" in refusal(table)
+    assert f"row 4 (vehicle_id 7, frame 103): column {column} is {value}" in refusal(table)
 
 
 @pytest.mark.parametrize(

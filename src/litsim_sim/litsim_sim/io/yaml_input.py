@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +16,7 @@ from litsim_sim.core.errors import InputError
 SHOWN = 5  # problems that one message lists
 FOUND_MAX = 60  # characters of a wrong value that a message repeats
 DEEPEST = 50  # lists and mappings within each other; what people write has two or three
+STREAM_NAME = re.compile(r' in "<(?:unicode|byte) string>",')  # PyYAML's for a text without a file
 MISNAMED = ("missing", "extra_forbidden")  # pydantic's types of problems with names, not values
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -53,7 +55,8 @@ def load_yaml(text: str | bytes, where: str) -> Any:
     try:
         return yaml.load(text, _Loader)  # noqa: S506 - a SafeLoader
     except (yaml.YAMLError, ValueError) as error:  # ValueError: a date that is none
-        raise InputError(f"{where}: malformed YAML: {' '.join(str(error).split())}") from error
+        said = STREAM_NAME.sub(",", " ".join(str(error).split()))  # `where` has named the file
+        raise InputError(f"{where}: malformed YAML: {said}") from error
 
 
 def parse_yaml(text: str | bytes, where: str, model: type[BaseModel]) -> dict[str, Any]:

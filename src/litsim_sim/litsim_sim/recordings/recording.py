@@ -117,7 +117,7 @@ class Recording:
                 at = int(np.argmax(bad))
                 vehicle, frame, value = (table[column].iloc[at] for column in ("vehicle_id", "frame", name))
                 raise InputError(
-                    f"{where}: row {at} (vehicle_id {vehicle}, frame {frame}): column {name} is {value}, "
+                    f"{where}: row {at + 1} (vehicle_id {vehicle}, frame {frame}): column {name} is {value}, "
                     f"expected {expected}; {int(bad.sum())} such rows"
                 )
         table = table.astype(COLUMNS).sort_values(["frame", "vehicle_id"], ignore_index=True)
