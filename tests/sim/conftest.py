@@ -61,7 +61,8 @@ def make_run(tables: list[AgentTable], log: list[AgentTable] | None = None, **va
     """A complete run of `tables`, whose log is `log`; fields of RunInfo and of Run by name."""
     last = tables[-1].step
     of_info = {k: values.pop(k) for k in list(values) if k in RunInfo.__dataclass_fields__}
-    said = Status(last, "bridge", StageState.FINISHED, 2.0, yaml.safe_dump({"missed": {}, "late_entries": []}))
+    summary = {"missed": {}, "late_entries": [], "ended": {"reason": "time", "step": last, "lane": ""}}
+    said = Status(last, "bridge", StageState.FINISHED, 2.0, yaml.safe_dump(summary))
     usual = {"statuses": [said], "log": tables if log is None else log}
     return Run(Path("run_0.mcap"), info(**({"total_steps": last} | of_info)), tables, **(usual | values))
 

@@ -260,3 +260,24 @@ def test_real_traffic_is_left_alone_when_the_ego_is_on_its_log(real: Scenario) -
         metrics = compute_metrics(run_of(scenario, "log", "litsim"))
         assert metrics["relevant_ratio"] <= 0.05 and metrics["collision"]["excess"] == 0
         assert errors(run_of(scenario, "log", "replay")).max() < 1e-6
+
+
+@pytest.mark.parametrize("policy", ["replay", "yield"])
+def test_a_run_ends_when_the_ego_has_left_the_net(make_scenario, track, policy: str) -> None:
+    """The end of the net is at 640 m; the log of the ego, which is slower, has it there until the end."""
+    scenario = make_scenario(track(1, x=600.0, speed=3.0, last=100), track(2, x=300.0, last=100))
+    run = record(Runner(RunPlan(scenario, "idm", policy)))
+    metrics = compute_metrics(run)
+    last = run.tables[-1].step
+    assert last < scenario.total_steps
+    time_s = pytest.approx(0.1 * last)
+    assert metrics["ended"] == {"reason": "net_end", "step": last, "time_s": time_s, "lane": "downstream_3"}
+    assert metrics["valid"] and metrics["steps"] == last
+    assert metrics["ego_motion"]["off_road"] == 0.0
+    assert run.tables[-1].row(1) < 0 <= run.tables[-2].row(1)
+
+
+def test_a_run_that_the_ego_does_not_leave_lasts_for_its_time(make_scenario, track) -> None:
+    scenario = make_scenario(track(1, x=100.0, last=40))
+    metrics = compute_metrics(record(Runner(RunPlan(scenario, "idm", "replay"))))
+    assert metrics["ended"] == {"reason": "time", "step": 40, "time_s": 4.0, "lane": ""}

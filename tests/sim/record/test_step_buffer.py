@@ -208,3 +208,21 @@ def test_step_0_does_not_wait_for_ever_for_an_ego_that_the_recorder_does_not_hea
     assert bag.confirmed == []
     bag.show(0, AGENTS)
     assert set(bag.confirmed) == {0}
+
+
+@pytest.mark.parametrize("already", [False, True])
+def test_an_earlier_end_is_confirmed_whenever_it_is_announced(already: bool) -> None:
+    bag = Bag()
+    for step in range(13):
+        bag.show(step)
+    if not already:
+        bag.buffer.end_at(13)
+    bag.show(13)
+    if already:
+        assert bag.confirmed[-1] < 13
+        bag.buffer.end_at(13)
+    assert bag.confirmed[-1] == 13
+    bag.show(14)
+    bag.buffer.end(amid_step=False)
+    assert bag.steps_of(AGENTS) == list(range(14)), "nothing comes after the last step"
+    assert bag.buffer.gaps == ""

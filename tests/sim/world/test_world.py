@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
 from litsim_sim.core.geometry import overlapping_pairs
+from litsim_sim.core.run_end import EndReason, RunEnd
 from litsim_sim.core.scene import (
     ARRAY_FIELDS,
     STEP_S,
@@ -184,6 +185,47 @@ def test_an_ego_whose_log_is_over_drives_on(make_scenario: Any, track: Any) -> N
     tables = advance(world, world.reset(), 12)
     assert [table.row(EGO) >= 0 for table in tables[8:]] == [True, True, False, False]
     assert not world.ego_is_driven
+
+
+# The end of a run
+
+
+@pytest.fixture(scope="module")
+def leaving(make_scenario: Any, track: Any, lane_centres: tuple[float, ...]) -> Scenario:
+    """An ego that soon passes the end of the net, at x = 640 m, and somebody far behind it."""
+    tracks = track(EGO, x=604.0, speed=10.0, last=35), track(OTHER, x=500.0, y=lane_centres[3], speed=2.0, last=60)
+    return make_scenario(*tracks, history_steps=HISTORY)
+
+
+def test_the_run_is_over_when_the_ego_has_passed_an_end_of_the_net(leaving: Scenario) -> None:
+    world = World(leaving)
+    tables = [world.reset()]
+    while world.ended is None and tables[-1].step < leaving.total_steps:
+        tables += advance(world, tables[-1], 1, ego=(2.0, 0.0))
+    assert world.ended == RunEnd(EndReason.NET_END, tables[-1].step, "downstream_3")
+    assert tables[-1].row(EGO) < 0 and tables[-1].row(OTHER) >= 0
+    reach = 642.0  # half a lane's width beyond the end still is on the road
+    assert value(tables[-2], EGO, "x") <= reach < value(tables[-2], EGO, "x") + 0.2 * value(tables[-2], EGO, "speed")
+    assert world.summary()["ended"] == {"reason": "net_end", "step": tables[-1].step, "lane": "downstream_3"}
+    assert world.reset().step == 0 and world.ended is None, "the next run begins anew"
+
+
+def test_an_ego_that_leaves_the_road_to_the_side_has_not_left_the_net(leaving: Scenario) -> None:
+    world = World(leaving)
+    tables = advance(world, world.reset(), HISTORY)
+    tables += advance(world, tables[-1], 10, ego=(-2.0, 0.4))
+    tables += advance(world, tables[-1], 40, ego=(0.0, 0.0))
+    on_road = leaving.lane_map.inside_road(*(np.array([value(tables[-1], EGO, f)]) for f in ("x", "y")))
+    assert not on_road[0], "nor does it vanish because its log is over"
+    assert world.ended is None
+    assert world.summary()["ended"] == {"reason": "time", "step": tables[-1].step, "lane": ""}
+
+
+def test_the_run_is_over_when_the_log_is_that_the_ego_follows(leaving: Scenario) -> None:
+    world = World(leaving)
+    tables = advance(world, world.reset(), 40)
+    assert world.ended == RunEnd(EndReason.LOG_OVER, 36)
+    assert tables[34].row(EGO) >= 0 > tables[35].row(EGO)
 
 
 # Controlled agents
@@ -527,14 +569,18 @@ def test_a_reset_knows_nothing_of_the_runs_before(blocked: Scenario, entry: Call
     assert guarded.entries.waiting
     assert outwaited.entries.never_entered
     nothing = {"contacts": 0, "late_entries": [], "never_entered": [], "sumo_deviation_m": None}
+
+    def ended(step: int) -> dict[str, Any]:
+        return {"ended": {"reason": "time", "step": step, "lane": ""}}
+
     for world in (unguarded, guarded, outwaited):
         tables = [world.reset()]
-        assert world.summary() == nothing
+        assert world.summary() == nothing | ended(0)
         tables += advance(world, tables[-1], 60)
         for table in tables:
             for agent in table.id.tolist():
                 assert_as_logged(table, world.scenario, agent)
-        assert world.summary() == nothing
+        assert world.summary() == nothing | ended(60)
 
 
 class RecordingMirror:

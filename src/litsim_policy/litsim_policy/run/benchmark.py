@@ -137,7 +137,7 @@ def time_in_process(scenario_file: Path) -> Sample:
         sumo = mirror.seconds[-1]
         for name, seconds in (result.stage_s | {WORLD: result.stage_s["bridge"] - sumo, SUMO: sumo}).items():
             parts.setdefault(name, []).append(1e3 * seconds)
-    whole = 1e3 * (time.perf_counter() - begin) / (scenario.total_steps - scenario.history_steps + 1)
+    whole = 1e3 * (time.perf_counter() - begin) / len(mirror.seconds[scenario.history_steps :])
     return {name: statistics.median(values) for name, values in parts.items() if name in PARTS} | {IN_PROCESS: whole}
 
 

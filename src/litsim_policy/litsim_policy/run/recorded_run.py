@@ -14,6 +14,7 @@ from litsim_msgs.msg import StageStatus
 from rclpy.serialization import deserialize_message
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.stages import StageState
 from litsim_sim.io.yaml_input import parse_yaml
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import NET_FILE, RECORDING_FILE, SCENARIO_FILE
@@ -147,8 +148,10 @@ def _note(record: Record, reader: BagReader) -> None:
     if then != now:
         record.notes.append(f"recorded with commit {then}, this is {now}")
     agents = record.messages[AGENTS.name]
-    if (last := max(agents, default=-1)) < record.info.total_steps:
-        record.notes.append(f"the record ends at step {last} of {record.info.total_steps}")
+    ending = [said.step for said in record.messages[STATUS.name].values() if said.state == StageState.ENDING]
+    expected = min([*ending, record.info.total_steps])
+    if (last := max(agents, default=-1)) < expected:
+        record.notes.append(f"the record ends at step {last} of {expected}")
     missed = [step for step in agents if step not in record.messages[EGO_CONTROL.name]]
     if missed:
         record.notes.append(f"{len(missed)} steps lack the ego's answer, the first is {min(missed)}")

@@ -80,7 +80,7 @@ class Runner:
         load_kernels()
 
     def steps(self) -> Iterator[StepResult]:
-        """Every step of the run with its answers, in order."""
+        """Every step of the run with its answers, in order: all of the scenario, or fewer if the ego leaves."""
         begin = time.perf_counter()
         table = self.world.reset()
         try:
@@ -103,6 +103,8 @@ class Runner:
                 marks["ego"] = time.perf_counter() - begin
                 yield StepResult(table, takeovers, controls, ego, marks)
                 begin = time.perf_counter()
+                if self.world.ended is not None:
+                    return
                 if step < self.plan.scenario.total_steps:
                     table = self.world.step(controls or ControlTable.empty(step), ego)
         finally:
@@ -131,7 +133,8 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
         progress()
     wall = time.perf_counter() - begin
     info = RunInfo(**plan.facts(), mode="in-process", topics=(), configuration="", versions="")
-    finished = Status(scenario.total_steps, BRIDGE, StageState.FINISHED, wall, yaml.safe_dump(runner.world.summary()))
+    last = results[-1].table.step
+    finished = Status(last, BRIDGE, StageState.FINISHED, wall, yaml.safe_dump(runner.world.summary()))
     return RecordedRun(
         path=Path(plan.run_id),
         info=info,
@@ -145,10 +148,7 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
             for r in results
             if r.takeovers is not None
         },
-        timing={
-            stage: {r.table.step: r.stage_s[stage] for r in results}
-            for stage in (results[0].stage_s if results else ())
-        },
+        timing={stage: {r.table.step: r.stage_s[stage] for r in results} for stage in results[0].stage_s},
         statuses=[finished],
         scenario_yaml=info.scenario_yaml,
         net_xml=scenario.net_path.read_bytes(),

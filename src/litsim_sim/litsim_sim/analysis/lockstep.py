@@ -43,7 +43,7 @@ def _problems(run: Run, missed: dict[str, int], gaps: dict[str, TopicGaps]) -> l
     problems += [f"{s.stage} failed: {s.text.strip()}" for s in run.statuses if s.state == StageState.FAILED]
     last = run.tables[-1].step
     if not run.summary:
-        problems.append(f"the bridge did not finish: last step {last} of {run.info.total_steps}")
+        problems.append(f"the bridge did not finish: last step {last} of {run.last_step}")
     problems += [f"{n} answers missed on {topic}" for topic, n in sorted(missed.items()) if n]
     problems += [f"{topic}: {describe(found)}" for topic, found in sorted(gaps.items())]
     return problems

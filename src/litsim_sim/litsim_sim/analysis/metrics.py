@@ -21,6 +21,7 @@ from litsim_sim.analysis.lockstep import Lockstep, lockstep
 from litsim_sim.analysis.metrics_tree import (
     CollisionMetrics,
     ComfortMetrics,
+    EndMetrics,
     HandbackMetrics,
     LockstepMetrics,
     Metrics,
@@ -67,6 +68,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "seed": run.info.seed,
         "steps": run.tables[-1].step,
         "total_steps": run.info.total_steps,
+        "ended": _ended(run),
         "agents": len(background),
         "controlled_agents": len(hits.controlled),
         "digest": digest(run),
@@ -137,6 +139,15 @@ def _unusable(run: Run) -> list[str]:
     if bad:
         problems.append(f"agent states are not finite at {len(bad)} steps (first {bad[0]})")
     return problems
+
+
+def _ended(run: Run) -> EndMetrics | None:
+    """Why and when the run was over; None where the record does not say."""
+    found = run.ended
+    if found is None:
+        return None
+    time_s = round(found.step * run.info.dt, 6)
+    return {"reason": str(found.reason), "step": found.step, "time_s": time_s, "lane": found.lane}
 
 
 def _share(part: int, whole: int) -> float | None:

@@ -36,6 +36,15 @@ Horizons = Annotated[dict[str, float | None], Keys(tuple(map(str, HORIZONS_S)))]
 """By horizon [s]; a run that is shorter lacks it."""
 
 
+class EndMetrics(TypedDict):
+    """Why and when the run was over."""
+
+    reason: str
+    step: int
+    time_s: float
+    lane: str
+
+
 class CollisionMetrics(TypedDict):
     """Contacts."""
 
@@ -192,6 +201,7 @@ class Metrics(TypedDict):
     seed: int
     steps: int
     total_steps: int
+    ended: EndMetrics | None
     agents: int
     controlled_agents: int
     digest: str

@@ -16,9 +16,13 @@ POLICY_STAGES = (PREDICTOR, CONFLICT, POLICY)
 
 
 class StageState(IntEnum):
-    """What a stage says of its part in a run; numbered as in ``litsim_msgs/StageStatus``."""
+    """What a stage says of its part in a run; numbered as in ``litsim_msgs/StageStatus``.
+
+    The bridge says ENDING, before FINISHED, where a run is over before its time: no step follows the one that it names.
+    """
 
     READY = 0
     RUNNING = 1
     FINISHED = 2
     FAILED = 3
+    ENDING = 4

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import cast
 
@@ -16,6 +17,7 @@ import numpy as np
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_graph import directly_linked, straightest_successors
+from litsim_sim.maps.net_ends import NetEnds
 from litsim_sim.maps.net_lanes import TOLERANCE, Lane, read_lanes
 from litsim_sim.maps.segment_grid import SegmentGrid
 
@@ -61,6 +63,11 @@ class LaneMap:
         self._penalty = np.where(internal, INTERNAL_PENALTY, 0.0)
         self._straightest = straightest_successors(self.lanes)
         self._near = directly_linked(self.lanes)
+
+    @cached_property
+    def ends(self) -> NetEnds:
+        """Where roads lead out of the net."""
+        return NetEnds(self.lanes)
 
     @classmethod
     def from_net(cls, path: Path) -> LaneMap:

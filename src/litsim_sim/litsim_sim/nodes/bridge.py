@@ -128,7 +128,7 @@ class BridgeNode(Node):
         self._to[TIMING].publish(self._status(StageState.RUNNING, step, compute_time, marks))
 
     def say(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> None:
-        level = Level.OK if state in ENDED else Level.WARN
+        level = Level.WARN if state == StageState.RUNNING else Level.OK
         self._diagnostics.say(step, ENDED.get(state, diagnostics.RUNNING), level, text)
         self._to[STATUS].publish(self._status(state, max(0, step), compute_time, text))
 

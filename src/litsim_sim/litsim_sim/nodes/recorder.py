@@ -136,7 +136,9 @@ class RecorderNode(Node):
                 self._ready()
         if status.stage == BRIDGE and status.state == StageState.RUNNING:
             self._buffer.go_on(status.step)
-        elif status.stage == BRIDGE and status.state >= StageState.FINISHED and not self._ending:
+        elif status.stage == BRIDGE and status.state == StageState.ENDING:
+            self._buffer.end_at(status.step)
+        elif status.stage == BRIDGE and not self._ending:
             self._ending = True
             self._settle(self._buffer, status)
         return True

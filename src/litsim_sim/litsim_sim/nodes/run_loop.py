@@ -139,13 +139,12 @@ class RunLoop:
             RunFailed: a stage failed or did not answer.
         """
         self._meet()
-        total = self._plan.scenario.total_steps
-        wall = self._all_steps(total)
+        last, wall = self._all_steps(self._plan.scenario.total_steps)
         if RECORDER in self._plan.stages:
             until = time.perf_counter() + self._options.answer_timeout_s
-            self._graph.serve_until(lambda: self._attendance.recorded >= total, until)
-            self._attendance.check_recorded(total)
-        self._graph.say(StageState.FINISHED, total, wall, self._summary())
+            self._graph.serve_until(lambda: self._attendance.recorded >= last, until)
+            self._attendance.check_recorded(last)
+        self._graph.say(StageState.FINISHED, last, wall, self._summary())
         self.farewell()
         if self._attendance.recorder_closing:
             raise RunFailed(f"{RECORDER}: no FINISHED on {STATUS} within {FAREWELL_S:g} s of the end of the run")
@@ -174,8 +173,12 @@ class RunLoop:
             self._graph.greet()
             self._graph.serve_until(lambda: attendance.all_ready, time.perf_counter() + HELLO_PERIOD)
 
-    def _all_steps(self, total: int) -> float:
-        """Run steps 0 to `total`; returns the wall time from when step 0 was answered [s]."""
+    def _all_steps(self, total: int) -> tuple[int, float]:
+        """Run steps 0 to `total`, or until the ego has left.
+
+        Returns:
+            the last step, and the wall time from when step 0 was answered [s].
+        """
         graph, pace, start = self._graph, Pace(), 0.0
         table = self._world.reset()
         with Progress(self._options.progress, total) as progress:
@@ -188,13 +191,22 @@ class RunLoop:
                 controls, command = self._take(step)
                 if self._realtime:
                     graph.serve_until(lambda: False, pace.due)
-                if step < total:
+                ended = self._world.ended
+                if ended is None and step < total:
                     before = time.perf_counter()
                     table = self._advance(controls, command)
                     self._compute = time.perf_counter() - before
-                progress.show(step)
-        self._report_time(total)
-        return time.perf_counter() - start
+                    self._announce_end(total)
+                progress.show(step, step if ended else total)
+                if ended:
+                    break
+        self._report_time(step)
+        return step, time.perf_counter() - start
+
+    def _announce_end(self, total: int) -> None:
+        """Say so if the step that was just made is the last one before its time, so that nobody waits for more."""
+        if (ended := self._world.ended) is not None and ended.step < total:
+            self._graph.say(StageState.ENDING, ended.step, text=ended.sentence)
 
     def _wait_for_answers(self, table: AgentTable, due: float) -> None:
         """Publish a step and wait for the answers to it, in real time until `due`."""
@@ -290,7 +302,7 @@ class Progress:
     """How far a run is: a `bar` on a terminal, `lines` that the launcher reads, or `none`."""
 
     def __init__(self, kind: str, total: int) -> None:
-        self._lines, self._total = kind == "lines", total
+        self._lines = kind == "lines"
         self._bar = tqdm(total=total, unit="step", disable=kind != "bar")
 
     def __enter__(self) -> Self:
@@ -299,8 +311,8 @@ class Progress:
     def __exit__(self, *_: object) -> None:
         self._bar.close()
 
-    def show(self, step: int) -> None:
-        """The answers to `step` have come."""
+    def show(self, step: int, last: int) -> None:
+        """The answers to `step` have come; `last` is the last one, as far as it is known."""
         self._bar.update(step > 0)
-        if self._lines and (step % 10 == 0 or step == self._total):
-            print(f"step {step} of {self._total}", flush=True)
+        if self._lines and (step % 10 == 0 or step == last):
+            print(f"step {step} of {last}", flush=True)

@@ -177,7 +177,7 @@ def _steps_lost(path: Path) -> list[str]:
         run = read_run(path)
     except InputError:
         return []
-    expected, found = run.info.total_steps, {table.step for table in run.tables}
+    expected, found = run.last_step, {table.step for table in run.tables}
     missing = [step for step in range(expected + 1) if step not in found]
     if not missing:
         return []

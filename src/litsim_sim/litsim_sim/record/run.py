@@ -16,6 +16,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typest
 from rosbags.typesys.store import Typestore
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ByteArray, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.stages import BRIDGE, StageState
@@ -67,7 +68,9 @@ START_FIELD = "start_frame"  # of the scenario: frame of the recording at step 0
 
 @dataclass(frozen=True)
 class RunInfo:
-    """What was run; fields as in ``litsim_msgs/RunInfo``. Steps are numbered 0 .. `total_steps`, inclusive."""
+    """What was run; fields as in ``litsim_msgs/RunInfo``. Steps are numbered 0 .. `total_steps`, inclusive; a run may
+    end before (:attr:`Run.ended`).
+    """
 
     run_id: str
     scenario: str
@@ -185,6 +188,17 @@ class Run:
         return [table for table in self.log if table.step > self.info.history_steps]
 
     @property
+    def ended(self) -> RunEnd | None:
+        """Why the run is over; None where the record does not say."""
+        return RunEnd.of_plain(self.summary.get("ended"))
+
+    @property
+    def last_step(self) -> int:
+        """The step at which the run was to end, as far as the record says."""
+        ended = self.ended
+        return self.info.total_steps if ended is None else ended.step
+
+    @property
     def summary(self) -> dict[str, Any]:
         """What the bridge said at the end of the run, beside its wall time in `wall_s`; empty if it said nothing."""
         for status in reversed(self.statuses):
@@ -236,7 +250,7 @@ def read_run(path: Path) -> Run:
         scenario_yaml=scenario_yaml,
         net_xml=reader.attachments.get(NET_FILE, b""),
         signals=content.signals,
-        gaps={topic: TopicGaps.find(content.steps(topic), info.total_steps) for topic in info.topics},
+        gaps={topic: TopicGaps.find(content.steps(topic), content.last_step) for topic in info.topics},
         complete=reader.complete,
         problem=reader.problem,
         metadata=reader.metadata,
@@ -260,6 +274,13 @@ class _Content:
         self._shown: dict[int, ByteArray] = {}
         self._steps: dict[str, list[int]] = {}
         self._times: dict[str, list[int]] = {}
+
+    @property
+    def last_step(self) -> int:
+        """The step at which the run was to end: that of the scenario, unless the bridge has named an earlier one."""
+        ends = (StageState.ENDING, StageState.FINISHED)
+        named = [each.step for each in self.statuses if each.stage == BRIDGE and each.state in ends]
+        return min([*named, self.info.total_steps]) if self.info is not None else 0
 
     def note(self, topic: str, log_time_ns: int) -> None:
         """A message that is not decoded."""

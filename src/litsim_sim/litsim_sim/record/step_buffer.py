@@ -34,7 +34,7 @@ class BufferedRun:
         order: names of all recorded topics, in the order in which the messages of one step are written.
         per_step: names of those that hold one message for each step of this run.
         foreign: names of those on which others than LitSim publish as well.
-        total_steps: the steps are numbered 0 .. `total_steps`, inclusive.
+        total_steps: the steps are numbered 0 .. `total_steps`, inclusive; a run may end before.
     """
 
     order: Sequence[str]
@@ -67,6 +67,7 @@ class StepBuffer:
         """
         self.newest = -1
         self._run = run
+        self._last = run.total_steps
         self._write = write
         self._confirm = confirm
         self._pending: dict[int, dict[str, list[bytes]]] = {}
@@ -97,9 +98,9 @@ class StepBuffer:
             if self._kept[name, step] > KEPT:
                 return
         elif name == AGENTS:
-            self.newest = max(self.newest, min(step, self._run.total_steps))
+            self.newest = max(self.newest, min(step, self._last))
             self._repeated += step == 0
-        if step > self._run.total_steps:
+        if step > self._last:
             return  # of somebody else's clock
         if step < self._written:
             self._take_late(name, step, data)
@@ -117,6 +118,12 @@ class StepBuffer:
         self._missed.add(step)
         self._advance()
 
+    def end_at(self, step: int) -> None:
+        """The run will be over after `step`: that is confirmed as the last one, even if it has come in already."""
+        self._last = min(self._last, step)
+        if self._next > self._last:
+            self._repeat_confirmation()
+
     def end(self, *, amid_step: bool) -> None:
         """Write what is held, complete or not; of a run that ended `amid_step`, nothing of its last step is a gap."""
         for step in range(self._written, max(self._pending, default=-1) + 1):
@@ -127,7 +134,7 @@ class StepBuffer:
     def _placed(self, step: int) -> int:
         """The step under which a message of somebody else's is kept."""
         about_now = self.newest - RECORDER_WINDOW <= step <= self.newest + AHEAD
-        return min(max(step if about_now else self.newest, 0), self._run.total_steps)
+        return min(max(step if about_now else self.newest, 0), self._last)
 
     def _take_late(self, name: str, step: int, data: bytes) -> None:
         """A message to a step that has been written."""
@@ -150,7 +157,7 @@ class StepBuffer:
             self._complete(self._next) or newest - self._next > RECORDER_WINDOW // 2  # it will not come any more: a gap
         ):
             self._next += 1
-        due = self._next // CONFIRM_EVERY > before // CONFIRM_EVERY or self._next in (1, self._run.total_steps + 1)
+        due = self._next // CONFIRM_EVERY > before // CONFIRM_EVERY or self._next in (1, self._last + 1)
         if self._next > before and due:
             self._repeat_confirmation()
         while self._written < self._next - LAG:

@@ -120,6 +120,7 @@ def _what_was_run(run: Run) -> Iterator[tuple[str, str]]:
         f"{run.tables[-1].step} of {info.total_steps}, {info.dt:g} s each, the first {info.history_steps} are history"
     )
     yield from (("run", info.run_id), ("scenario", info.scenario), ("seed", str(info.seed)), ("steps", steps))
+    yield "ended", NOTHING if run.ended is None else run.ended.sentence
     yield from (("ego", f"agent {info.ego_id}, driven by {info.ego}"), ("background", info.policy), ("mode", info.mode))
     versions = load_yaml(info.versions, f"{run.path}: topic {RUN_INFO}, field versions") if info.versions else None
     for name, version in versions.items() if isinstance(versions, dict) else ():

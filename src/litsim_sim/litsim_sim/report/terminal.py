@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.takeover import TakeoverReason
 
@@ -80,9 +81,15 @@ def _time(step: int | None) -> str:
     return NOTHING if step is None else f"{step * STEP_S:.1f}"
 
 
+def _ended(metrics: dict[str, Any]) -> str:
+    end = RunEnd.of_plain(metrics["ended"])
+    return NOTHING if end is None else f"at {metrics['ended']['time_s']:.1f} s: {end.sentence}"
+
+
 def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     collision, back, timing = metrics["collision"], metrics["handback"], metrics["timing"]
     yield "valid", "yes" if metrics["valid"] else f"NO: {metrics['why']}"
+    yield "ended", _ended(metrics)
     yield "agents", f"{metrics['agents']}, of which {metrics['controlled_agents']} were ever under control"
     touching = f"{collision['pairs']} pairs, {collision['excess']} in excess of the log's {collision['log_floor']}"
     fault = f"ego at fault {collision['ego_at_fault']}, background {collision['background_at_fault']}"

@@ -65,7 +65,8 @@ class DrivenVehicles:
             ego: command for the ego; None where it follows its log.
 
         Returns:
-            those of them that were on the road, ids ascending; gone is who has left the net after the end of its log.
+            those of them that were on the road, ids ascending; gone is who has left the net after the end of its log,
+            but for the ego.
         """
         stay = controls.source != ControlSource.LATE
         ids, acceleration, yaw_rate = controls.id[stay], controls.acceleration[stay], controls.yaw_rate[stay]
@@ -96,8 +97,9 @@ class DrivenVehicles:
             now.width,
         )
         log = self._scenario.log
-        log_over = log.last_step[np.searchsorted(log.ids, driven.id)] <= table.step
-        return driven.take(~log_over | self._scenario.lane_map.inside_road(driven.x, driven.y))
+        stays = log.last_step[np.searchsorted(log.ids, driven.id)] > table.step
+        stays |= driven.id == self._scenario.ego_id  # it leaves by an end of the net, whatever its log
+        return driven.take(stays | self._scenario.lane_map.inside_road(driven.x, driven.y))
 
     def _actuate(self, table: AgentTable, ego: EgoCommand) -> tuple[float, float]:
         """Acceleration [m/s2] and yaw rate [rad/s] that the ego's actuators make of its command."""

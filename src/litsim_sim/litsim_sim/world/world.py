@@ -9,6 +9,7 @@ import numpy as np
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.quantities import Flag, configuration
+from litsim_sim.core.run_end import EndReason, RunEnd
 from litsim_sim.core.scene import AgentTable, Controller, ControlSource, ControlTable, EgoCommand, EgoMode, FloatArray
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.driven import DrivenVehicles, check_answers
@@ -54,6 +55,9 @@ class World:
     fading out; one listed with source LATE does so with a lag, from the logged pose nearest to it. One whose log ends
     while it is controlled drives on until it has left the net. One whose log begins where it would collide waits
     (`entries`), and then enters under POLICY.
+
+    The run is over once the ego has left: past an end of the net, or with its log where it followed that. Whoever
+    leaves the road to the side has not left the net.
     """
 
     def __init__(self, scenario: Scenario, config: WorldConfig | None = None, mirror: Mirror | None = None) -> None:
@@ -61,6 +65,8 @@ class World:
         self.config = config or WorldConfig()
         self.entries = Entries(scenario.log, self._entry)
         """Who waits to enter, and who has waited."""
+        self.ended: RunEnd | None = None
+        """Why no step needs to follow the current one; None while the ego is there."""
         self._contacts: dict[tuple[int, int], int] = {}
         self._mirror_deviation = 0.0
         self._mirror = mirror
@@ -73,7 +79,7 @@ class World:
     def reset(self) -> AgentTable:
         """Begin a run that knows nothing of the ones before, and return its step 0."""
         self._contacts, self.entries = {}, Entries(self.scenario.log, self._entry)
-        self._mirror_deviation, self._ego_has_driven = 0.0, False
+        self._mirror_deviation, self._ego_has_driven, self.ended = 0.0, False, None
         self._vehicles.reset()
         self._log_policy = LogPolicy(self.scenario.log)
         self._table = self._finish(self._log_policy.table(0))
@@ -101,7 +107,7 @@ class World:
             self._vehicles.reset()
         logged = self._log_policy.table(step + 1)
         following = logged.take((driven.rows(logged.id) < 0) & self.entries.may_follow(logged, table, driven))
-        made = AgentTable.merged(step + 1, (driven, following))
+        made = self._without_leaver(AgentTable.merged(step + 1, (driven, following)))
         self._table = self._finish(self.entries.admit(made, logged))
         return self._table
 
@@ -129,12 +135,13 @@ class World:
         return self._contacts
 
     def summary(self) -> dict[str, Any]:
-        """What only the world knows, for the record: contacts, late and missing entries, deviation of SUMO [m].
+        """What only the world knows, for the record: why the run is over, contacts, entries, deviation of SUMO.
 
         The deviation is the largest at the steps at which it is checked: one in DEVIATION_STEPS, from step 0 on.
         """
         self.catch_up()
         return {
+            "ended": (self.ended or RunEnd(EndReason.TIME, self._table.step)).plain(),
             "contacts": len(self.contacts),
             "late_entries": sorted(self.entries.late),
             "never_entered": sorted(self.entries.never_entered | self.entries.waiting.keys()),
@@ -155,6 +162,21 @@ class World:
     def _entry(self) -> EntryConfig | None:
         """When the road is free for an entry; None where entries are not guarded."""
         return self.config.entry if self.config.guard_entries else None
+
+    def _without_leaver(self, table: AgentTable) -> AgentTable:
+        """`table` without the ego if it has just passed an end of the net; notes if it is gone."""
+        ego, scenario = self.scenario.ego_id, self.scenario
+        row = table.row(ego)
+        if self.ended is not None or table.step <= scenario.history_steps:
+            return table
+        if row < 0:
+            self.ended = RunEnd(EndReason.LOG_OVER, table.step)
+        elif not scenario.lane_map.inside_road(table.x[row : row + 1], table.y[row : row + 1])[0]:
+            lane = scenario.lane_map.ends.passed(float(table.x[row]), float(table.y[row]))
+            if lane is not None:
+                self.ended = RunEnd(EndReason.NET_END, table.step, lane)
+                return table.take(table.id != ego)
+        return table
 
     def _finish(self, table: AgentTable) -> AgentTable:
         """Mark the ego; the rest of what is due for the step has time until :meth:`catch_up`."""
