@@ -119,11 +119,14 @@ class Graph:
         return done.returncode, done.stdout + done.stderr
 
     def running(self) -> dict[int, str]:
-        """Command line by id of every process of this graph, children of children included."""
-        wanted, found = f"{MARK}={self.mark}".encode(), {}
+        """Command line by id of every process of this graph, children of children included.
+
+        One that has been given a name may show it where its environment was; it is known by the folder that it is in.
+        """
+        wanted, here, found = f"{MARK}={self.mark}".encode(), self.folder.resolve(), {}
         for folder in Path("/proc").glob("[0-9]*"):
             try:
-                if wanted in (folder / "environ").read_bytes().split(b"\0"):
+                if wanted in (folder / "environ").read_bytes().split(b"\0") or (folder / "cwd").readlink() == here:
                     found[int(folder.name)] = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
             except OSError:  # it ended, or is somebody else's
                 continue

@@ -17,6 +17,7 @@ from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, nodes_of
 from litsim_sim.launch.output import check_output
 from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
+from litsim_sim.nodes.shared import prepare_nodes
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan
 
 STATUS_HELP = "Exit status: 0, the run is valid; 1, it failed or is not valid, and stderr says why; 2, bad input."
@@ -60,8 +61,9 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
     try:
         if arguments.command:  # first: it may take long to get ready
             graph.start_stack(arguments.command)
+        prepare_nodes()
         for node in nodes:
-            graph.start(node.name, paths[node.name], dict(node.parameters))
+            graph.start(node.name, paths[node.name], dict(node.parameters), forked=True)
         graph.watch(arguments.quiet)
     except KeyboardInterrupt:
         print("\ninterrupted: ending the graph", file=sys.stderr)

@@ -13,7 +13,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, Protocol
 
 from litsim_sim.launch import keeper
 
@@ -23,6 +23,25 @@ STATE = re.compile(r"\) ")  # in /proc/PID/stat the state follows the name, whic
 NAME_MAX = 60  # characters of a command by which a stack is named
 
 _LIBC = ctypes.CDLL(None)
+
+
+class Process(Protocol):
+    """What is used of a process, whichever way it was started; see :class:`subprocess.Popen`."""
+
+    @property
+    def pid(self) -> int:
+        """Its id, and that of its process group."""
+
+    @property
+    def returncode(self) -> int | Any:
+        """Its exit status, the number of the signal that has ended it as a negative one, None before :meth:`poll`."""
+
+    @property
+    def stdout(self) -> IO[str] | None:
+        """What it writes to its standard output, where that is a pipe."""
+
+    def poll(self) -> int | None:
+        """Return :attr:`returncode` if it has ended, else None."""
 
 
 @dataclass
@@ -35,7 +54,7 @@ class Child:
     """
 
     name: str
-    process: subprocess.Popen[str]
+    process: Process
     log: Path
     command: Sequence[str] = ()
 
@@ -98,7 +117,7 @@ def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:
         words,
         stdin=subprocess.DEVNULL,
         text=True,
-        preexec_fn=_begin_child,  # noqa: PLW1509 - two system calls
+        preexec_fn=begin_child,  # noqa: PLW1509 - two system calls
         **given,
     )
 
@@ -108,7 +127,7 @@ def end_with_parent() -> None:
     _LIBC.prctl(keeper.DIE_WITH_PARENT, signal.SIGTERM)
 
 
-def _begin_child() -> None:
+def begin_child() -> None:
     """In a child before its program starts: end when the launcher is gone; hear signals."""
     end_with_parent()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)

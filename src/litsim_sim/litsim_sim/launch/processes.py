@@ -20,8 +20,9 @@ from tqdm import tqdm
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.launch import keeper
-from litsim_sim.launch.child import GRACE_S, SIGNALS, Child, start_process
+from litsim_sim.launch.child import GRACE_S, SIGNALS, Child, Process, start_process
 from litsim_sim.launch.domain import HOLDER
+from litsim_sim.launch.forked import ForkedProcess
 from litsim_sim.launch.middleware import RANGE
 
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
@@ -51,13 +52,26 @@ class Graph:
         self.children: dict[str, Child] = {}
         self._progress: Progress | None = None
 
-    def start(self, name: str, path: Path, parameters: dict[str, object]) -> None:
-        """Start the executable at `path` as node `name`."""
-        arguments = [str(path), "--ros-args"]
+    def start(self, name: str, path: Path, parameters: dict[str, object], *, forked: bool = False) -> None:
+        """Start the executable at `path` as node `name`.
+
+        Args:
+            name: of the node.
+            path: of its program, in Python.
+            parameters: ROS parameters by name.
+            forked: in a copy of this process, see :mod:`litsim_sim.launch.forked`, which has to be fit for that.
+        """
+        words = [str(path), "--ros-args"]
         for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
             quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str | tuple) else value
-            arguments += ["-p", f"{key}:={quoted}"]
-        self._spawn(name, arguments)
+            words += ["-p", f"{key}:={quoted}"]
+        with self._log(name) as log, _held_back():
+            process: Process
+            if forked:
+                process = ForkedProcess(words, self._environment, log, piped=name == BRIDGE)
+            else:
+                process = self._process(words, log, piped=name == BRIDGE)
+            self.children[name] = Child(name, process, Path(log.name))
 
     def start_stack(self, command: Sequence[str]) -> None:
         """Start the command of a user that is to drive the ego: in the domain of the graph, kept by a keeper.
@@ -66,14 +80,16 @@ class Graph:
             InputError: there is no such program.
         """
         check_program(command)
-        self._spawn(STACK, [sys.executable, "-I", "-S", keeper.__file__, *command], command)
+        with self._log(STACK) as log, _held_back():
+            process = self._process([sys.executable, "-I", "-S", keeper.__file__, *command], log)
+            self.children[STACK] = Child(STACK, process, Path(log.name), tuple(command))
 
-    def _spawn(self, name: str, words: Sequence[str], command: Sequence[str] = ()) -> None:
-        log = self._log_folder / f"{name}.log"
-        with log.open("w") as stream, _held_back():
-            stdout = subprocess.PIPE if name == BRIDGE else stream
-            process = start_process(words, env=self._environment, stdout=stdout, stderr=stream, start_new_session=True)
-            self.children[name] = Child(name, process, log, tuple(command))
+    def _log(self, name: str) -> IO[str]:
+        return (self._log_folder / f"{name}.log").open("w")
+
+    def _process(self, words: Sequence[str], log: IO[str], *, piped: bool = False) -> subprocess.Popen[str]:
+        stdout = subprocess.PIPE if piped else log
+        return start_process(words, env=self._environment, stdout=stdout, stderr=log, start_new_session=True)
 
     def watch(self, quiet: bool) -> None:
         """Wait for the run to end.
