@@ -13,16 +13,18 @@ import made_ngsim
 from litsim_sim.cli.data import main
 from litsim_sim.core.errors import InputError
 from litsim_sim.maps.cad import CenterLine, distance_to_lines, read_center_lines
-from litsim_sim.maps.check import NetCheck, cad_distance, check_net, connectivity, lane_numbers, placement
+from litsim_sim.maps.check import cad_distance, check_net
+from litsim_sim.maps.connectivity import connectivity
 from litsim_sim.maps.fitting import LAYOUTS, Layout, fit_generic_plan, fit_lanes, fit_plan, lane_widths
 from litsim_sim.maps.highway import HighwayPlan, i80_plan, us101_like_plan, write_net
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.maps.netconvert import find_netconvert
+from litsim_sim.maps.placement import lane_numbers
 from litsim_sim.maps.positions import for_checking, for_fitting
 from litsim_sim.recordings.ngsim.sites import FOOT, SITES
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged
+from made_lanes import made_lane
 
 WIDTHS = np.array([3.7, 3.5, 3.4, 3.6, 3.6])
 CENTRES = np.cumsum(WIDTHS) - 0.5 * WIDTHS
@@ -170,7 +172,8 @@ def test_layout_of_i80() -> None:
     assert len(by_id) == 6 + 7 + 6 + 1
     assert by_id["on_ramp_0"].successors == ("weave_0",)
     assert by_id["weave_0"].successors == ()  # lane 7 ends
-    assert connectivity(lane_map) == ((), ("weave_0",))
+    found = connectivity(lane_map)
+    assert found.failures == [] and found.ending == ("weave_0",)
     assert lane_map.bounds[0] == pytest.approx(-120.0) and lane_map.bounds[2] == pytest.approx(623.0)
     at = lane_map.nearest(np.array([300.0, 150.0]), np.array([-1.0, -24.0]))
     assert lane_numbers(lane_map)[at.lane].tolist() == [1, 7]
@@ -186,28 +189,8 @@ def test_road_without_ramps(tmp_path: Path) -> None:
 # Checks
 
 
-def made_lane(name: str, y: float, index: int, successors: tuple[str, ...] = (), start: float = 0.0) -> Lane:
-    line = np.array([[start, y], [start + 100.0, y]])
-    edge = name.rpartition("_")[0]
-    return Lane(
-        name, edge, index, 3.5, 20.0, line, np.array([0.0, 100.0]), 100.0, successors, None, None, is_internal=False
-    )
-
-
 def two_lanes() -> LaneMap:
-    return LaneMap([made_lane("a_0", -5.25, 0), made_lane("a_1", -1.75, 1)])
-
-
-def test_placement_of_vehicles() -> None:
-    x = np.full(4, 50.0)
-    table = pd.DataFrame({"x": x, "y": [-1.0, -3.0, -6.0, -9.0], "yaw": 0.0, "lane": [1, 2, 2, 2]})
-    found = placement(two_lanes(), table)
-    assert (found.rows, found.named) == (4, 4)
-    assert found.inside == pytest.approx(0.75)  # the last is off the road
-    assert found.inside_named == pytest.approx(0.5)  # the second is on lane 1
-    assert found.agreement == pytest.approx(0.75)
-    unnamed = placement(two_lanes(), table.assign(lane=-1))
-    assert unnamed.named == 0 and np.isnan(unnamed.agreement)
+    return LaneMap([made_lane("a_0", (0, -5.25), (100, -5.25)), made_lane("a_1", (0, -1.75), (100, -1.75))])
 
 
 def test_distance_to_cad_lines_by_their_numbers() -> None:
@@ -227,18 +210,6 @@ def test_distance_beyond_the_end_of_a_line() -> None:
     distance, which, within = distance_to_lines(np.array([[5.0, 1.0], [25.0, 0.0], [-3.0, 4.0]]), line)
     np.testing.assert_allclose(distance, [1.0, 5.0, 5.0])
     assert which.tolist() == [0, 0, 0] and within.tolist() == [True, False, False]
-
-
-def test_lanes_that_lead_nowhere() -> None:
-    lanes = [
-        made_lane("a_0", -5.25, 0),
-        made_lane("a_1", -1.75, 1, ("b_0",)),
-        made_lane("b_0", -1.75, 0, ("c_0",), 100.0),
-        made_lane("c_0", -1.75, 0, ("b_0",), 200.0),  # round and round
-    ]
-    assert connectivity(LaneMap(lanes)) == (("a_0", "a_1"), ("a_0",))
-    failed = NetCheck(lanes=4, stuck=("a_1",), warnings=("odd",)).failures
-    assert failed == ["lane a_1 leads to no exit", "SUMO: odd"]
 
 
 def test_cad_files(tmp_path: Path) -> None:

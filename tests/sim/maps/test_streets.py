@@ -12,11 +12,13 @@ import pytest
 import made_ngsim
 from litsim_sim.cli.data import main
 from litsim_sim.core.errors import InputError
-from litsim_sim.maps.check import connectivity, load_warnings, placement
+from litsim_sim.maps.check import load_warnings
+from litsim_sim.maps.connectivity import connectivity
 from litsim_sim.maps.intersections import LEFT, RIGHT, THROUGH, fit_streets, write_net
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.lanelets import Lanelet
 from litsim_sim.maps.netconvert import find_netconvert
+from litsim_sim.maps.placement import placement
 from litsim_sim.recordings.ngsim.sites import FOOT, SITES
 
 CROSSINGS = {1: -100.0, 2: 100.0}  # x of intersections on a street along x
@@ -163,7 +165,7 @@ def test_the_net_of_the_streets(net: Path, table: pd.DataFrame) -> None:
     lane_map = LaneMap.from_net(net)
     on = placement(lane_map, table.iloc[::5])
     assert on.inside > 0.99, on
-    assert connectivity(lane_map)[0] == ()
+    assert connectivity(lane_map).failures == []
     assert load_warnings(net) == ()
     kinds = [junction.get("type") for junction in ET.parse(net).getroot().findall("junction")]
     assert kinds.count("traffic_light") == 2

@@ -1,13 +1,9 @@
 """Checks of a net against the recording that lies on it, and against published centre lines.
 
-Measures, each a function of its own; :func:`check_net` runs them all:
-
-- how many vehicle centres lie within half a lane width of a lane's centre line: of the lane that they are on, and of
-  the lane that the recording names;
-- how many are on the lane that the recording names;
-- how far lane centre lines lie from CAD centre lines over the recorded stretch;
-- whether every lane on which vehicles come in leads out of the net;
-- whether SUMO loads the net without a warning.
+:func:`check_net` runs them all: how vehicle centres lie on the lanes, and on those that the recording names
+(:mod:`.placement`); by which shift and turn they would lie best (:mod:`.alignment`); where lanes lead, which have no
+way in or out, and which cross (:mod:`.connectivity`); how far centre lines lie from CAD centre lines over the recorded
+stretch; and whether SUMO loads the net without a warning.
 """
 
 from __future__ import annotations
@@ -15,44 +11,25 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.core.scene import FloatArray
+from litsim_sim.maps.alignment import Alignment, align
 from litsim_sim.maps.cad import CenterLine, distance_to_lines
+from litsim_sim.maps.connectivity import Connectivity, connectivity
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.maps.net_lanes import Lane
+from litsim_sim.maps.placement import Placement, lane_numbers, placement
 
 SAMPLE = 2.0  # [m] between the points of a centre line that are compared
 COVERED = 20.0  # [m] side of the cells in which a vehicle makes the road count as recorded
 INSIDE_GOAL = 0.99
 CAD_GOAL = 0.3  # [m]
 _LOAD = "import libsumo, sys; libsumo.start(['sumo', '-n', sys.argv[1], '--no-step-log']); libsumo.close()"
-
-
-@dataclass(frozen=True)
-class Placement:
-    """How vehicle centres lie on the lanes; shares of `rows`.
-
-    Attributes:
-        rows: number of rows.
-        inside: within half a lane width of the centre line of the lane that they are on.
-        inside_named: within half a lane width of the centre line of the lane that the recording names.
-        agreement: on the lane that the recording names; these two are NaN where it names none.
-        named: rows with a lane number, the base of the latter two.
-        offset: median distance to the left of the lane's middle [m].
-    """
-
-    rows: int
-    inside: float
-    inside_named: float
-    agreement: float
-    named: int
-    offset: float
 
 
 @dataclass(frozen=True)
@@ -73,19 +50,22 @@ class CadDistance:
 
 @dataclass(frozen=True)
 class NetCheck:
-    """Everything that was checked; `placements` by the name of the part of the recording.
+    """Everything that was checked; `placements` and `alignments` by the name of the part of the recording.
 
     Attributes:
-        stuck: lanes on which vehicles come in and from which no exit is reached.
-        ending: lanes that end before the net does, so that one must change lanes.
+        lanes: number of lanes.
+        placements: how positions lie on the lanes.
+        alignments: how they would lie best; of parts with rows.
+        cad: distance to CAD centre lines, where such were given.
+        connectivity: where lanes lead, and where they do not.
         warnings: what SUMO says on loading.
     """
 
     lanes: int
     placements: dict[str, Placement] = field(default_factory=dict)
+    alignments: dict[str, Alignment] = field(default_factory=dict)
     cad: CadDistance | None = None
-    stuck: tuple[str, ...] = ()
-    ending: tuple[str, ...] = ()
+    connectivity: Connectivity = field(default_factory=Connectivity)
     warnings: tuple[str, ...] = ()
 
     @property
@@ -98,23 +78,7 @@ class NetCheck:
         ]
         if self.cad is not None and not self.cad.median < CAD_GOAL:
             missed.append(f"the median distance to the CAD centre lines is {self.cad.median:.2f} m, goal {CAD_GOAL} m")
-        missed += [f"lane {lane} leads to no exit" for lane in self.stuck]
-        return missed + [f"SUMO: {warning}" for warning in self.warnings]
-
-    def text(self) -> str:
-        """The result as lines of text: a table of placements, and what else was found."""
-        lines = [f"{'part':<28}{'rows':>8}{'on a lane':>11}{'on named':>10}{'label ok':>10}{'offset m':>10}"]
-        for name, part in self.placements.items():
-            named = f"{part.inside_named:>10.2%}{part.agreement:>10.2%}" if part.named else f"{'-':>10}{'-':>10}"
-            lines.append(f"{name:<28}{part.rows:>8}{part.inside:>11.2%}{named}{part.offset:>10.2f}")
-        if self.cad is not None:
-            each = ", ".join(f"{name} {value:.2f}" for name, value in sorted(self.cad.by_line.items()))
-            lines.append(f"CAD: median {self.cad.median:.3f} m, 95th percentile {self.cad.p95:.3f} m ({each})")
-        ends = f"; ending early: {', '.join(self.ending)}" if self.ending else ""
-        lines.append(f"lanes: {self.lanes}, without exit: {', '.join(self.stuck) or 'none'}{ends}")
-        lines.append(f"SUMO: {'; '.join(self.warnings) or 'loads without warnings'}")
-        lines += [f"MISSED: {missed}" for missed in self.failures]
-        return "\n".join(lines)
+        return missed + self.connectivity.failures + [f"SUMO: {warning}" for warning in self.warnings]
 
 
 def check_net(net: Path, parts: dict[str, pd.DataFrame], cad: list[CenterLine] | None = None) -> NetCheck:
@@ -122,74 +86,22 @@ def check_net(net: Path, parts: dict[str, pd.DataFrame], cad: list[CenterLine] |
 
     Args:
         net: SUMO net.
-        parts: neutral tables (columns x, y, yaw, lane are used) by name.
+        parts: neutral tables (columns vehicle_id, frame, x, y, yaw, lane are used) by name.
         cad: centre lines in frame map.
 
     Raises:
         InputError: the net cannot be read, or `cad` lies nowhere near it.
     """
     lane_map = LaneMap.from_net(net)
-    stuck, ending = connectivity(lane_map)
     everything = pd.concat(list(parts.values())) if parts else pd.DataFrame({"x": [], "y": []})
     return NetCheck(
         lanes=len(lane_map.lanes),
         placements={name: placement(lane_map, table) for name, table in parts.items()},
+        alignments={name: align(lane_map, table) for name, table in parts.items()},
         cad=None if cad is None else cad_distance(lane_map, everything, cad),
-        stuck=stuck,
-        ending=ending,
+        connectivity=connectivity(lane_map),
         warnings=load_warnings(net),
     )
-
-
-def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
-    """How the vehicle centres of a neutral `table` lie on the lanes."""
-    x, y, yaw = (table[name].to_numpy(np.float64) for name in ("x", "y", "yaw"))
-    label = table["lane"].to_numpy(np.int64)
-    at = lane_map.nearest(x, y, yaw)
-    numbers = lane_numbers(lane_map)
-    named = (label >= 1) & (numbers[at.lane] >= 1)
-    inside_named = np.zeros(len(x), np.bool_)
-    for number in np.unique(label[named]):
-        mine = label == number
-        rows = np.flatnonzero(numbers == number)
-        if len(rows):
-            lanes = LaneMap([replace(lane_map.lanes[row], successors=()) for row in rows])
-            inside_named[mine] = lanes.inside_road(x[mine], y[mine])
-    count = int(named.sum())
-    return Placement(
-        rows=len(x),
-        inside=float(lane_map.inside_road(x, y).mean()),
-        inside_named=float(inside_named[named].mean()) if count else float("nan"),
-        agreement=float((numbers[at.lane] == label)[named].mean()) if count else float("nan"),
-        named=count,
-        offset=float(np.median(at.d)),
-    )
-
-
-def lane_numbers(lane_map: LaneMap) -> IntArray:
-    """(lanes,) numbers from 1 at the left edge of the road; 0 inside junctions.
-
-    A ramp (an edge of one lane that runs into or comes out of one lane of several) goes on with the number of that
-    lane.
-    """
-    count: dict[str, int] = {}
-    for lane in lane_map.lanes:
-        count[lane.edge_id] = max(count.get(lane.edge_id, 0), lane.index + 1)
-
-    def number(lane: Lane) -> int:
-        return 0 if lane.is_internal else count[lane.edge_id] - lane.index
-
-    numbers = [number(lane) for lane in lane_map.lanes]
-    for row, lane in enumerate(lane_map.lanes):
-        for name in lane.successors:
-            after = lane_map.row(name)
-            if lane.is_internal or lane_map.lanes[after].is_internal:
-                continue
-            if count[lane.edge_id] == 1:
-                numbers[row] = max(numbers[row], number(lane_map.lanes[after]))
-            if count[lane_map.lanes[after].edge_id] == 1:
-                numbers[after] = max(numbers[after], numbers[row])
-    return np.array(numbers, np.int64)
 
 
 def cad_distance(lane_map: LaneMap, table: pd.DataFrame, cad: list[CenterLine]) -> CadDistance:
@@ -230,37 +142,6 @@ def cad_distance(lane_map: LaneMap, table: pd.DataFrame, cad: list[CenterLine]) 
     every = np.concatenate(list(joined.values()))
     by_line = {name: float(np.median(values)) for name, values in joined.items()}
     return CadDistance(float(np.median(every)), float(np.quantile(every, 0.95)), by_line, len(every))
-
-
-def connectivity(lane_map: LaneMap) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Lanes without a way out, and lanes that end early.
-
-    Returns:
-        Ids of lanes on which vehicles come in (nothing leads to them) and from which no exit is reached by following
-        the lanes, where one changes lanes only off a lane that ends early; and ids of the lanes that do so: that lead
-        nowhere while their edge goes on.
-    """
-    lanes = lane_map.lanes
-    onwards = {lane.edge_id for lane in lanes if lane.successors}
-    ending = tuple(lane.id for lane in lanes if not lane.successors and lane.edge_id in onwards)
-    exits = {lane.id for lane in lanes if lane.edge_id not in onwards}
-    entered = {name for lane in lanes for name in lane.successors}
-    # Backwards from the exits; from a lane that ends early one changes to a neighbour.
-    leads_out = set(exits)
-    while True:
-        more = {
-            lane.id
-            for lane in lanes
-            if lane.id not in leads_out
-            and (
-                any(name in leads_out for name in lane.successors)
-                or (lane.id in ending and not {lane.left, lane.right}.isdisjoint(leads_out))
-            )
-        }
-        if not more:
-            break
-        leads_out |= more
-    return tuple(lane.id for lane in lanes if lane.id not in entered and lane.id not in leads_out), ending
 
 
 def load_warnings(net: Path) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from litsim_sim.recordings.ngsim import formats as ngsim_format
 from litsim_sim.recordings.ngsim import official as ngsim
 from litsim_sim.recordings.ngsim import windows as ngsim_windows
 from litsim_sim.recordings.ngsim.sites import SITES
+from litsim_sim.recordings.recording import HEADER_KEY, Recording
 
 US101_WINDOWS: dict[str, tuple[tuple[int, int], tuple[float, float]]] = {
     "frames 316-543": ((316, 543), (180.0, 415.0)),
@@ -94,6 +96,14 @@ def for_checking(path: Path, scenarios: Sequence[str] = ()) -> dict[str, pd.Data
     if set(COMMONROAD_WINDOWS) <= set(columns):
         return _commonroad_windows(path, scenarios)
     return {"recording": load_recording(path).table}
+
+
+def mapped_by(path: Path) -> dict[str, Any] | None:
+    """Field `transform` of the mapping that the recording at `path` was converted with; None without a mapping."""
+    if HEADER_KEY not in (read_schema(path).metadata or {} if is_parquet(path) else {}):
+        return None
+    mapping = Recording.read(path).header.notes.get("mapping")
+    return dict(mapping.get("transform") or {}) if isinstance(mapping, dict) else None
 
 
 def _commonroad_windows(path: Path, scenarios: Sequence[str]) -> dict[str, pd.DataFrame]:

@@ -8,8 +8,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from litsim_sim.core.errors import EXIT_FAILED, InputError
-from litsim_sim.scenario.scenario import DATA_VARIABLE
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario, packaged, packaged_nets
 
 US101_FILE = "ngsim/us101_0750_frames_0126_1149.parquet"
 SITES = ("us101", "i80", "lankershim", "peachtree", "generic")
@@ -29,9 +32,18 @@ def add(subparsers: Any) -> None:
     what.add_argument("--check", type=Path, metavar="NET.net.xml", help="check this net instead of building one")
     command.add_argument("--recording", type=Path, metavar="R", help="to fit lanes to, or to check against")
     command.add_argument("--site", choices=SITES, help="where it was recorded; default: as the recording says")
-    command.add_argument("--origin", type=float, nargs=2, metavar=("LAT", "LON"), help="of --lanelet2's frame map")
+    command.add_argument(
+        "--origin",
+        type=float,
+        nargs=2,
+        metavar=("LAT", "LON"),
+        help="of --lanelet2's frame map; for --check, of the site",
+    )
     command.add_argument("--cad", type=Path, metavar="FILE", help="CAD centre lines, for --check")
-    command.add_argument("--scenario", action="append", default=[], help="of CommonRoad windows, for --check")
+    scenario_help = "for --check: of CommonRoad windows, the name of one; without --recording, a scenario or its file"
+    command.add_argument("--scenario", action="append", default=[], metavar="S", help=scenario_help)
+    picture_help = "for --check: draw the net, the tracks and where they lie on no lane"
+    command.add_argument("--picture", type=Path, metavar="P.png", help=picture_help)
     command.add_argument("--out", type=Path, metavar="OUT.net.xml", help="the net to write")
     command.set_defaults(run=run)
 
@@ -117,22 +129,45 @@ def build_map(which: str, out: Path, recording: Path | None) -> None:
 
 
 def check(arguments: argparse.Namespace) -> bool:
-    """Check a net, print the result, and return whether it meets the goals.
+    """Check a net, print the result, draw it where asked for, and return whether it meets the goals.
 
     Raises:
         InputError: a file cannot be used, or does not fit the net.
     """
-    from litsim_sim.maps import cad, positions
+    from litsim_sim.maps import cad
     from litsim_sim.maps.check import check_net
+    from litsim_sim.maps.check_text import describe
     from litsim_sim.recordings.ngsim.sites import SITES as KNOWN
 
+    net = arguments.check
+    if not net.is_file() and str(net).removesuffix(".net.xml") in packaged_nets():
+        net = packaged(f"nets/{str(net).removesuffix('.net.xml')}.net.xml")
     lines = None
     if arguments.cad is not None:
         lines, _ = cad.read_center_lines(arguments.cad, KNOWN.get(arguments.site or ""))
-    parts = {} if arguments.recording is None else positions.for_checking(arguments.recording, arguments.scenario)
-    result = check_net(arguments.check, parts, lines)
-    print(result.text())
+    parts, transform = _parts(arguments)
+    result = check_net(net, parts, lines)
+    print(describe(result, transform, None if arguments.origin is None else tuple(arguments.origin)))
+    if arguments.picture is not None:
+        from litsim_sim.report.map_picture import draw  # matplotlib takes half a second to load
+
+        draw(arguments.picture, LaneMap.from_net(net), parts, result)
+        print(arguments.picture)
     return not result.failures
+
+
+def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict[str, Any] | None]:
+    """What is checked against the net, by name; and the transform by which the recording was mapped, if it was.
+
+    Without a recording, scenarios are those of LitSim, whatever of them lies on their net.
+    """
+    from litsim_sim.maps import positions
+
+    if arguments.recording is None:
+        loaded = [Scenario.load(name, coverage_min=0.0) for name in arguments.scenario]
+        return {each.name: each.recording.table for each in loaded}, None
+    parts = positions.for_checking(arguments.recording, arguments.scenario)
+    return parts, positions.mapped_by(arguments.recording)
 
 
 def _us101(recording: Path | None) -> Path:

@@ -1,0 +1,86 @@
+"""A net's check in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from litsim_sim.maps.alignment import Alignment, explained
+from litsim_sim.maps.check import NetCheck
+from litsim_sim.maps.connectivity import Connectivity
+from litsim_sim.maps.placement import Placement
+
+
+def describe(
+    check: NetCheck, transform: Mapping[str, Any] | None = None, origin: tuple[float, float] | None = None
+) -> str:
+    """The result as lines of text: tables of placements and of the worst misses, and what else was found.
+
+    Args:
+        check: the result.
+        transform: field `transform` of the mapping that the recording was made with; None where there was no mapping.
+        origin: latitude and longitude of the site [degrees], for what a turn may come from.
+    """
+    lines = [f"{'part':<28}{'rows':>8}{'on a lane':>11}{'on named':>10}{'label ok':>10}{'offset m':>10}"]
+    for name, part in check.placements.items():
+        named = f"{part.inside_named:>10.2%}{part.agreement:>10.2%}" if part.named else f"{'-':>10}{'-':>10}"
+        lines.append(f"{name:<28}{part.rows:>8}{part.inside:>11.2%}{named}{part.offset:>10.2f}")
+    for name, part in check.placements.items():
+        lines += _misses(name, part)
+    for name, found in check.alignments.items():
+        lines += _alignment(name, found, transform, origin)
+    if check.cad is not None:
+        each = ", ".join(f"{name} {value:.2f}" for name, value in sorted(check.cad.by_line.items()))
+        lines.append(f"CAD: median {check.cad.median:.3f} m, 95th percentile {check.cad.p95:.3f} m ({each})")
+    lines += _connectivity(check.lanes, check.connectivity)
+    lines.append(f"SUMO: {'; '.join(check.warnings) or 'loads without warnings'}")
+    lines += [f"MISSED: {missed}" for missed in check.failures]
+    return "\n".join(lines)
+
+
+def _misses(name: str, part: Placement) -> list[str]:
+    if not part.worst:
+        return []
+    past = f"{part.past_end:.0%} of these positions past the ends of the nearest lane"
+    lines = [f"{name}: {part.missing} vehicles have been on no lane, {past}; the worst of each, in frame map:"]
+    columns = ("", "vehicle", "time s", "frame", "x m", "y m", "beyond m")
+    lines.append("  {:>3}{:>9}{:>9}{:>8}{:>10}{:>10}{:>10}  nearest lane".format(*columns))
+    for number, miss in enumerate(part.worst, 1):
+        lines.append(
+            f"  {number:>3}{miss.vehicle:>9}{miss.time_s:>9.1f}{miss.frame:>8}{miss.x:>10.2f}{miss.y:>10.2f}"
+            f"{miss.beyond:>10.2f}  {miss.lane}{', past its end' if miss.past_end else ''}"
+        )
+    return lines
+
+
+def _alignment(
+    name: str, found: Alignment, transform: Mapping[str, Any] | None, origin: tuple[float, float] | None
+) -> list[str]:
+    degrees, far = math.degrees(found.turn), math.hypot(*found.shift)
+    if found.in_place:
+        return [f"{name}: in place; the best fit is {far:.2f} m and {degrees:+.2f} degrees off"]
+    centre, shift = (
+        f"({each[0]:{sign}.2f}, {each[1]:{sign}.2f})" for each, sign in ((found.centre, ""), (found.shift, "+"))
+    )
+    along = "" if found.determined else "; the lanes do not tell how far along them"
+    lines = [f"{name}: lies best turned by {degrees:+.2f} degrees about {centre} and shifted by {shift} m{along}"]
+    lines.append(f"  then {found.after:.1%} of the positions are on a lane of their direction, now {found.before:.1%}")
+    if why := explained(found.turn, origin):
+        lines.append(f"  {why}")
+    before = transform or {}
+    yaw_deg, x, y = found.transform(*(float(before.get(key, 0.0)) for key in ("yaw_deg", "x", "y")))
+    mirrored = "mirror_y: true, " if before.get("mirror_y") else ""
+    lines.append(f"  as a mapping's transform: {{{mirrored}yaw_deg: {yaw_deg:.3f}, x: {x:.2f}, y: {y:.2f}}}")
+    return lines
+
+
+def _connectivity(lanes: int, found: Connectivity) -> list[str]:
+    without = ", ".join((*(gap.lane for gap in found.gaps), *found.unreached)) or "none"
+    ends = f"; ending early: {', '.join(found.ending)}" if found.ending else ""
+    begins = f"; beginning late: {', '.join(found.beginning)}" if found.beginning else ""
+    crossing = ", ".join(f"{each.one} and {each.other}" for each in found.crossings) or "none"
+    return [
+        f"lanes: {lanes}, without exit: {', '.join(found.stuck) or 'none'}, without a way in: {without}{ends}{begins}",
+        f"edges that cross without a junction: {crossing}",
+    ]

@@ -1,0 +1,89 @@
+"""The check of a net as a command: what it prints of a net and of tracks with known faults, and its picture."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from litsim_sim.cli.data import main
+from litsim_sim.maps.check import NetCheck
+from litsim_sim.maps.connectivity import Connectivity
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.recording import Recording, RecordingHeader
+from litsim_sim.report.map_picture import FITTED, MISS, TRACK
+from litsim_sim.scenario.scenario import packaged
+
+EMBEDDED = packaged("scenarios/us101_like.parquet")
+
+
+@pytest.fixture
+def aside(tmp_path: Path) -> Path:
+    """Traffic of the packaged motorway, 2 m to the left, by a mapping that has shifted it already by 1 m."""
+    table = load_recording(EMBEDDED).table
+    table = table[table["frame"] <= 100].assign(y=lambda rows: rows["y"] + 2.0)
+    notes: dict[str, object] = {"mapping": {"transform": {"y": 1.0}}}
+    Recording(RecordingHeader("aside", net="us101_like.net.xml", notes=notes), table).write(tmp_path / "aside.parquet")
+    return tmp_path / "aside.parquet"
+
+
+def colours(path: Path) -> dict[str, int]:
+    """Pixels of each colour in a picture."""
+    pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    wanted = {name: [int(name[i : i + 2], 16) for i in (1, 3, 5)] for name in (TRACK, MISS, FITTED)}
+    return {name: int((np.abs(pixels - rgb).max(axis=-1) <= 60).sum()) for name, rgb in wanted.items()}
+
+
+def test_tracks_beside_their_net(aside: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "check.png"
+    with pytest.raises(SystemExit, match="1"):
+        main(["map", "--check", "us101_like", "--recording", str(aside), "--picture", str(picture)])
+    said = capsys.readouterr().out
+    table = load_recording(aside).table
+    lane_map = LaneMap.from_net(packaged("nets/us101_like.net.xml"))
+    off = table[~lane_map.inside_road(table["x"].to_numpy(), table["y"].to_numpy())]
+    worst = off.loc[off["y"].idxmax()]
+    first = next(line for line in said.splitlines() if line.split()[:1] == ["1"]).split()
+    assert worst["y"] > 0.0, "where the leftmost lane ends"
+    assert [int(first[1]), int(first[3])] == [worst["vehicle_id"], worst["frame"]]
+    assert [float(value) for value in first[4:7]] == pytest.approx([worst["x"], worst["y"], worst["y"]], abs=0.01)
+    assert f"recording: {off['vehicle_id'].nunique()} vehicles have been on no lane, 0% of these" in said
+    assert re.search(r"shifted by \([+-]0\.0\d, -(2\.0|1\.9)\d\) m; the lanes do not tell how far along them", said)
+    transform = next(line for line in said.splitlines() if "as a mapping's transform" in line)
+    assert float(transform.rpartition("y: ")[2].rstrip("}")) == pytest.approx(-1.0, abs=0.15)
+    assert "MISSED: recording: " in said and "SUMO: loads without warnings" in said
+    shown = colours(picture)
+    assert min(shown.values()) > 50, shown
+
+
+def test_coverage_by_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str], aside: Path) -> None:
+    scenario = tmp_path / "aside.yaml"
+    scenario.write_text("name: aside\nrecording: aside.parquet\nnet: us101_like\nego: 7\nsimulation_s: 4.0\n")
+    with pytest.raises(SystemExit, match="1"):
+        main(["map", "--check", "us101_like", "--scenario", "demo", "--scenario", str(scenario)])
+    lines = capsys.readouterr().out.splitlines()
+    shares = {line.split()[0]: line.split()[2] for line in lines[1:3]}
+    assert shares["demo"] == "100.00%" and float(shares["aside"].rstrip("%")) < 90.0
+    assert any(line.startswith("demo: in place") for line in lines)
+    assert any(line.startswith("MISSED: aside: ") for line in lines) and not any(
+        "MISSED: demo" in line for line in lines
+    )
+
+
+def test_a_picture_of_a_sound_net_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["map", "--check", "urban_like", "--picture", str(tmp_path / "net.png")])
+    assert "without exit: none, without a way in: none; beginning late: AB_2, BA_2" in capsys.readouterr().out
+    assert Image.open(tmp_path / "net.png").size[0] > 1000
+    for bad, message in (("net.gif", "ends with .png"), ("absent/net.png", "cannot be written")):
+        with pytest.raises(SystemExit, match="2"):
+            main(["map", "--check", "urban_like", "--picture", str(tmp_path / bad)])
+        assert message in capsys.readouterr().err
+
+
+def test_every_fault_is_a_failure() -> None:
+    found = NetCheck(lanes=4, connectivity=Connectivity(stuck=("a_1",)), warnings=("odd",))
+    assert found.failures == ["lane a_1 leads to no exit", "SUMO: odd"]
