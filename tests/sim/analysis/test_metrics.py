@@ -86,7 +86,7 @@ def test_collisions_show(run: Any, moved: Make) -> None:
     assert not metrics["reactive"]
     collision = metrics["collision"]
     assert collision["pairs"] == collision["excess"] == 1
-    assert collision["contacts"] == [{"pair": [2, 3], "step": 50, "in_log": False}]
+    assert collision["contacts"] == [{"pair": [2, 3], "step": 50, "last_step": STEPS, "in_log": False}]
     assert collision["rate_all"] == pytest.approx(2 / 3)
     assert collision["rate_controlled"] == 1.0
 

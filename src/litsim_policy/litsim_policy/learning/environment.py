@@ -93,8 +93,8 @@ class Outcome:
 class PolicyEnvironment(gymnasium.Env[Array, Array]):
     """Episodes on `scenarios`, with an ego, its deviation and drafted agents drawn by the seed.
 
-    An episode is terminated when a driven agent collides or leaves the road, and truncated when its time is up or the
-    ego has left the net. Steps at which nobody is driven pass by themselves.
+    An episode is terminated when a driven agent collides or leaves the road, and truncated when its time is up. Steps
+    at which nobody is driven pass by themselves.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 - as the base class has it
@@ -175,8 +175,6 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
 
     def _advance(self, controls: ControlTable) -> None:
         self._see(self.world.step(controls, self._ego.plan(self._table)))
-        if self.world.ended is not None:
-            self._end = min(self._end, self._table.step)
 
     def _choose(self) -> None:
         """Fill the slots for the current step, ids ascending, with who is held and who is drafted."""

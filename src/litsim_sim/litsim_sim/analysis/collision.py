@@ -9,6 +9,7 @@ from enum import StrEnum
 import numpy as np
 import shapely
 
+from litsim_sim.analysis.contacts import Contact, LogContacts, Pair, contacts
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import box_corners, overlapping_pairs, wrap_angle
 from litsim_sim.core.scene import AgentTable, Controller
@@ -16,9 +17,6 @@ from litsim_sim.record.run import Run
 
 STOPPED_SPEED = 0.05  # [m/s] up to which a vehicle counts as stopped (nuPlan)
 BEHIND_ANGLE = np.deg2rad(150.0)  # from the ego's heading, beyond which a track is behind it (nuPlan)
-
-Pair = tuple[int, int]
-"""Ids of two agents, the smaller one first."""
 
 InLane = Callable[[AgentTable, int], bool]
 """Whether the box of the agent in a row of a table lies wholly inside one lane."""
@@ -36,11 +34,11 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class EgoContact:
-    """First contact of the ego with one agent.
+    """First contact of the ego with one agent: of those that the log has not, if there are any.
 
     Attributes:
         agent: the other one.
-        step: of the first contact.
+        step: at which it begins.
         verdict: kind of contact.
         ego_at_fault: nuPlan's attribution.
         delta_v: change of the ego's velocity in a plastic impact of equal masses [m/s].
@@ -58,23 +56,30 @@ class Collisions:
     """Collisions over the steps after the history.
 
     Attributes:
-        first: step of the first contact of each pair, in ascending order of steps.
-        log: the same of the logged agents, the ego's logged trajectory included.
+        contacts: in ascending order of their first steps.
+        in_log: for each of them, whether the log has it as well.
+        log: step of the first contact of each pair of logged agents, the ego's logged trajectory included.
         agents: all agents that were on the road.
         controlled: those that were ever under POLICY or BASELINE control.
         ego: contacts of the ego.
     """
 
-    first: dict[Pair, int]
+    contacts: tuple[Contact, ...]
+    in_log: tuple[bool, ...]
     log: dict[Pair, int]
     agents: frozenset[int]
     controlled: frozenset[int]
     ego: tuple[EgoContact, ...]
 
     @property
+    def first(self) -> dict[Pair, int]:
+        """Step of the first contact of each pair, in ascending order of steps."""
+        return _first(self.contacts)
+
+    @property
     def excess(self) -> dict[Pair, int]:
-        """The pairs of ids that touch in the run and not in the log, with the step of their first contact."""
-        return {pair: step for pair, step in self.first.items() if pair not in self.log}
+        """The pairs of ids with a contact that the log has not, and the first step of the first such contact."""
+        return _first(each for each, logged in zip(self.contacts, self.in_log, strict=True) if not logged)
 
     @property
     def colliding(self) -> frozenset[int]:
@@ -84,20 +89,28 @@ class Collisions:
 
 def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
     """Collisions of a run; without `in_lane` the ego counts as outside its lane in lateral contacts."""
-    tables = run.simulated
-    first = first_contacts(tables)
+    tables, ego = run.simulated, run.info.ego_id
+    found, logged = tuple(contacts(tables, run.info.dt)), LogContacts(run)
+    in_log = tuple(map(logged.excuse, found))
     by_step = {table.step: table for table in tables}
+    telling = _first(each for _, each in sorted(zip(in_log, found, strict=True), key=lambda pair: pair[0]))
+    mine = sorted((step, pair) for pair, step in telling.items() if ego in pair)
     return Collisions(
-        first=first,
+        contacts=found,
+        in_log=in_log,
         log=first_contacts(run.simulated_log),
         agents=agents_of(tables),
         controlled=controlled_agents(tables),
-        ego=tuple(
-            judge(by_step[step], run.info.ego_id, pair[0] if pair[1] == run.info.ego_id else pair[1], in_lane)
-            for pair, step in first.items()
-            if run.info.ego_id in pair
-        ),
+        ego=tuple(judge(by_step[step], ego, pair[0] if pair[1] == ego else pair[1], in_lane) for step, pair in mine),
     )
+
+
+def _first(found: Iterable[Contact]) -> dict[Pair, int]:
+    """First step by pair, of the first contact of each in `found`."""
+    first: dict[Pair, int] = {}
+    for each in found:
+        first.setdefault(each.pair, each.first)
+    return first
 
 
 def first_contacts(tables: Sequence[AgentTable]) -> dict[Pair, int]:

@@ -169,7 +169,8 @@ def _collision(hits: Collisions) -> CollisionMetrics:
         "log_floor": len(hits.log),
         "excess": len(hits.excess),
         "contacts": [
-            {"pair": list(pair), "step": step, "in_log": pair in hits.log} for pair, step in hits.first.items()
+            {"pair": list(each.pair), "step": each.first, "last_step": each.last, "in_log": in_log}
+            for each, in_log in zip(hits.contacts, hits.in_log, strict=True)
         ],
         "ego_contacts": [
             {

@@ -39,7 +39,7 @@ def takeover_table(entries: Sequence[dict[str, Any]], dt: float, ego: int) -> Ev
 
 
 def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
-    """The contacts of `metrics`, a row a pair of agents; it leads to the first step of the contact.
+    """The contacts of `metrics`, a row for each; it leads to its first step.
 
     Args:
         metrics: what `analyze` found; `collision` and `safety` of it are read.

@@ -1,0 +1,70 @@
+"""Contacts as stretches of time: whose boxes overlapped from when to when, and which of that the log has as well."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from litsim_sim.core.geometry import overlapping_pairs
+from litsim_sim.core.scene import AgentTable
+from litsim_sim.record.run import Run
+
+TOLERANCE_S = 1.0
+"""[s] by which contacts of a pair may be apart and still be one, and a contact from one of the log that excuses it."""
+
+Pair = tuple[int, int]
+"""Ids of two agents, the smaller one first."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two boxes overlap; interruptions of up to TOLERANCE_S are part of it.
+
+    Attributes:
+        pair: the agents.
+        first, last: steps, both included.
+    """
+
+    pair: Pair
+    first: int
+    last: int
+
+
+def contacts(tables: Iterable[AgentTable], dt: float) -> list[Contact]:
+    """The contacts in `tables`, steps ascending and `dt` [s] long, by first step; touching edges do not count."""
+    merge = round(TOLERANCE_S / dt)
+    steps: dict[Pair, list[list[int]]] = {}
+    for table in tables:
+        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width).tolist():
+            found = steps.setdefault((int(table.id[i]), int(table.id[j])), [])
+            if found and table.step - found[-1][1] <= merge:
+                found[-1][1] = table.step
+            else:
+                found.append([table.step, table.step])
+    every = (Contact(pair, first, last) for pair, found in steps.items() for first, last in found)
+    return sorted(every, key=lambda contact: contact.first)
+
+
+class LogContacts:
+    """The contacts that the log of a run has, history included, and which contacts of the run they excuse."""
+
+    def __init__(self, run: Run) -> None:
+        self._tolerance = round(TOLERANCE_S / run.info.dt)
+        self._by_pair: dict[Pair, list[Contact]] = {}
+        for contact in contacts(run.log, run.info.dt):
+            self._by_pair.setdefault(contact.pair, []).append(contact)
+        self._lags: dict[int, list[tuple[int, int]]] = {}  # of agents that have any: steps, and lags from then on
+        for step in sorted(run.takeovers):
+            for each in run.takeovers[step]:
+                self._lags.setdefault(each.agent, []).append((step, round(each.time_shift / run.info.dt)))
+
+    def excuse(self, contact: Contact) -> bool:
+        """Whether the log has a contact of the same pair at about that time, by the clock or by a log that lags."""
+        shifts = {0, *(self._lag(agent, contact.first) for agent in contact.pair)}
+        logged: Sequence[Contact] = self._by_pair.get(contact.pair, ())
+        first, last = contact.first - self._tolerance, contact.last + self._tolerance
+        return any(each.first <= last - shift and first - shift <= each.last for shift in shifts for each in logged)
+
+    def _lag(self, agent: int, step: int) -> int:
+        """Steps by which the log of `agent` lags at `step`: as its last takeover up to there has left it."""
+        return next((lag for at, lag in reversed(self._lags.get(agent, [])) if at <= step), 0)
