@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from litsim_msgs.msg import JointForecast
 from rclpy.serialization import deserialize_message, serialize_message
 
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.kinematic import KinematicPredictor
-from litsim_predictor.messages import forecast_from_message, forecast_to_message
+from litsim_predictor.messages import forecast_from_message, forecast_to_message, received_forecast
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.ros.messages import header
+from wire import damaged, taken
 
 
 def through_cdr(forecast: Forecast) -> Forecast:
@@ -99,3 +101,46 @@ def test_a_forecast_from_a_message_can_be_changed() -> None:
     forecast.mean[0, 0, 0] = 7.0
     forecast.valid[0] = True
     assert forecast.mean[0, 0, 0] == 7.0
+
+
+GOOD = forecast_to_message(made(3, 4, 2), "run-1")
+
+
+@settings(max_examples=800)
+@given(damaged(GOOD))
+def test_a_forecast_that_came_is_sound_or_refused(message: JointForecast) -> None:
+    forecast = taken(received_forecast, message, InputError, "/litsim/forecasts: ")
+    if forecast is None:
+        return
+    count, steps = forecast.yaw.shape
+    assert forecast.mean.shape == (count, steps, 2) and forecast.covariance.shape == (count, steps, 3)
+    assert len(forecast.id) == len(forecast.valid) == len(forecast.maneuver_probability) == count
+    assert (np.diff(forecast.id) > 0).all()
+    for values in (forecast.mean, forecast.yaw, forecast.covariance):
+        assert np.isfinite(values[forecast.valid]).all()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "expected"),
+    [
+        ("dt", 0.0, "dt is 0.0 s and horizon 0.8 s, expected a dt of at least 0.001 s and a horizon of at most 3600 s"),
+        ("horizon", 1.0, "mean has 24 values, expected 30: of 3 agents at 5 steps 2 each"),
+        ("yaw", [0.0], "yaw has 1 values, expected 12: of 3 agents at 4 steps 1 each"),
+        ("valid", [True], "valid has 1 values, expected 3, as many as id"),
+        ("maneuver_probability", [0.5] * 4, "maneuver_probability has 4 values, expected equally many of each of 3"),
+        ("id", [1, 1, 2], "id 1 follows 1, expected ids that ascend"),
+        ("mean", [float("inf")] * 24, "mean of agent "),
+    ],
+)
+def test_what_is_wrong_with_a_forecast_is_named(field: str, value: object, expected: str) -> None:
+    message = forecast_to_message(replace(made(3, 4, 2), valid=np.ones(3, np.bool_)), "run-1")
+    setattr(message, field, value)
+    with pytest.raises(InputError) as raised:
+        received_forecast(message)
+    assert str(raised.value).startswith(f"/litsim/forecasts: {expected}")
+
+
+def test_forecasts_of_some_and_of_nobody_come_through() -> None:
+    assert_same(received_forecast(GOOD), forecast_from_message(GOOD))
+    nobody = Forecast.of_nobody(3)
+    assert_same(received_forecast(forecast_to_message(nobody, "run-1")), nobody)

@@ -6,7 +6,11 @@ import numpy as np
 from litsim_msgs.msg import JointForecast
 
 from litsim_predictor.forecast import Forecast
-from litsim_sim.ros.messages import from_array, header, to_array
+from litsim_sim.core import topic_names
+from litsim_sim.core.columns import check_columns
+from litsim_sim.ros.messages import from_array, header, refused, to_array
+
+DT_MIN_S, HORIZON_MAX_S = 1e-3, 3600.0  # [s] beyond which a forecast is none
 
 
 def forecast_to_message(forecast: Forecast, run_id: str) -> JointForecast:
@@ -39,3 +43,36 @@ def forecast_from_message(message: JointForecast) -> Forecast:
         maneuver_probability=from_array(message.maneuver_probability, np.float32).reshape(count, -1 if count else 0),
         valid=np.array(message.valid, np.bool_),
     )
+
+
+def received_forecast(message: JointForecast) -> Forecast:
+    """The forecast of a ``JointForecast`` that has come to a stage.
+
+    Raises:
+        InputError: its arrays are not n agents by T steps, its ids do not ascend, or what is valid holds no numbers.
+    """
+    with refused(topic_names.FORECASTS):
+        if not (message.dt >= DT_MIN_S and 0.0 <= message.horizon <= HORIZON_MAX_S):
+            raise ValueError(
+                f"dt is {message.dt} s and horizon {message.horizon} s, expected a dt of at least {DT_MIN_S:g} s and a "
+                f"horizon of at most {HORIZON_MAX_S:g} s"
+            )
+        count, steps = len(message.id), round(message.horizon / message.dt)
+        for name, size in (("mean", 2), ("yaw", 1), ("covariance", 3)):
+            if len(getattr(message, name)) != count * steps * size:
+                raise ValueError(
+                    f"{name} has {len(getattr(message, name))} values, expected {count * steps * size}: of {count} "
+                    f"agents at {steps} steps {size} each"
+                )
+        if len(message.maneuver_probability) % max(1, count):
+            raise ValueError(
+                f"maneuver_probability has {len(message.maneuver_probability)} values, expected equally many of each "
+                f"of {count} agents"
+            )
+        if len(message.valid) != count:
+            raise ValueError(f"valid has {len(message.valid)} values, expected {count}, as many as id")
+        forecast = forecast_from_message(message)
+        check_columns({"id": forecast.id})
+        used = {name: getattr(forecast, name)[forecast.valid] for name in ("id", "mean", "yaw", "covariance")}
+        check_columns(used)
+    return forecast

@@ -10,7 +10,7 @@ from litsim_msgs.msg import RunInfo
 from litsim_predictor.forecast import Predictor
 from litsim_predictor.messages import forecast_to_message
 from litsim_predictor.models import predictor_stage
-from litsim_sim.ros.messages import agents_from_message
+from litsim_sim.ros.messages import received_agents
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, FORECASTS
@@ -36,7 +36,7 @@ class PredictorNode(StageNode):
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
-        forecast = self._predictor.forecast(agents_from_message(inputs[AGENTS.name]))
+        forecast = self._predictor.forecast(received_agents(inputs[AGENTS.name]))
         return [forecast_to_message(forecast, self._run_id)]
 
 

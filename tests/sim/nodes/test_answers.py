@@ -244,10 +244,14 @@ def test_an_answer_of_the_ego_that_cannot_be_used_ends_the_run(bridge: Bridge) -
 @pytest.mark.parametrize(
     ("wrong", "expected"),
     [
-        (replace(controls(1, 2), yaw_rate=np.zeros(1)), "its arrays have [1, 2] values, expected equally many"),
-        (controls(2, 1), "its ids are [2, 1], expected ascending ones, without the ego's"),
-        (controls(1, 1), "its ids are [1, 1], expected ascending ones, without the ego's"),
-        (controls(1, EGO_ID), "its ids are [1, 7], expected ascending ones, without the ego's"),
+        (replace(controls(1, 2), yaw_rate=np.zeros(1)), "yaw_rate has 1 values, expected 2, as many as id"),
+        (controls(2, 1), "id 1 follows 2, expected ids that ascend"),
+        (controls(1, 1), "id 1 follows 1, expected ids that ascend"),
+        (controls(1, EGO_ID), "id lists the ego, 7, which has a port of its own"),
+        (
+            replace(controls(1, 2), acceleration=np.array([0.0, np.inf])),
+            "acceleration of agent 2 is inf, expected a finite number",
+        ),
     ],
 )
 def test_controls_that_the_world_does_not_expect_end_the_run(

@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from litsim_sim.ros import messages
-from litsim_sim.ros.cdr import stamp_ns, without_padding
+from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
 
 SOIL = b"\xaa\xbb\xcc\xdd\xee\xff\x99"
 AFTER_FRAME = 4 + 8 + 4 + 2  # encapsulation, stamp, length of the frame's name, "a" and its NUL
@@ -64,3 +64,11 @@ def test_what_is_not_understood_stays_as_it_is() -> None:
 def test_the_stamp_is_read_without_the_rest(step: int) -> None:
     told = (messages.status("run", "ego", 1, step), Clock(clock=messages.stamp(step)))
     assert [stamp_ns(serialize_message(each)) for each in told] == [step * 100_000_000] * 2
+
+
+@pytest.mark.parametrize("run_id", ["", "a", "short-idm-litsim-13-0@ü7", "x" * 300])
+@pytest.mark.parametrize("frame", ["", "map", "abcd"])
+def test_the_run_is_read_without_the_rest(run_id: str, frame: str) -> None:
+    header = Header(frame_id=frame)
+    for message in (AgentStates(header=header, run_id=run_id, step=3), StageStatus(header=header, run_id=run_id)):
+        assert run_id_of(serialize_message(message)) == run_id

@@ -7,8 +7,10 @@ from geometry_msgs.msg import Pose2D
 from litsim_msgs.msg import Takeover as TakeoverMessage
 from litsim_msgs.msg import Takeovers
 
+from litsim_sim.core import topic_names
+from litsim_sim.core.columns import check_columns
 from litsim_sim.core.takeover import PathSource, Pose, Takeover, TakeoverReason, TakeoverState, TakeoverTable
-from litsim_sim.ros.messages import from_array, header, to_array
+from litsim_sim.ros.messages import from_array, header, refused, to_array
 
 _SCALARS = (
     "agent",
@@ -21,6 +23,16 @@ _SCALARS = (
     "residual_speed",
     "time_shift",
 )
+_FINITE = (
+    "time_to_conflict",
+    "overlap_probability",
+    "residual_position",
+    "residual_speed",
+    "time_shift",
+    "conflict_pose",
+    "goal_pose",
+)
+"""What has to be numbers of a takeover, beside its path."""
 
 
 def takeovers_to_message(table: TakeoverTable, run_id: str) -> Takeovers:
@@ -65,6 +77,29 @@ def takeovers_from_message(message: Takeovers) -> TakeoverTable:
         message.iterations,
         message.converged,
     )
+
+
+def received_takeovers(message: Takeovers) -> TakeoverTable:
+    """Table of a ``Takeovers`` that has come to a stage.
+
+    Raises:
+        InputError: it is none that a conflict stage would send: agents that do not ascend, numbers that are none, half
+            a point of a path, or a state, reason or path source that there is not.
+    """
+    with refused(topic_names.TAKEOVERS):
+        for takeover in message.takeovers:
+            if len(takeover.reference_path) % 2:
+                raise ValueError(
+                    f"reference_path of agent {takeover.agent} has {len(takeover.reference_path)} values, expected x "
+                    "and y of each point"
+                )
+        table = takeovers_from_message(message)
+        columns = {name: np.array([getattr(t, name) for t in table.takeovers], np.float64) for name in _FINITE}
+        check_columns({"id": np.array([t.agent for t in table.takeovers], np.int64)} | columns)
+        for takeover in table.takeovers:
+            if not np.isfinite(takeover.reference_path).all():
+                raise ValueError(f"reference_path of agent {takeover.agent} is not finite, expected finite numbers")
+    return table
 
 
 def _to_pose(pose: Pose) -> Pose2D:

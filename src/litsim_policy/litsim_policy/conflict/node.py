@@ -9,8 +9,8 @@ from litsim_msgs.msg import RunInfo
 
 from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_policy.conflict.takeover import TakeoverManager, conflict_stage
-from litsim_predictor.messages import forecast_from_message
-from litsim_sim.ros.messages import agents_from_message
+from litsim_predictor.messages import received_forecast
+from litsim_sim.ros.messages import received_agents
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, FORECASTS, TAKEOVERS
@@ -36,8 +36,8 @@ class ConflictNode(StageNode):
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
-        table = agents_from_message(inputs[AGENTS.name])
-        forecast = forecast_from_message(inputs[FORECASTS.name])
+        table = received_agents(inputs[AGENTS.name])
+        forecast = received_forecast(inputs[FORECASTS.name])
         return [takeovers_to_message(self._manager.update(table, forecast), self._run_id)]
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from litsim_msgs.msg import RunInfo
 
-from litsim_policy.conflict.messages import takeovers_from_message
+from litsim_policy.conflict.messages import received_takeovers
 from litsim_policy.driving.registry import Policy, policy_stage
-from litsim_sim.ros.messages import agents_from_message, controls_to_message
+from litsim_sim.ros.messages import controls_to_message, received_agents
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, CONTROLS, TAKEOVERS
@@ -35,8 +35,8 @@ class PolicyNode(StageNode):
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
-        table = agents_from_message(inputs[AGENTS.name])
-        controls = self._policy.act(table, takeovers_from_message(inputs[TAKEOVERS.name]))
+        table = received_agents(inputs[AGENTS.name])
+        controls = self._policy.act(table, received_takeovers(inputs[TAKEOVERS.name]))
         return [controls_to_message(controls, self._run_id)]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from litsim_msgs.msg import RunInfo
 
 from litsim_policy.ego.registry import Ego, ego_stage
-from litsim_sim.ros.messages import agents_from_message, ego_to_message
+from litsim_sim.ros.messages import ego_to_message, received_agents
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import StageNode, run_node
 from litsim_sim.ros.topics import AGENTS, EGO_CONTROL
@@ -35,7 +35,7 @@ class EgoNode(StageNode):
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
-        return [ego_to_message(self._ego.plan(agents_from_message(inputs[AGENTS.name])), self._run_id)]
+        return [ego_to_message(self._ego.plan(received_agents(inputs[AGENTS.name])), self._run_id)]
 
 
 def run_bat() -> None:

@@ -21,7 +21,7 @@ from litsim_sim.campaign.case import GRAPH, Case
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.child import start_process
+from litsim_sim.launch.child import how_it_ended, start_process
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.nodes import GraphOptions, nodes_of
 from litsim_sim.launch.processes import LOG_FOLDER, STACK, check_program
@@ -237,10 +237,3 @@ def _end(process: subprocess.Popen[str]) -> None:
         process.wait(END_S)
     except subprocess.TimeoutExpired:
         process.kill()
-
-
-def how_it_ended(status: int) -> str:
-    """How a process ended, by its exit status as :mod:`subprocess` has it."""
-    if status < 0:
-        return f"was ended by {signal.Signals(-status).name}"
-    return f"ended with exit status {status}"

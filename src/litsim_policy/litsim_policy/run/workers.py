@@ -10,10 +10,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from litsim_policy.run.case_run import RunFailed, RunOutcome, how_it_ended, run_in_process
+from litsim_policy.run.case_run import RunFailed, RunOutcome, run_in_process
 from litsim_sim.campaign.case import Case
 from litsim_sim.core.errors import reason
-from litsim_sim.launch.child import end_with_parent
+from litsim_sim.launch.child import end_with_parent, how_it_ended
 
 
 class Workers:

@@ -90,13 +90,9 @@ class Child:
     def obituary(self) -> str:
         """How the process ended, and the last thing in its log where that may say why."""
         code, words = self.process.returncode, self.errors
-        if code is None:
-            how = f"has not ended within {GRACE_S:g} s"
-        elif code < 0:
-            how = f"was ended by {signal.Signals(-code).name}"
-        else:
-            how = f"ended with exit status {code}"
-            words = words or ([self.last_line] if code > 0 and self.last_line else [])
+        how = f"has not ended within {GRACE_S:g} s" if code is None else how_it_ended(code)
+        if code is not None and code > 0:
+            words = words or ([self.last_line] if self.last_line else [])
         if self.command:  # what is an error in a log of somebody else's is not known; the last word is the nearest
             words = [self.last_line or "it has said nothing"]
         return f"{self} {how}{''.join(f': {line}' for line in words[-1:])}"
@@ -109,6 +105,13 @@ class Child:
     @property
     def _lines(self) -> list[str]:
         return self.log.read_text(errors="replace").splitlines()
+
+
+def how_it_ended(status: int) -> str:
+    """In words that follow its name, how a process ended, by its exit status as :mod:`subprocess` has it."""
+    if status < 0:
+        return f"was ended by {signal.Signals(-status).name}"
+    return f"ended with exit status {status}"
 
 
 def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:

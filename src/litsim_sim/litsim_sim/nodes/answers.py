@@ -10,8 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-import numpy as np
-
+from litsim_sim.core.columns import check_columns
 from litsim_sim.core.lockstep import RECORDER_WINDOW, Gate
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES, RECORDER, StageState
@@ -311,8 +310,6 @@ def check_controls(controls: ControlTable, ego_id: int) -> None:
     Raises:
         ValueError: they are not.
     """
-    lengths = {len(getattr(controls, field.name)) for field in fields(controls) if field.name != "step"}
-    if len(lengths) > 1:
-        raise ValueError(f"its arrays have {sorted(lengths)} values, expected equally many")
-    if (np.diff(controls.id) <= 0).any() or ego_id in controls.id:
-        raise ValueError(f"its ids are {controls.id.tolist()}, expected ascending ones, without the ego's")
+    check_columns({each.name: getattr(controls, each.name) for each in fields(controls) if each.name != "step"})
+    if ego_id in controls.id:
+        raise ValueError(f"id lists the ego, {ego_id}, which has a port of its own")

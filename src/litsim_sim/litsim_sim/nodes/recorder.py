@@ -22,7 +22,7 @@ from litsim_sim.nodes.recorder_options import recorder_stage
 from litsim_sim.record.bag import BagWriter, qos_yaml
 from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
 from litsim_sim.ros import messages
-from litsim_sim.ros.cdr import stamp_ns, without_padding
+from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
@@ -53,6 +53,7 @@ class RecorderNode(Node):
         self._buffer: StepBuffer | None = None  # once a run has begun
         self._word: StageStatus | None = None  # on the run at hand, repeated when the bridge greets
         self._unheard: set[str] = set()
+        self._of_this_run: set[Topic] = set()  # on which messages of other runs are not recorded
         self._early: dict[Topic, bytes] = {}  # latched messages that came before the run was known
         self._ending = False
         self._status = publisher_on(self, STATUS)
@@ -91,7 +92,7 @@ class RecorderNode(Node):
         return receive
 
     def _take(self, topic: Topic, data: bytes) -> None:
-        if self._buffer is not None:
+        if self._buffer is not None and (topic not in self._of_this_run or run_id_of(data) == self._run_id):
             self._buffer.take(topic.name, step_of(topic, data), data)
 
     def _on_run_info(self, data: bytes) -> bool:
@@ -108,6 +109,7 @@ class RecorderNode(Node):
         names = [topic.name for topic in RECORDED_TOPICS]
         run = BufferedRun(names, tuple(info.topics), [topic.name for topic in FOREIGN], info.total_steps)
         self._buffer = StepBuffer(run, self._write, self._confirm)
+        self._of_this_run = {topic for topic in RECORDED_TOPICS if _tells_run(topic, info)}
         for topic, early in self._early.items():
             self._take(topic, early)
         self._unheard = set(info.stages) - {STAGE}
@@ -144,14 +146,18 @@ class RecorderNode(Node):
         return True
 
     def _settle(self, buffer: StepBuffer, status: StageStatus) -> None:
-        """End once a while has passed after the last step came in: others may have said something on it."""
+        """End once a while has passed after the last step came in: others may have said something on it.
+
+        A run that has finished has all of that step, unless another recorder was what the bridge has waited for.
+        """
         until, seen = time.monotonic() + LINGER_S, [-1]
+        failed = status.state == StageState.FAILED
 
         def look() -> None:
             if seen[0] < status.step and time.monotonic() < until:
-                seen[0] = buffer.newest
+                seen[0] = buffer.newest if failed else buffer.confirmed
             elif not self.finished:
-                self._close(amid_step=status.state == StageState.FAILED)
+                self._close(amid_step=failed)
                 self._say(StageState.FAILED if self.gaps else StageState.FINISHED, self.gaps)
 
         self._timer(SETTLE_S, look)
@@ -178,6 +184,15 @@ class RecorderNode(Node):
     def _timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """A timer of the wall clock, whatever the simulation's does."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def _tells_run(topic: Topic, info: RunInfo) -> bool:
+    """Whether LitSim alone publishes on `topic` in the run of `info`, and each message names its run.
+
+    What nodes say of themselves on /litsim/status is recorded whatever run they name.
+    """
+    ours = topic not in FOREIGN or topic.name in info.topics
+    return ours and topic not in (RUN_INFO, STATUS) and "run_id" in topic.type.get_fields_and_field_types()
 
 
 def add_topic(writer: BagWriter, topic: Topic) -> None:

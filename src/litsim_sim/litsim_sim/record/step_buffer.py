@@ -79,6 +79,11 @@ class StepBuffer:
         self._absent: set[tuple[int, str]] = set()  # what was not there when its step was written
 
     @property
+    def confirmed(self) -> int:
+        """Newest step up to which the record is complete; -1 before the first."""
+        return self._next - 1
+
+    @property
     def gaps(self) -> str:
         """In words, what the record lacks that it should hold; empty where it is whole."""
         lacking: dict[str, list[int]] = {}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import zlib
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
@@ -18,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import RATE_HZ
+from litsim_sim.core.scene import RATE_HZ, FloatArray
 from litsim_sim.io.files import replacing
 from litsim_sim.io.parquet_input import read_arrow
 
@@ -99,11 +100,13 @@ class Recording:
             raise InputError(
                 f"{where}: unknown columns {unknown}, missing columns {missing}; expected exactly {list(COLUMNS)}"
             )
+        if not table.columns.is_unique:
+            raise InputError(f"{where}: columns {list(table.columns)}, expected each of them once")
         if table.empty:
             raise InputError(f"{where}: the recording holds no rows")
         table = table[list(COLUMNS)]
         for name, dtype in COLUMNS.items():
-            values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+            values = _numbers(table[name], f"{where}: column {name}")
             bad = ~np.isfinite(values)
             expected = "a finite number"
             if not dtype.startswith("float"):  # a cast would silently cut fractions off
@@ -181,6 +184,18 @@ class Recording:
         sink = pa.BufferOutputStream()
         pq.write_table(arrow.replace_schema_metadata(metadata), sink, compression="zstd", write_page_checksum=True)
         return bytes(sink.getvalue().to_pybytes())
+
+
+def _numbers(column: pd.Series, what: str) -> FloatArray:
+    """The values of `column`, NaN where they are no numbers.
+
+    Raises:
+        InputError: it is of a type whose values cannot be numbers, as times; `what` names it.
+    """
+    if column.dtype.kind not in "mM":
+        with suppress(TypeError, ValueError):
+            return pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+    raise InputError(f"{what} is of type {column.dtype}, expected numbers")
 
 
 def _checksum(header: bytes, table: pd.DataFrame) -> bytes:

@@ -37,6 +37,24 @@ def stamp_ns(data: bytes) -> int:
     return int(seconds) * 10**9 + int(nanoseconds)
 
 
+def run_id_of(data: bytes) -> str:
+    """The run of a serialised message that begins with a ``std_msgs/Header`` and a ``run_id``.
+
+    Raises:
+        struct.error: the data end before these do.
+    """
+    _, at = _text(data, _HEADER + 8)
+    run_id, _ = _text(data, at + (_HEADER - at) % 4)
+    return run_id
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    """A string that begins at an offset, and where it ends."""
+    (length,) = struct.unpack_from("<I", data, at)
+    (text,) = struct.unpack_from(f"<{length}s", data, at + 4)
+    return text.rstrip(b"\0").decode(errors="replace"), at + 4 + length
+
+
 def without_padding(message_type: Any) -> Callable[[bytes], bytes]:
     """A function that clears the padding in serialised messages of `message_type`, and cuts off what follows them.
 

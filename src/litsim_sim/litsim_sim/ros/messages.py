@@ -7,6 +7,8 @@ where lists and numpy arrays are converted element by element.
 from __future__ import annotations
 
 from array import array
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,9 @@ from litsim_msgs.msg import AgentStates, Controls, EgoControl, SignalLink, Signa
 from nav_msgs.msg import Odometry, Path
 from std_msgs.msg import Header
 
+from litsim_sim.core import topic_names
+from litsim_sim.core.columns import check_columns
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, STEP_NS, AgentTable, ControlTable, EgoCommand, EgoMode, FloatArray
 from litsim_sim.core.signals import SignalTable
 from litsim_sim.scenario.signals import Signals
@@ -63,6 +68,31 @@ def agents_from_message(message: AgentStates) -> AgentTable:
     """Table of an ``AgentStates``."""
     arrays = {name: from_array(getattr(message, name), dtype) for name, dtype in _AGENT_DTYPES.items()}
     return AgentTable(message.step, **arrays)
+
+
+def received_agents(message: AgentStates) -> AgentTable:
+    """Table of an ``AgentStates`` that has come to a stage.
+
+    Raises:
+        InputError: it is none that a bridge would send: columns of unequal lengths, ids that do not ascend, no numbers.
+    """
+    table = agents_from_message(message)
+    with refused(topic_names.AGENTS):
+        check_columns({name: getattr(table, name) for name in ARRAY_FIELDS})
+    return table
+
+
+@contextmanager
+def refused(topic: str) -> Iterator[None]:
+    """Turn what is wrong with a message into an error that names its topic.
+
+    Raises:
+        InputError: a ValueError was raised meanwhile.
+    """
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(f"{topic}: {error}") from error
 
 
 def signals_to_message(signals: SignalTable, run_id: str) -> SignalStates:

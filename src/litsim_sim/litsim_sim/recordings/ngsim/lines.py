@@ -100,7 +100,8 @@ class LineParser:
             values = np.where(unknown, -1.0 if name in WHOLE else np.nan, values)
         if name not in WHOLE:
             return values
-        whole = values.astype(np.int64)
+        with np.errstate(invalid="ignore"):  # numbers beyond those that there are, which differ from what they become
+            whole = values.astype(np.int64)
         if (whole != values).any():
             at = int(np.argmax(whole != values))
             what = f"column {NAMES[name][0]} is {values[at]:g}, no whole number"

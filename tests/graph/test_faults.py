@@ -1,0 +1,201 @@
+"""What goes wrong in a run changes nothing, or ends it with one line that names it; the table is in docs/faults.md.
+
+Other files here have the rest of it: pauses, the launcher, the recorder, two runs on a domain, external egos.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from litsim_sim.analysis.analyze import analyze
+from litsim_sim.record.run import read_run
+
+PROGRAMS = {
+    "predictor": ("litsim_predictor", "predictor"),
+    "conflict": ("litsim_policy", "conflict"),
+    "policy": ("litsim_policy", "policy"),
+    "ego": ("litsim_policy", "ego_idm"),
+}
+HOPS = {
+    "bridge": "/litsim/agents",
+    "predictor": "/litsim/forecasts",
+    "conflict": "/litsim/takeovers",
+    "policy": "/litsim/controls",
+    "ego": "/litsim/ego/control",
+}
+"""What each node publishes in every step."""
+DEEDS = ("lost", "late", "twice", "older")  # of the relay
+MEMORY = 400 * 2**20  # bytes; a node takes more than twice as much address space
+CLOCK = Path(__file__).with_name("jumping_clock.c")
+
+
+def digest_of(recorded: Any, policy: str) -> str:
+    """The digest of the run of the short scenario in which nothing goes wrong."""
+    return str(json.loads((recorded("idm", policy).bag / "metrics.json").read_text())["digest"])
+
+
+def start(graph: Any, *names: str, remapped: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Stages by name; those in `remapped` publish to a relay."""
+    return {name: graph.start_node(*PROGRAMS[name], *remap(name, remapped)) for name in names}
+
+
+def remap(name: str, remapped: tuple[str, ...]) -> tuple[str, ...]:
+    return ("--ros-args", "-r", f"{HOPS[name]}:=/before{HOPS[name]}") if name in remapped else ()
+
+
+def start_bridge(graph: Any, *arguments: str, simulation_s: float = 3.0, **parameters: object) -> Any:
+    scenario = graph.scenario(simulation_s=simulation_s)
+    given = {"scenario": scenario, "progress": "none", "handshake_timeout_s": "60.0"} | parameters
+    return graph.start_node("litsim_sim", "bridge", *arguments[1:], **given)
+
+
+def error_of(done: subprocess.CompletedProcess[str]) -> str:
+    """The one error of a run that has failed."""
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("error: "))
+    return line.removeprefix("error: ")
+
+
+def assert_valid(bag: Path, digest: str) -> dict[str, Any]:
+    metrics = analyze(bag)
+    assert (metrics["valid"], metrics["why"]) == (True, "")
+    assert metrics["digest"] == digest
+    return metrics
+
+
+def assert_whole_steps(bag: Path) -> int:
+    """See that the record holds every step up to the last; returns that."""
+    steps = [table.step for table in read_run(bag).tables]
+    assert steps == list(range(len(steps)))
+    return len(steps) - 1
+
+
+@pytest.mark.parametrize("name", ["bridge", "predictor", "policy", "ego_idm"])
+def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
+    """Of the conflict stage and the recorder, see test_launcher.py and test_recording.py."""
+    bag = graph.folder / "run"
+    policy = "litsim" if name in ("predictor", "policy") else "replay"
+    scenario = graph.scenario(simulation_s=8.0)
+    launcher = graph.start_launch("--mode", "realtime", "--scenario", scenario, "--policy", policy, "--out", bag)
+    graph.wait_under_way(bag)
+    graph.signal(name, signal.SIGKILL)
+    error = error_of(graph.finish(launcher))
+    assert error.startswith(f"node {name.removesuffix('_idm')} was ended by SIGKILL (logs: ")
+    assert not graph.running()
+    assert read_run(bag).complete
+    assert 9 <= assert_whole_steps(bag) < 85
+
+
+def test_messages_lost_late_twice_and_out_of_order_change_nothing(graph: Any, recorded: Any) -> None:
+    expected = digest_of(recorded, "litsim")
+    relay = graph.start_script("relay.py", *HOPS.values())
+    recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
+    start(graph, *PROGRAMS, remapped=tuple(HOPS))
+    bridge = graph.finish(start_bridge(graph, *remap("bridge", tuple(HOPS))))
+    assert bridge.returncode == 0, bridge.stderr
+    assert graph.finish(recorder).returncode == 0
+    assert_valid(graph.folder / "run", expected)
+    _, said = graph.end(relay)
+    done = {tuple(line.split()) for line in said.splitlines()}
+    assert done == {(deed, topic) for deed in DEEDS for topic in HOPS.values()}
+
+
+def test_messages_that_are_lost_for_good_end_the_run(graph: Any) -> None:
+    graph.start_script("relay.py", HOPS["ego"], "--lost-from", 20)
+    recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
+    start(graph, "ego", remapped=("ego",))
+    bridge = start_bridge(graph, policy="replay", answer_timeout_s="3.0")
+    assert error_of(graph.finish(bridge)) == "no answer to step 20 on /litsim/ego/control within 3 s"
+    assert graph.finish(recorder).returncode == 0
+    assert assert_whole_steps(graph.folder / "run") == 20
+
+
+def test_nodes_that_come_late_and_twice_change_nothing(graph: Any, recorded: Any) -> None:
+    """The bridge is there first, and of each other node there are two, which answer alike."""
+    expected = digest_of(recorded, "litsim")
+    bridge = start_bridge(graph)
+    assert "waiting for READY from conflict, ego, policy, predictor" in bridge.stderr.readline()
+    recorders = [graph.start_node("litsim_sim", "recorder", output=graph.folder / name) for name in ("one", "other")]
+    for _ in recorders:
+        start(graph, *reversed(PROGRAMS))
+    done = graph.finish(bridge)
+    assert done.returncode == 0, done.stderr
+    for recorder, name in zip(recorders, ("one", "other"), strict=True):
+        assert graph.finish(recorder).returncode == 0
+        assert_valid(graph.folder / name, expected)
+
+
+def test_a_recorder_slower_than_the_run_is_waited_for(graph: Any) -> None:
+    go = graph.folder / "go"
+    recorder = graph.start_script("slow_recorder.py", go, "--ros-args", "-p", f"output:={graph.folder / 'run'}")
+    start(graph, "ego")
+    bridge = start_bridge(graph, simulation_s=8.0, policy="replay", answer_timeout_s="60.0")
+    waiting = next(line for line in bridge.stderr if re.search(r"step \d+: waiting for /litsim/recorded", line))
+    go.touch()
+    assert int(re.findall(r"step (\d+):", waiting)[0]) > 50
+    done = graph.finish(bridge)
+    assert done.returncode == 0, done.stderr
+    assert graph.finish(recorder).returncode == 0
+    assert analyze(graph.folder / "run")["valid"]
+    assert assert_whole_steps(graph.folder / "run") == 85
+
+
+def test_a_node_without_memory_ends_the_run(graph: Any) -> None:
+    """It is given less than it takes to get ready; how that ends is up to the library that wants some first."""
+    bag = graph.folder / "run"
+    launcher = graph.start_launch("--scenario", graph.scenario(), "--out", bag)
+    graph.wait("the predictor", lambda: [line for line in graph.running().values() if "/predictor " in line])
+    (pid,) = (pid for pid, line in graph.running().items() if "/predictor " in line)
+    resource.prlimit(pid, resource.RLIMIT_AS, (MEMORY, MEMORY))
+    error = error_of(graph.finish(launcher))
+    assert error.removeprefix("node ").startswith("predictor")
+    assert not graph.running()
+
+
+def test_what_somebody_says_of_another_run_changes_nothing(graph: Any, recorded: Any) -> None:
+    expected = digest_of(recorded, "litsim")
+    stranger = graph.start_script("stranger.py")
+    recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
+    start(graph, *PROGRAMS)
+    bridge = graph.finish(start_bridge(graph))
+    assert bridge.returncode == 0, bridge.stderr
+    assert graph.finish(recorder).returncode == 0
+    assert_valid(graph.folder / "run", expected)
+    _, said = graph.end(stranger)
+    assert said.count("step ") > 5  # it was there
+
+
+@pytest.mark.parametrize("by_s", [-3600, 3600])
+def test_a_wall_clock_that_is_set_amid_a_run_does_not_matter(graph: Any, tmp_path: Path, by_s: int) -> None:
+    library, go, bag = tmp_path / "clock.so", graph.folder / "go", graph.folder / "run"
+    subprocess.run(["cc", "-shared", "-fPIC", "-O2", "-Wall", "-Werror", "-o", library, CLOCK], check=True)
+    clock = {"LD_PRELOAD": str(library), "CLOCK_JUMPS": str(go), "CLOCK_JUMP": str(by_s)}
+    graph.start_script("external_ego.py", "--hold-at", 20, "--until", go)
+    words = ("--scenario", graph.scenario(), "--ego", "external", "--policy", "replay", "--out", bag)
+    launcher = graph.start_launch(*words, "--domain-id", graph.domain, "--answer-timeout", 60, **clock)
+    log = bag / "log/bridge.log"
+    graph.wait("step 20", lambda: log.is_file() and "step 20: waiting for /litsim/ego/" in log.read_text())
+    before = wall_clock(clock)
+    go.touch()
+    assert abs(wall_clock(clock) - before - by_s) < 1800
+    done = graph.finish(launcher)
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads((bag / "metrics.json").read_text())
+    assert (metrics["valid"], metrics["lockstep"]["missed"], metrics["lockstep"]["gaps"]) == (True, 0, 0)
+
+
+def wall_clock(environment: dict[str, str]) -> float:
+    """What a process sees [s]."""
+    words = [sys.executable, "-c", "import time; print(time.time())"]
+    return float(subprocess.run(words, env=os.environ | environment, capture_output=True, check=True).stdout)

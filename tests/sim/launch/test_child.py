@@ -1,0 +1,42 @@
+"""How the end of a process is told: by its exit status, and by what it said last."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from litsim_sim.launch.child import Child, how_it_ended
+
+
+@pytest.mark.parametrize(
+    ("code", "expected"),
+    [
+        ("import os; os.kill(os.getpid(), 9)", "was ended by SIGKILL"),
+        ("import sys; sys.exit(3)", "ended with exit status 3"),
+        ("", "ended with exit status 0"),
+    ],
+)
+def test_a_signal_is_named_and_an_exit_status_is_told(code: str, expected: str) -> None:
+    status = subprocess.run([sys.executable, "-c", code], check=False).returncode
+    assert how_it_ended(status) == expected
+
+
+@pytest.mark.parametrize(
+    ("log", "code", "expected"),
+    [
+        ("error: no net\n", 2, "node ego ended with exit status 2: no net"),
+        ("\nout of luck\n\n", 1, "node ego ended with exit status 1: out of luck"),
+        ("out of luck\n", 0, "node ego ended with exit status 0"),
+        ("out of luck\n", -9, "node ego was ended by SIGKILL"),
+    ],
+)
+def test_the_last_word_of_a_node_is_told_where_it_says_why(tmp_path: Path, log: str, code: int, expected: str) -> None:
+    path = tmp_path / "ego.log"
+    path.write_text(log)
+    end = f"import os, sys; os.kill(os.getpid(), {-code}) if {code} < 0 else sys.exit({code})"
+    with subprocess.Popen([sys.executable, "-c", end], text=True) as process:
+        process.wait()
+    assert Child("ego", process, path).obituary() == expected
