@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_predictor.forecast import Forecast
-from litsim_predictor.selection import Wanted, selected
+from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.history import History
 from litsim_sim.core.quantities import (
     Acceleration,
@@ -51,7 +51,7 @@ class KinematicPredictor:
     """The `kinematic` model: needs no training, uses at most the last second of history."""
 
     def __init__(
-        self, ego_id: int, roi_m: float, config: KinematicConfig | None = None, wanted: Wanted = Wanted.ALL
+        self, ego_id: Egos, roi_m: float, config: KinematicConfig | None = None, wanted: Wanted = Wanted.ALL
     ) -> None:
         self._ego_id, self._roi_m, self._wanted = ego_id, roi_m, wanted
         self._config = config or KinematicConfig()

@@ -18,7 +18,7 @@ from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import configuration
-from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.setting import Setting
 
 MODELS = ("kinematic", *SHIPPED)
 DEFAULT_MODEL = "default"
@@ -57,7 +57,7 @@ class PredictorConfig:
     kinematic: KinematicConfig = KinematicConfig()
 
 
-def predictor_stage(read: ParameterReader) -> Callable[[Scenario], Predictor]:
+def predictor_stage(read: ParameterReader) -> Callable[[Setting], Predictor]:
     """Read the parameters; what is returned builds the predictor once the run is known."""
     config = read(PredictorConfig())
     wanted = Wanted.ALL if config.forecast_all else Wanted.READ
@@ -65,7 +65,7 @@ def predictor_stage(read: ParameterReader) -> Callable[[Scenario], Predictor]:
 
 
 def make_predictor(
-    model: str, scenario: Scenario, kinematic: KinematicConfig | None = None, wanted: Wanted = Wanted.READ
+    model: str, scenario: Setting, kinematic: KinematicConfig | None = None, wanted: Wanted = Wanted.READ
 ) -> Predictor:
     """The predictor called `model`, for a run of `scenario`.
 
@@ -79,7 +79,7 @@ def make_predictor(
         InputError: there is none of that name, or its weights cannot be used.
     """
     if model == "kinematic":
-        return KinematicPredictor(scenario.ego_id, scenario.roi_m, kinematic, wanted)
+        return KinematicPredictor(scenario.ego_ids, scenario.roi_m, kinematic, wanted)
     try:
         known_model(model)
     except ValueError as error:
@@ -88,7 +88,7 @@ def make_predictor(
     from litsim_predictor.inference.raster import raster_of_net
 
     net = raster_of_net(scenario.net_path)
-    return LearnedPredictor(network(model), scenario.ego_id, scenario.roi_m, *net, wanted)
+    return LearnedPredictor(network(model), scenario.ego_ids, scenario.roi_m, *net, wanted)
 
 
 def network(model: str) -> Network:

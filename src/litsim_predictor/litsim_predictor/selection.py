@@ -6,7 +6,11 @@ from enum import StrEnum
 
 import numpy as np
 
+from litsim_sim.core.compiled import FLOATS, INTS, OUT_BOOLS, kernel
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+
+Egos = int | IntArray
+"""Id of the ego, or ids of those of several scenes (scenes,)."""
 
 MEETING_S = 3.0  # [s] within which agents may be taken over for each other: as far as detection looks, by default
 MEETING_AHEAD = 20.0  # [m] from box to box, along the heading of the agent on its log
@@ -25,15 +29,16 @@ class Wanted(StrEnum):
     EGO = "ego"
 
 
-def agents_of_interest(table: AgentTable, ego_id: int, roi_m: float) -> BoolArray:
+def agents_of_interest(table: AgentTable, ego_id: Egos, roi_m: float) -> BoolArray:
     """(n,) agents within `roi_m` metres of the ego or of another agent off its log, those included."""
     centre = _off_log(table, ego_id)
     dx = table.x[:, None] - table.x[centre][None, :]
     dy = table.y[:, None] - table.y[centre][None, :]
-    return centre | (dx**2 + dy**2 <= roi_m**2).any(axis=1)
+    near = (dx**2 + dy**2 <= roi_m**2) & (table.scene[:, None] == table.scene[centre][None, :])
+    return centre | near.any(axis=1)
 
 
-def agents_read(table: AgentTable, ego_id: int) -> BoolArray:
+def agents_read(table: AgentTable, ego_id: Egos) -> BoolArray:
     """(n,) agents whose forecast the conflict stage reads, or may read.
 
     It reads that of the ego and of whoever is off its log; and, as soon as it has taken somebody over, his in the same
@@ -46,48 +51,62 @@ def agents_read(table: AgentTable, ego_id: int) -> BoolArray:
     return off | _may_meet(table, np.flatnonzero(~off), np.flatnonzero(off))
 
 
-def selected(table: AgentTable, ego_id: int, roi_m: float, wanted: Wanted) -> tuple[AgentTable, IntArray]:
+def selected(table: AgentTable, ego_id: Egos, roi_m: float, wanted: Wanted) -> tuple[AgentTable, IntArray]:
     """The agents of interest, and the rows among them of those to forecast; nobody at all where there are none."""
     seen = agents_of_interest(table, ego_id, roi_m)
     if wanted == Wanted.ALL:
         forecast = seen
     elif wanted == Wanted.EGO:
-        forecast = seen & (table.id == ego_id)
+        forecast = seen & table.mask(np.atleast_1d(ego_id))
     else:
         forecast = seen & agents_read(table, ego_id)
     return table.take(seen), np.flatnonzero(forecast[seen])
 
 
-def _off_log(table: AgentTable, ego_id: int) -> BoolArray:
-    return table.off_log | (table.id == ego_id)
+def _off_log(table: AgentTable, ego_id: Egos) -> BoolArray:
+    return table.off_log | table.mask(np.atleast_1d(ego_id))
 
 
 def _may_meet(table: AgentTable, agents: IntArray, others: IntArray) -> BoolArray:
     """(n,) those in the rows `agents` who come close to one in the rows `others`."""
-    found = np.zeros(len(table), np.bool_)
     if not len(agents) or not len(others):
-        return found
+        return np.zeros(len(table), np.bool_)
     cos, sin = np.cos(table.yaw), np.sin(table.yaw)
-    a = agents[:, None]
+    return _meeting(table.scene, table.x, table.y, cos, sin, table.speed, table.length, table.width, agents, others)
 
-    def apart(values: FloatArray) -> FloatArray:
-        return values[others] - values[a]
 
-    def turned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Along and across the heading of the agent."""
-        return cos[a] * x + sin[a] * y, cos[a] * y - sin[a] * x
-
-    place = turned(apart(table.x), apart(table.y))
-    velocity = turned(apart(table.speed * cos), apart(table.speed * sin))
-    reach = [
-        MEETING_AHEAD + 0.5 * (table.length[a] + table.length[others]),
-        MEETING_ASIDE + 0.5 * (table.width[a] + table.width[others]),
-    ]
-    # Each direction is within reach for one span of time; do both and the time that is looked at have one in common?
-    begin, end = np.zeros(place[0].shape), np.full(place[0].shape, MEETING_S)
-    for at, moving, within in zip(place, velocity, reach, strict=True):
-        moves = np.where(np.abs(moving) < STILL, STILL, moving)
-        first, last = (-within - at) / moves, (within - at) / moves
-        begin, end = np.maximum(begin, np.minimum(first, last)), np.minimum(end, np.maximum(first, last))
-    found[agents] = (begin <= end).any(axis=1)
+@kernel(OUT_BOOLS(INTS, *[FLOATS] * 7, INTS, INTS))
+def _meeting(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    scene: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    cos: FloatArray,
+    sin: FloatArray,
+    speed: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    agents: IntArray,
+    others: IntArray,
+) -> BoolArray:
+    """See :func:`_may_meet`; arrays (n,) are of the table, `cos` and `sin` of the headings."""
+    found = np.zeros(len(x), np.bool_)
+    for i in agents:
+        for j in others:
+            if scene[j] != scene[i]:
+                continue
+            dx, dy = x[j] - x[i], y[j] - y[i]
+            faster_x, faster_y = speed[j] * cos[j] - speed[i] * cos[i], speed[j] * sin[j] - speed[i] * sin[i]
+            # Along and across the heading of the agent, each is within reach for one span of time; do both, and the
+            # time that is looked at, have one in common?
+            place = (cos[i] * dx + sin[i] * dy, cos[i] * dy - sin[i] * dx)
+            velocity = (cos[i] * faster_x + sin[i] * faster_y, cos[i] * faster_y - sin[i] * faster_x)
+            reach = (MEETING_AHEAD + 0.5 * (length[i] + length[j]), MEETING_ASIDE + 0.5 * (width[i] + width[j]))
+            begin, end = 0.0, MEETING_S
+            for k in range(2):
+                moves = STILL if abs(velocity[k]) < STILL else velocity[k]
+                first, last = (-reach[k] - place[k]) / moves, (reach[k] - place[k]) / moves
+                begin, end = max(begin, min(first, last)), min(end, max(first, last))
+            if begin <= end:
+                found[i] = True
+                break
     return found

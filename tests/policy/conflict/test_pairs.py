@@ -22,12 +22,13 @@ def test_who_is_near_whom(seed: int, radius: float, agents: int) -> None:
     random = np.random.default_rng(seed)
     x, y = random.normal(0.0, 30.0, (2, agents))
     of, others = random.random((2, agents)) < 0.5
-    within = np.hypot(x[:, None] - x, y[:, None] - y) <= radius
+    scene = np.sort(random.integers(0, 3, agents))
+    within = (np.hypot(x[:, None] - x, y[:, None] - y) <= radius) & (scene[:, None] == scene)
     mine = within & of[:, None]
-    assert pairs.around(x, y, of, radius).tolist() == (of | mine.any(axis=0)).tolist()
+    assert pairs.around(scene, x, y, of, radius).tolist() == (of | mine.any(axis=0)).tolist()
     mine &= others
     np.fill_diagonal(mine, val=False)
-    assert pairs.near(x, y, of, others, radius).tolist() == np.argwhere(mine).tolist()
+    assert pairs.near(scene, x, y, of, others, radius).tolist() == np.argwhere(mine).tolist()
 
 
 @given(seeds)

@@ -50,7 +50,8 @@ def test_the_side_is_taken_by_whoever_is_or_soon_will_be_alongside(random) -> No
     target = np.column_stack([x[rows], y[rows]]) + random.normal(0.0, [5.0, 1.0], (AGENTS, 2))
     target[0] = x[rows[0]], y[rows[0]]
     bounds = (CONFIG.side_gap, CONFIG.side_horizon, CONFIG.side_margin, CONFIG.side_drift)
-    found = side_taken(x, y, speed, length, width, rows, heading, target, *bounds)
+    scene = random.integers(0, 2, OTHERS)
+    found = side_taken(scene, x, y, speed, length, width, rows, heading, target, *bounds)
     off_x, off_y = target[:, 0] - x[rows], target[:, 1] - y[rows]
     move = (-np.sin(heading) * off_x + np.cos(heading) * off_y)[:, None]
     ahead, left = to_body(x - x[rows, None], y - y[rows, None], heading[:, None])
@@ -59,6 +60,7 @@ def test_the_side_is_taken_by_whoever_is_or_soon_will_be_alongside(random) -> No
     reach += np.where(np.sign(ahead) * faster < 0, np.abs(faster) * CONFIG.side_horizon, 0.0)
     clearance = np.abs(left) - 0.5 * (width + width[rows, None])
     beside = (np.abs(ahead) < reach) & (left * move > 0) & (clearance < np.abs(move) + CONFIG.side_margin)
+    beside &= scene == scene[rows, None]
     beside[np.arange(AGENTS), rows] = False
     expected = (np.abs(move[:, 0]) > CONFIG.side_drift) & beside.any(axis=1)
     assert (found == expected).all()

@@ -14,6 +14,7 @@ from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.driven import DrivenVehicles, check_answers
 
 EGO, OTHER, THIRD = 1, 2, 3
+EGOS = np.array([EGO])
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def controls(step: int, agents: list[int], acceleration: float, source: ControlS
 def test_only_who_is_listed_moves(scenario: Scenario) -> None:
     vehicles = DrivenVehicles(scenario, VehicleLimits())
     before = scenario.log.table(5)
-    after = vehicles.step(before, controls(5, [OTHER], -2.0, ControlSource.POLICY), None)
+    after = vehicles.step(before, controls(5, [OTHER], -2.0, ControlSource.POLICY), [None])
     assert (after.step, after.id.tolist(), after.controller.tolist()) == (6, [OTHER], [Controller.POLICY])
     assert after.speed[0] == pytest.approx(before.speed[before.row(OTHER)] - 2.0 * STEP_S)
 
@@ -40,7 +41,7 @@ def test_only_who_is_listed_moves(scenario: Scenario) -> None:
 def test_the_ego_drives_with_its_own_command(scenario: Scenario) -> None:
     vehicles = DrivenVehicles(scenario, VehicleLimits())
     listed = controls(5, [OTHER], 1.0, ControlSource.BASELINE)
-    after = vehicles.step(scenario.log.table(5), listed, EgoCommand(5, -1.0, 0.0))
+    after = vehicles.step(scenario.log.table(5), listed, [EgoCommand(5, -1.0, 0.0)])
     assert after.id.tolist() == [EGO, OTHER]
     assert after.controller.tolist() == [Controller.EGO, Controller.BASELINE]
     assert after.speed == pytest.approx([10.0 - STEP_S, 10.0 + STEP_S])
@@ -48,13 +49,13 @@ def test_the_ego_drives_with_its_own_command(scenario: Scenario) -> None:
 
 def test_who_follows_its_log_late_is_not_driven(scenario: Scenario) -> None:
     vehicles = DrivenVehicles(scenario, VehicleLimits())
-    assert not len(vehicles.step(scenario.log.table(5), controls(5, [OTHER], 0.0, ControlSource.LATE), None))
+    assert not len(vehicles.step(scenario.log.table(5), controls(5, [OTHER], 0.0, ControlSource.LATE), [None]))
 
 
 def test_commands_stay_within_the_limits(scenario: Scenario) -> None:
     limits = VehicleLimits(deceleration_max=3.0)
     vehicles = DrivenVehicles(scenario, limits)
-    after = vehicles.step(scenario.log.table(5), controls(5, [OTHER], -50.0, ControlSource.POLICY), None)
+    after = vehicles.step(scenario.log.table(5), controls(5, [OTHER], -50.0, ControlSource.POLICY), [None])
     assert after.acceleration[0] == pytest.approx(-3.0)
 
 
@@ -64,10 +65,10 @@ def test_who_is_off_the_road_is_gone_once_its_log_is_over(scenario: Scenario) ->
     away = there.take(np.array([there.row(THIRD)]))
     away.x[0] = 900.0  # beyond the end of the net
     listed = controls(30, [THIRD], 0.0, ControlSource.POLICY)
-    assert not len(vehicles.step(away, listed, None))
+    assert not len(vehicles.step(away, listed, [None]))
     away = scenario.log.table(29).take(np.array([scenario.log.table(29).row(THIRD)]))
     away.x[0] = 900.0
-    assert vehicles.step(away, controls(29, [THIRD], 0.0, ControlSource.POLICY), None).id.tolist() == [THIRD]
+    assert vehicles.step(away, controls(29, [THIRD], 0.0, ControlSource.POLICY), [None]).id.tolist() == [THIRD]
 
 
 @pytest.mark.parametrize(
@@ -80,6 +81,6 @@ def test_who_is_off_the_road_is_gone_once_its_log_is_over(scenario: Scenario) ->
     ],
 )
 def test_answers_that_cannot_be_applied(agents: list[int], ego: EgoCommand, message: str) -> None:
-    check_answers(5, EGO, controls(5, [OTHER], 0.0, ControlSource.POLICY), EgoCommand(5, 0.0, 0.0))
+    check_answers(5, EGOS, controls(5, [OTHER], 0.0, ControlSource.POLICY), [EgoCommand(5, 0.0, 0.0)])
     with pytest.raises(ValueError, match=message):
-        check_answers(5, EGO, controls(5, agents, 0.0, ControlSource.POLICY), ego)
+        check_answers(5, EGOS, controls(5, agents, 0.0, ControlSource.POLICY), [ego])

@@ -170,11 +170,11 @@ class ConflictDetector:
 
     def around(self, table: AgentTable, agents: BoolArray) -> BoolArray:
         """(n,) those no farther than the ROI from one of `agents` (n,), and these themselves."""
-        return around(table.x, table.y, agents, self._roi_m)
+        return around(table.scene, table.x, table.y, agents, self._roi_m)
 
     def near(self, table: AgentTable, of: BoolArray, others: BoolArray) -> IntArray:
         """Pairs (m, 2) of rows, the first of `of`, the second of `others`, no farther apart than the ROI."""
-        return near(table.x, table.y, of, others, self._roi_m)
+        return near(table.scene, table.x, table.y, of, others, self._roi_m)
 
     def detect(
         self,

@@ -14,6 +14,7 @@ from litsim_sim.core.compiled import (
     FLOATS,
     FLOATS2,
     FLOATS3,
+    INTS,
     INTS2,
     OUT_BOOLS,
     OUT_FLOATS2,
@@ -28,25 +29,30 @@ from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer, nobody follows anybody
 
 
-@kernel(OUT_BOOLS(FLOATS, FLOATS, BOOLS, float64))
-def around(x: FloatArray, y: FloatArray, centres: BoolArray, radius: float) -> BoolArray:
-    """Return who (n,) is no farther than `radius` [m] from one of the mask `centres` (n,), these included."""
+@kernel(OUT_BOOLS(INTS, FLOATS, FLOATS, BOOLS, float64))
+def around(scene: IntArray, x: FloatArray, y: FloatArray, centres: BoolArray, radius: float) -> BoolArray:
+    """Return who (n,) is no farther than `radius` [m] from one of the mask `centres` (n,) of his scene, or is one."""
     found = centres.copy()
     for i in range(len(x)):
         if centres[i]:
             for j in range(len(x)):
-                found[j] |= (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= radius**2
+                found[j] |= scene[j] == scene[i] and (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= radius**2
     return found
 
 
-@kernel(OUT_INTS2(FLOATS, FLOATS, BOOLS, BOOLS, float64))
-def near(x: FloatArray, y: FloatArray, of: BoolArray, others: BoolArray, radius: float) -> IntArray:
-    """Return pairs (m, 2) of positions, first of the mask `of` (n,), second of `others`, within `radius` [m]."""
+@kernel(OUT_INTS2(INTS, FLOATS, FLOATS, BOOLS, BOOLS, float64))
+def near(scene: IntArray, x: FloatArray, y: FloatArray, of: BoolArray, others: BoolArray, radius: float) -> IntArray:
+    """Return pairs (m, 2) of positions in one scene, first of the mask `of` (n,), second of `others`, within `radius`.
+
+    The radius is in metres.
+    """
     count, found = 0, np.empty((of.sum() * others.sum(), 2), np.int64)
     for i in range(len(x)):
         if of[i]:
             for j in range(len(x)):
-                if others[j] and i != j and (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= radius**2:
+                if not others[j] or i == j or scene[j] != scene[i]:
+                    continue
+                if (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= radius**2:
                     found[count, 0], found[count, 1] = i, j
                     count += 1
     return found[:count].copy()

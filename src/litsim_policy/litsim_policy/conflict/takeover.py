@@ -29,7 +29,7 @@ from litsim_sim.core.quantities import (
 )
 from litsim_sim.core.scene import AgentTable, BoolArray, Controller, IntArray
 from litsim_sim.core.takeover import TakeoverReason, TakeoverState, TakeoverTable
-from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.setting import Setting
 
 
 @configuration
@@ -66,11 +66,12 @@ class TakeoverManager:
     """The conflict stage: :meth:`update` is called once a step, in order.
 
     Attributes:
-        scenario: of the run.
+        scenario: of the run; of joined ones, each scene is looked at as if it were alone.
         conflict_config, config: parameters.
+        iterations, converged: (scenes,) of the last update, as :class:`TakeoverTable` has them.
     """
 
-    scenario: Scenario
+    scenario: Setting
     conflict_config: ConflictConfig
     config: TakeoverConfig = field(default_factory=TakeoverConfig)
 
@@ -78,6 +79,9 @@ class TakeoverManager:
         log = self.scenario.log
         self._detector = ConflictDetector(log, self.scenario.roi_m, self.conflict_config)
         self._router = Router(self.scenario.lane_map)
+        self._ego_ids = self.scenario.ego_ids
+        self.iterations: IntArray = np.zeros(len(self._ego_ids), np.int64)
+        self.converged: BoolArray = np.ones(len(self._ego_ids), np.bool_)
         self._off = OffLog.empty()
         self._logged: dict[int, ReferencePath] = {}
         self._suspected: dict[int, int] = {}
@@ -95,13 +99,13 @@ class TakeoverManager:
         lag = self._lag[np.searchsorted(log.ids, table.id)]
         lagged, was_off = (lag > 0) & (table.controller == Controller.LOG), self._is_off(table)
         scene = ConflictScene(self._detector, table, forecast, lag, lagged)
-        is_off, iterations, converged = self._take_over(table, scene, was_off, lagged)
+        is_off = self._take_over(table, scene, was_off, lagged)
         rows, log_rows = self._rows(table, self._off)
         residuals = Residuals.of(log, log_rows, lag[rows], table, rows)
         self._review(table, scene, was_off[rows], rows, residuals, is_off | lagged)
         takeovers = self._off.report(table.x[rows], table.y[rows], residuals.reported, lag[rows])
         self._off = self._off.take(self._off.state != TakeoverState.RELEASED)
-        return TakeoverTable(table.step, takeovers, iterations, converged)
+        return TakeoverTable(table.step, takeovers, int(self.iterations.max()), bool(self.converged.all()))
 
     def _choose_lags(self, table: AgentTable) -> None:
         """Choose for each agent off its log the lag of the log that it would go back to at this step."""
@@ -117,14 +121,12 @@ class TakeoverManager:
 
     def _is_off(self, table: AgentTable) -> BoolArray:
         """(n,) the ego, and those that are driven."""
-        off = table.id == self.scenario.ego_id
+        off = table.mask(self._ego_ids)
         off[table.rows(self._off.agent)] = True
         return off
 
-    def _take_over(
-        self, table: AgentTable, scene: ConflictScene, was_off: BoolArray, lagged: BoolArray
-    ) -> tuple[BoolArray, int, bool]:
-        """Add the agents whose conflict is confirmed.
+    def _take_over(self, table: AgentTable, scene: ConflictScene, was_off: BoolArray, lagged: BoolArray) -> BoolArray:
+        """Add the agents whose conflict is confirmed; notes the iterations needed, and whether nothing was left.
 
         Each iteration looks at the agents that the one before has put off their logs; the first, at all that were.
 
@@ -135,12 +137,14 @@ class TakeoverManager:
             lagged: mask (n,) of those that follow a log that lags.
 
         Returns:
-            mask of those that are off their logs now, the iterations needed, and whether nothing was left.
+            mask of those that are off their logs now.
         """
         suspected: dict[int, int] = {}
-        off, fresh, iterations = was_off, was_off | lagged, 0
-        while fresh.any() and iterations < self.config.iterations_max:
-            iterations += 1
+        off, fresh, done = was_off, was_off | lagged, 0
+        self.iterations = np.zeros(len(self._ego_ids), np.int64)
+        while fresh.any() and done < self.config.iterations_max:
+            done += 1
+            self.iterations[table.scene[fresh]] = done
             before, off = off, off.copy()
             for conflict in scene.detect(~before, fresh):
                 seen = self._suspected.get(conflict.agent, 0) + 1
@@ -150,7 +154,9 @@ class TakeoverManager:
                     off[table.row(conflict.agent)] = True
             fresh = off & ~before
         self._suspected = suspected
-        return off, iterations, not fresh.any()
+        self.converged = np.ones(len(self._ego_ids), np.bool_)
+        self.converged[table.scene[fresh]] = False
+        return off
 
     def _open(self, table: AgentTable, conflict: Conflict) -> None:
         """Take over the agent of `conflict`, towards the crossing point."""
@@ -163,7 +169,8 @@ class TakeoverManager:
 
     def _adopt(self, table: AgentTable, row: int) -> None:
         """Take over an agent that entered late: its log began where the road was not free."""
-        off = np.flatnonzero(self._is_off(table) & (np.arange(len(table)) != row))
+        others = (np.arange(len(table)) != row) & (table.scene == table.scene[row])
+        off = np.flatnonzero(self._is_off(table) & others)
         nearest = (
             off[np.argmin(np.hypot(table.x[off] - table.x[row], table.y[off] - table.y[row]))] if len(off) else row
         )
@@ -208,7 +215,7 @@ class TakeoverManager:
             self._off = off.joined(self._off.take(~known))
 
 
-def conflict_stage(read: ParameterReader) -> Callable[[Scenario], TakeoverManager]:
+def conflict_stage(read: ParameterReader) -> Callable[[Setting], TakeoverManager]:
     """Read the parameters of the conflict stage; what is returned builds its core once the run is known."""
     conflict, takeover = read(ConflictConfig()), read(TakeoverConfig())
     return lambda scenario: TakeoverManager(scenario, conflict, takeover)

@@ -66,7 +66,7 @@ def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: 
     Returns:
         (m, c) time [s], infinite where nobody is touched.
     """
-    columns = (table.x, table.y, table.yaw, table.speed, table.acceleration, table.length, table.width)
+    columns = (table.scene, table.x, table.y, table.yaw, table.speed, table.acceleration, table.length, table.width)
     return _first_touch(*columns, rows, poses, instants, margin)
 
 
@@ -115,8 +115,9 @@ def _rolled_out(
     return poses
 
 
-@kernel(OUT_FLOATS2(FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, POSES, int64, float64))
+@kernel(OUT_FLOATS2(INTS, *[FLOATS] * 7, INTS, POSES, int64, float64))
 def _first_touch(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    scene: IntArray,
     x: FloatArray,
     y: FloatArray,
     yaw: FloatArray,
@@ -129,7 +130,7 @@ def _first_touch(  # noqa: PLR0917 - a kernel takes arrays and numbers
     instants: int,
     margin: float,
 ) -> FloatArray:
-    """See :func:`first_touch`; the first seven arrays (n,) are columns of the table."""
+    """See :func:`first_touch`; the first eight arrays (n,) are columns of the table."""
     agents, commands = poses.shape[1:3]
     found = np.full((agents, commands), np.inf)
     horizon = STEP_S * instants
@@ -139,7 +140,7 @@ def _first_touch(  # noqa: PLR0917 - a kernel takes arrays and numbers
         for j in range(len(x)):
             dx, dy = x[j] - x[own], y[j] - y[own]
             reach = length[j] + length[own] + (speed[j] + speed[own]) * horizon
-            if j == own or not dx * dx + dy * dy < reach * reach:
+            if j == own or scene[j] != scene[own] or not dx * dx + dy * dy < reach * reach:
                 continue
             ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
             follows = ahead < -0.5 * (length[j] + length[own]) and abs(left) < 0.5 * (width[j] + width[own])

@@ -129,7 +129,9 @@ class Observer:
     def _see_surrounding(self, agents: PathFollowers, features: FloatArray) -> None:
         """Write the features of those around the agents."""
         table, config = agents.table, self.config
-        viewer, agent, ahead, left = _seen(table.x, table.y, agents.rows, agents.x, agents.y, agents.yaw, config.sight)
+        viewer, agent, ahead, left = _seen(
+            table.scene, table.x, table.y, agents.rows, agents.x, agents.y, agents.yaw, config.sight
+        )
         _see_surrounding(
             viewer,
             agent,
@@ -198,8 +200,11 @@ def _see_core(
         features[i, 2], features[i, 3] = speed[own] / SPEED, acceleration[own] / ACCELERATION
 
 
-@kernel(Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS, OUT_FLOATS))(FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, float64))
+@kernel(
+    Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS, OUT_FLOATS))(INTS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, float64)
+)
 def _seen(
+    scene: IntArray,
     x: FloatArray,
     y: FloatArray,
     rows: IntArray,
@@ -211,6 +216,7 @@ def _seen(
     """Who sees whom, from where.
 
     Args:
+        scene: (n,) that everybody is in; nobody sees into another.
         x, y: (n,) of everybody [m].
         rows: (m,) of those that look.
         own_x, own_y, own_yaw: (m,) where they look from [m], [rad].
@@ -227,7 +233,7 @@ def _seen(
         cos, sin = math.cos(own_yaw[i]), math.sin(own_yaw[i])
         for j in range(len(x)):
             dx, dy = x[j] - own_x[i], y[j] - own_y[i]
-            if j != rows[i] and math.hypot(dx, dy) <= sight:
+            if j != rows[i] and scene[j] == scene[rows[i]] and math.hypot(dx, dy) <= sight:
                 viewer[k], agent[k] = i, j
                 ahead[k], left[k] = dx * cos + dy * sin, dy * cos - dx * sin
                 k += 1

@@ -24,7 +24,7 @@ from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
 from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.setting import Setting
 from litsim_sim.scenario.signals import Signals
 
 HIDDEN = 128
@@ -151,7 +151,7 @@ class PolicyC:
     """The policy called `litsim`: the network drives whoever is held, `handback` whoever goes back to the log."""
 
     def __init__(
-        self, scenario: Scenario, network: PolicyNetwork, handback: YieldPolicy, safety: SafetyConfig | None = None
+        self, scenario: Setting, network: PolicyNetwork, handback: YieldPolicy, safety: SafetyConfig | None = None
     ) -> None:
         self.driver = Driver(scenario.lane_map, network, safety, scenario.signals)
         self._handback, self._lane_map = handback, scenario.lane_map

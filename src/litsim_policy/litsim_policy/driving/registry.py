@@ -12,7 +12,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.scene import AgentTable, ControlTable
 from litsim_sim.core.takeover import TakeoverTable
-from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.setting import Setting
 
 
 class Policy(Protocol):
@@ -24,7 +24,7 @@ class Policy(Protocol):
 
 def make_policy(
     name: str,
-    scenario: Scenario,
+    scenario: Setting,
     config: YieldConfig | None = None,
     handback: HandbackConfig | None = None,
     policy_c: PolicyCConfig | None = None,
@@ -43,7 +43,7 @@ def make_policy(
     return PolicyC(scenario, policy_c.network(), rules, policy_c.safety)
 
 
-def policy_stage(read: ParameterReader) -> Callable[[str, Scenario], Policy]:
+def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
     """Read the parameters of the policy stage; what is returned builds the policy of a name once the run is known."""
     rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
     return lambda name, scenario: make_policy(name, scenario, rules, handback, policy_c)

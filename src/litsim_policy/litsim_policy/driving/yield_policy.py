@@ -29,7 +29,7 @@ from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegati
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.setting import Setting
 
 SOURCES = {
     TakeoverState.HELD: ControlSource.POLICY,
@@ -69,7 +69,7 @@ class YieldConfig:
 class YieldPolicy:
     """The policy called `yield`."""
 
-    def __init__(self, scenario: Scenario, config: YieldConfig, handback: HandbackConfig) -> None:
+    def __init__(self, scenario: Setting, config: YieldConfig, handback: HandbackConfig) -> None:
         self._log: Log = scenario.log
         self._lane_map = scenario.lane_map
         self._config = config
@@ -144,6 +144,7 @@ class YieldPolicy:
         """Yaw rates (m,) [rad/s] along the paths, or along the lanes while the way to the side is taken."""
         table, config = agents.table, self._config
         taken = side_taken(
+            table.scene,
             table.x,
             table.y,
             table.speed,
@@ -249,8 +250,9 @@ def give_way(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return found
 
 
-@kernel(OUT_BOOLS(FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS2, *[float64] * 4))
+@kernel(OUT_BOOLS(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS2, *[float64] * 4))
 def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    scene: IntArray,
     x: FloatArray,
     y: FloatArray,
     speed: FloatArray,
@@ -267,7 +269,7 @@ def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """(m,) whether somebody is alongside, or will be soon, where the moves to the side of their lanes lead.
 
     Args:
-        x, y, speed, length, width: (n,) of everybody.
+        scene, x, y, speed, length, width: (n,) of everybody.
         rows: (m,) of the agents.
         lane_heading: (m,) of their lanes [rad].
         target: (m, 2) which they move to [m].
@@ -280,6 +282,8 @@ def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
         if not abs(move) > side_drift:
             continue
         for j in range(len(x)):
+            if scene[j] != scene[own]:
+                continue
             dx, dy = x[j] - x[own], y[j] - y[own]
             ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
             faster = speed[j] - speed[own]

@@ -113,7 +113,7 @@ def edge_clearance(table: AgentTable, rows: IntArray, lane_map: LaneMap) -> Floa
 
 def _others(table: AgentTable, rows: IntArray) -> tuple[BoolArray, FloatArray]:
     """Whom the agents touch that is not behind them (m, n), and how near the nearest of those is, in [0, 1] (m,)."""
-    return _contacts(table.x, table.y, table.yaw, table.length, table.width, rows)
+    return _contacts(table.scene, table.x, table.y, table.yaw, table.length, table.width, rows)
 
 
 @kernel(UniTuple(OUT_FLOATS3, 2)(FLOATS, FLOATS, FLOATS, FLOATS, INTS))
@@ -133,11 +133,17 @@ def _probes(
     return place_x, place_y
 
 
-@kernel(Tuple((OUT_BOOLS2, OUT_FLOATS))(FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
+@kernel(Tuple((OUT_BOOLS2, OUT_FLOATS))(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
 def _contacts(
-    x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray, rows: IntArray
+    scene: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    rows: IntArray,
 ) -> tuple[BoolArray, FloatArray]:
-    """See :func:`_others`; the first five arrays (n,) are columns of the table."""
+    """See :func:`_others`; the first six arrays (n,) are columns of the table."""
     touching, near = np.zeros((len(rows), len(x)), np.bool_), np.empty(len(rows))
     for i in range(len(rows)):
         own, least = rows[i], np.inf
@@ -146,7 +152,7 @@ def _contacts(
             dx, dy = x[j] - x[own], y[j] - y[own]
             ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
             half_length, half_width = 0.5 * (length[j] + length[own]), 0.5 * (width[j] + width[own])
-            if j == own or not ahead > -0.5 * half_length:
+            if j == own or scene[j] != scene[own] or not ahead > -0.5 * half_length:
                 continue
             # whoever is farther away than this along or across cannot touch, whatever the headings
             if abs(ahead) < half_length + half_width and abs(left) < half_length + half_width:

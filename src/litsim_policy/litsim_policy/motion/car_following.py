@@ -148,6 +148,7 @@ def along_paths(
     own = poses or (agents.x[rows], agents.y[rows], agents.yaw[rows])
     reach = np.broadcast_to(np.minimum(sight, SIGHT), rows.shape)
     viewer, agent, s, d, turn, unit_x, unit_y = _projected(
+        agents.scene,
         agents.x,
         agents.y,
         agents.yaw,
@@ -226,10 +227,11 @@ def _idm_accelerations(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 @kernel(
     Tuple((OUT_INTS, OUT_INTS, *[OUT_FLOATS] * 5))(
-        FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS3, FLOATS3, INTS
+        INTS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS3, FLOATS3, INTS
     )
 )
 def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    scene: IntArray,
     x: FloatArray,
     y: FloatArray,
     yaw: FloatArray,
@@ -245,6 +247,7 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Who sees whom, and where those are on the paths of those that look.
 
     Args:
+        scene: (n,) that everybody is in; nobody sees into another.
         x, y, yaw: (n,) of everybody [m], [rad].
         rows: (m,) of those that look.
         own_x, own_y, own_yaw: (m,) of those that look [m], [rad].
@@ -262,7 +265,7 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
     for i in range(len(rows)):
         for j in range(len(x)):
             dx, dy = x[j] - own_x[i], y[j] - own_y[i]
-            if not dx * dx + dy * dy < sight[i] * sight[i]:
+            if scene[j] != scene[rows[i]] or not dx * dx + dy * dy < sight[i] * sight[i]:
                 continue
             place = (own_x[i], own_y[i], own_yaw[i]) if j == rows[i] else (x[j], y[j], yaw[j])
             segment, s[k], d[k] = nearest(segments[i], circles[i], count[i], place[0], place[1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -125,16 +125,27 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
         runner: fresh.
         progress: called after every step.
     """
-    plan, scenario = runner.plan, runner.plan.scenario
     begin = time.perf_counter()
     results = []
     for now in runner.steps():
         results.append(now)
         progress()
-    wall = time.perf_counter() - begin
+    return as_recorded(runner.plan, results, runner.world.summary(), time.perf_counter() - begin)
+
+
+def as_recorded(plan: RunPlan, results: Sequence[StepResult], summary: Mapping[str, Any], wall_s: float) -> RecordedRun:
+    """What a recording of a run of `plan` would be read as.
+
+    Args:
+        plan: that was run.
+        results: of every step.
+        summary: of the world.
+        wall_s: that it took [s].
+    """
+    scenario = plan.scenario
     info = RunInfo(**plan.facts(), mode="in-process", topics=(), configuration="", versions="")
     last = results[-1].table.step
-    finished = Status(last, BRIDGE, StageState.FINISHED, wall, yaml.safe_dump(runner.world.summary()))
+    finished = Status(last, BRIDGE, StageState.FINISHED, wall_s, yaml.safe_dump(dict(summary)))
     return RecordedRun(
         path=Path(plan.run_id),
         info=info,

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.inference.contract import DT, HISTORY, MANEUVERS, STRIDE, AgentFutures, AgentInputs, Network
 from litsim_predictor.inference.features import agent_inputs, frame_headings, in_map
 from litsim_predictor.inference.raster import MapRaster
-from litsim_predictor.selection import Wanted, selected
+from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.history import History
-from litsim_sim.core.scene import AgentTable, FloatArray
+from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
 MOVED = 0.1  # [m] between two steps of the horizon: who moves less keeps the heading that he had
@@ -24,7 +26,7 @@ class LearnedPredictor:
 
     Args:
         network: a trained model.
-        ego_id: the agent around whom others matter.
+        ego_id: the agent around whom others matter; of several scenes, that of each.
         roi_m: distance from it [m] up to which they do; see :func:`.selection.agents_of_interest`.
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
         wanted: whom to forecast.
@@ -33,7 +35,7 @@ class LearnedPredictor:
     def __init__(
         self,
         network: Network,
-        ego_id: int,
+        ego_id: Egos,
         roi_m: float,
         lane_map: LaneMap | None,
         raster: MapRaster,
@@ -54,7 +56,19 @@ class LearnedPredictor:
         if not len(asked):
             return Forecast.of_nobody(table.step, DT, len(MANEUVERS))
         inputs = self._inputs(agents)
-        return _in_map(self._network(inputs, asked), inputs.frame[asked], agents.take(asked))
+        return _in_map(self._answer(inputs, asked, agents.scene), inputs.frame[asked], agents.take(asked))
+
+    def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray) -> AgentFutures:
+        """What the network answers for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
+        begins = np.flatnonzero(np.diff(scene[asked], prepend=-1))
+        if len(begins) == 1 and scene[0] == scene[-1]:
+            return self._network(inputs, asked)
+        answers = []
+        for rows in np.split(asked, begins[1:]):
+            begin, end = np.searchsorted(scene, scene[rows[0]]), np.searchsorted(scene, scene[rows[0]], "right")
+            own = AgentInputs(*(getattr(inputs, field.name)[begin:end] for field in fields(AgentInputs)))
+            answers.append(self._network(own, rows - begin))
+        return AgentFutures(*(np.concatenate([getattr(a, f.name) for a in answers]) for f in fields(AgentFutures)))
 
     def _inputs(self, agents: AgentTable) -> AgentInputs:
         series, observed = self._history.window(agents.id, HISTORY, STRIDE)

@@ -55,16 +55,30 @@ def boxes_overlap(
     return cast(BoolArray, ~apart)
 
 
-def overlapping_pairs(x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray) -> IntArray:
-    """Pairs (m, 2) of positions i < j whose boxes overlap, among boxes (n,)."""
+def overlapping_pairs(
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    scene: IntArray | None = None,
+) -> IntArray:
+    """Pairs (m, 2) of positions i < j whose boxes overlap, among boxes (n,), and which are in the same `scene` (n,)."""
+    scene = np.zeros(len(x), np.int64) if scene is None else scene
     x, y, yaw, length, width = (np.ascontiguousarray(v, np.float64) for v in (x, y, yaw, length, width))
-    pairs = _overlapping(x, y, yaw, length, width, np.argsort(x, kind="stable"))
+    pairs = _overlapping(scene, x, y, yaw, length, width, np.argsort(x, kind="stable"))
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))] if len(pairs) > 1 else pairs
 
 
-@kernel(OUT_INTS2(FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
+@kernel(OUT_INTS2(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
 def _overlapping(
-    x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray, order: IntArray
+    scene: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    order: IntArray,
 ) -> IntArray:
     """Pairs (m, 2) of positions, the lower one first, of boxes (n,) that overlap; `order` (n,) has `x` ascend."""
     reach = np.empty(len(x))
@@ -79,7 +93,7 @@ def _overlapping(
             if x[b] > x[a] + farthest:
                 break
             dx, dy = x[b] - x[a], y[b] - y[a]
-            if not math.hypot(dx, dy) < reach[a] + reach[b]:
+            if scene[a] != scene[b] or not math.hypot(dx, dy) < reach[a] + reach[b]:
                 continue
             if overlap(dx, dy, yaw[a], yaw[b], length[a], width[a], length[b], width[b]):
                 if count == len(pairs):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -83,18 +85,29 @@ class AgentTable:
         at = np.minimum(self.id.searchsorted(agents), len(self.id) - 1)
         return np.where(self.id[at] == agents, at, -1)
 
-    def take(self, rows: IntArray | BoolArray) -> AgentTable:
+    def mask(self, agents: IntArray) -> BoolArray:
+        """(n,) which of the agents of this table are among `agents` (m,)."""
+        found, rows = np.zeros(len(self), np.bool_), self.rows(agents)
+        found[rows[rows >= 0]] = True
+        return found
+
+    def take(self, rows: IntArray | BoolArray) -> Self:
         """A table of the agents in `rows`, which are ascending positions or a mask (n,)."""
         at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
-        return AgentTable(self.step, *(getattr(self, f).take(at) for f in ARRAY_FIELDS))
+        return type(self)(self.step, *(getattr(self, f).take(at) for f in ARRAY_FIELDS))
 
     @property
     def off_log(self) -> BoolArray:
         """(n,) agents whose motion is not the recorded one, the ego included."""
         return self.controller != Controller.LOG
 
+    @cached_property
+    def scene(self) -> IntArray:
+        """(n,) number of the scene that each agent is in: agents of different scenes do not meet. Here there is one."""
+        return np.zeros(len(self), np.int64)
+
     @classmethod
-    def merged(cls, step: int, tables: Sequence[AgentTable]) -> AgentTable:
+    def merged(cls, step: int, tables: Sequence[AgentTable]) -> Self:
         """The agents of several tables, no two of which hold the same one, as one table of `step`."""
         columns = {f: np.concatenate([getattr(t, f) for t in tables]) for f in ARRAY_FIELDS}
         order = np.argsort(columns["id"], kind="stable")

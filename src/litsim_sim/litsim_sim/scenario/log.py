@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numba.types import UniTuple
@@ -31,6 +32,9 @@ class Log:
         speed, acceleration: (n, steps) along the heading, as recorded [m/s], [m/s2].
         yaw_rate: (n, steps) change of heading since the step before (at an agent's first step: to the next) [rad/s].
     """
+
+    table_type: ClassVar[type[AgentTable]] = AgentTable
+    """Of the tables that it makes."""
 
     ids: IntArray
     kind: ByteArray
@@ -110,7 +114,7 @@ class Log:
         x, y, yaw, speed, acceleration, yaw_rate = _logged(
             self.x, self.y, self.yaw, self.speed, self.acceleration, self.yaw_rate, rows, at
         )
-        return AgentTable(
+        return self.table_type(
             step=step,
             id=self.ids.take(rows),
             kind=self.kind.take(rows),

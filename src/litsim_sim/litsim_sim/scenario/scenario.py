@@ -11,10 +11,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.scene import STEP_S, IntArray
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
 from litsim_sim.maps.lane_map import LaneMap
@@ -182,6 +183,11 @@ class Scenario:
     def ego_id(self) -> int:
         """Id of the vehicle that the driving system under test moves."""
         return self.file.ego
+
+    @property
+    def ego_ids(self) -> IntArray:
+        """(1,) the same, as :class:`litsim_sim.scenario.setting.Setting` has it."""
+        return np.array([self.file.ego])
 
     @property
     def egos(self) -> tuple[int, ...]:

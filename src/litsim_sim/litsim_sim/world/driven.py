@@ -3,34 +3,37 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import fields
 
 import numpy as np
 
 from litsim_sim.core.compiled import FLOATS, boolean, kernel
 from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
-from litsim_sim.core.scene import AgentTable, Controller, ControlSource, ControlTable, EgoCommand, FloatArray
+from litsim_sim.core.scene import AgentTable, Controller, ControlSource, ControlTable, EgoCommand, FloatArray, IntArray
 from litsim_sim.core.vehicle import Actuators
-from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.setting import Setting
 
 
-def check_answers(step: int, ego_id: int, controls: ControlTable, ego: EgoCommand) -> None:
+def check_answers(step: int, ego_ids: IntArray, controls: ControlTable, egos: Sequence[EgoCommand]) -> None:
     """Check that the answers to a step can be applied.
 
     Raises:
-        ValueError: `controls` or `ego` answer another step or hold non-finite values, or the ids of `controls` do not
-            ascend or list the ego.
+        ValueError: `controls` or one of `egos`, whose ids are `ego_ids`, answer another step or hold non-finite values,
+            or the ids of `controls` do not ascend or list an ego.
     """
-    if controls.step != step or ego.step != step:
-        raise ValueError(f"answers to steps {controls.step} (controls) and {ego.step} (ego), expected {step}")
-    if not (math.isfinite(ego.acceleration) and math.isfinite(ego.yaw_rate)):
-        raise ValueError(f"ego control at step {step} is not finite: {ego.acceleration}, {ego.yaw_rate}")
+    for ego in egos:
+        if controls.step != step or ego.step != step:
+            raise ValueError(f"answers to steps {controls.step} (controls) and {ego.step} (ego), expected {step}")
+        if not (math.isfinite(ego.acceleration) and math.isfinite(ego.yaw_rate)):
+            raise ValueError(f"ego control at step {step} is not finite: {ego.acceleration}, {ego.yaw_rate}")
     if not _finite(controls.acceleration, controls.lateral_acceleration, controls.yaw_rate):
         raise ValueError(f"controls at step {step} are not finite")
     if (controls.id[1:] <= controls.id[:-1]).any():
         raise ValueError(f"ids of the controls at step {step} do not ascend: {controls.id.tolist()}")
-    if ego_id in controls.id:
-        raise ValueError(f"controls at step {step} list the ego, {ego_id}, which has a port of its own")
+    for ego_id in ego_ids.tolist():
+        if ego_id in controls.id:
+            raise ValueError(f"controls at step {step} list the ego, {ego_id}, which has a port of its own")
 
 
 @kernel(boolean(FLOATS, FLOATS, FLOATS))
@@ -46,43 +49,44 @@ def _finite(acceleration: FloatArray, lateral_acceleration: FloatArray, yaw_rate
 class DrivenVehicles:
     """Moves the agents that are under control, by a kinematic bicycle model."""
 
-    def __init__(self, scenario: Scenario, limits: VehicleLimits) -> None:
-        """`limits` hold for all vehicles but the ego, whose model is the scenario's."""
-        self._scenario, self._limits = scenario, limits
-        self._actuators = Actuators(scenario.vehicle)
+    def __init__(self, scenario: Setting, limits: VehicleLimits) -> None:
+        """`limits` hold for all vehicles but the egos, whose model is the scenario's."""
+        self._scenario, self._limits, self._ego_ids = scenario, limits, scenario.ego_ids
+        self._actuators = [Actuators(scenario.vehicle) for _ in self._ego_ids]
         self._own_limits = any(getattr(limits, f.name) != getattr(scenario.vehicle, f.name) for f in fields(limits))
 
-    def reset(self) -> None:
-        """Forget what the ego's actuators were asked for: the ego begins, or is back on its log."""
-        self._actuators.reset()
+    def reset(self, scene: int = 0) -> None:
+        """Forget what the actuators of the ego of a scene were asked for: it begins, or is back on its log."""
+        self._actuators[scene].reset()
 
-    def step(self, table: AgentTable, controls: ControlTable, ego: EgoCommand | None) -> AgentTable:
+    def step(self, table: AgentTable, controls: ControlTable, egos: Sequence[EgoCommand | None]) -> AgentTable:
         """The agents under control one step after `table`.
 
         Args:
             table: the agents of the step that is answered.
             controls: commands for the background; those with source LATE follow their log and are left out.
-            ego: command for the ego; None where it follows its log.
+            egos: command for the ego of each scene; None where it follows its log.
 
         Returns:
             those of them that were on the road, ids ascending; gone is who has left the net after the end of its log,
-            but for the ego.
+            but for egos.
         """
         stay = controls.source != ControlSource.LATE
         ids, acceleration, yaw_rate = controls.id[stay], controls.acceleration[stay], controls.yaw_rate[stay]
         controller = np.where(controls.source[stay] == ControlSource.BASELINE, Controller.BASELINE, Controller.POLICY)
-        if ego is not None:
-            ids = np.append(ids, self._scenario.ego_id)
-            takes_effect = self._actuate(table, ego)
-            acceleration = np.append(acceleration, takes_effect[0])
-            yaw_rate = np.append(yaw_rate, takes_effect[1])
-            controller = np.append(controller, Controller.EGO)
+        driving = [k for k, ego in enumerate(egos) if ego is not None]
+        if driving:
+            effects = np.array([self._actuate(table, k, ego) for k, ego in enumerate(egos) if ego is not None])
+            ids = np.concatenate([ids, self._ego_ids[driving]])
+            acceleration = np.concatenate([acceleration, effects[:, 0]])
+            yaw_rate = np.concatenate([yaw_rate, effects[:, 1]])
+            controller = np.concatenate([controller, np.full(len(driving), Controller.EGO)])
         rows = table.rows(ids)
         listed = rows >= 0
         rows, order = rows[listed], np.argsort(rows[listed], kind="stable")
         now = table.take(rows[order])
         moved = self._move(now, acceleration[listed][order], yaw_rate[listed][order])
-        driven = AgentTable(
+        driven = type(table)(
             table.step + 1,
             now.id,
             now.kind,
@@ -98,24 +102,24 @@ class DrivenVehicles:
         )
         log = self._scenario.log
         stays = log.last_step[np.searchsorted(log.ids, driven.id)] > table.step
-        stays |= driven.id == self._scenario.ego_id  # it leaves by an end of the net, whatever its log
+        stays |= driven.mask(self._ego_ids)  # they leave by an end of the net, whatever their logs
         return driven.take(stays | self._scenario.lane_map.inside_road(driven.x, driven.y))
 
-    def _actuate(self, table: AgentTable, ego: EgoCommand) -> tuple[float, float]:
-        """Acceleration [m/s2] and yaw rate [rad/s] that the ego's actuators make of its command."""
-        row = table.row(self._scenario.ego_id)
+    def _actuate(self, table: AgentTable, scene: int, ego: EgoCommand) -> tuple[float, float]:
+        """Acceleration [m/s2] and yaw rate [rad/s] that the actuators of a scene's ego make of its command."""
+        row = table.row(int(self._ego_ids[scene]))
         moving = float(table.acceleration[row]), float(table.yaw_rate[row])
-        return self._actuators.apply(ego.acceleration, ego.yaw_rate, moving, float(table.speed[row]))
+        return self._actuators[scene].apply(ego.acceleration, ego.yaw_rate, moving, float(table.speed[row]))
 
     def _move(self, now: AgentTable, acceleration: FloatArray, yaw_rate: FloatArray) -> Motion:
         """Motion of the agents of `now` one step on, each within the limits of its vehicle."""
         motion = Motion(now.x, now.y, now.yaw, now.speed, now.acceleration, now.yaw_rate)
         moved = bicycle_step(motion, now.length, acceleration, yaw_rate, self._limits)
-        row = now.row(self._scenario.ego_id)
-        if row >= 0 and self._own_limits:
-            one = slice(row, row + 1)
-            alone = Motion(*(getattr(motion, f.name)[one] for f in fields(Motion)))
-            ego = bicycle_step(alone, now.length[one], acceleration[one], yaw_rate[one], self._scenario.vehicle)
+        if self._own_limits and (of_egos := now.mask(self._ego_ids)).any():
+            alone = Motion(*(getattr(motion, f.name)[of_egos] for f in fields(Motion)))
+            egos = bicycle_step(
+                alone, now.length[of_egos], acceleration[of_egos], yaw_rate[of_egos], self._scenario.vehicle
+            )
             for field in fields(Motion):
-                getattr(moved, field.name)[one] = getattr(ego, field.name)
+                getattr(moved, field.name)[of_egos] = getattr(egos, field.name)
         return moved

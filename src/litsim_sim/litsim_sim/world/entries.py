@@ -91,12 +91,13 @@ class Entries:
             entering.controller[0] = Controller.POLICY
             del self.waiting[agent]
             self.late.add(agent)
-            table = AgentTable.merged(table.step, (table, entering))
+            table = type(table).merged(table.step, (table, entering))
         return table
 
     def _speed(self, entry: AgentTable, row: int, others: AgentTable) -> float | None:
         """Speed [m/s], at most the logged one, at which an agent can enter among `others`; None where it cannot."""
         config, log_speed = self._config, float(entry.speed[row])
+        others = others.take(others.scene == entry.scene[row])
         if config is None or not len(others):
             return log_speed
         dx, dy = others.x - entry.x[row], others.y - entry.y[row]

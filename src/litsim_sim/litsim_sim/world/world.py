@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,8 +11,17 @@ from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.run_end import EndReason, RunEnd
-from litsim_sim.core.scene import AgentTable, Controller, ControlSource, ControlTable, EgoCommand, EgoMode, FloatArray
-from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.core.scene import (
+    AgentTable,
+    BoolArray,
+    Controller,
+    ControlSource,
+    ControlTable,
+    EgoCommand,
+    EgoMode,
+    FloatArray,
+)
+from litsim_sim.scenario.setting import Setting
 from litsim_sim.world.driven import DrivenVehicles, check_answers
 from litsim_sim.world.entries import Entries, EntryConfig
 from litsim_sim.world.log_policy import LogPolicy
@@ -58,29 +68,36 @@ class World:
 
     The run is over once the ego has left: past an end of the net, or with its log where it followed that. Whoever
     leaves the road to the side has not left the net.
+
+    Joined scenarios are stepped together, each scene as if it were alone: see :meth:`step_together`.
     """
 
-    def __init__(self, scenario: Scenario, config: WorldConfig | None = None, mirror: Mirror | None = None) -> None:
+    def __init__(self, scenario: Setting, config: WorldConfig | None = None, mirror: Mirror | None = None) -> None:
         self.scenario = scenario
         self.config = config or WorldConfig()
         self.entries = Entries(scenario.log, self._entry)
         """Who waits to enter, and who has waited."""
-        self.ended: RunEnd | None = None
-        """Why no step needs to follow the current one; None while the ego is there."""
+        self.ends: list[RunEnd | None] = []
+        """Why no step of a scene needs to follow the current one; None while its ego is there."""
+        self._gone: BoolArray = np.empty(0, np.bool_)
         self._contacts: dict[tuple[int, int], int] = {}
         self._mirror_deviation = 0.0
         self._mirror = mirror
         self._caught_up = True
         self._log_policy = LogPolicy(scenario.log)
         self._table = AgentTable.empty(0)
-        self._ego_has_driven = False  # in the last step
+        self._ego_ids = scenario.ego_ids
+        self._have_driven = np.zeros(len(self._ego_ids), np.bool_)  # the ego of each scene, in the last step
         self._vehicles = DrivenVehicles(scenario, self.config.limits)
 
     def reset(self) -> AgentTable:
         """Begin a run that knows nothing of the ones before, and return its step 0."""
         self._contacts, self.entries = {}, Entries(self.scenario.log, self._entry)
-        self._mirror_deviation, self._ego_has_driven, self.ended = 0.0, False, None
-        self._vehicles.reset()
+        self._mirror_deviation, self._have_driven = 0.0, np.zeros(len(self._ego_ids), np.bool_)
+        self.ends = [None] * len(self._ego_ids)
+        self._gone = np.zeros(len(self._ego_ids), np.bool_)
+        for scene in range(len(self._ego_ids)):
+            self._vehicles.reset(scene)
         self._log_policy = LogPolicy(self.scenario.log)
         self._table = self._finish(self._log_policy.table(0))
         return self._table
@@ -92,24 +109,38 @@ class World:
             ValueError: `controls` or `ego` answer another step or hold non-finite values, or the ids of `controls` do
                 not ascend or list the ego.
         """
+        return self.step_together(controls, (ego,))
+
+    def step_together(self, controls: ControlTable, egos: Sequence[EgoCommand]) -> AgentTable:
+        """The same with an answer for the ego of each scene."""
         self.catch_up()
         table, step = self._table, self._table.step
-        check_answers(step, self.scenario.ego_id, controls, ego)
-        driven = self._vehicles.step(
-            table, controls, ego if self.ego_is_driven and ego.mode == EgoMode.CONTROL else None
-        )
-        rejoins = table.off_log & ((table.id != self.scenario.ego_id) | self._ego_has_driven)
+        check_answers(step, self._ego_ids, controls, egos)
+        driving = [
+            ego if driven and ego.mode == EgoMode.CONTROL else None
+            for ego, driven in zip(egos, self.egos_are_driven.tolist(), strict=True)
+        ]
+        driven = self._vehicles.step(table, controls, driving)
+        rejoins = table.off_log & ~table.mask(self._ego_ids[~self._have_driven])
         lagged = controls.id[controls.source == ControlSource.LATE]
         for agent in table.id[rejoins & (driven.rows(table.id) < 0)]:
             self._log_policy.release(table, int(agent), with_lag=bool(np.isin(agent, lagged)))
-        self._ego_has_driven = driven.row(self.scenario.ego_id) >= 0
-        if not self._ego_has_driven:
-            self._vehicles.reset()
+        self._have_driven = driven.rows(self._ego_ids) >= 0
+        for scene in np.flatnonzero(~self._have_driven).tolist():
+            self._vehicles.reset(scene)
         logged = self._log_policy.table(step + 1)
+        if self._gone.any():
+            logged = logged.take(~self._gone[logged.scene])
         following = logged.take((driven.rows(logged.id) < 0) & self.entries.may_follow(logged, table, driven))
-        made = self._without_leaver(AgentTable.merged(step + 1, (driven, following)))
+        made = self._without_leavers(type(table).merged(step + 1, (driven, following)))
         self._table = self._finish(self.entries.admit(made, logged))
         return self._table
+
+    def drop(self, scene: int) -> None:
+        """Take a scene that is over off the road; nobody will enter it any more."""
+        self.catch_up()
+        self._gone[scene] = True
+        self._table = self._table.take(~self._gone[self._table.scene])
 
     def catch_up(self) -> None:
         """Do what is due for the current step and nobody waits for: note contacts, show it in the mirror.
@@ -120,7 +151,7 @@ class World:
         if self._caught_up:
             return
         self._caught_up, table = True, self._table
-        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width):
+        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width, table.scene):
             self._contacts.setdefault((int(table.id[i]), int(table.id[j])), table.step)
         if self._mirror is not None:
             self._mirror.show(table)
@@ -134,17 +165,19 @@ class World:
         self.catch_up()
         return self._contacts
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self, scene: int = 0, told: Callable[[int], int | None] = lambda agent: agent) -> dict[str, Any]:
         """What only the world knows, for the record: why the run is over, contacts, entries, deviation of SUMO.
 
         The deviation is the largest at the steps at which it is checked: one in DEVIATION_STEPS, from step 0 on.
+        `told` is the id under which an agent is told, None where it is of another scene than `scene`.
         """
         self.catch_up()
+        missing = self.entries.never_entered | self.entries.waiting.keys()
         return {
-            "ended": (self.ended or RunEnd(EndReason.TIME, self._table.step)).plain(),
-            "contacts": len(self.contacts),
-            "late_entries": sorted(self.entries.late),
-            "never_entered": sorted(self.entries.never_entered | self.entries.waiting.keys()),
+            "ended": (self.ends[scene] or RunEnd(EndReason.TIME, self._table.step)).plain(),
+            "contacts": sum(told(agent) is not None for agent, _ in self.contacts),
+            "late_entries": sorted(name for agent in self.entries.late if (name := told(agent)) is not None),
+            "never_entered": sorted(name for agent in missing if (name := told(agent)) is not None),
             "sumo_deviation_m": self._mirror_deviation if self._mirror is not None else None,
         }
 
@@ -156,32 +189,44 @@ class World:
     @property
     def ego_is_driven(self) -> bool:
         """Whether the ego's answer to the current step counts: the history is over and the ego is on the road."""
-        return self._table.step >= self.scenario.history_steps and self._table.row(self.scenario.ego_id) >= 0
+        return bool(self.egos_are_driven[0])
+
+    @property
+    def ended(self) -> RunEnd | None:
+        """Why no step needs to follow the current one; None while the ego is there."""
+        return self.ends[0] if self.ends else None
+
+    @property
+    def egos_are_driven(self) -> BoolArray:
+        """The same of the ego of each scene."""
+        return (self._table.step >= self.scenario.history_steps) & (self._table.rows(self._ego_ids) >= 0)
 
     @property
     def _entry(self) -> EntryConfig | None:
         """When the road is free for an entry; None where entries are not guarded."""
         return self.config.entry if self.config.guard_entries else None
 
-    def _without_leaver(self, table: AgentTable) -> AgentTable:
-        """`table` without the ego if it has just passed an end of the net; notes if it is gone."""
-        ego, scenario = self.scenario.ego_id, self.scenario
-        row = table.row(ego)
-        if self.ended is not None or table.step <= scenario.history_steps:
+    def _without_leavers(self, table: AgentTable) -> AgentTable:
+        """`table` without the egos that have just passed an end of the net; notes those that are gone."""
+        lane_map = self.scenario.lane_map
+        if table.step <= self.scenario.history_steps:
             return table
-        if row < 0:
-            self.ended = RunEnd(EndReason.LOG_OVER, table.step)
-        elif not scenario.lane_map.inside_road(table.x[row : row + 1], table.y[row : row + 1])[0]:
-            lane = scenario.lane_map.ends.passed(float(table.x[row]), float(table.y[row]))
-            if lane is not None:
-                self.ended = RunEnd(EndReason.NET_END, table.step, lane)
-                return table.take(table.id != ego)
-        return table
+        leavers = []
+        for scene, row in enumerate(table.rows(self._ego_ids).tolist()):
+            if self.ends[scene] is not None:
+                continue
+            if row < 0:
+                self.ends[scene] = RunEnd(EndReason.LOG_OVER, table.step)
+            elif not lane_map.inside_road(table.x[row : row + 1], table.y[row : row + 1])[0]:
+                lane = lane_map.ends.passed(float(table.x[row]), float(table.y[row]))
+                if lane is not None:
+                    self.ends[scene] = RunEnd(EndReason.NET_END, table.step, lane)
+                    leavers.append(row)
+        return table.take(np.delete(np.arange(len(table)), leavers)) if leavers else table
 
     def _finish(self, table: AgentTable) -> AgentTable:
-        """Mark the ego; the rest of what is due for the step has time until :meth:`catch_up`."""
-        ego = table.row(self.scenario.ego_id)
-        if ego >= 0 and table.step >= self.scenario.history_steps:
-            table.controller[ego] = Controller.EGO
+        """Mark the egos; the rest of what is due for the step has time until :meth:`catch_up`."""
+        if table.step >= self.scenario.history_steps:
+            table.controller[table.mask(self._ego_ids)] = Controller.EGO
         self._caught_up = False
         return table

@@ -1,0 +1,130 @@
+"""Many runs at once: their scenes are stepped together in the same array programs, each as if it were alone.
+
+What a step costs is mostly the number of calls that it takes, not the number of agents; so several scenes cost little
+more than one. Scenes are joined where what the stages ask of a scenario is the same for all of them; egos may differ.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from litsim_policy.ego.registry import Ego
+from litsim_policy.run.runner import StepResult, as_recorded, configured
+from litsim_predictor.forecast import Forecast
+from litsim_sim.core.compiled import load_kernels
+from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.stages import BRIDGE, EGO
+from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.record.run import Run as RecordedRun
+from litsim_sim.scenario.joined import JoinedScenario
+from litsim_sim.scenario.run_info import REPLAY, RunPlan
+from litsim_sim.world.world import World, WorldConfig
+
+
+class JoinedRunner:
+    """Runs S plans together in this process, without SUMO.
+
+    Raises:
+        ValueError: the plans differ in policy or parameters, or their scenarios in kind; see
+            :func:`litsim_sim.scenario.joined.kind`.
+        InputError: as :class:`litsim_policy.run.runner.Runner`.
+    """
+
+    def __init__(self, plans: Sequence[RunPlan]) -> None:
+        first = plans[0]
+        if any((plan.policy, plan.parameters) != (first.policy, first.parameters) for plan in plans):
+            raise ValueError("runs of different policies or parameters cannot be stepped together")
+        self.plans = tuple(plans)
+        self._joined = JoinedScenario.of([plan.scenario for plan in plans])
+        reacts = first.policy != REPLAY
+        self._world = World(self._joined, WorldConfig(guard_entries=reacts))
+        self._egos: list[Ego] = [
+            configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans
+        ]
+        stages = configured(first.ego, first.policy, first.parameters)
+        self._answers = _Answers(stages, first.policy, self._joined) if reacts else None
+        self.summaries: dict[int, dict[str, Any]] = {}
+        """Of the runs that are over, what the world knows of each; see :meth:`World.summary`."""
+        load_kernels()
+
+    def steps(self) -> Iterator[dict[int, StepResult]]:
+        """Every step of the runs that are not over yet, with its answers; each by the number of its plan.
+
+        Wall times of stages are those of all scenes, shared out equally.
+        """
+        begin = time.perf_counter()
+        table, joined = self._world.reset(), self._joined
+        while len(self.summaries) < len(self.plans):
+            self._world.catch_up()
+            tables = joined.tables(table)
+            marks = {BRIDGE: time.perf_counter() - begin}
+            takeovers: Sequence[TakeoverTable | None] = [None] * len(tables)
+            controls: Sequence[ControlTable | None] = [None] * len(tables)
+            together = ControlTable.empty(table.step)
+            if self._answers is not None:
+                takeovers, together = self._answers.to(table, marks)
+                controls = joined.controls(together)
+            begin = time.perf_counter()
+            running = [k for k in range(len(tables)) if k not in self.summaries]
+            commands = [EgoCommand(table.step)] * len(tables)
+            for k in running:
+                commands[k] = self._egos[k].plan(tables[k])
+            marks[EGO] = time.perf_counter() - begin
+            shares = {stage: wall / len(running) for stage, wall in marks.items()}
+            yield {k: StepResult(tables[k], takeovers[k], controls[k], commands[k], shares) for k in running}
+            begin = time.perf_counter()
+            for k in running:
+                if self._world.ends[k] is not None or table.step == self.plans[k].scenario.total_steps:
+                    self.summaries[k] = self._world.summary(k, joined.told(k))
+                    self._world.drop(k)
+            if len(self.summaries) < len(self.plans):
+                table = self._world.step_together(together, commands)
+
+
+class _Answers:
+    """The stages that react to the egos, of all scenes."""
+
+    def __init__(self, stages: dict[str, Any], policy: str, joined: JoinedScenario) -> None:
+        self._joined = joined
+        self._predictor, self._manager = stages["predictor"](joined), stages["conflict"](joined)
+        self._policy = stages["policy"](policy, joined)
+
+    def to(self, table: AgentTable, marks: dict[str, float]) -> tuple[list[TakeoverTable], ControlTable]:
+        """Takeovers of each scene and controls of all, in answer to a step; notes wall times of stages in `marks`."""
+        begin = time.perf_counter()
+        if table.step >= self._joined.history_steps:
+            forecast = self._predictor.forecast(table)
+        else:
+            self._predictor.see(table)
+            forecast = Forecast.of_nobody(table.step)
+        marks["predictor"] = time.perf_counter() - begin
+        begin = time.perf_counter()
+        takeovers = self._manager.update(table, forecast)
+        rounds = self._manager.iterations.tolist(), self._manager.converged.tolist()
+        apart = [
+            TakeoverTable(table.step, own, iterations, converged)
+            for own, iterations, converged in zip(self._joined.takeovers(takeovers.takeovers), *rounds, strict=True)
+        ]
+        marks["conflict"] = time.perf_counter() - begin
+        begin = time.perf_counter()
+        controls = self._policy.act(table, takeovers)
+        marks["policy"] = time.perf_counter() - begin
+        return apart, controls
+
+
+def record_together(plans: Sequence[RunPlan]) -> list[RecordedRun]:
+    """Run `plans` together and return what recordings of the same runs would be read as.
+
+    Raises:
+        ValueError, InputError: as :class:`JoinedRunner`.
+    """
+    begin = time.perf_counter()
+    runner = JoinedRunner(plans)
+    results: list[list[StepResult]] = [[] for _ in plans]
+    for now in runner.steps():
+        for k, result in now.items():
+            results[k].append(result)
+    wall = (time.perf_counter() - begin) / len(plans)
+    return [as_recorded(plan, results[k], runner.summaries[k], wall) for k, plan in enumerate(plans)]

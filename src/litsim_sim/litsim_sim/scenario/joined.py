@@ -1,0 +1,164 @@
+"""Several scenes as one scenario, so that the stages step them together in the same array programs.
+
+An agent's id in it begins with the number of its scene, so that tables which hold agents of several scenes are tables
+like any other: what is asked of an agent is answered in one go for all scenes, and what is asked of two agents only of
+those whose scene is the same. A scene's answers are those that it would get alone, to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable, IntArray
+from litsim_sim.core.takeover import Takeover
+from litsim_sim.core.vehicle import VehicleModel
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.signals import Signals
+
+BITS = 32
+"""Of an id that say which row of its scene's log an agent is; those above are the number of the scene."""
+
+
+class JoinedTable(AgentTable):
+    """A table of agents of several scenes; all are at the same step."""
+
+    @cached_property
+    def scene(self) -> IntArray:
+        """(n,) number of the scene that each agent is in."""
+        return self.id >> BITS
+
+
+class JoinedLog(Log):
+    """The logs of several scenes."""
+
+    table_type: ClassVar[type[AgentTable]] = JoinedTable
+
+    @classmethod
+    def of(cls, logs: Sequence[Log]) -> JoinedLog:
+        """Return `logs` as one, which is as long as the longest: nobody is on the road beyond the end of his."""
+        steps = max(log.steps for log in logs)
+        columns = {
+            field.name: np.concatenate([_padded(getattr(log, field.name), steps) for log in logs])
+            for field in fields(Log)
+            if field.name != "ids"
+        }
+        ids = np.concatenate([(k << BITS) + np.arange(len(log.ids)) for k, log in enumerate(logs)])
+        return cls(ids=ids, **columns)
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedScenario:
+    """Scenes that are stepped together; see :class:`.setting.Setting`.
+
+    Attributes:
+        scenes: S scenarios of one :func:`kind`.
+        log: of all of them.
+        ego_ids: (S,) in it.
+        total_steps: the last step of the longest.
+    """
+
+    scenes: tuple[Scenario, ...]
+    log: JoinedLog
+    ego_ids: IntArray
+    total_steps: int
+
+    @classmethod
+    def of(cls, scenes: Sequence[Scenario]) -> JoinedScenario:
+        """Join `scenes`, one at least, of one :func:`kind`."""
+        if len({kind(scene) for scene in scenes}) != 1:
+            raise ValueError(f"scenes that differ cannot be joined: {[scene.name for scene in scenes]}")
+        egos = [(k << BITS) + scene.log.row(scene.ego_id) for k, scene in enumerate(scenes)]
+        longest = max(scene.total_steps for scene in scenes)
+        return cls(tuple(scenes), JoinedLog.of([scene.log for scene in scenes]), np.array(egos), longest)
+
+    @property
+    def history_steps(self) -> int:
+        """See :class:`.setting.Setting`."""
+        return self.scenes[0].history_steps
+
+    @property
+    def roi_m(self) -> float:
+        """See :class:`.setting.Setting`."""
+        return self.scenes[0].roi_m
+
+    @property
+    def signals(self) -> Signals | None:
+        """See :class:`.setting.Setting`."""
+        return self.scenes[0].signals
+
+    @property
+    def net_path(self) -> Path:
+        """See :class:`.setting.Setting`."""
+        return self.scenes[0].net_path
+
+    @property
+    def lane_map(self) -> LaneMap:
+        """See :class:`.setting.Setting`."""
+        return self.scenes[0].lane_map
+
+    @property
+    def vehicle(self) -> VehicleModel:
+        """See :class:`.setting.Setting`."""
+        return self.scenes[0].vehicle
+
+    def tables(self, table: AgentTable) -> list[AgentTable]:
+        """`table` taken apart: the agents of each scene, by the ids of its recording."""
+        return [
+            AgentTable(table.step, self._own(k, table.id[part]), *(getattr(table, f)[part] for f in ARRAY_FIELDS[1:]))
+            for k, part in enumerate(self._parts(table.id))
+        ]
+
+    def controls(self, controls: ControlTable) -> list[ControlTable]:
+        """`controls` taken apart likewise."""
+        names = [field.name for field in fields(ControlTable)][2:]
+        return [
+            ControlTable(controls.step, self._own(k, controls.id[part]), *(getattr(controls, f)[part] for f in names))
+            for k, part in enumerate(self._parts(controls.id))
+        ]
+
+    def takeovers(self, takeovers: Sequence[Takeover]) -> list[tuple[Takeover, ...]]:
+        """`takeovers`, agents ascending, taken apart likewise."""
+        found: list[list[Takeover]] = [[] for _ in self.scenes]
+        for each in takeovers:
+            scene = each.agent >> BITS
+            agent, opponent = self._own(scene, np.array([each.agent, each.opponent])).tolist()
+            found[scene].append(replace(each, agent=agent, opponent=opponent))
+        return [tuple(own) for own in found]
+
+    def told(self, scene: int) -> Callable[[int], int | None]:
+        """What gives the id of an agent in the recording of `scene`, None of agents of others."""
+        return lambda agent: int(self._own(scene, np.array([agent]))[0]) if agent >> BITS == scene else None
+
+    def agent(self, scene: int, agent: int) -> int:
+        """Id of the agent that is `agent` in the recording of `scene`."""
+        return (scene << BITS) + self.scenes[scene].log.row(agent)
+
+    def _own(self, scene: int, ids: IntArray) -> IntArray:
+        """Ids (m,) in the recording of `scene`, of agents of it."""
+        return self.scenes[scene].log.ids[ids & ((1 << BITS) - 1)]
+
+    def _parts(self, ids: IntArray) -> list[slice]:
+        """Where the agents of each scene are among `ids`, which ascend."""
+        ends = np.searchsorted(ids, np.arange(len(self.scenes) + 1) << BITS).tolist()
+        return [slice(begin, end) for begin, end in pairwise(ends)]
+
+
+def kind(scenario: Scenario) -> Hashable:
+    """Scenarios of which this is equal can be joined: what stages ask of all scenes at once is the same."""
+    vehicle = tuple(vars(scenario.vehicle).items())
+    signals = None if scenario.signals is None else id(scenario.signals)
+    return scenario.net_path, scenario.history_steps, scenario.roi_m, signals, vehicle
+
+
+def _padded(values: np.ndarray, steps: int) -> np.ndarray:
+    """`values` (n,) or (n, s), the latter with zeros up to (n, `steps`)."""
+    return values if values.ndim == 1 else np.pad(values, ((0, 0), (0, steps - values.shape[1])))

@@ -1,0 +1,52 @@
+"""What the stages ask of a scenario, be it one or several that are joined."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+from litsim_sim.core.scene import IntArray
+from litsim_sim.core.vehicle import VehicleModel
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.signals import Signals
+
+
+class Setting(Protocol):
+    """See :class:`litsim_sim.scenario.scenario.Scenario`, and :class:`.joined.JoinedScenario` of several."""
+
+    @property
+    def log(self) -> Log:
+        """What everybody really did."""
+
+    @property
+    def ego_ids(self) -> IntArray:
+        """(scenes,) the ego of each scene."""
+
+    @property
+    def history_steps(self) -> int:
+        """Step from which on egos are free."""
+
+    @property
+    def total_steps(self) -> int:
+        """The last step."""
+
+    @property
+    def roi_m(self) -> float:
+        """Radius around each agent off its log within which others are forecast and may be taken over [m]."""
+
+    @property
+    def signals(self) -> Signals | None:
+        """What signals show at each step."""
+
+    @property
+    def net_path(self) -> Path:
+        """File of the net."""
+
+    @property
+    def lane_map(self) -> LaneMap:
+        """Its lanes."""
+
+    @property
+    def vehicle(self) -> VehicleModel:
+        """How egos can move."""

@@ -1,0 +1,98 @@
+"""Runs that are stepped together: each is, to the last bit, what it is alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_policy.run.runner import Runner, record
+from litsim_policy.run.together import record_together
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.core.scene import ARRAY_FIELDS
+from litsim_sim.record.run import Run
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import Scenario
+
+Scenes = list[tuple[Scenario, str]]
+LARGE = 2**40  # ids that are no row numbers
+
+
+@pytest.fixture(scope="module")
+def scenes(make_scenario: Callable[..., Any], track: type, lane_centres: tuple[float, ...]) -> Scenes:
+    """Two egos of one recording and two of another, shorter one at the same place, in which a vehicle enters late."""
+    demo = Scenario.load("demo", simulation_s=9.0)
+    column = [
+        track(LARGE + 7 * k, x=x, y=lane_centres[k % 3], speed=speed, last=80)
+        for k, (x, speed) in enumerate([(120.0, 10.0), (140.0, 9.0), (96.0, 12.0), (80.0, 14.0), (102.0, 13.0)])
+    ]
+    entering = track(3, x=175.0, y=lane_centres[0], speed=4.0, first=45, last=80)
+    other = make_scenario(*column, entering, history_steps=demo.history_steps, roi_m=demo.roi_m)
+    return [
+        (demo, "idm"),
+        (other, "perturbed"),
+        (demo.around(demo.egos[1], 3), "perturbed"),
+        (other.around(LARGE + 7 * 4, 2), "idm"),
+        (demo.around(demo.egos[2], None), "log"),
+    ]
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether two tables, commands or takeovers are equal to the last bit."""
+    return all(
+        np.array_equal(getattr(a, f.name), getattr(b, f.name)) and type(a) is type(b) for f in dataclasses.fields(a)
+    )
+
+
+def assert_same(together: Run, alone: Run) -> None:
+    assert len(together.tables) == len(alone.tables)
+    for mine, other in zip(together.tables, alone.tables, strict=True):
+        assert same(mine, other), mine.step
+        assert [getattr(mine, f).dtype for f in ARRAY_FIELDS] == [getattr(other, f).dtype for f in ARRAY_FIELDS]
+    for part in ("controls", "ego_commands", "detections"):
+        mine, other = getattr(together, part), getattr(alone, part)
+        assert list(mine) == list(other)
+        assert all(same(mine[step], other[step]) for step in mine), part
+    assert list(together.takeovers) == list(alone.takeovers)
+    for step, listed in together.takeovers.items():
+        assert len(listed) == len(alone.takeovers[step])
+        assert all(same(a, b) for a, b in zip(listed, alone.takeovers[step], strict=True)), step
+    measured, expected = (compute_metrics(run) for run in (together, alone))
+    assert measured["digest"] == expected["digest"]
+    del measured["timing"], expected["timing"]
+    assert measured == expected
+    assert together.statuses[-1].text == alone.statuses[-1].text
+
+
+@pytest.mark.parametrize(
+    ("policy", "model"), [("replay", None), ("yield", "kinematic"), ("litsim", "kinematic"), ("litsim", "default")]
+)
+def test_every_run_is_what_it_is_alone(scenes: Scenes, policy: str, model: str | None) -> None:
+    parameters = {} if model is None else {"predictor": {"model": model}}
+    plans = [RunPlan(scenario, ego, policy, parameters) for scenario, ego in scenes]
+    together = record_together(plans)
+    for run, plan in zip(together, plans, strict=True):
+        assert run.complete and run.info.run_id == plan.run_id
+        assert_same(run, record(Runner(plan)))
+    if policy != "replay":
+        driven = [any(run.takeovers.values()) for run in together]
+        assert driven[0] and driven[1], "the scenes must have something to react to"
+    assert len({len(run.tables) for run in together}) > 1, "some must be over sooner than others"
+
+
+def test_the_order_and_the_company_do_not_matter(scenes: Scenes) -> None:
+    plans = [RunPlan(scenario, ego, "yield") for scenario, ego in scenes[:2]]
+    forwards, backwards = record_together(plans), record_together(plans[::-1])
+    for run, other in zip(forwards, backwards[::-1], strict=True):
+        assert_same(run, other)
+
+
+def test_runs_that_differ_in_what_stages_ask_are_not_joined(scenes: Scenes) -> None:
+    demo, wider = scenes[0][0], Scenario.load("demo", simulation_s=9.0, roi_m=60.0)
+    with pytest.raises(ValueError, match="policies or parameters"):
+        record_together([RunPlan(demo, "idm", "yield"), RunPlan(demo, "idm", "litsim")])
+    with pytest.raises(ValueError, match="cannot be joined"):
+        record_together([RunPlan(demo, "idm", "yield"), RunPlan(wider, "idm", "yield")])

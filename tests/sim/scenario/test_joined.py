@@ -1,0 +1,75 @@
+"""Several scenes as one: their logs, ids and tables put together and taken apart again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable
+from litsim_sim.scenario.joined import JoinedScenario, kind
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.world.world import World
+
+
+@pytest.fixture(scope="module")
+def scenes(make_scenario: Callable[..., Any], track: type) -> list[Scenario]:
+    """Two recordings of different length with vehicles at the same places, the ids of one beyond 32 bits."""
+    short = make_scenario(track(5, x=100.0), track(2, x=150.0, first=10), track(9, x=300.0, last=8))
+    ids = (-4, 2**45, 2**45 + 1, 7)
+    return [short, make_scenario(*(track(k, x=100.0 + 20.0 * n, last=90) for n, k in enumerate(ids)))]
+
+
+def columns(table: AgentTable) -> list[list[float]]:
+    return [getattr(table, f).tolist() for f in ARRAY_FIELDS]
+
+
+def test_a_table_of_the_joined_log_comes_apart_into_those_of_the_logs(scenes: list[Scenario]) -> None:
+    joined = JoinedScenario.of(scenes)
+    assert joined.total_steps == joined.log.steps - 1 == scenes[1].total_steps > scenes[0].total_steps
+    for step in range(joined.log.steps):
+        table = joined.log.table(step)
+        assert (np.diff(table.id) > 0).all()
+        apart = joined.tables(table)
+        assert [columns(own) for own in apart] == [columns(scene.log.table(step)) for scene in scenes]
+        assert table.scene.tolist() == [k for k, own in enumerate(apart) for _ in range(len(own))]
+        assert table.take(table.scene == 1).scene.tolist() == [1] * len(apart[1])
+        halves = [table.take(table.scene == k) for k in (1, 0)]
+        assert columns(type(table).merged(step, halves)) == columns(table)
+
+
+def test_ids_are_those_of_the_recordings_once_they_are_told(scenes: list[Scenario]) -> None:
+    joined = JoinedScenario.of(scenes)
+    for k, scene in enumerate(scenes):
+        for agent in scene.log.ids.tolist():
+            assert joined.told(k)(joined.agent(k, agent)) == agent
+            assert joined.told(1 - k)(joined.agent(k, agent)) is None
+        assert joined.ego_ids[k] == joined.agent(k, scene.ego_id)
+    both = np.array([joined.agent(0, 9), joined.agent(1, -4)])
+    values = np.arange(2.0)
+    apart = joined.controls(ControlTable(3, both, values, values, values, np.ones(2, np.uint8)))
+    assert [own.id.tolist() for own in apart] == [[9], [-4]]
+    assert [own.acceleration.tolist() for own in apart] == [[0.0], [1.0]]
+
+
+def test_boxes_at_the_same_place_in_different_scenes_do_not_touch(scenes: list[Scenario]) -> None:
+    world, alone = World(JoinedScenario.of(scenes)), [World(scene) for scene in scenes]
+    world.reset()
+    for each in alone:
+        each.reset()
+    assert world.contacts == {} == alone[0].contacts == alone[1].contacts
+    near = [scenes[0], scenes[0].around(5, 8)]
+    assert World(JoinedScenario.of([*near])).reset().x.tolist() == [*scenes[0].log.table(0).x] * 2
+
+
+def test_what_stages_ask_of_a_scenario_decides_what_can_be_joined(make_scenario, track) -> None:
+    scene = make_scenario(track(1, x=100.0))
+    assert kind(scene) == kind(scene.around(1, 5)) == kind(make_scenario(track(3, x=50.0)))
+    others = [{"roi_m": 50.0}, {"history_steps": 4}, {"vehicle": {"lag_s": 0.3}}]
+    for other in others:
+        differs = make_scenario(track(1, x=100.0), **other)
+        assert kind(differs) != kind(scene)
+        with pytest.raises(ValueError, match="cannot be joined"):
+            JoinedScenario.of([scene, differs])
