@@ -92,7 +92,7 @@ def make_predictor(
 
 
 def network(model: str) -> Network:
-    """The trained model `model`, compiled; by torch where no graph of its kind is shipped.
+    """The trained model `model`, compiled; by torch where it has neither kernels nor a graph.
 
     Runs of one process share it: it remembers nothing of a scene.
 
@@ -107,7 +107,7 @@ def network(model: str) -> Network:
 def _network(model: str, modified: int) -> Network:
     """See :func:`network`; `modified` is when its file was [ns], so that another file is another model."""
     del modified
-    from litsim_predictor.inference.compiled import compiled
+    from litsim_predictor.inference.networks import compiled
 
     found = compiled(model)
     if found is not None:

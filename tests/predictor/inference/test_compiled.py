@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from litsim_predictor.inference import SHIPPED
-from litsim_predictor.inference.compiled import CompiledNetwork, compiled
-from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS, AgentFutures, AgentInputs
-from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
+from litsim_predictor.inference.contract import HORIZON, MANEUVERS, AgentFutures, Network
+from litsim_predictor.inference.networks import compiled
 from litsim_predictor.inference.weights import packaged, weights_path
 from litsim_predictor.models import make_predictor
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.scenario import Scenario
+from made_agents import scene
 
 PREDICTS = """
 import sys
@@ -32,22 +32,7 @@ print(DEFAULT_MODEL, sorted(name for name in sys.modules if name.split(".")[0] i
 """
 
 
-def scene(agents: int, seed: int = 0) -> AgentInputs:
-    """Agents anywhere within 50 m, at any speed, on a map of noise."""
-    rng = np.random.default_rng(seed)
-    observed = rng.random((agents, HISTORY)) < 0.8
-    observed[:, -1] = True
-    history = rng.normal(size=(agents, HISTORY, 4)) * [20.0, 1.0, 0.1, 5.0]
-    return AgentInputs(
-        frame=np.column_stack([rng.uniform(-50.0, 50.0, (agents, 2)), rng.normal(size=agents)]),
-        history=np.where(observed[..., None], history, 0.0).astype(np.float32),
-        observed=observed,
-        state=np.column_stack([rng.uniform(1.0, 5.0, (agents, 3)), 0.1 * rng.normal(size=agents)]).astype(np.float32),
-        raster=rng.integers(0, 256, (agents, CHANNELS, ROWS, COLUMNS), np.uint8),
-    )
-
-
-def network(name: str) -> CompiledNetwork:
+def network(name: str) -> Network:
     found = compiled(name)
     assert found is not None
     return found

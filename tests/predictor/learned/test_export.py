@@ -7,16 +7,19 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
 import pytest
 import torch
 
-from litsim_predictor.inference import SHIPPED
-from litsim_predictor.inference.compiled import CompiledNetwork, compiled
+from litsim_predictor.inference import GRAPHS, SHIPPED
+from litsim_predictor.inference.compiled import CompiledNetwork
 from litsim_predictor.inference.contract import AgentInputs, Network
 from litsim_predictor.inference.features import agent_inputs
+from litsim_predictor.inference.joint_network import JointNetwork
+from litsim_predictor.inference.networks import compiled
 from litsim_predictor.inference.weights import packaged, read_weights
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.eager import EagerNetwork
@@ -75,7 +78,7 @@ def test_graphs_answer_as_torch_does_on_real_traffic(name: str) -> None:
     )
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", GRAPHS)
 def test_shipped_graphs_hold_no_weights_and_say_of_what_they_are(name: str) -> None:
     graph = onnx.load(packaged("graphs") / f"{name}.onnx", load_external_data=False)
     told = {entry.key: entry.value for entry in graph.metadata_props}
@@ -88,13 +91,30 @@ def test_shipped_graphs_hold_no_weights_and_say_of_what_they_are(name: str) -> N
     assert apart == {f"network.{key}" for key in weights.arrays}
 
 
-def test_models_of_ones_own_run_by_torch_or_as_a_graph_of_their_own(tmp_path: Path) -> None:
+MINE = [
+    {"hidden": 32, "layers": 1, "neighbours": 4},
+    {"layers": 3, "neighbours": 20, "reach": 30.0, "heads": 4, "map_channels": 8, "history_channels": 2},
+    {"relative": False},
+    {"decoder": "recurrent"},
+]
+"""Configurations of joint predictors of one's own; the last two have no kernels."""
+
+
+@pytest.mark.parametrize("parameters", MINE)
+def test_models_of_ones_own_run_by_kernels_or_torch_or_as_a_graph_of_their_own(
+    parameters: dict[str, Any], tmp_path: Path
+) -> None:
     torch.manual_seed(0)
     _, provenance = load_model("default")
-    provenance = replace(provenance, parameters={"hidden": 32, "layers": 1, "neighbours": 4})
+    provenance = replace(provenance, parameters=parameters)
     model = build("joint", provenance.parameters, "test").eval()
     weights = tmp_path / "mine.safetensors"
     save_model(model, provenance, weights)
-    assert compiled(str(weights)) is None  # no graph of that shape is shipped
+    network = compiled(str(weights))
+    if parameters in MINE[2:]:
+        assert network is None  # no graph of that shape is shipped
+    else:
+        assert isinstance(network, JointNetwork)
+        assert_answers_agree(network, EagerNetwork(model), Scenario.load("demo"))
     write_graph(*load_model(str(weights)), tmp_path / "mine.onnx", weights=True)
     assert_answers_agree(CompiledNetwork(tmp_path / "mine.onnx"), EagerNetwork(model), Scenario.load("demo"))

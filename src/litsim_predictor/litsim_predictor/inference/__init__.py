@@ -2,3 +2,5 @@
 
 SHIPPED = ("default", "paper", "cs_lstm", "bat")
 """Names of the models that come with the package."""
+GRAPHS = ("paper", "cs_lstm", "bat")
+"""Those that are run as graphs; the default one has kernels."""

@@ -16,7 +16,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as failures
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import AgentFutures, AgentInputs
 from litsim_predictor.inference.map_memory import MapMemory
-from litsim_predictor.inference.weights import Weights, packaged, read_weights
+from litsim_predictor.inference.weights import Weights
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import IntArray
 
@@ -94,28 +94,6 @@ class CompiledNetwork:
         if self._maps is not None:
             self._maps.keep(maps, answer.pop())
         return AgentFutures(*answer)
-
-
-def compiled(name: str) -> CompiledNetwork | None:
-    """The graph of a shipped model, of a file ``.onnx``, or of a file of weights of a model like a shipped one.
-
-    Returns:
-        None where weights are of a model for which no graph is shipped.
-
-    Raises:
-        InputError: the file cannot be used.
-    """
-    if name.endswith(".onnx"):
-        return CompiledNetwork(Path(name))
-    weights = read_weights(name)
-    for shipped in (name,) if name in SHIPPED else SHIPPED:
-        path = packaged("graphs") / f"{shipped}.onnx"
-        like = read_weights(shipped)
-        same = (like.provenance.model, like.provenance.parameters)
-        if path.is_file() and same == (weights.provenance.model, weights.provenance.parameters):
-            weights.check({key: array.shape for key, array in like.arrays.items()})
-            return CompiledNetwork(path, weights)
-    return None
 
 
 def _first_line(error: Exception) -> str:

@@ -7,12 +7,14 @@ are kept to 1.4 degrees, a 256th of a turn.
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from litsim_sim.core.scene import ByteArray, FloatArray
+from litsim_sim.core.compiled import FLOATS, INTS, float32, int64, kernel, read_array, uint8, void, written_array
+from litsim_sim.core.scene import ByteArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 
@@ -25,10 +27,55 @@ LEFT = np.arange(COLUMNS) * 1.0 - 11.5
 CELL = 0.5  # [m] of the drawn net
 MOST_CELLS = 16_000_000  # beyond, cells are made larger: a net of 2 km by 2 km at 0.5 m
 MARGIN = 6.0  # [m] around the centre lines
-NO_DIRECTION = np.uint16(256)  # where there is no road: after the 256ths of a turn
+NO_DIRECTION = 128  # where there is no road
 TURNS = np.arange(256) * (2 * np.pi / 256)
-COSINES = np.append(np.rint(128.0 + 127.0 * np.cos(TURNS)), 128.0).astype(np.uint8)
-SINES = np.append(np.rint(128.0 + 127.0 * np.sin(TURNS)), 128.0).astype(np.uint8)
+COSINES = np.rint(128.0 + 127.0 * np.cos(TURNS)).astype(np.uint8)
+SINES = np.rint(128.0 + 127.0 * np.sin(TURNS)).astype(np.uint8)
+
+BYTES2, OUT_BYTES4 = read_array(uint8, 2), written_array(uint8, 4)
+
+
+@kernel(void(FLOATS, FLOATS, FLOATS, FLOATS, INTS, BYTES2, BYTES2, OUT_BYTES4))
+def cut_out(
+    x: FloatArray,
+    y: FloatArray,
+    cos: FloatArray,
+    sin: FloatArray,
+    turn: IntArray,
+    closeness: ByteArray,
+    angle: ByteArray,
+    out: ByteArray,
+) -> None:
+    """Write to `out` (n, CHANNELS, ROWS, COLUMNS) what is drawn around poses.
+
+    Args:
+        x, y: (n,) from the raster's corner, in cells.
+        cos, sin: (n,) of a metre ahead, in cells.
+        turn: (n,) headings in 256ths of a turn.
+        closeness, angle: the raster, whose last row and column are empty: there is all that lies outside of it.
+    """
+    rows, columns = closeness.shape
+    drawn, directions = closeness.ravel(), angle.ravel()
+    at, close, turned = np.empty(COLUMNS, np.int64), np.empty(COLUMNS, np.uint8), np.empty(COLUMNS, np.int64)
+    last_row, last_column = float32(rows - 1), float32(columns - 1)
+    for i in range(len(x)):
+        for r in range(ROWS):
+            ahead_x, ahead_y = x[i] + cos[i] * AHEAD[r], y[i] + sin[i] * AHEAD[r]
+            for c in range(COLUMNS):
+                # In single precision, which is enough for an index.
+                column = math.floor(float32(ahead_x - sin[i] * LEFT[c]))
+                row = math.floor(float32(ahead_y + cos[i] * LEFT[c]))
+                column = last_column if column < float32(0.0) else min(column, last_column)
+                row = last_row if row < float32(0.0) else min(row, last_row)
+                at[c] = int64(row) * columns + int64(column)
+            for c in range(COLUMNS):
+                close[c], turned[c] = drawn[at[c]], (int64(directions[at[c]]) - turn[i]) & 255  # bytes wrap as angles
+            of = out[i]
+            for c in range(COLUMNS):
+                road = close[c] > 0
+                of[0, r, c], of[1, r, c] = 255 if road else 0, close[c]
+                of[2, r, c] = COSINES[turned[c]] if road else NO_DIRECTION
+                of[3, r, c] = SINES[turned[c]] if road else NO_DIRECTION
 
 
 class MapRaster:
@@ -49,25 +96,10 @@ class MapRaster:
 
     def cut(self, x: FloatArray, y: FloatArray, heading: FloatArray) -> ByteArray:
         """(n, CHANNELS, ROWS, COLUMNS) around poses (n,) [m, rad]; directions are relative to `heading`."""
-        # In cells, and in single precision, which is enough for an index.
-        cos, sin = np.cos(heading)[:, None, None] / self._cell, np.sin(heading)[:, None, None] / self._cell
-        x0, y0 = ((v[:, None, None] - origin) / self._cell for v, origin in zip((x, y), self._origin, strict=True))
-        column = ((x0 + cos * AHEAD[:, None]) - sin * LEFT).astype(np.float32)
-        row = ((y0 + sin * AHEAD[:, None]) + cos * LEFT).astype(np.float32)
-        rows, columns = self._closeness.shape
-        # What is off the net falls into the last row or column, or into those before the first, which are the last.
-        at = np.clip(np.floor(row, out=row), -1.0, rows - 1, out=row).astype(np.int32)
-        at *= columns
-        at += np.clip(np.floor(column, out=column), -1.0, columns - 1, out=column).astype(np.int32)
-        closeness = self._closeness.ravel()[at]
-        turned = self._angle.ravel()[at] - _angle_byte(heading)[:, None, None]  # bytes wrap as angles do
-        road = closeness > 0
+        cos, sin = np.cos(heading) / self._cell, np.sin(heading) / self._cell
+        x, y = (x - self._origin[0]) / self._cell, (y - self._origin[1]) / self._cell
         cut = np.empty((len(x), CHANNELS, ROWS, COLUMNS), np.uint8)
-        np.multiply(road, np.uint8(255), out=cut[:, 0])
-        cut[:, 1] = closeness
-        turned = np.where(road, turned, NO_DIRECTION)
-        np.take(COSINES, turned, out=cut[:, 2])
-        np.take(SINES, turned, out=cut[:, 3])
+        cut_out(x, y, cos, sin, _angle_byte(heading).astype(np.int64), self._closeness, self._angle, cut)
         return cut
 
     def _draw(self, lane_map: LaneMap) -> None:

@@ -55,11 +55,20 @@ def written_array(dtype: types.Type, ndim: int) -> types.Array:
     return types.Array(dtype, ndim, "C")
 
 
-boolean, float64, int64, void = types.boolean, types.float64, types.int64, types.void
+boolean, float32, float64, int64, uint8, void = (
+    types.boolean,
+    types.float32,
+    types.float64,
+    types.int64,
+    types.uint8,
+    types.void,
+)
 FLOATS, FLOATS2, FLOATS3 = (read_array(float64, ndim) for ndim in (1, 2, 3))
+SINGLES, SINGLES2, SINGLES3, SINGLES4 = (read_array(float32, ndim) for ndim in (1, 2, 3, 4))
 INTS, INTS2 = (read_array(int64, ndim) for ndim in (1, 2))
 BOOLS, BOOLS2 = (read_array(boolean, ndim) for ndim in (1, 2))
 OUT_FLOATS, OUT_FLOATS2, OUT_FLOATS3 = (written_array(float64, ndim) for ndim in (1, 2, 3))
+OUT_SINGLES, OUT_SINGLES2, OUT_SINGLES3 = (written_array(float32, ndim) for ndim in (1, 2, 3))
 OUT_INTS, OUT_INTS2 = (written_array(int64, ndim) for ndim in (1, 2))
 OUT_BOOLS, OUT_BOOLS2 = (written_array(boolean, ndim) for ndim in (1, 2))
 

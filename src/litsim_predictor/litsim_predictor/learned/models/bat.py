@@ -20,10 +20,10 @@ import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import DT, HORIZON, LATERAL, LONGITUDINAL, MANEUVERS, STATE_CHANNELS
+from litsim_predictor.inference.joint_units import GAUSSIAN_CHANNELS
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.centrality import CENTRALITIES, centralities, mean_rates, proximity_graph
 from litsim_predictor.learned.models.model import (
-    GAUSSIAN_CHANNELS,
     Decode,
     SceneModel,
     constant_velocity,

@@ -11,9 +11,9 @@ import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import HORIZON, LATERAL, LONGITUDINAL
+from litsim_predictor.inference.joint_units import GAUSSIAN_CHANNELS
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.model import (
-    GAUSSIAN_CHANNELS,
     Decode,
     SceneModel,
     decoded_maneuvers,

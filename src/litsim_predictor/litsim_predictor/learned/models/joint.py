@@ -17,10 +17,25 @@ import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import HISTORY_CHANNELS, HORIZON, MANEUVERS, STATE_CHANNELS
+from litsim_predictor.inference.joint_units import (
+    GAUSSIAN_CHANNELS,
+    HEADS,
+    HISTORY_UNITS,
+    LANE,
+    LAYERS,
+    LENGTH,
+    MAP_MIDDLE,
+    NEAR,
+    NEIGHBOURS,
+    REACH,
+    RELATION_CHANNELS,
+    RELATION_UNITS,
+    RELATION_WIDTH,
+    STATE_UNITS,
+)
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.model import (
-    GAUSSIAN_CHANNELS,
     Decode,
     SceneModel,
     chosen,
@@ -34,16 +49,6 @@ from litsim_predictor.learned.models.model import (
     rows_of,
     same_agent,
 )
-
-LENGTH = 20.0  # [m] by which positions are scaled
-LANE = 4.0  # [m] by which lateral distances are scaled
-SPEED = 15.0  # [m/s] by which speeds are scaled
-STATE_UNITS = (LENGTH, LENGTH, SPEED, 1.0)  # by which the channels of a state are scaled: they are about as large as 1
-NEAR = 5.0  # [m] ahead or behind at which somebody counts as half as near as beside
-RELATION_CHANNELS = 8
-RELATION_UNITS = (LENGTH, LANE, 1.0 / NEAR, 1.0, 1.0, 0.25 * SPEED, SPEED, 1.0)
-"""By which the channels of a relation are scaled: offset ahead and to the left [m], nearness along [1/m], cosine and
-sine of the turn, how much faster, how fast [m/s], and the side in the lane: 1 ahead, -1 behind, 0 beside the lane."""
 
 
 class MapEncoder(nn.Module):
@@ -69,7 +74,7 @@ class MapEncoder(nn.Module):
         """Code (n, width) of rasters (n, CHANNELS, ROWS, COLUMNS) of uint8."""
         # Read as -1 to 1; the division is one of the weights, which are fewer.
         first = cast(nn.Conv2d, self.layers[0])
-        read = nn.functional.conv2d(raster.float() - 127.5, first.weight / 127.5, first.bias, first.stride, 1)
+        read = nn.functional.conv2d(raster.float() - MAP_MIDDLE, first.weight / MAP_MIDDLE, first.bias, first.stride, 1)
         return cast(Tensor, self.layers[1:](read))
 
 
@@ -85,7 +90,7 @@ class HistoryEncoder(nn.Module):
     def forward(self, history: Tensor, observed: Tensor) -> Tensor:
         """Code (n, width) of histories (n, HISTORY, HISTORY_CHANNELS) and of when they were observed (n, HISTORY)."""
         read = torch.cat([history[..., : self.channels], observed[..., None].to(history.dtype)], dim=-1)
-        units = history.new_tensor([*(LENGTH, LENGTH, 1.0, SPEED)[: self.channels], 1.0])
+        units = history.new_tensor([*HISTORY_UNITS[: self.channels], 1.0])
         _, last = self.gru(self.embed[1](linear_of(read.transpose(0, 1), units, cast(nn.Linear, self.embed[0]))))
         return torch.cat([last[0], last[1]], dim=-1)
 
@@ -100,7 +105,9 @@ class RelativeAttention(nn.Module):
         super().__init__()
         self.width, self.heads = width, heads
         self.query, self.key_value = nn.Linear(width, width), nn.Linear(width, 2 * width)
-        self.relation = nn.Sequential(nn.Linear(RELATION_CHANNELS, 64), nn.ReLU(), nn.Linear(64, 2 * width))
+        self.relation = nn.Sequential(
+            nn.Linear(RELATION_CHANNELS, RELATION_WIDTH), nn.ReLU(), nn.Linear(RELATION_WIDTH, 2 * width)
+        )
         self.out = nn.Linear(width, width)
         self.norm = nn.LayerNorm(width)
 
@@ -249,11 +256,11 @@ class JointPredictor(SceneModel):
         history_width: int = 64,
         history_channels: int = HISTORY_CHANNELS,
         state_width: int = 32,
-        heads: int = 8,
+        heads: int = HEADS,
         relative: bool = True,
-        layers: int = 2,
-        neighbours: int = 12,
-        reach: float = 80.0,
+        layers: int = LAYERS,
+        neighbours: int = NEIGHBOURS,
+        reach: float = REACH,
         decoder: Literal["direct", "recurrent"] = "direct",
         hidden: int = 128,
         dropout: float = 0.1,

@@ -10,13 +10,11 @@ import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import DT, HORIZON, LATERAL, LONGITUDINAL
+from litsim_predictor.inference.joint_units import CORRELATION_LIMIT, SCALE_FLOOR
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 
 Decode = Literal["all", "best"] | Tensor
 """What to decode; see :meth:`SceneModel.forward`."""
-GAUSSIAN_CHANNELS = 5  # mean x and y, two scales, correlation
-SCALE_FLOOR = 0.02  # [m] least standard deviation: below what the recordings measure
-CORRELATION_LIMIT = 0.95
 
 
 class SceneModel(nn.Module):

@@ -1,0 +1,273 @@
+"""Attention to neighbours, as compiled kernels in single precision: see :mod:`.joint_network`.
+
+What is done for each neighbour of an agent is done for many agents at a time, which are the last dimension, the lanes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from litsim_predictor.forecast import Float32Array
+from litsim_predictor.inference.dense_kernels import INNER, add_product, exp, rectify
+from litsim_predictor.inference.joint_units import LANE, NEAR
+from litsim_sim.core.compiled import (
+    INTS,
+    INTS2,
+    OUT_INTS,
+    OUT_INTS2,
+    OUT_SINGLES2,
+    OUT_SINGLES3,
+    SINGLES,
+    SINGLES2,
+    SINGLES3,
+    float32,
+    float64,
+    kernel,
+    void,
+)
+from litsim_sim.core.scene import IntArray
+
+LANES = 16  # that a processor computes at a time: of fewer agents, the others are nobody
+
+
+@kernel(void(SINGLES2, float64, OUT_INTS2, OUT_INTS))
+def find_neighbours(position: Float32Array, reach: float, index: IntArray, many: IntArray) -> None:
+    """Find those nearest to each of n agents.
+
+    Args:
+        position: (n, 2) [m].
+        reach: [m] within which they are looked for.
+        index, many: (n, K) their rows, the agent's own first, and (n,) how many: the K - 1 nearest at most, of equally
+            near ones those of the lowest row.
+    """
+    agents, most = index.shape
+    within = float32(reach * reach)
+    far = np.zeros(most, np.float32)
+    for i in range(agents):
+        near = index[i]
+        near[0], used = i, 1
+        for j in range(agents):
+            dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
+            apart = dx * dx + dy * dy
+            if j == i or apart >= within or (used == most and apart >= far[used - 1]):
+                continue
+            used = min(used + 1, most)  # the last is let go where there are too many
+            at = used - 1
+            while at > 1 and far[at - 1] > apart:
+                far[at], near[at] = far[at - 1], near[at - 1]
+                at -= 1
+            far[at], near[at] = apart, j
+        many[i] = used
+
+
+@kernel(void(SINGLES2, SINGLES, SINGLES, INTS2, INTS, OUT_SINGLES3))
+def relate(
+    position: Float32Array,
+    heading: Float32Array,
+    speed: Float32Array,
+    index: IntArray,
+    many: IntArray,
+    relation: Float32Array,
+) -> None:
+    """Write how neighbours lie and move relative to an agent.
+
+    Args:
+        position, heading, speed: (n, 2) [m], (n,) [rad] and (n,) [m/s].
+        index, many: see :func:`find_neighbours`.
+        relation: (n, K, RELATION_CHANNELS); see :data:`.joint_units.RELATION_UNITS`.
+    """
+    agents = len(heading)
+    cos, sin = np.empty(agents, np.float32), np.empty(agents, np.float32)
+    for i in range(agents):
+        cos[i], sin[i] = math.cos(heading[i]), math.sin(heading[i])
+    for i in range(agents):
+        for k in range(many[i]):
+            j, of = index[i, k], relation[i, k]
+            dx, dy = position[j, 0] - position[i, 0], position[j, 1] - position[i, 1]
+            ahead, left = cos[i] * dx + sin[i] * dy, cos[i] * dy - sin[i] * dx
+            of[0], of[1], of[2] = ahead, left, float32(1.0) / (abs(ahead) + float32(NEAR))
+            of[3], of[4] = cos[j] * cos[i] + sin[j] * sin[i], sin[j] * cos[i] - cos[j] * sin[i]
+            of[5], of[6], of[7] = speed[j] - speed[i], speed[j], float32(0.0)
+            if abs(left) < float32(0.5 * LANE) and ahead != float32(0.0):
+                of[7] = float32(1.0) if ahead > float32(0.0) else float32(-1.0)
+
+
+@kernel(void(SINGLES3, INTS, INTS, SINGLES2, SINGLES, OUT_SINGLES3))
+def read_relations(
+    relation: Float32Array,
+    rows: IntArray,
+    many: IntArray,
+    weight: Float32Array,
+    bias: Float32Array,
+    near: Float32Array,
+) -> None:
+    """Write to `near` (K, c, lanes) what a rectified layer, `weight` (c, RELATION_CHANNELS), makes of relations."""
+    channels = relation.shape[2]
+    neighbours, width, lanes = near.shape
+    laid_out = np.zeros((channels, lanes), np.float32)
+    for k in range(neighbours):
+        for i in range(len(rows)):
+            for f in range(channels):
+                laid_out[f, i] = relation[rows[i], k, f] if k < many[rows[i]] else float32(0.0)
+        for c in range(width):
+            near[k, c] = bias[c]
+        add_product(weight, laid_out, near[k])
+        rectify(near[k])
+
+
+@kernel(void(SINGLES2, SINGLES3, SINGLES3, OUT_SINGLES3))
+def weigh_relations(query: Float32Array, of_key: Float32Array, near: Float32Array, logits: Float32Array) -> None:
+    """Add to `logits` (K, heads, lanes) what relations `near` (K, c, lanes) add to keys, `of_key`, times `query`."""
+    heads, width, size = of_key.shape
+    neighbours, lanes = near.shape[0], near.shape[2]
+    part, asked = np.zeros((size, lanes), np.float32), np.empty((width, lanes), np.float32)
+    for head in range(heads):
+        for i in range(len(query)):
+            for d in range(size):
+                part[d, i] = query[i, head * size + d]
+        asked[:] = float32(0.0)
+        add_product(of_key[head], part, asked)
+        for k in range(neighbours):
+            logit = logits[k, head]
+            for c in range(0, width, INNER):
+                a0, a1, a2, a3 = asked[c], asked[c + 1], asked[c + 2], asked[c + 3]
+                n0, n1, n2, n3 = near[k, c], near[k, c + 1], near[k, c + 2], near[k, c + 3]
+                for i in range(lanes):
+                    logit[i] = (((logit[i] + a0[i] * n0[i]) + a1[i] * n1[i]) + a2[i] * n2[i]) + a3[i] * n3[i]
+
+
+@kernel(void(SINGLES2, INTS, SINGLES2, INTS2, INTS, OUT_SINGLES3))
+def weigh_keys(
+    query: Float32Array,
+    rows: IntArray,
+    key_value: Float32Array,
+    index: IntArray,
+    many: IntArray,
+    logits: Float32Array,
+) -> None:
+    """Add to `logits` (K, heads, lanes) the products of queries and the keys of neighbours; see :func:`attend`."""
+    heads, channels = logits.shape[1], query.shape[1]
+    size = channels // heads
+    products = np.empty(channels, np.float32)
+    for i in range(len(rows)):
+        row, own = rows[i], query[i]
+        for k in range(many[row]):
+            key = key_value[index[row, k]]
+            for j in range(channels):
+                products[j] = own[j] * key[j]
+            for head in range(heads):
+                total = float32(0.0)
+                for j in range(head * size, head * size + size):
+                    total += products[j]
+                logits[k, head, i] += total
+
+
+@kernel(void(INTS, INTS, OUT_SINGLES3))
+def share(rows: IntArray, many: IntArray, weights: Float32Array) -> None:
+    """Put in the place of logits, `weights` (K, heads, lanes), shares of neighbours that are there: a softmax."""
+    neighbours, heads, lanes = weights.shape
+    there = np.ones(lanes, np.int64)
+    for i in range(len(rows)):
+        there[i] = many[rows[i]]
+    highest, total = np.empty(lanes, np.float32), np.empty(lanes, np.float32)
+    for head in range(heads):
+        highest[:] = weights[0, head]
+        total[:] = float32(0.0)
+        for k in range(1, neighbours):
+            logit = weights[k, head]
+            for i in range(lanes):
+                highest[i] = max(highest[i], logit[i]) if k < there[i] else highest[i]
+        for k in range(neighbours):
+            logit = weights[k, head]
+            for i in range(lanes):
+                logit[i] = exp(logit[i] - highest[i]) if k < there[i] else float32(0.0)
+                total[i] += logit[i]
+        for k in range(neighbours):
+            logit = weights[k, head]
+            for i in range(lanes):
+                logit[i] /= total[i]
+
+
+@kernel(void(SINGLES3, INTS, SINGLES2, INTS2, INTS, OUT_SINGLES2))
+def hear_values(
+    weights: Float32Array,
+    rows: IntArray,
+    key_value: Float32Array,
+    index: IntArray,
+    many: IntArray,
+    out: Float32Array,
+) -> None:
+    """Write to `out` (m, W) the values of neighbours by the `weights` (K, heads, lanes); see :func:`attend`."""
+    heads, channels = weights.shape[1], out.shape[1]
+    size = channels // heads
+    for i in range(len(rows)):
+        row = rows[i]
+        out[i] = float32(0.0)
+        for k in range(many[row]):
+            other = key_value[index[row, k]]
+            for head in range(heads):
+                weight = weights[k, head, i]
+                heard, value = out[i, head * size :], other[channels + head * size :]
+                for d in range(size):
+                    heard[d] += weight * value[d]
+
+
+@kernel(void(SINGLES3, SINGLES3, SINGLES3, OUT_SINGLES2))
+def hear_relations(weights: Float32Array, near: Float32Array, of_value: Float32Array, out: Float32Array) -> None:
+    """Add to `out` (m, W) what relations `near` (K, c, lanes) add to values, `of_value`, by the `weights`."""
+    heads, size, width = of_value.shape
+    lanes = near.shape[2]
+    told, added = np.empty((width, lanes), np.float32), np.empty((size, lanes), np.float32)
+    for head in range(heads):
+        told[:] = float32(0.0)
+        for k in range(len(near)):
+            weight = weights[k, head]
+            for c in range(width):
+                channel, sums = near[k, c], told[c]
+                for i in range(lanes):
+                    sums[i] += weight[i] * channel[i]
+        added[:] = float32(0.0)
+        add_product(of_value[head], told, added)
+        for i in range(len(out)):
+            for d in range(size):
+                out[i, head * size + d] += added[d, i]
+
+
+@kernel(void(SINGLES2, INTS, SINGLES2, INTS2, INTS, SINGLES3, OUT_SINGLES2, SINGLES2, SINGLES, SINGLES3, SINGLES3))
+def attend(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    query: Float32Array,
+    rows: IntArray,
+    key_value: Float32Array,
+    index: IntArray,
+    many: IntArray,
+    relation: Float32Array,
+    out: Float32Array,
+    weight: Float32Array,
+    bias: Float32Array,
+    of_key: Float32Array,
+    of_value: Float32Array,
+) -> None:
+    """Attend to neighbours, whose keys and values also know how they lie and move relative to an agent.
+
+    Args:
+        query: (m, W) of the agents in the `rows` (m,) of all n.
+        key_value: (n, 2 W) keys, then values.
+        index, many: see :func:`find_neighbours`.
+        relation: see :func:`relate`.
+        out: (m, W) what each has heard.
+        weight, bias: (c, RELATION_CHANNELS) and (c,) of the layer that reads a relation.
+        of_key, of_value: (heads, c, W / heads) and (heads, W / heads, c), what it adds to keys and values: as it does
+            so by a matrix, it is taken out of the sums over neighbours and applied once an agent.
+    """
+    heads, width, _ = of_key.shape
+    lanes = -(-len(rows) // LANES) * LANES
+    near = np.empty((index.shape[1], width, lanes), np.float32)
+    weights = np.zeros((index.shape[1], heads, lanes), np.float32)
+    read_relations(relation, rows, many, weight, bias, near)
+    weigh_relations(query, of_key, near, weights)
+    weigh_keys(query, rows, key_value, index, many, weights)
+    share(rows, many, weights)
+    hear_values(weights, rows, key_value, index, many, out)
+    hear_relations(weights, near, of_value, out)

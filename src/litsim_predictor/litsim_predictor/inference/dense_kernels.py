@@ -1,0 +1,118 @@
+"""Layers of networks in single precision, as compiled kernels.
+
+Every row of a result is summed in one order, whatever rows are beside it: an agent is answered alike to the last bit,
+alone, in a scene, and among many scenes. That is also what a compiler may not change. So loops are written such that
+neighbours in the last dimension do not depend on each other, of which the processor then computes many at a time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from litsim_predictor.forecast import Float32Array
+from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES, SINGLES2, float32, kernel, void
+
+ROWS, INNER = 4, 4  # of a block of a product: of what is loaded, each value is used four times
+EPSILON = 1e-5  # added to the variance of a row: PyTorch's
+
+# tanh(x) = x P(x^2) / Q(x^2) up to TANH_END, where it is 1 in single precision: least squares of the relative error,
+# weighted until it was even; 3e-7 remain, most of it rounding.
+TANH_END = 9.0
+P0, P1, P2, P3, P4 = 0.999999979, 0.13381025, 0.0034955874, 2.0609071e-05, 1.33546471e-08
+Q1, Q2, Q3, Q4 = 0.467143406, 0.0258769794, 0.000328563366, 7.77655213e-07
+
+
+@kernel(float32(float32))
+def tanh(x: np.float32) -> np.float32:
+    """The hyperbolic tangent, by arithmetic alone, so that many are computed at a time."""
+    x = min(max(x, -float32(TANH_END)), float32(TANH_END))
+    y = x * x
+    above = (((float32(P4) * y + float32(P3)) * y + float32(P2)) * y + float32(P1)) * y + float32(P0)
+    below = (((float32(Q4) * y + float32(Q3)) * y + float32(Q2)) * y + float32(Q1)) * y + float32(1.0)
+    return x * above / below
+
+
+@kernel(float32(float32))
+def sigmoid(x: np.float32) -> np.float32:
+    """The logistic function, likewise."""
+    return float32(0.5) + float32(0.5) * tanh(float32(0.5) * x)
+
+
+@kernel(float32(float32))
+def exp(x: np.float32) -> np.float32:
+    """The exponential of `x`, at most 0, to 1e-7; likewise."""
+    half = tanh(float32(0.5) * x)
+    return (float32(1.0) + half) / (float32(1.0) - half)
+
+
+@kernel(void(SINGLES2, SINGLES2, OUT_SINGLES2))
+def add_product(values: Float32Array, weight: Float32Array, out: Float32Array) -> None:
+    """Add to `out` (m, n) the product of `values` (m, k) and `weight` (k, n)."""
+    rows, inner, columns = values.shape[0], values.shape[1], weight.shape[1]
+    whole, last = rows - rows % ROWS, inner - inner % INNER
+    for i in range(0, whole, ROWS):
+        out0, out1, out2, out3 = out[i], out[i + 1], out[i + 2], out[i + 3]
+        for k in range(0, last, INNER):
+            w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
+            a0, a1, a2, a3 = values[i, k], values[i, k + 1], values[i, k + 2], values[i, k + 3]
+            b0, b1, b2, b3 = values[i + 1, k], values[i + 1, k + 1], values[i + 1, k + 2], values[i + 1, k + 3]
+            c0, c1, c2, c3 = values[i + 2, k], values[i + 2, k + 1], values[i + 2, k + 2], values[i + 2, k + 3]
+            d0, d1, d2, d3 = values[i + 3, k], values[i + 3, k + 1], values[i + 3, k + 2], values[i + 3, k + 3]
+            for j in range(columns):
+                out0[j] = (((out0[j] + a0 * w0[j]) + a1 * w1[j]) + a2 * w2[j]) + a3 * w3[j]
+                out1[j] = (((out1[j] + b0 * w0[j]) + b1 * w1[j]) + b2 * w2[j]) + b3 * w3[j]
+                out2[j] = (((out2[j] + c0 * w0[j]) + c1 * w1[j]) + c2 * w2[j]) + c3 * w3[j]
+                out3[j] = (((out3[j] + d0 * w0[j]) + d1 * w1[j]) + d2 * w2[j]) + d3 * w3[j]
+    for i in range(whole, rows):  # the same sums, of one row at a time
+        for k in range(0, last, INNER):
+            w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
+            a0, a1, a2, a3 = values[i, k], values[i, k + 1], values[i, k + 2], values[i, k + 3]
+            for j in range(columns):
+                out[i, j] = (((out[i, j] + a0 * w0[j]) + a1 * w1[j]) + a2 * w2[j]) + a3 * w3[j]
+    for i in range(rows):
+        for k in range(last, inner):
+            a0 = values[i, k]
+            for j in range(columns):
+                out[i, j] += a0 * weight[k, j]
+
+
+@kernel(void(SINGLES2, SINGLES2, SINGLES, OUT_SINGLES2))
+def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
+    """Write to `out` (m, n) the product of `values` (m, k) and `weight` (k, n) plus `bias` (n,)."""
+    for i in range(len(out)):
+        out[i] = bias
+    add_product(values, weight, out)
+
+
+@kernel(void(OUT_SINGLES2))
+def rectify(values: Float32Array) -> None:
+    """Put 0 in the place of negative `values` (m, n)."""
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            values[i, j] = max(values[i, j], float32(0.0))
+
+
+@kernel(void(SINGLES2, SINGLES2, SINGLES, SINGLES, OUT_SINGLES2))
+def add_and_normalise(
+    values: Float32Array, more: Float32Array, gain: Float32Array, bias: Float32Array, out: Float32Array
+) -> None:
+    """Write to `out` (m, n) the sums of `values` and `more` at mean 0 and variance 1 of each row, times gain plus bias.
+
+    Layer normalisation (Ba et al. 2016).
+    """
+    rows, columns = values.shape
+    count = float32(columns)
+    for i in range(rows):
+        total, squares = float32(0.0), float32(0.0)
+        for j in range(columns):
+            out[i, j] = values[i, j] + more[i, j]
+            total += out[i, j]
+        mean = total / count
+        for j in range(columns):
+            out[i, j] -= mean
+            squares += out[i, j] * out[i, j]
+        scale = float32(1.0) / math.sqrt(squares / count + float32(EPSILON))
+        for j in range(columns):
+            out[i, j] = out[i, j] * scale * gain[j] + bias[j]

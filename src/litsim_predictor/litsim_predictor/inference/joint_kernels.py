@@ -1,0 +1,125 @@
+"""Where the joint predictor begins and ends, as compiled kernels in single precision: see :mod:`.joint_network`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from litsim_predictor.forecast import Float32Array
+from litsim_predictor.inference.dense_kernels import linear, rectify, sigmoid, tanh
+from litsim_predictor.inference.joint_units import CORRELATION_LIMIT, SCALE_FLOOR
+from litsim_sim.core.compiled import (
+    BOOLS2,
+    OUT_INTS,
+    OUT_SINGLES2,
+    OUT_SINGLES3,
+    SINGLES,
+    SINGLES2,
+    SINGLES3,
+    float32,
+    float64,
+    kernel,
+    void,
+)
+from litsim_sim.core.scene import BoolArray, IntArray
+
+SOFT_UNTIL = 20.0  # beyond, log(1 + exp(x)) is x in single precision
+
+
+@kernel(void(SINGLES3, BOOLS2, OUT_SINGLES2, SINGLES2, SINGLES, SINGLES3, SINGLES2, SINGLES3, SINGLES2))
+def encode_histories(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    history: Float32Array,
+    observed: BoolArray,
+    out: Float32Array,
+    embed: Float32Array,
+    embed_bias: Float32Array,
+    of_input: Float32Array,
+    input_bias: Float32Array,
+    of_state: Float32Array,
+    state_bias: Float32Array,
+) -> None:
+    """Read histories forwards and backwards by a gated recurrent unit (Cho et al. 2014).
+
+    Args:
+        history, observed: (n, T, C) and (n, T).
+        out: (n, 2 w) the last states of both directions.
+        embed, embed_bias: (C + 1, w) and (w,) of the layer that reads a step, `observed` its last channel.
+        of_input, input_bias, of_state, state_bias: (2, w, 3 w) and (2, 3 w) of each direction: of the reset gate, the
+            update gate and the new state.
+    """
+    agents, steps, channels = history.shape
+    width = embed.shape[1]
+    read = np.empty((agents, channels + 1), np.float32)
+    embedded = np.empty((steps, agents, width), np.float32)
+    for t in range(steps):
+        for i in range(agents):
+            for c in range(channels):
+                read[i, c] = history[i, t, c]
+            read[i, channels] = float32(1.0) if observed[i, t] else float32(0.0)
+        linear(read, embed, embed_bias, embedded[t])
+        rectify(embedded[t])
+    state = np.empty((agents, width), np.float32)
+    given, kept = np.empty((agents, 3 * width), np.float32), np.empty((agents, 3 * width), np.float32)
+    for direction in range(2):
+        state[:] = float32(0.0)
+        for step in range(steps):
+            t = step if direction == 0 else steps - 1 - step
+            linear(embedded[t], of_input[direction], input_bias[direction], given)
+            linear(state, of_state[direction], state_bias[direction], kept)
+            for i in range(agents):
+                for j in range(width):
+                    reset = sigmoid(given[i, j] + kept[i, j])
+                    update = sigmoid(given[i, width + j] + kept[i, width + j])
+                    new = tanh(given[i, 2 * width + j] + reset * kept[i, 2 * width + j])
+                    state[i, j] = new + update * (state[i, j] - new)
+        for i in range(agents):
+            for j in range(width):
+                out[i, direction * width + j] = state[i, j]
+
+
+@kernel(void(SINGLES2, OUT_SINGLES2, OUT_INTS))
+def choose_maneuvers(logits: Float32Array, probability: Float32Array, best: IntArray) -> None:
+    """Write the probabilities (m, K) of manoeuvres with `logits` (m, K), and which is the most probable (m,)."""
+    for i in range(len(logits)):
+        best[i] = 0
+        for k in range(logits.shape[1]):
+            if logits[i, k] > logits[i, best[i]]:
+                best[i] = k
+        total = float32(0.0)
+        for k in range(logits.shape[1]):
+            probability[i, k] = math.exp(logits[i, k] - logits[i, best[i]])
+            total += probability[i, k]
+        for k in range(logits.shape[1]):
+            probability[i, k] /= total
+
+
+@kernel(void(SINGLES3, SINGLES2, float64, OUT_SINGLES3, OUT_SINGLES3, OUT_SINGLES2))
+def write_gaussians(
+    raw: Float32Array,
+    state: Float32Array,
+    dt: float,
+    mean: Float32Array,
+    scale: Float32Array,
+    correlation: Float32Array,
+) -> None:
+    """Read what a decoder has said as Gaussians around constant velocity.
+
+    Args:
+        raw: (m, T, GAUSSIAN_CHANNELS) velocity to be added [m/s], two scales and a correlation without bounds.
+        state: (m, STATE_CHANNELS).
+        dt: between steps [s].
+        mean, scale: (m, T, 2) [m].
+        correlation: (m, T).
+    """
+    for i in range(len(raw)):
+        along, aside = state[i, 2] * math.cos(state[i, 3]), state[i, 2] * math.sin(state[i, 3])
+        for t in range(raw.shape[1]):
+            time = float32(dt) * float32(t + 1)
+            mean[i, t, 0] = along * time + time * raw[i, t, 0]
+            mean[i, t, 1] = aside * time + time * raw[i, t, 1]
+            for axis in range(2):
+                wide = raw[i, t, 2 + axis]
+                soft = wide if wide > float32(SOFT_UNTIL) else math.log1p(math.exp(wide))
+                scale[i, t, axis] = soft + float32(SCALE_FLOOR)
+            correlation[i, t] = float32(CORRELATION_LIMIT) * tanh(raw[i, t, 4])

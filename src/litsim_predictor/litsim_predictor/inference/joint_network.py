@@ -1,0 +1,300 @@
+"""The joint predictor run by compiled kernels: of its trained weights alone, without torch and without a graph."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from litsim_predictor.forecast import Float32Array
+from litsim_predictor.inference.attention_kernels import attend, find_neighbours, relate
+from litsim_predictor.inference.contract import (
+    DT,
+    HISTORY_CHANNELS,
+    HORIZON,
+    MANEUVERS,
+    STATE_CHANNELS,
+    AgentFutures,
+    AgentInputs,
+)
+from litsim_predictor.inference.dense_kernels import add_and_normalise, linear, rectify
+from litsim_predictor.inference.joint_kernels import choose_maneuvers, encode_histories, write_gaussians
+from litsim_predictor.inference.joint_units import (
+    GAUSSIAN_CHANNELS,
+    HEADS,
+    HISTORY_UNITS,
+    LAYERS,
+    MAP_MIDDLE,
+    NEIGHBOURS,
+    REACH,
+    RELATION_CHANNELS,
+    RELATION_UNITS,
+    RELATION_WIDTH,
+    STATE_UNITS,
+)
+from litsim_predictor.inference.map_kernels import (
+    HALF_COLUMNS,
+    HALF_ROWS,
+    KERNEL,
+    QUARTER_COLUMNS,
+    QUARTER_ROWS,
+    encode_map,
+    starts_apart,
+    starts_in_halves,
+)
+from litsim_predictor.inference.map_memory import MapMemory
+from litsim_predictor.inference.raster import CHANNELS
+from litsim_predictor.inference.weights import Provenance, Weights
+from litsim_sim.core.scene import ByteArray, IntArray
+
+
+def runs(provenance: Provenance) -> bool:
+    """Whether :class:`JointNetwork` runs models of this kind and configuration."""
+    parameters = provenance.parameters
+    return (
+        provenance.model == "joint"
+        and bool(parameters.get("relative", True))
+        and parameters.get("decoder", "direct") == "direct"
+    )
+
+
+class Linear:
+    """A layer y = x W + b, rectified or not.
+
+    Args:
+        weight: (out, in), as trained.
+        bias: (out,).
+        units: (in,) by which the values that it is given are divided.
+        rectified: whether negative values become 0.
+    """
+
+    def __init__(
+        self, weight: Float32Array, bias: Float32Array, units: Sequence[float] = (1.0,), *, rectified: bool = False
+    ) -> None:
+        self.weight: Float32Array = np.ascontiguousarray((weight / np.array(units, np.float32)).T)
+        self.bias, self._rectified = bias, rectified
+
+    def __call__(self, values: Float32Array) -> Float32Array:
+        """(n, out) of `values` (n, in)."""
+        out = np.empty((len(values), len(self.bias)), np.float32)
+        linear(values, self.weight, self.bias, out)
+        if self._rectified:
+            rectify(out)
+        return out
+
+
+class MapEncoder:
+    """What the network makes of maps, remembered."""
+
+    def __init__(self, arrays: Mapping[str, Float32Array]) -> None:
+        channels = len(arrays["map.layers.0.bias"])
+        scale = (np.float32(MAP_MIDDLE), np.float32(1.0), np.float32(1.0))
+        starts = (
+            starts_in_halves(CHANNELS),
+            starts_apart(channels, HALF_ROWS, HALF_COLUMNS),
+            starts_apart(channels, QUARTER_ROWS, QUARTER_COLUMNS),
+        )
+        self._convolutions: tuple[Any, ...] = ()
+        for layer, unit, start in zip((0, 2, 5), scale, starts, strict=True):
+            weight = (arrays[f"map.layers.{layer}.weight"] / unit).reshape(channels, -1)
+            self._convolutions += (start, weight, arrays[f"map.layers.{layer}.bias"])
+        self._last = Linear(arrays["map.layers.8.weight"], arrays["map.layers.8.bias"], rectified=True)
+        self._memory = MapMemory(len(self._last.bias))
+
+    def __call__(self, raster: ByteArray) -> Float32Array:
+        """Codes (n, width) of maps (n, CHANNELS, ROWS, COLUMNS)."""
+        maps = self._memory.look_up(raster)
+        if not len(maps.new):
+            return maps.known[maps.code_of]
+        convolved = np.empty((len(maps.new), self._last.weight.shape[0]), np.float32)
+        for raster_row, row in zip(maps.new, convolved, strict=True):
+            encode_map(raster_row, row, *self._convolutions)
+        codes = self._last(convolved)
+        self._memory.keep(maps, codes)
+        return np.concatenate([maps.known, codes])[maps.code_of]
+
+
+class HistoryEncoder:
+    """What the network makes of histories."""
+
+    def __init__(self, arrays: Mapping[str, Float32Array]) -> None:
+        gru = {name.removeprefix("history.gru."): array for name, array in arrays.items()}
+        directions = ("_l0", "_l0_reverse")
+        self._channels = arrays["history.embed.0.weight"].shape[1] - 1
+        embed = arrays["history.embed.0.weight"] / np.array([*HISTORY_UNITS[: self._channels], 1.0], np.float32)
+        self._layers: tuple[Any, ...] = (
+            np.ascontiguousarray(embed.T),
+            arrays["history.embed.0.bias"],
+            *(
+                np.stack([np.ascontiguousarray(gru[f"{what}_{of}{direction}"].T) for direction in directions])
+                for of in ("ih", "hh")
+                for what in ("weight", "bias")
+            ),
+        )
+        self._width = 2 * gru["weight_hh_l0"].shape[1]
+
+    def __call__(self, inputs: AgentInputs) -> Float32Array:
+        """Codes (n, width)."""
+        out = np.empty((len(inputs.history), self._width), np.float32)
+        history = np.ascontiguousarray(inputs.history[..., : self._channels])
+        encode_histories(history, inputs.observed, out, *self._layers)
+        return out
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Those near each of n agents; see :func:`.attention_kernels.find_neighbours` and :func:`relate` there."""
+
+    index: IntArray
+    many: IntArray
+    relation: Float32Array
+
+
+class Attention:
+    """Attention of agents to their neighbours.
+
+    Args:
+        arrays: of this layer.
+        heads: of it.
+    """
+
+    def __init__(self, arrays: Mapping[str, Float32Array], heads: int) -> None:
+        weight, bias = arrays["query.weight"], arrays["query.bias"]
+        size = len(bias) // heads
+        scale = np.float32(size**-0.5)
+        self._query = Linear(weight * scale, bias * scale)
+        of_relation, relation_bias = arrays["relation.2.weight"], arrays["relation.2.bias"]
+        self._key_value = Linear(arrays["key_value.weight"], arrays["key_value.bias"] + relation_bias)
+        related = arrays["relation.0.weight"] / np.array(RELATION_UNITS, np.float32)
+        of_key, of_value = of_relation.reshape(2, heads, size, -1)
+        self._related: tuple[Any, ...] = (
+            related,
+            arrays["relation.0.bias"],
+            np.ascontiguousarray(of_key.swapaxes(1, 2)),
+            of_value,
+        )
+        self._out = Linear(arrays["out.weight"], arrays["out.bias"])
+        self._norm = (arrays["norm.weight"], arrays["norm.bias"])
+
+    def __call__(self, agents: Float32Array, near: Neighbours, rows: IntArray) -> Float32Array:
+        """The codes (m, W) of those in the `rows` (m,) of `agents` (n, W), with what each hears of others added."""
+        asking = agents[rows]
+        heard, out = np.empty_like(asking), np.empty_like(asking)
+        key_value = self._key_value(agents)
+        attend(self._query(asking), rows, key_value, near.index, near.many, near.relation, heard, *self._related)
+        add_and_normalise(asking, self._out(heard), *self._norm, out)
+        return out
+
+
+class JointNetwork:
+    """A joint predictor ready to answer; equal inputs give equal bits, in whatever process and among whatever others.
+
+    Args:
+        weights: of a model that :func:`runs` says it runs.
+
+    Raises:
+        InputError: the weights are not those of such a model.
+    """
+
+    def __init__(self, weights: Weights) -> None:
+        parameters = weights.provenance.parameters
+        weights.check(shapes(parameters))
+        arrays = weights.arrays
+        self._neighbours, self._reach = parameters.get("neighbours", NEIGHBOURS), parameters.get("reach", REACH)
+        self._maps, self._histories = MapEncoder(arrays), HistoryEncoder(arrays)
+        self._states = Linear(arrays["state.0.weight"], arrays["state.0.bias"], STATE_UNITS, rectified=True)
+        self._layers = [
+            Attention(_part(arrays, f"relative.{layer}."), parameters.get("heads", HEADS))
+            for layer in range(parameters.get("layers", LAYERS))
+        ]
+        self._hidden, self._logits = (
+            Linear(arrays[f"maneuver.{layer}.weight"], arrays[f"maneuver.{layer}.bias"], rectified=layer == 0)
+            for layer in (0, 2)
+        )
+        self._maneuvers = arrays["decoder.maneuver.weight"]
+        self._decoder = [
+            Linear(
+                arrays[f"decoder.layers.{layer}.weight"], arrays[f"decoder.layers.{layer}.bias"], rectified=layer < 4
+            )
+            for layer in (0, 2, 4)
+        ]
+
+    def __call__(self, inputs: AgentInputs, asked: IntArray) -> AgentFutures:
+        """See :class:`.contract.Network`."""
+        agents = np.concatenate(
+            [self._maps(inputs.raster), self._histories(inputs), self._states(inputs.state)], axis=1
+        )
+        near = self._near(inputs)
+        everybody = np.arange(len(agents))
+        for layer in self._layers[:-1]:
+            agents = layer(agents, near, everybody)
+        return self._decoded(self._layers[-1](agents, near, asked), inputs.state[asked])
+
+    def _near(self, inputs: AgentInputs) -> Neighbours:
+        n = len(inputs.frame)
+        position = (inputs.frame[:, :2] - inputs.frame[:1, :2]).astype(np.float32)
+        near = Neighbours(
+            np.empty((n, self._neighbours + 1), np.int64),
+            np.empty(n, np.int64),
+            np.empty((n, self._neighbours + 1, RELATION_CHANNELS), np.float32),
+        )
+        find_neighbours(position, self._reach, near.index, near.many)
+        relate(
+            position, inputs.frame[:, 2].astype(np.float32), inputs.state[:, 2], near.index, near.many, near.relation
+        )
+        return near
+
+    def _decoded(self, agents: Float32Array, state: Float32Array) -> AgentFutures:
+        """The futures of the most probable manoeuvres of agents (m, W), whose states are `state`."""
+        m = len(agents)
+        maneuver, best = np.empty((m, len(MANEUVERS)), np.float32), np.empty(m, np.int64)
+        choose_maneuvers(self._logits(self._hidden(agents)), maneuver, best)
+        raw = agents + self._maneuvers[best]
+        for layer in self._decoder:
+            raw = layer(raw)
+        mean, scale = np.empty((m, HORIZON, 2), np.float32), np.empty((m, HORIZON, 2), np.float32)
+        correlation = np.empty((m, HORIZON), np.float32)
+        write_gaussians(raw.reshape(m, HORIZON, GAUSSIAN_CHANNELS), state, DT, mean, scale, correlation)
+        return AgentFutures(maneuver, mean, scale, correlation)
+
+
+def shapes(parameters: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
+    """Shapes of the weights of a joint predictor with these parameters; see :class:`.learned.models.joint`."""
+    maps, channels = parameters.get("map_width", 64), parameters.get("map_channels", 16)
+    history, hidden = parameters.get("history_width", 64), parameters.get("hidden", 128)
+    state, read = parameters.get("state_width", 32), parameters.get("history_channels", HISTORY_CHANNELS)
+    width, half = maps + history + state, history // 2
+    found: dict[str, tuple[int, ...]] = {}
+
+    def layer(name: str, *shape: int) -> None:
+        found[f"{name}.weight"], found[f"{name}.bias"] = shape, shape[:1]
+
+    layer("map.layers.0", channels, CHANNELS, KERNEL, KERNEL)
+    layer("map.layers.2", channels, channels, KERNEL, KERNEL)
+    layer("map.layers.5", channels, channels, KERNEL, KERNEL)
+    layer("map.layers.8", maps, channels * QUARTER_ROWS * QUARTER_COLUMNS)
+    layer("history.embed.0", half, read + 1)
+    for direction in ("l0", "l0_reverse"):
+        for of in ("ih", "hh"):
+            found[f"history.gru.weight_{of}_{direction}"] = (3 * half, half)
+            found[f"history.gru.bias_{of}_{direction}"] = (3 * half,)
+    layer("state.0", state, STATE_CHANNELS)
+    for number in range(parameters.get("layers", LAYERS)):
+        for name, out in (("query", width), ("key_value", 2 * width), ("out", width)):
+            layer(f"relative.{number}.{name}", out, width)
+        layer(f"relative.{number}.relation.0", RELATION_WIDTH, RELATION_CHANNELS)
+        layer(f"relative.{number}.relation.2", 2 * width, RELATION_WIDTH)
+        layer(f"relative.{number}.norm", width)
+    layer("maneuver.0", hidden, width)
+    layer("maneuver.2", len(MANEUVERS), hidden)
+    found["decoder.maneuver.weight"] = (len(MANEUVERS), width)
+    for number, shape in ((0, (hidden, width)), (2, (hidden, hidden)), (4, (HORIZON * GAUSSIAN_CHANNELS, hidden))):
+        layer(f"decoder.layers.{number}", *shape)
+    return found
+
+
+def _part(arrays: Mapping[str, Float32Array], prefix: str) -> dict[str, Float32Array]:
+    """Those whose names begin with `prefix`, by the rest of their names."""
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}

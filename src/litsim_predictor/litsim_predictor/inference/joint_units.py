@@ -1,0 +1,25 @@
+"""What the joint predictor knows of the road: units in which it reads, and whom an agent attends to."""
+
+from __future__ import annotations
+
+LENGTH = 20.0  # [m] by which positions are scaled
+LANE = 4.0  # [m] by which lateral distances are scaled
+SPEED = 15.0  # [m/s] by which speeds are scaled
+HISTORY_UNITS = (LENGTH, LENGTH, 1.0, SPEED)
+"""By which the channels of a history are scaled."""
+STATE_UNITS = (LENGTH, LENGTH, SPEED, 1.0)
+"""By which the channels of a state are scaled: they are about as large as 1."""
+NEAR = 5.0  # [m] ahead or behind at which somebody counts as half as near as beside
+RELATION_CHANNELS = 8
+RELATION_UNITS = (LENGTH, LANE, 1.0 / NEAR, 1.0, 1.0, 0.25 * SPEED, SPEED, 1.0)
+"""By which the channels of a relation are scaled: offset ahead and to the left [m], nearness along [1/m], cosine and
+sine of the turn, how much faster, how fast [m/s], and the side in the lane: 1 ahead, -1 behind, 0 beside the lane."""
+HEADS = 8  # of the attention
+NEIGHBOURS = 12  # nearest agents that one attends to, beside itself
+REACH = 80.0  # [m] within which these must be
+MAP_MIDDLE = 127.5  # of the bytes of a map, which are read as -1 to 1
+SCALE_FLOOR = 0.02  # [m] least standard deviation: below what the recordings measure
+CORRELATION_LIMIT = 0.95
+GAUSSIAN_CHANNELS = 5  # what is said of a step: mean x and y, two scales, correlation
+LAYERS = 2  # of attention
+RELATION_WIDTH = 64  # of the layer that reads a relation

@@ -1,0 +1,154 @@
+"""What the joint predictor makes of maps, as compiled kernels in single precision: see :mod:`.joint_network`.
+
+Planes of a map have borders and lie behind each other in one array: each cell of a convolution's kernel is the whole
+plane, shifted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_predictor.forecast import Float32Array
+from litsim_predictor.inference.dense_kernels import INNER
+from litsim_predictor.inference.joint_units import MAP_MIDDLE
+from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
+from litsim_sim.core.compiled import (
+    INTS,
+    OUT_SINGLES,
+    OUT_SINGLES2,
+    SINGLES,
+    SINGLES2,
+    float32,
+    int64,
+    kernel,
+    read_array,
+    uint8,
+    void,
+)
+from litsim_sim.core.scene import ByteArray, IntArray
+
+BYTES3 = read_array(uint8, 3)
+KERNEL = 3  # cells along each side of a convolution's kernel
+HALF_ROWS, HALF_COLUMNS = ROWS // 2, COLUMNS // 2
+QUARTER_ROWS, QUARTER_COLUMNS = ROWS // 4, COLUMNS // 4
+HALVES = 4 * (HALF_ROWS + 1) * (HALF_COLUMNS + 1)
+"""Cells of a channel whose even and odd rows and columns are planes of their own, with a border before them alone."""
+
+
+@kernel(void(SINGLES, INTS, SINGLES2, SINGLES, OUT_SINGLES2))
+def convolve(
+    planes: Float32Array, starts: IntArray, weight: Float32Array, bias: Float32Array, out: Float32Array
+) -> None:
+    """Write to `out` (o, p) `bias` (o,) and the sum over r of `weight` (o, r) times `planes` from `starts` (r,) on.
+
+    What is negative is 0.
+    """
+    cells, inner = out.shape[1], weight.shape[1]
+    last = inner - inner % INNER
+    for o in range(len(out)):
+        here = out[o]
+        here[:] = bias[o]
+        for r in range(0, last, INNER):
+            w0, w1, w2, w3 = weight[o, r], weight[o, r + 1], weight[o, r + 2], weight[o, r + 3]
+            p0, p1, p2, p3 = (
+                planes[starts[r] :],
+                planes[starts[r + 1] :],
+                planes[starts[r + 2] :],
+                planes[starts[r + 3] :],
+            )
+            for p in range(cells):
+                here[p] = (((here[p] + w0 * p0[p]) + w1 * p1[p]) + w2 * p2[p]) + w3 * p3[p]
+        for r in range(last, inner):
+            w0, p0 = weight[o, r], planes[starts[r] :]
+            for p in range(cells):
+                here[p] += w0 * p0[p]
+        for p in range(cells):
+            here[p] = max(here[p], float32(0.0))
+
+
+@kernel(void(BYTES3, OUT_SINGLES))
+def split_halves(raster: ByteArray, planes: Float32Array) -> None:
+    """Write a map (CHANNELS, ROWS, COLUMNS) into planes for a convolution with a stride of 2; see :data:`HALVES`."""
+    for c in range(CHANNELS):
+        for y in range(ROWS):
+            for x in range(COLUMNS):
+                plane = 4 * c + 2 * (y % 2) + x % 2
+                at = (plane * (HALF_ROWS + 1) + y // 2 + 1) * (HALF_COLUMNS + 1) + x // 2 + 1
+                planes[at] = float32(raster[c, y, x]) - float32(MAP_MIDDLE)
+
+
+@kernel(void(SINGLES2, int64, OUT_SINGLES))
+def with_borders(convolved: Float32Array, stride: int, planes: Float32Array) -> None:
+    """Write what was convolved, (channels, ...) with rows `stride` apart, into planes with borders of 1."""
+    for c in range(len(convolved)):
+        for y in range(HALF_ROWS):
+            for x in range(HALF_COLUMNS):
+                planes[(c * (HALF_ROWS + 2) + y + 1) * (HALF_COLUMNS + 2) + x + 1] = convolved[c, y * stride + x]
+
+
+@kernel(void(SINGLES2, int64, OUT_SINGLES))
+def pooled(convolved: Float32Array, stride: int, planes: Float32Array) -> None:
+    """Write the largest of each 2 by 2 cells of what was convolved into planes with borders of 1."""
+    for c in range(len(convolved)):
+        for y in range(QUARTER_ROWS):
+            for x in range(QUARTER_COLUMNS):
+                at = 2 * y * stride + 2 * x
+                upper = max(convolved[c, at], convolved[c, at + 1])
+                lower = max(convolved[c, at + stride], convolved[c, at + stride + 1])
+                planes[(c * (QUARTER_ROWS + 2) + y + 1) * (QUARTER_COLUMNS + 2) + x + 1] = max(upper, lower)
+
+
+@kernel(
+    void(BYTES3, OUT_SINGLES, *(INTS, SINGLES2, SINGLES), *(INTS, SINGLES2, SINGLES), *(INTS, SINGLES2, SINGLES)),
+)
+def encode_map(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    raster: ByteArray,
+    out: Float32Array,
+    starts1: IntArray,
+    weight1: Float32Array,
+    bias1: Float32Array,
+    starts2: IntArray,
+    weight2: Float32Array,
+    bias2: Float32Array,
+    starts3: IntArray,
+    weight3: Float32Array,
+    bias3: Float32Array,
+) -> None:
+    """Convolve, convolve, pool and convolve a map, each time rectified.
+
+    Args:
+        raster: (CHANNELS, ROWS, COLUMNS).
+        out: (channels * QUARTER_ROWS * QUARTER_COLUMNS,).
+        starts1, weight1, bias1: of the first convolution, see :func:`convolve`; then of the others.
+    """
+    channels = len(bias1)
+    wide1, wide2, wide3 = HALF_COLUMNS + 1, HALF_COLUMNS + 2, QUARTER_COLUMNS + 2
+    planes1 = np.zeros(CHANNELS * HALVES, np.float32)
+    planes2 = np.zeros(channels * (HALF_ROWS + 2) * wide2, np.float32)
+    planes3 = np.zeros(channels * (QUARTER_ROWS + 2) * wide3, np.float32)
+    out1 = np.empty((channels, (HALF_ROWS - 1) * wide1 + HALF_COLUMNS), np.float32)
+    out2 = np.empty((channels, (HALF_ROWS - 1) * wide2 + HALF_COLUMNS), np.float32)
+    out3 = np.empty((channels, (QUARTER_ROWS - 1) * wide3 + QUARTER_COLUMNS), np.float32)
+    split_halves(raster, planes1)
+    convolve(planes1, starts1, weight1, bias1, out1)
+    with_borders(out1, wide1, planes2)
+    convolve(planes2, starts2, weight2, bias2, out2)
+    pooled(out2, wide2, planes3)
+    convolve(planes3, starts3, weight3, bias3, out3)
+    for c in range(channels):
+        for y in range(QUARTER_ROWS):
+            for x in range(QUARTER_COLUMNS):
+                out[(c * QUARTER_ROWS + y) * QUARTER_COLUMNS + x] = out3[c, y * wide3 + x]
+
+
+def starts_apart(channels: int, rows: int, columns: int) -> IntArray:
+    """Where each cell of a kernel (channels, KERNEL, KERNEL) starts, in planes of (rows, columns) with borders of 1."""
+    c, y, x = np.ogrid[:channels, :KERNEL, :KERNEL]
+    return np.asarray((c * (rows + 2) + y) * (columns + 2) + x).ravel()
+
+
+def starts_in_halves(channels: int) -> IntArray:
+    """Likewise in the planes of :data:`HALVES`."""
+    c, y, x = np.ogrid[:channels, :KERNEL, :KERNEL]
+    plane = 4 * c + 2 * (y != 1) + (x != 1)
+    return np.asarray((plane * (HALF_ROWS + 1) + (y > 0)) * (HALF_COLUMNS + 1) + (x > 0)).ravel()

@@ -1,0 +1,65 @@
+"""The joint predictor by kernels: every agent alike, to the last bit, whatever else is asked or seen."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from litsim_predictor.inference.contract import AgentFutures, AgentInputs
+from litsim_predictor.inference.joint_network import JointNetwork, runs, shapes
+from litsim_predictor.inference.weights import read_weights
+from made_agents import scene
+
+
+@pytest.fixture(scope="module")
+def network() -> JointNetwork:
+    return JointNetwork(read_weights("default"))
+
+
+def rows(inputs: AgentInputs, which: list[int]) -> AgentInputs:
+    return replace(inputs, **{field.name: getattr(inputs, field.name)[which] for field in fields(inputs)})
+
+
+def both(a: AgentInputs, b: AgentInputs) -> AgentInputs:
+    joined = {f.name: np.concatenate([getattr(a, f.name), getattr(b, f.name)]) for f in fields(a)}
+    return AgentInputs(**joined)
+
+
+def assert_rows_equal(some: AgentFutures, of: AgentFutures, which: list[int]) -> None:
+    for field in fields(some):
+        assert np.array_equal(getattr(some, field.name), getattr(of, field.name)[which]), field.name
+
+
+@pytest.mark.parametrize("which", [[0], [19], [3, 4, 11], [11, 3], list(range(19, -1, -1))])
+def test_who_is_asked_with_others_is_answered_as_alone(network: JointNetwork, which: list[int]) -> None:
+    inputs = scene(20)
+    assert_rows_equal(network(inputs, np.array(which)), network(inputs, np.arange(20)), which)
+
+
+def test_who_is_out_of_reach_changes_no_bit(network: JointNetwork) -> None:
+    """Far away beyond all reach another scene begins: as if each were alone."""
+    here, far = scene(30), scene(17, seed=1)
+    # Whole metres, in single precision without rounding: places are told relative to the first agent's.
+    here, far = (replace(each, frame=np.rint(each.frame)) for each in (here, far))
+    far = replace(far, frame=far.frame + np.array([4096.0, 0.0, 0.0]))
+    together = network(both(here, far), np.arange(47))
+    assert_rows_equal(network(here, np.arange(30)), together, list(range(30)))
+    assert_rows_equal(network(far, np.arange(17)), together, list(range(30, 47)))
+
+
+def test_who_is_near_does(network: JointNetwork) -> None:
+    everybody = scene(8)
+    without = network(rows(everybody, list(range(7))), np.arange(7))
+    assert not np.array_equal(without.mean, network(everybody, np.arange(7)).mean)
+
+
+def test_shapes_are_those_of_the_weights_and_odd_models_are_not_run() -> None:
+    provenance = read_weights("default").provenance
+    weights = read_weights("default")
+    assert shapes(provenance.parameters) == {name: array.shape for name, array in weights.arrays.items()}
+    assert runs(provenance)
+    for parameters in ({"relative": False}, {"decoder": "recurrent"}):
+        assert not runs(replace(provenance, parameters=parameters))
+    assert not runs(read_weights("paper").provenance) and not runs(read_weights("bat").provenance)
