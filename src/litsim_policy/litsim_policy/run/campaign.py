@@ -7,6 +7,7 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 
+from litsim_policy.run.case_batch import batches
 from litsim_policy.run.case_run import TIME_LIMIT_S, RunOutcome, RunStopped, is_elsewhere, run_over_graph
 from litsim_policy.run.workers import Workers
 from litsim_sim.campaign.case import GRAPH, Case
@@ -44,13 +45,14 @@ class LocalRuns:
     def run(self, cases: Sequence[Case]) -> Generator[RunResult, None, None]:
         """Run `cases`; the result of each as it comes, stored by then.
 
-        Whatever ends it early, such as Ctrl-C, ends the runs in progress first; nothing is stored of them.
+        Runs in process are stepped together where they can be, and are over together. Whatever ends it early, such as
+        Ctrl-C, ends the runs in progress first; nothing is stored of them.
         """
         with Workers() as workers, ThreadPoolExecutor(self.processes) as threads:
-            pending = [threads.submit(self._run_one, case, workers) for case in cases]
+            pending = [threads.submit(self._run, some, workers) for some in batches(cases, self.processes)]
             try:
                 for future in as_completed(pending):
-                    yield future.result()
+                    yield from future.result()
             except BaseException:
                 without_interrupts(lambda: self._stop(workers, threads))
                 raise
@@ -61,24 +63,26 @@ class LocalRuns:
         workers.close()
         threads.shutdown()
 
-    def _run_one(self, case: Case, workers: Workers) -> RunResult:
-        """The result of a case, stored.
+    def _run(self, cases: Sequence[Case], workers: Workers) -> list[RunResult]:
+        """The results of `cases`, stored: one over DDS, or some in process.
 
         Raises:
             RunStopped: the campaign has ended meanwhile.
         """
-        folder = self.folder.clear(case)
+        folders = [self.folder.clear(case) for case in cases]
         try:
-            outcome = self._over_graph(case) if case.shell == GRAPH else workers.run(case, folder)
+            over_graph = cases[0].shell == GRAPH
+            outcomes = [self._over_graph(cases[0])] if over_graph else workers.run_batch(cases, folders)
         except RunStopped:
             raise
         except Exception as error:  # noqa: BLE001 - whatever it is, the others are to go on, and the table is to say it
-            outcome = RunOutcome(None, reason(error))
-        if self._stopped.is_set():  # its process was ended: that says nothing about the run
+            outcomes = [RunOutcome(None, reason(error))] * len(cases)
+        if self._stopped.is_set():  # its process was ended: that says nothing about the runs
             raise RunStopped
-        result = outcome.judged(case, self.criteria)
-        self.folder.store(result)
-        return result
+        results = [outcome.judged(case, self.criteria) for case, outcome in zip(cases, outcomes, strict=True)]
+        for result in results:
+            self.folder.store(result)
+        return results
 
     def _over_graph(self, case: Case) -> RunOutcome:
         where = self.folder.run_folder(case)

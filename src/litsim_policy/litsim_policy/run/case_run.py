@@ -25,7 +25,7 @@ from litsim_sim.launch.child import how_it_ended, start_process
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.nodes import GraphOptions, nodes_of
 from litsim_sim.launch.processes import LOG_FOLDER, STACK, check_program
-from litsim_sim.record.run import read_run
+from litsim_sim.record.run import Run, read_run
 from litsim_sim.report.run_report import REPORT_FILE
 from litsim_sim.report.thumbnails import write_thumbnail
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
@@ -111,9 +111,25 @@ def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
     Raises:
         InputError: the run cannot be run, or `folder` not be written.
     """
+    return measured(record(Runner(plan_of(case))), folder)
+
+
+def plan_of(case: Case) -> RunPlan:
+    """What a case runs, its scenario loaded.
+
+    Raises:
+        InputError: the scenario cannot be used.
+    """
     scenario = _scenario(case.scenario).around(case.ego_id, case.seed)
-    plan = RunPlan(scenario, case.ego.kind, case.policy, case.stage_parameters)
-    run = record(Runner(plan))
+    return RunPlan(scenario, case.ego.kind, case.policy, case.stage_parameters)
+
+
+def measured(run: Run, folder: Path | None) -> dict[str, Any]:
+    """Metrics of a run; its picture is left in `folder`, where there is one.
+
+    Raises:
+        InputError: the run has none, or `folder` cannot be written.
+    """
     metrics = compute_metrics(run)
     if folder is not None:
         write_thumbnail(run, metrics, folder)

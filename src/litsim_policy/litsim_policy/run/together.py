@@ -14,6 +14,7 @@ from litsim_policy.ego.registry import Ego
 from litsim_policy.run.runner import StepResult, as_recorded, configured
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.compiled import load_kernels
+from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, EGO
 from litsim_sim.core.takeover import TakeoverTable
@@ -27,14 +28,15 @@ class JoinedRunner:
     """Runs S plans together in this process, without SUMO.
 
     Raises:
-        ValueError: the plans differ in policy or parameters, or their scenarios in kind; see
+        ValueError: the plans differ in policy or in parameters but for the ego's, or their scenarios in kind; see
             :func:`litsim_sim.scenario.joined.kind`.
         InputError: as :class:`litsim_policy.run.runner.Runner`.
     """
 
     def __init__(self, plans: Sequence[RunPlan]) -> None:
         first = plans[0]
-        if any((plan.policy, plan.parameters) != (first.policy, first.parameters) for plan in plans):
+        common = common_parameters(first)
+        if any((plan.policy, common_parameters(plan)) != (first.policy, common) for plan in plans):
             raise ValueError("runs of different policies or parameters cannot be stepped together")
         self.plans = tuple(plans)
         self._joined = JoinedScenario.of([plan.scenario for plan in plans])
@@ -43,7 +45,7 @@ class JoinedRunner:
         self._egos: list[Ego] = [
             configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans
         ]
-        stages = configured(first.ego, first.policy, first.parameters)
+        stages = configured(None, first.policy, common)
         self._answers = _Answers(stages, first.policy, self._joined) if reacts else None
         self.summaries: dict[int, dict[str, Any]] = {}
         """Of the runs that are over, what the world knows of each; see :meth:`World.summary`."""
@@ -81,6 +83,11 @@ class JoinedRunner:
                     self._world.drop(k)
             if len(self.summaries) < len(self.plans):
                 table = self._world.step_together(together, commands)
+
+
+def common_parameters(plan: RunPlan) -> Parameters:
+    """Parameters of the stages that all runs share: of all but the ego."""
+    return {stage: values for stage, values in plan.parameters.items() if stage != EGO}
 
 
 class _Answers:

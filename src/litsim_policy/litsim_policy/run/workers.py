@@ -1,4 +1,4 @@
-"""Processes that run cases one after the other: a crash of one run, in native code too, ends no other."""
+"""Processes that run cases, a batch after the other: a crash of one run, in native code too, ends no other."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import multiprocessing
 import signal
 import threading
 import time
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from litsim_policy.run.case_run import RunFailed, RunOutcome, run_in_process
+from litsim_policy.run.case_batch import Found, run_batch
+from litsim_policy.run.case_run import RunFailed, RunOutcome
 from litsim_sim.campaign.case import Case
-from litsim_sim.core.errors import reason
 from litsim_sim.launch.child import end_with_parent, how_it_ended
 
 
@@ -37,31 +38,44 @@ class Workers:
 
     def run(self, case: Case, folder: Path | None = None) -> RunOutcome:
         """Run a case in this thread's process; its picture is left in `folder`."""
+        (outcome,) = self.run_batch([case], [folder])
+        return outcome
+
+    def run_batch(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[RunOutcome]:
+        """Run cases in this thread's process, together where they can be; their pictures are left in their folders.
+
+        The wall time of each is its share. Where the process ends, each of them is run alone, so that it is known
+        which of them ends it.
+        """
         begin = time.monotonic()
         try:
-            metrics, failure = self._ask(case, folder), ""
+            found = self._ask(cases, folders)
         except RunFailed as error:
-            metrics, failure = None, str(error)
-        return RunOutcome(metrics, failure, wall_s=time.monotonic() - begin)
+            if len(cases) > 1:
+                return [self.run(case, folder) for case, folder in zip(cases, folders, strict=True)]
+            found = [str(error)]
+        share = (time.monotonic() - begin) / len(cases)
+        return [
+            RunOutcome(None, each, wall_s=share) if isinstance(each, str) else RunOutcome(each, wall_s=share)
+            for each in found
+        ]
 
-    def _ask(self, case: Case, folder: Path | None) -> dict[str, Any]:
-        """Metrics of a case from this thread's process.
+    def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
+        """Metrics of cases from this thread's process, or why there are none.
 
         Raises:
-            RunFailed: the run has raised an error, or its process has ended.
+            RunFailed: its process has ended.
         """
         if not hasattr(self._mine, "process"):
             self._start()
         try:
-            self._mine.pipe.send((case, folder))
-            found: dict[str, Any] | str = self._mine.pipe.recv()
+            self._mine.pipe.send((cases, folders))
+            found: list[Found] = self._mine.pipe.recv()
         except (EOFError, OSError):
             self._mine.process.join()
             status = self._mine.process.exitcode
             del self._mine.process
             raise RunFailed(f"its process {how_it_ended(status)}") from None
-        if isinstance(found, str):
-            raise RunFailed(found)
         return found
 
     def _start(self) -> None:
@@ -73,16 +87,12 @@ class Workers:
 
 
 def _serve(pipe: Connection) -> None:
-    """The process of a worker: metrics of every case that comes, or why there are none."""
+    """The process of a worker: what comes of all cases that are sent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; who has begun this one ends it
     end_with_parent()
     while True:
         try:
-            case, folder = pipe.recv()
+            cases, folders = pipe.recv()
         except EOFError:  # who has begun this one is gone
             return
-        try:
-            found: dict[str, Any] | str = run_in_process(case, folder)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the others are to go on, and the table is to say it
-            found = reason(error)
-        pipe.send(found)
+        pipe.send(run_batch(cases, folders))
