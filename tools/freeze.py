@@ -4,7 +4,8 @@
 
 `pip freeze` would also list the modules inside the ROS wheels (std_msgs and the like), which pip cannot install by
 those names. To move versions, empty constraints.txt, change requirements/*.txt, run `make distclean setup` and then
-this on Python 3.11, for which some packages stop at older versions than for 3.12; then try the pins on 3.12.
+this on Python 3.11, for which some packages stop at older versions than for 3.12; then `make lock`, which adds the
+hashes that the set-up asks for, and try the pins on 3.12.
 """
 
 from __future__ import annotations

@@ -86,9 +86,11 @@ class Graph:
         """Run the launcher to its end."""
         return self.finish(self.start_launch(*arguments, **environment))
 
-    def start_launch(self, *arguments: object, **environment: str) -> subprocess.Popen[str]:
-        """Start the launcher."""
-        return self._start([program("litsim_sim", "launch"), *arguments], environment)
+    def start_launch(
+        self, *arguments: object, through: tuple[object, ...] = (), **environment: str
+    ) -> subprocess.Popen[str]:
+        """Start the launcher, maybe `through` a command that starts it."""
+        return self._start([*through, program("litsim_sim", "launch"), *arguments], environment)
 
     def start_program(
         self, package: str, executable: str, *arguments: object, **environment: str

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import ipaddress
+import json
 import os
 import re
 import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+import pytest
+
+ALONE = Path(__file__).with_name("alone.py")
+NOT_ALLOWED = 77  # its exit status where the system permits no network of one's own
 
 
 def addresses(pid: int) -> set[str]:
@@ -29,3 +35,12 @@ def test_a_node_listens_on_the_loopback_interface_alone_and_leaves_no_shared_mem
     maps = Path(f"/proc/{node.pid}/maps").read_text() if os.access(f"/proc/{node.pid}/maps", os.R_OK) else ""
     assert "fastrtps" in maps  # it is Fast DDS
     assert "/dev/shm/fastrtps" not in maps
+
+
+def test_a_run_needs_no_network(graph: Any) -> None:
+    words = ("--scenario", graph.scenario(), "--policy", "replay", "--out", graph.folder / "run")
+    done = graph.finish(graph.start_launch(*words, through=(sys.executable, ALONE)))
+    if done.returncode == NOT_ALLOWED:
+        pytest.skip(f"no network of one's own: {done.stderr.strip()}")
+    assert done.returncode == 0, done.stderr
+    assert json.loads((graph.folder / "run/metrics.json").read_text())["valid"]
