@@ -43,7 +43,7 @@ setup(
             "check_ads = litsim_policy.cli.check_ads:main",
         ],
         "litsim.stages": [  # what reads the parameters of each, see litsim_sim.core.stage_registry
-            "conflict = litsim_policy.conflict.takeover:conflict_stage",
+            "conflict = litsim_policy.conflict.registry:conflict_stage",
             "policy = litsim_policy.driving.registry:policy_stage",
             "ego_bat = litsim_policy.ego.registry:bat_stage",
             "ego_idm = litsim_policy.ego.registry:idm_stage",

@@ -60,6 +60,17 @@ class Forecast:
         return np.where((self.id[at] == agents) & self.valid[at], at, -1)
 
 
+class NoPredictor:
+    """Forecasts nobody, for policies that ask for no forecasts."""
+
+    def see(self, table: AgentTable) -> None:
+        """Nothing is remembered."""
+
+    def forecast(self, table: AgentTable) -> Forecast:
+        """The forecast of nobody."""
+        return Forecast.of_nobody(table.step)
+
+
 class Predictor(Protocol):
     """Forecasts traffic: one of both is called once a step, in order, and it keeps what history it needs."""
 

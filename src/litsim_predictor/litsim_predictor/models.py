@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-from litsim_predictor.forecast import Predictor
+from litsim_predictor.forecast import NoPredictor, Predictor
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import Network
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
@@ -18,6 +18,7 @@ from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import configuration
+from litsim_sim.scenario.run_info import BASELINES
 from litsim_sim.scenario.setting import Setting
 
 MODELS = ("kinematic", *SHIPPED)
@@ -57,11 +58,17 @@ class PredictorConfig:
     kinematic: KinematicConfig = KinematicConfig()
 
 
-def predictor_stage(read: ParameterReader) -> Callable[[Setting], Predictor]:
-    """Read the parameters; what is returned builds the predictor once the run is known."""
+def predictor_stage(read: ParameterReader) -> Callable[[str, Setting], Predictor]:
+    """Read the parameters; what is returned builds the predictor for a policy once the run is known."""
     config = read(PredictorConfig())
     wanted = Wanted.ALL if config.forecast_all else Wanted.READ
-    return lambda scenario: make_predictor(config.model, scenario, config.kinematic, wanted)
+
+    def build(policy: str, scenario: Setting) -> Predictor:
+        if policy in BASELINES and not config.forecast_all:
+            return NoPredictor()
+        return make_predictor(config.model, scenario, config.kinematic, wanted)
+
+    return build
 
 
 def make_predictor(

@@ -32,7 +32,7 @@ class PredictorNode(StageNode):
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._predictor, self._run_id = self._make(scenario), info.run_id
+        self._predictor, self._run_id = self._make(info.policy, scenario), info.run_id
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""

@@ -32,7 +32,7 @@ def off_log(count: int) -> OffLog:
     for agent in range(1, count + 1):
         y = 20.0 * agent
         conflict = Conflict(agent, 99, 1.0, np.array([50.0, y, 0.0]), 0.9)
-        off = off.joined(OffLog.opened(conflict, 10, TakeoverReason.CONFLICT, lane(y), lane(y)))
+        off = off.joined(OffLog.opened(conflict, 10, TakeoverReason.CONFLICT, lane(y), PathSource.ROUTE, lane(y)))
     off.source[:] = PathSource.ROUTE
     return off
 

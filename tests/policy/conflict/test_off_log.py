@@ -16,7 +16,8 @@ ROUTE = ReferencePath.of(np.column_stack([np.arange(20.0, 260.0), np.full(240, 1
 
 def opened(agent: int, path: ReferencePath = ROUTE, x: float = 50.0) -> OffLog:
     conflict = Conflict(agent, agent + 100, 1.5, np.array([x, 0.5, 0.1]), 0.75)
-    return OffLog.opened(conflict, 7, TakeoverReason.CONFLICT, path, STRAIGHT)
+    source = PathSource.LOGGED if path is STRAIGHT else PathSource.ROUTE
+    return OffLog.opened(conflict, 7, TakeoverReason.CONFLICT, path, source, STRAIGHT)
 
 
 def test_tables_join_in_order_of_ids_and_keep_their_columns_together() -> None:

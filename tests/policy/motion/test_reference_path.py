@@ -16,6 +16,7 @@ from litsim_policy.motion.reference_path import (
     logged_path,
     pursuit_reach,
     pursuit_yaw_rate,
+    route_path,
 )
 from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
 from litsim_sim.core.geometry import wrap_angle
@@ -204,3 +205,11 @@ def test_pursuit_comes_onto_a_straight_path_and_stays(speed: float, offset: floa
 def test_pursuit_follows_a_bend(speed: float, offset: float) -> None:
     offsets = follow(ARC, 0.0, offset, 0.0, speed, 120)
     assert np.abs(offsets[80:]).max() < 0.25
+
+
+def test_a_path_along_the_route_changes_no_lane(make_scenario, track) -> None:
+    scenario = make_scenario(track(1, x=200.0), track(2, x=100.0, yaw=0.05, last=100))
+    path = route_path(scenario.log, scenario.lane_map, 2, np.array([100.0, -5.49, 0.05]))
+    np.testing.assert_allclose(path.points[0], [100.0, -5.49], atol=0.01)
+    np.testing.assert_allclose(path.points[:, 1], -5.49, atol=0.1)
+    assert logged_path(scenario.log, scenario.lane_map, 2).points[50, 1] > -4.0, "its log does"

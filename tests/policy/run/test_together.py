@@ -68,10 +68,16 @@ def assert_same(together: Run, alone: Run) -> None:
 
 
 @pytest.mark.parametrize(
-    ("policy", "model"), [("replay", None), ("yield", "kinematic"), ("litsim", "kinematic"), ("litsim", "default")]
+    ("policy", "parameters"),
+    [
+        ("replay", {}),
+        ("yield", {"predictor": {"model": "kinematic"}}),
+        ("litsim", {"predictor": {"model": "kinematic"}}),
+        ("litsim", {}),
+        ("idm", {"policy": {"baseline.drivers": "drawn"}}),
+    ],
 )
-def test_every_run_is_what_it_is_alone(scenes: Scenes, policy: str, model: str | None) -> None:
-    parameters = {} if model is None else {"predictor": {"model": model}}
+def test_every_run_is_what_it_is_alone(scenes: Scenes, policy: str, parameters: dict[str, dict[str, str]]) -> None:
     plans = [RunPlan(scenario, ego, policy, parameters) for scenario, ego in scenes]
     together = record_together(plans)
     for run, plan in zip(together, plans, strict=True):

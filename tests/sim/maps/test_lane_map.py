@@ -187,6 +187,24 @@ def test_path_takes_the_straightest_successor() -> None:
     np.testing.assert_allclose(path, [[5, 0], [10, 0], [20, 1]], atol=1e-9)
 
 
+def test_path_follows_the_edges_of_a_route_through_a_junction() -> None:
+    fork = LaneMap(
+        [
+            lane("a", [(0, 0), (10, 0)], (":on", ":left")),
+            lane(":on", [(10, 0), (20, 0)], ("on",), internal=True),
+            lane(":left", [(10, 0), (20, 5)], ("left",), internal=True),
+            lane("on", [(20, 0), (30, 0)]),
+            lane("left", [(20, 5), (30, 10)]),
+        ]
+    )
+    start = fork.row("a"), 5.0, 5.0 + np.hypot(10, 5)
+    edges = {name: fork.lanes[fork.row(name)].edge_id for name in ("a", ":on", "on", "left")}
+    np.testing.assert_allclose(fork.path_from(*start)[-1], [16.18 + 5, 0], atol=0.01)
+    turned = fork.path_from(*start, {edges["a"], edges[":on"], edges["left"]})
+    np.testing.assert_allclose(turned[-1], [20, 5], atol=0.01)
+    np.testing.assert_allclose(fork.path_from(*start, {"elsewhere"}), fork.path_from(*start))
+
+
 def test_path_goes_through_junctions() -> None:
     crossing = LaneMap(
         [

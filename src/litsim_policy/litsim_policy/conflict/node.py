@@ -8,7 +8,7 @@ from typing import Any
 from litsim_msgs.msg import RunInfo
 
 from litsim_policy.conflict.messages import takeovers_to_message
-from litsim_policy.conflict.takeover import TakeoverManager, conflict_stage
+from litsim_policy.conflict.registry import TakeoverStage, conflict_stage
 from litsim_predictor.messages import received_forecast
 from litsim_sim.ros.messages import received_agents
 from litsim_sim.ros.parameters import read_parameters
@@ -28,11 +28,11 @@ class ConflictNode(StageNode):
         super().__init__()
         self._make = read_parameters(self, conflict_stage)
         self._run_id = ""
-        self._manager: TakeoverManager
+        self._manager: TakeoverStage
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._manager, self._run_id = self._make(scenario), info.run_id
+        self._manager, self._run_id = self._make(info.policy, scenario), info.run_id
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""

@@ -70,7 +70,13 @@ class OffLog:
 
     @classmethod
     def opened(
-        cls, conflict: Conflict, step: int, reason: TakeoverReason, path: ReferencePath, logged: ReferencePath
+        cls,
+        conflict: Conflict,
+        step: int,
+        reason: TakeoverReason,
+        path: ReferencePath,
+        source: PathSource,
+        logged: ReferencePath,
     ) -> OffLog:
         """Return the table of one agent that is taken over at `step`."""
         goal_s, _ = path.project(conflict.pose[:1], conflict.pose[1:2])
@@ -89,7 +95,7 @@ class OffLog:
             clear=np.array([0]),
             path=paths,
             logged=recorded,
-            source=np.array([PathSource.LOGGED if path is logged else PathSource.ROUTE], np.uint8),
+            source=np.array([source], np.uint8),
             goal_s=goal_s,
         )
 

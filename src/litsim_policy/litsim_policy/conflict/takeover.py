@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -15,7 +14,6 @@ from litsim_policy.conflict.scene import ConflictScene
 from litsim_policy.motion.reference_path import ReferencePath, logged_path
 from litsim_policy.motion.route import Router
 from litsim_predictor.forecast import Forecast
-from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import (
     Angle,
     Duration,
@@ -28,7 +26,7 @@ from litsim_sim.core.quantities import (
     configuration,
 )
 from litsim_sim.core.scene import AgentTable, BoolArray, Controller, IntArray
-from litsim_sim.core.takeover import TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.setting import Setting
 
 
@@ -164,7 +162,8 @@ class TakeoverManager:
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
         route = self._router.path(pose, float(table.speed[row]), conflict.pose)
         path = logged if route is None else route.followed_by(logged)
-        opened = OffLog.opened(conflict, table.step, TakeoverReason.CONFLICT, path, logged)
+        source = PathSource.LOGGED if route is None else PathSource.ROUTE
+        opened = OffLog.opened(conflict, table.step, TakeoverReason.CONFLICT, path, source, logged)
         self._off = self._off.joined(opened)
 
     def _adopt(self, table: AgentTable, row: int) -> None:
@@ -177,7 +176,7 @@ class TakeoverManager:
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
         conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, pose, 1.0)
         logged = self._logged_path(conflict.agent)
-        opened = OffLog.opened(conflict, table.step, TakeoverReason.BLOCKED_ENTRY, logged, logged)
+        opened = OffLog.opened(conflict, table.step, TakeoverReason.BLOCKED_ENTRY, logged, PathSource.LOGGED, logged)
         self._off = self._off.joined(opened)
 
     def _logged_path(self, agent: int) -> ReferencePath:
@@ -213,9 +212,3 @@ class TakeoverManager:
         review(self.config, off, table, rows[known], residuals.take(known), in_conflict[rows[known]])
         if off is not self._off:
             self._off = off.joined(self._off.take(~known))
-
-
-def conflict_stage(read: ParameterReader) -> Callable[[Setting], TakeoverManager]:
-    """Read the parameters of the conflict stage; what is returned builds its core once the run is known."""
-    conflict, takeover = read(ConflictConfig()), read(TakeoverConfig())
-    return lambda scenario: TakeoverManager(scenario, conflict, takeover)

@@ -6,13 +6,17 @@ from collections.abc import Callable
 from typing import Protocol
 
 from litsim_policy.driving.handback import HandbackConfig
+from litsim_policy.driving.idm_policy import IdmPolicy, IdmPolicyConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.scene import AgentTable, ControlTable
 from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.scenario.run_info import POLICIES, REPLAY
 from litsim_sim.scenario.setting import Setting
+
+DRIVING = tuple(name for name in POLICIES if name != REPLAY)
 
 
 class Policy(Protocol):
@@ -28,14 +32,17 @@ def make_policy(
     config: YieldConfig | None = None,
     handback: HandbackConfig | None = None,
     policy_c: PolicyCConfig | None = None,
+    idm: IdmPolicyConfig | None = None,
 ) -> Policy:
-    """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules.
+    """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules, `idm` a baseline.
 
     Raises:
         InputError: there is none of that name, or its weights cannot be used.
     """
-    if name not in ("litsim", "yield"):
-        raise InputError(f"policy: {name!r} is unknown, expected litsim or yield")
+    if name not in DRIVING:
+        raise InputError(f"policy: {name!r} is unknown, expected one of {', '.join(DRIVING)}")
+    if name == "idm":
+        return IdmPolicy(scenario, idm or IdmPolicyConfig())
     rules = YieldPolicy(scenario, config or YieldConfig(), handback or HandbackConfig())
     if name == "yield":
         return rules
@@ -46,4 +53,5 @@ def make_policy(
 def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
     """Read the parameters of the policy stage; what is returned builds the policy of a name once the run is known."""
     rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
-    return lambda name, scenario: make_policy(name, scenario, rules, handback, policy_c)
+    baseline = read(IdmPolicyConfig(), "baseline.")
+    return lambda name, scenario: make_policy(name, scenario, rules, handback, policy_c, baseline)

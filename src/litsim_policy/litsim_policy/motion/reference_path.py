@@ -99,6 +99,19 @@ def lane_path(lane_map: LaneMap, x: float, y: float, yaw: float, length: float =
     return ReferencePath.through(lane_map.path_from(int(at.lane[0]), float(at.s[0]), length))
 
 
+def route_path(log: Log, lane_map: LaneMap, agent: int, pose: FloatArray) -> ReferencePath:
+    """The centre line of the lane at `pose` (3,) x, y [m], yaw [rad], from there on, along the edges of the log.
+
+    It changes no lane: where the lane leads off those edges, it goes on straight.
+    """
+    row = int(np.searchsorted(log.ids, agent))
+    valid = log.valid[row]
+    on = lane_map.nearest(log.x[row][valid], log.y[row][valid], log.yaw[row][valid])
+    edges = {lane_map.lanes[lane].edge_id for lane in np.unique(on.lane)}
+    at = lane_map.nearest(pose[:1], pose[1:2], pose[2:])
+    return ReferencePath.through(lane_map.path_from(int(at.lane[0]), float(at.s[0]), LANE_LENGTH, edges))
+
+
 def lane_change_path(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -> ReferencePath:
     """From `pose` (3,) onto the centre line of `lane`, beside it, within `reach` [m], and on along that lane."""
     beside, _ = ReferencePath.of(lane.centerline).project(pose[:1], pose[1:2])

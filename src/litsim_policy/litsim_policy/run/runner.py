@@ -75,7 +75,9 @@ class Runner:
         self.world = World(scenario, WorldConfig(guard_entries=self._reacts), mirror)
         self._ego = ego or stages[EGO](scenario)
         if self._reacts:
-            self._predictor, self._manager = stages["predictor"](scenario), stages["conflict"](scenario)
+            self._predictor, self._manager = (
+                stages[stage](plan.policy, scenario) for stage in ("predictor", "conflict")
+            )
             self._policy = stages["policy"](plan.policy, scenario)
         load_kernels()
 

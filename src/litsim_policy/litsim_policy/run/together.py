@@ -95,7 +95,7 @@ class _Answers:
 
     def __init__(self, stages: dict[str, Any], policy: str, joined: JoinedScenario) -> None:
         self._joined = joined
-        self._predictor, self._manager = stages["predictor"](joined), stages["conflict"](joined)
+        self._predictor, self._manager = (stages[stage](policy, joined) for stage in ("predictor", "conflict"))
         self._policy = stages["policy"](policy, joined)
 
     def to(self, table: AgentTable, marks: dict[str, float]) -> tuple[list[TakeoverTable], ControlTable]:

@@ -24,6 +24,7 @@ class TakeoverReason(IntEnum):
 
     CONFLICT = 0
     BLOCKED_ENTRY = 1
+    REGION = 2
 
 
 class PathSource(IntEnum):
@@ -31,6 +32,7 @@ class PathSource(IntEnum):
 
     ROUTE = 0
     LOGGED = 1
+    LANE = 2
 
 
 @dataclass(frozen=True)

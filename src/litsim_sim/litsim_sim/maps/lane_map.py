@@ -6,7 +6,7 @@ lane, `s` is the arc length of its centre line from its start and `d` the distan
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -112,10 +112,11 @@ class LaneMap:
         """(n, 2) headings [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of the lanes in `lane` (n,)."""
         return self._segments.headings_around(lane, s, reach)
 
-    def path_from(self, lane_index: int, s: float, length: float) -> FloatArray:
+    def path_from(self, lane_index: int, s: float, length: float, route: Collection[str] = ()) -> FloatArray:
         """The centre line from `s` on the lane at position `lane_index` for `length` metres, as points (m, 2).
 
-        Of several successors the straightest is taken (of equally straight ones the first by id). Where the net ends,
+        Of several successors one is taken that leads to an edge of `route`, and of those, or where there is none, the
+        straightest (of equally straight ones the first by id). Where the net ends,
         the path goes straight on, so that a vehicle that follows it leaves the net.
         """
         lane, left, at = lane_index, length, min(max(s, 0.0), self.lanes[lane_index].length)
@@ -130,7 +131,7 @@ class LaneMap:
                 break
             points.append(here.centerline[here.s > at])
             left -= ahead
-            following = self._straightest[lane]
+            following = self._following(lane, route)
             if following is None:
                 beyond = np.stack(self.pose_at(lane, here.length + left)[:2], axis=-1)[None]
                 points.append(beyond)
@@ -140,6 +141,18 @@ class LaneMap:
         # Lanes meet within the rounding of the net: doubled points would have no direction.
         keep = np.concatenate([[True], np.hypot(*np.diff(path, axis=0).T) > TOLERANCE])
         return cast(FloatArray, path[keep])
+
+    def _following(self, lane: int, route: Collection[str]) -> int | None:
+        """Position of the successor of the lane at position `lane` that a path along the edges `route` takes."""
+        straightest = self._straightest[lane]
+        successors = [] if straightest is None else [self._row[name] for name in self.lanes[lane].successors]
+        return next((row for row in (straightest, *successors) if self._leads_to(row, route)), straightest)
+
+    def _leads_to(self, lane: int | None, edges: Collection[str]) -> bool:
+        """Whether the first edge outside junctions from the lane at position `lane` on is one of `edges`."""
+        while lane is not None and self.lanes[lane].is_internal:
+            lane = self._straightest[lane]
+        return lane is not None and self.lanes[lane].edge_id in edges
 
     def inside_road(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """(n,) whether points lie within half a lane width of some lane's centre line."""

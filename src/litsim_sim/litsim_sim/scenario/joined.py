@@ -81,6 +81,11 @@ class JoinedScenario:
         return cls(tuple(scenes), JoinedLog.of([scene.log for scene in scenes]), np.array(egos), longest)
 
     @property
+    def identities(self) -> IntArray:
+        """See :class:`.setting.Setting`."""
+        return np.concatenate([scene.identities for scene in self.scenes])
+
+    @property
     def history_steps(self) -> int:
         """See :class:`.setting.Setting`."""
         return self.scenes[0].history_steps

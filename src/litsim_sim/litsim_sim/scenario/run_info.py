@@ -26,7 +26,10 @@ EGOS = (*OWN_EGOS, EXTERNAL)
 """What may drive the ego; `external` is any stack that answers on the ego port."""
 
 REPLAY = "replay"  # the recording alone: no stage of the policy takes part
-POLICIES = ("litsim", "yield", REPLAY)
+BASELINES = ("idm",)
+"""Policies that drive whoever comes near the ego, for good, and ask for no forecasts."""
+
+POLICIES = ("litsim", "yield", *BASELINES, REPLAY)
 """What moves the background: `replay` is policy L alone. `litsim` takes over with the best policy that there is."""
 
 VERSIONED = ("litsim_sim", "numpy", "libsumo", "onnxruntime", "torch", "mcap")

@@ -190,6 +190,11 @@ class Scenario:
         return np.array([self.file.ego])
 
     @property
+    def identities(self) -> IntArray:
+        """(N, 2) seed and id of each agent of the log, as :class:`litsim_sim.scenario.setting.Setting` has them."""
+        return np.column_stack([np.full(len(self.log.ids), self.seed), self.log.ids])
+
+    @property
     def egos(self) -> tuple[int, ...]:
         """Ids of the vehicles that experiments take as ego; the ego alone if the file lists none."""
         return tuple(self.file.egos) or (self.file.ego,)

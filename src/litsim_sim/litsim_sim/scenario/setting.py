@@ -24,6 +24,10 @@ class Setting(Protocol):
         """(scenes,) the ego of each scene."""
 
     @property
+    def identities(self) -> IntArray:
+        """(N, 2) of each agent of the log, the seed of its scene and its id there: by these is drawn what is drawn."""
+
+    @property
     def history_steps(self) -> int:
         """Step from which on egos are free."""
 

@@ -1,0 +1,63 @@
+"""Takeovers for baselines: whoever comes near the ego is driven from then on, as long as it is there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_policy.conflict.detection import Conflict
+from litsim_policy.conflict.life_cycle import Residuals
+from litsim_policy.conflict.off_log import OffLog
+from litsim_policy.motion.reference_path import logged_path, route_path
+from litsim_predictor.forecast import Forecast
+from litsim_sim.core.scene import AgentTable, BoolArray, Controller, IntArray
+from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverTable
+from litsim_sim.scenario.setting import Setting
+
+
+class RegionManager:
+    """Takes over everybody whose centre is within the scenario's `roi_m` of the ego's, and gives nobody back.
+
+    So the paper's baselines drive: they know neither conflicts nor logs to go back to. Each agent keeps the lane that
+    it was on, along the route of its log. Whoever enters late, because its log began where the road was not free, is
+    driven at once.
+
+    Attributes:
+        iterations, converged: (scenes,) as :class:`.takeover.TakeoverManager` has them: nothing is iterated.
+    """
+
+    def __init__(self, scenario: Setting) -> None:
+        self._scenario = scenario
+        self._ego_ids = scenario.ego_ids
+        self._off = OffLog.empty()
+        self.iterations: IntArray = np.zeros(len(self._ego_ids), np.int64)
+        self.converged: BoolArray = np.ones(len(self._ego_ids), np.bool_)
+
+    def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:  # noqa: ARG002 - of the interface
+        """Who is off its log at this step; the forecast is not looked at."""
+        if table.step < self._scenario.history_steps:
+            return TakeoverTable(table.step)
+        self._off = self._off.take(table.rows(self._off.agent) >= 0)
+        ego = table.mask(self._ego_ids)
+        apart = np.hypot(table.x[:, None] - table.x[ego], table.y[:, None] - table.y[ego])
+        near = ((apart <= self._scenario.roi_m) & (table.scene[:, None] == table.scene[ego])).any(axis=1)
+        off = ego | table.mask(self._off.agent)
+        late = table.controller == Controller.POLICY
+        for row in np.flatnonzero((near | late) & ~off):
+            self._open(table, int(row), TakeoverReason.BLOCKED_ENTRY if late[row] else TakeoverReason.REGION)
+        rows = table.rows(self._off.agent)
+        log = self._scenario.log
+        on_time = np.zeros(len(rows), np.int64)
+        residuals = Residuals.of(log, np.searchsorted(log.ids, self._off.agent), on_time, table, rows)
+        return TakeoverTable(
+            table.step, self._off.report(table.x[rows], table.y[rows], residuals.reported, on_time), iterations=0
+        )
+
+    def _open(self, table: AgentTable, row: int, reason: TakeoverReason) -> None:
+        """Take over the agent in `row`, along its lane."""
+        agent, pose = int(table.id[row]), np.array([table.x[row], table.y[row], table.yaw[row]])
+        nothing = Conflict(agent, int(self._ego_ids[table.scene[row]]), 0.0, pose, 0.0)
+        path = route_path(self._scenario.log, self._scenario.lane_map, agent, pose)
+        logged = logged_path(self._scenario.log, self._scenario.lane_map, agent)
+        opened = OffLog.opened(nothing, table.step, reason, path, PathSource.LANE, logged)
+        opened.in_conflict[:] = False
+        self._off = self._off.joined(opened)

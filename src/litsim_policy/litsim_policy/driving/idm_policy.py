@@ -1,0 +1,115 @@
+"""The baseline called `idm`: everybody in the region follows his leader by the Intelligent Driver Model."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from litsim_policy.motion.car_following import IdmConfig, idm
+from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.stop_lines import StopLines
+from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, OUT_FLOATS, float64, kernel
+from litsim_sim.core.quantities import Acceleration, Positive, configuration
+from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
+from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.scenario.setting import Setting
+from litsim_sim.traffic.drivers import calibrated
+
+PUBLISHED = IdmConfig()
+
+
+@configuration
+class IdmPolicyConfig:
+    """Who drives.
+
+    Attributes:
+        drivers: `medians` of all drivers that were calibrated on NGSIM; `drawn`, for each agent one of those drivers;
+            or `published`, the values of sisl/ngsim_env.
+        braking_max: no harder than this, whatever the model says.
+    """
+
+    drivers: Literal["medians", "drawn", "published"] = "medians"
+    braking_max: Positive[Acceleration] = 8.0
+
+
+class IdmPolicy:
+    """Drives everybody who is off his log along his reference path, behind whoever is on it; stops at red.
+
+    It neither changes lanes nor gives way to anybody beside its path, and brakes for nobody's future.
+    """
+
+    def __init__(self, scenario: Setting, config: IdmPolicyConfig) -> None:
+        self._lane_map = scenario.lane_map
+        self._config = config
+        self._drivers = _drivers(config)
+        self._agents = scenario.log.ids
+        self._driver_of = _drawn(scenario.identities, len(self._drivers))
+        self._stop_lines = StopLines(scenario.signals)
+
+    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
+        """See :class:`litsim_policy.driving.registry.Policy`."""
+        listed = takeovers.takeovers
+        if not listed:
+            return ControlTable.empty(table.step)
+        rows = table.rows(np.array([t.agent for t in listed], np.int64))
+        agents = PathFollowers(self._lane_map, table, rows, PathBatch([t.reference_path for t in listed]))
+        view = agents.view
+        acceleration = _accelerations(
+            agents.speed,
+            self._drivers[self._driver_of[np.searchsorted(self._agents, table.id[rows])]],
+            view.gap,
+            view.speed,
+            view.ahead & view.in_path,
+            self._stop_lines.of(agents),
+            self._config.braking_max,
+        )
+        yaw_rate = agents.path_yaw_rate
+        source = np.full(len(listed), ControlSource.POLICY, np.uint8)
+        return ControlTable(table.step, table.id[rows], acceleration, agents.speed * yaw_rate, yaw_rate, source)
+
+
+def _drawn(identities: IntArray, drivers: int) -> IntArray:
+    """(N,) row of the driver of each agent, of `drivers`: by its seed and id (N, 2), whoever else is there."""
+    if drivers == 1:
+        return np.zeros(len(identities), np.int64)
+    return np.array([np.random.default_rng(identity).integers(drivers) for identity in identities.tolist()], np.int64)
+
+
+def _drivers(config: IdmPolicyConfig) -> FloatArray:
+    """(k, 5) v0 [m/s], T [s], s0 [m], a_max, b [m/s2] of the drivers that there are."""
+    if config.drivers == "published":
+        return np.array([[PUBLISHED.desired_speed, *PUBLISHED.of_model[:4]]])
+    everybody = np.concatenate([rows for _, rows in sorted(calibrated().drivers.items())])
+    return everybody if config.drivers == "drawn" else np.median(everybody, axis=0)[None]
+
+
+@kernel(OUT_FLOATS(FLOATS, FLOATS2, FLOATS2, FLOATS2, BOOLS2, FLOATS, float64))
+def _accelerations(
+    speed: FloatArray,
+    driver: FloatArray,
+    gap: FloatArray,
+    along: FloatArray,
+    leads: BoolArray,
+    line: FloatArray,
+    braking_max: float,
+) -> FloatArray:
+    """Accelerations (m,) [m/s2] of vehicles, each with a driver of its own.
+
+    Args:
+        speed: (m,) [m/s].
+        driver: (m, 5) as :func:`_drivers` has them.
+        gap, along: (m, n) to everybody and speed along the path [m], [m/s].
+        leads: (m, n) who is on the path ahead.
+        line: (m,) distance to where it has to stop [m]; infinite where it need not.
+        braking_max: as in :class:`IdmPolicyConfig`.
+    """
+    found, standing, stops = np.empty(len(speed)), np.zeros(1), np.ones(1, np.bool_)
+    for i in range(len(speed)):
+        desired, headway, standstill, fastest, comfortable = driver[i]
+        model = (headway, standstill, fastest, comfortable, braking_max)
+        found[i] = idm(speed[i], desired, gap[i], along[i], leads[i], *model)
+        if line[i] < np.inf:
+            found[i] = min(found[i], idm(speed[i], desired, line[i : i + 1], standing, stops, *model))
+    return found
