@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
 
 import numpy as np
 import pytest
 import torch
 
+from litsim_policy.learning import episodes
 from litsim_policy.learning.config import TrainConfig
-from litsim_policy.learning.environment import EnvironmentConfig, PolicyEnvironment
+from litsim_policy.learning.episodes import Course, EnvironmentConfig
 from litsim_policy.learning.network import GaussianPolicy
+from litsim_policy.learning.ppo import tensor
 from litsim_policy.learning.reward import Penalties
-from litsim_policy.learning.rollout import EMPTY_EPISODES_MAX, HereDriving, collect, drive, validate
+from litsim_policy.learning.rollout import (
+    EMPTY_EPISODES_MAX,
+    TOGETHER,
+    Episode,
+    Foresight,
+    HereDriving,
+    collect,
+    drive,
+    validate,
+)
 from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.joined import BITS
 
 SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
 
@@ -30,19 +42,26 @@ def policy(config: TrainConfig) -> GaussianPolicy:
 
 
 @pytest.fixture(scope="module")
-def busy(make_scenario, track, lane_centres) -> PolicyEnvironment:
+def busy(make_scenario, track, lane_centres) -> Course:
     tracks = [
         track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane + 1], speed=9.0 + lane, last=45)
         for lane in range(3)
         for k in range(3)
     ]
-    return PolicyEnvironment([make_scenario(*tracks)], SMALL)
+    return Course([make_scenario(*tracks)], SMALL)
 
 
 @pytest.fixture(scope="module")
-def lonely(make_scenario, track) -> PolicyEnvironment:
+def shorter(make_scenario, track, lane_centres) -> Course:
+    """A recording that is over sooner, seen from farther, so that it cannot be joined with the other."""
+    tracks = [track(10 * k, x=90.0 + 15.0 * k, y=lane_centres[1 + k % 2], speed=8.0 + k, last=17) for k in range(1, 7)]
+    return Course([make_scenario(*tracks, roi_m=35.0), make_scenario(*tracks[::-1])], SMALL)
+
+
+@pytest.fixture(scope="module")
+def lonely(make_scenario, track) -> Course:
     """The ego has the road to itself."""
-    return PolicyEnvironment([make_scenario(track(1, x=60.0, last=10))], SMALL)
+    return Course([make_scenario(track(1, x=60.0, last=10))], SMALL)
 
 
 def test_tracks_are_whole(busy, policy, config) -> None:
@@ -53,32 +72,23 @@ def test_tracks_are_whole(busy, policy, config) -> None:
         assert np.abs(track.executed).max() <= 1.0 and track.penalty.max() <= 0.0
 
 
-class TwoCollide(PolicyEnvironment):
-    """In the first step of an episode with an even seed, the first two agents collide, and the episode ends."""
+def test_the_share_of_collided_episodes_counts_episodes(busy, policy, config, monkeypatch) -> None:
+    """In their first steps the first two agents of every other episode collide; those end."""
+    real = episodes.penalties
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        self.seed = seed
-        return super().reset(seed=seed, options=options)
+    def hit(before, after, agents, *others) -> Penalties:
+        place = np.arange(len(agents)) - np.searchsorted(agents, (agents >> BITS) << BITS)
+        collide = (place < 2) & ((agents >> BITS) % 2 == 0)
+        return dataclasses.replace(real(before, after, agents, *others), collision=collide)
 
-    def step(self, action: np.ndarray) -> Any:
-        observation, reward, _, truncated, info = super().step(action)
-        outcome = info["outcome"]
-        assert len(outcome.agents) >= 2
-        hit = (np.arange(len(outcome.agents)) < 2) & (self.seed % 2 == 0)
-        none = np.zeros(len(hit))
-        vars(outcome).update(terms=Penalties(hit, none > 0, none, none, none, none > 0), terminated=hit)
-        return observation, reward, bool(hit.any()), truncated or not hit.any(), info
-
-
-def test_the_share_of_collided_episodes_counts_episodes(busy, policy, config) -> None:
-    environment = TwoCollide(busy._scenarios, SMALL)
-    rates = validate(policy, HereDriving(environment), config.model_copy(update={"validation_episodes": 4}))
+    monkeypatch.setattr(episodes, "penalties", hit)
+    rates = validate(policy, HereDriving(busy), config.model_copy(update={"validation_episodes": 4}))
     assert rates["validation_collided_share"] == 0.5, "two agents in each of two of four episodes"
     assert rates["validation_collisions"] > 0.0
 
 
 def test_where_nobody_is_driven_training_ends_and_says_so(lonely, policy, config) -> None:
-    assert drive(lonely, policy, 0, draws=False).tracks == []
+    assert drive(lonely, policy, [0], draws=False)[0].tracks == []
     said = f"nobody is driven in {EMPTY_EPISODES_MAX} episodes in a row, expected scenarios"
     with pytest.raises(InputError, match=said):
         collect(HereDriving(lonely), policy, config, 0)
@@ -89,10 +99,38 @@ def test_a_validation_in_which_nobody_is_driven_is_no_perfect_score(lonely, poli
         validate(policy, HereDriving(lonely), config)
 
 
-def test_an_episode_is_the_same_whatever_was_driven_before(busy, policy) -> None:
-    first = drive(busy, policy, 5, draws=True)
-    drive(busy, policy, 6, draws=True)
-    again = drive(busy, policy, 5, draws=True)
-    assert first.sums == again.sums and len(first.tracks) == len(again.tracks) > 0
-    for one, other in zip(first.tracks, again.tracks, strict=True):
-        assert np.array_equal(one.raw, other.raw) and np.array_equal(one.observation, other.observation)
+def assert_same(one: Episode, other: Episode) -> None:
+    assert one.sums == other.sums and len(one.tracks) == len(other.tracks)
+    for a, b in zip(one.tracks, other.tracks, strict=True):
+        assert all(np.array_equal(getattr(a, name), getattr(b, name)) for name in vars(a))
+
+
+@pytest.mark.parametrize("draws", [True, False])
+def test_an_episode_is_the_same_in_whatever_company(busy, shorter, policy, draws: bool) -> None:
+    """Alone, after others and beside others, on other roads too, to the last bit."""
+    both = dataclasses.replace(busy, scenarios=[*shorter.scenarios, *busy.scenarios])
+    seeds = list(range(9))
+    together = drive(both, policy, seeds, draws=draws)
+    backwards = drive(both, policy, seeds[::-1], draws=draws)[::-1]
+    assert sum(len(episode.tracks) for episode in together) > 20
+    assert len({sum(len(t) for t in episode.tracks) for episode in together}) > 1, "they must differ"
+    for seed, one, other in zip(seeds, together, backwards, strict=True):
+        (alone,) = drive(both, policy, [seed], draws=draws)
+        assert_same(one, alone)
+        assert_same(other, alone)
+
+
+def test_densities_are_those_that_training_takes_them_for(busy, policy) -> None:
+    for track in drive(busy, policy, [3], draws=True)[0].tracks:
+        seen, raw = tensor(track.observation[:-1]), tensor(track.raw)
+        assert policy.log_probability(seen, raw).tolist() == pytest.approx(track.log_probability.tolist(), abs=1e-4)
+
+
+def test_no_more_episodes_are_begun_than_are_likely_to_be_asked_for() -> None:
+    guess = Foresight()
+    assert guess.portion(1000.0, 0, 2) == guess.portion(np.inf, 0, 2) == TOGETHER // 2, "nothing is known yet"
+    guess.note(Episode([], {"transitions": 150.0}))
+    guess.note(Episode([], {"transitions": 250.0}))
+    assert [guess.portion(1000.0, 0, 2), guess.portion(1000.0, 3, 1)] == [3, 2]
+    assert guess.portion(1000.0, 5, 1) == 0 and guess.portion(0.0, 0, 2) == 1
+    assert guess.portion(1e6, 0, 1) == TOGETHER

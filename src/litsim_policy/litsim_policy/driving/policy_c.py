@@ -80,10 +80,14 @@ class PolicyNetwork:
 
     def mean(self, observation: FloatArray) -> FloatArray:
         """Mean actions (m, 3) in [-1, 1] for observations (m, size)."""
+        return np.tanh(self.before_tanh(observation))
+
+    def before_tanh(self, observation: FloatArray) -> FloatArray:
+        """The same (m, 3) before the last tanh; what is said of an agent does not depend on the others."""
         values = observation
-        for weight, bias in zip(self.weights, self.biases, strict=True):
+        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             # a stack of single rows: the blocking of a matrix product must not let agents change each other's last bits
-            values = np.tanh(np.matmul(values[:, None, :], weight)[:, 0] + bias)
+            values = np.matmul(np.tanh(values)[:, None, :] if layer else values[:, None, :], weight)[:, 0] + bias
         return values
 
 

@@ -70,7 +70,7 @@ class DrivingScene:
         cls, lane_map: LaneMap, table: AgentTable, tasks: Sequence[DrivingTask], poses: Poses | None = None
     ) -> DrivingScene:
         """Return the scene of `tasks`, whose agents are all in `table`; `poses` as in :class:`PathFollowers`."""
-        return cls._made(
+        return cls.on_paths(
             lane_map,
             table,
             [task.path.points for task in tasks],
@@ -82,7 +82,7 @@ class DrivingScene:
     @classmethod
     def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> DrivingScene:
         """Return the scene of agents that were taken over, all of which are in `table`."""
-        return cls._made(
+        return cls.on_paths(
             lane_map,
             table,
             [t.reference_path for t in takeovers],
@@ -91,7 +91,7 @@ class DrivingScene:
         )
 
     @classmethod
-    def _made(
+    def on_paths(
         cls,
         lane_map: LaneMap,
         table: AgentTable,
@@ -100,6 +100,16 @@ class DrivingScene:
         numbers: Sequence[tuple[int, int, int]],
         poses: Poses | None = None,
     ) -> DrivingScene:
+        """Return the scene of m agents on paths.
+
+        Args:
+            lane_map: the road.
+            table: everybody, the agents included.
+            points: (k, 2) of each agent's path [m].
+            goals: (2,) of each.
+            numbers: id, due step and opponent of each.
+            poses: as in :class:`PathFollowers`.
+        """
         ids, due, opponent = np.array(numbers, np.int64).reshape(-1, 3).T
         agents = PathFollowers(lane_map, table, table.rows(ids), PathBatch(points), poses)
         return cls(ids, agents, np.array(goals, np.float64).reshape(-1, 2), due, opponent)

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.learning.critic import CriticConfig
 from litsim_policy.learning.data import DataConfig
-from litsim_policy.learning.environment import EnvironmentConfig
+from litsim_policy.learning.episodes import EnvironmentConfig
 from litsim_policy.learning.expert import ExpertConfig
 from litsim_policy.learning.ppo import PpoConfig
 from litsim_policy.learning.reward import PenaltyConfig

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from torch import Tensor, nn
 from litsim_policy.driving.action import ACTIONS
 from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.driving.policy_c import FORMAT, HIDDEN, PolicyNetwork
+from litsim_sim.core.scene import FloatArray
 
 LOG_STD_START = (-1.2, -2.5, -2.5)  # of the actions before tanh: pedals vary more than steering
 LOG_STD_MIN, LOG_STD_MAX = -4.0, 0.0
@@ -46,7 +48,7 @@ class GaussianPolicy(nn.Module):
         """
         with torch.no_grad():
             mean = self(observation)
-            raw = mean + self._std() * torch.randn(mean.shape, generator=generator)
+            raw = mean + self.std() * torch.randn(mean.shape, generator=generator)
             return raw, self._log_density(mean, raw)
 
     def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
@@ -55,15 +57,45 @@ class GaussianPolicy(nn.Module):
 
     def entropy(self) -> Tensor:
         """Entropy of the Gaussian before tanh, a scalar in nats; that of the squashed one has no closed form."""
-        return (torch.log(self._std()) + 0.5 * np.log(2.0 * np.pi * np.e)).sum()
+        return (torch.log(self.std()) + 0.5 * np.log(2.0 * np.pi * np.e)).sum()
 
-    def _std(self) -> Tensor:
+    def std(self) -> Tensor:
+        """Standard deviations (3,) of the actions before tanh."""
         return torch.exp(torch.clamp(self.log_std, LOG_STD_MIN, LOG_STD_MAX))
 
     def _log_density(self, mean: Tensor, raw: Tensor) -> Tensor:
         # checking the arguments would take longer than the density
-        gaussian = torch.distributions.Normal(mean, self._std(), validate_args=False).log_prob(raw)
+        gaussian = torch.distributions.Normal(mean, self.std(), validate_args=False).log_prob(raw)
         return (gaussian - torch.log(1.0 - torch.tanh(raw) ** 2 + SQUASH_FLOOR)).sum(dim=-1)
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """A :class:`GaussianPolicy` as episodes are driven with it: what it draws for an agent depends on no other.
+
+    Attributes:
+        network: of the means.
+        std: (3,) of the actions before tanh.
+    """
+
+    network: PolicyNetwork
+    std: FloatArray
+
+    @classmethod
+    def of(cls, policy: GaussianPolicy) -> Sampler:
+        """Return that of `policy` with its weights of now."""
+        return cls(driving_network(policy), policy.std().detach().double().numpy())
+
+    def sample(self, observation: FloatArray, noise: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Actions for observations (m, size), by standard normal `noise` (m, 3); None is none, the mean.
+
+        Returns:
+            as :meth:`GaussianPolicy.sample`.
+        """
+        mean = self.network.before_tanh(observation)
+        raw = mean if noise is None else mean + self.std * noise
+        gaussian = -0.5 * ((raw - mean) / self.std) ** 2 - np.log(self.std) - 0.5 * np.log(2.0 * np.pi)
+        return raw, (gaussian - np.log(1.0 - np.tanh(raw) ** 2 + SQUASH_FLOOR)).sum(axis=1)
 
 
 def multilayer(inputs: int, outputs: int) -> nn.Sequential:

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, islice
 from typing import Protocol
 
 import numpy as np
 import torch
+from gymnasium.utils import seeding
 
 from litsim_policy.learning.config import TrainConfig
-from litsim_policy.learning.environment import NOBODY, PolicyEnvironment
-from litsim_policy.learning.network import GaussianPolicy
-from litsim_policy.learning.ppo import Track, tensor
+from litsim_policy.learning.episodes import Course, Episodes
+from litsim_policy.learning.network import GaussianPolicy, Sampler
+from litsim_policy.learning.ppo import Track
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.scenario.joined import BITS, kind
 
 EMPTY_EPISODES_MAX = 100  # episodes in a row without anybody to drive, after which there is no point in going on
+TOGETHER = 8  # episodes that are stepped together at most
 VALIDATION_SEED = 10_000_019  # of the first episode of every validation
 
 
@@ -50,18 +54,53 @@ class Driving(Protocol):
         """
 
 
+@dataclass
+class Foresight:
+    """Guesses how many episodes are worth driving at once: those that nobody asks for in the end are driven in vain.
+
+    Attributes:
+        driven, done: agent-steps and episodes so far.
+    """
+
+    driven: float = 0.0
+    done: int = 0
+
+    def portion(self, missing: float, begun: int, free: int) -> int:
+        """How many episodes the next process is to begin.
+
+        Args:
+            missing: agent-steps that are still asked for.
+            begun: episodes under way; where there are none, one at least is to begin.
+            free: processes that have nothing to do.
+        """
+        if not np.isfinite(missing) or not self.done:
+            return TOGETHER // 2
+        mean = max(self.driven / self.done, 1.0)
+        # one more beside others costs less than one alone later on
+        needed = int(np.ceil(missing / mean)) + (1 if not begun else 0) - begun
+        return min(max(-(-needed // free), 0 if begun else 1), TOGETHER)
+
+    def note(self, episode: Episode) -> None:
+        """Learn from an episode."""
+        self.driven, self.done = self.driven + episode.sums.get("transitions", 0.0), self.done + 1
+
+
 class HereDriving:
     """Drives in this process."""
 
-    def __init__(self, environment: PolicyEnvironment) -> None:
-        self._environment = environment
+    def __init__(self, course: Course) -> None:
+        self._course, self._foresight = course, Foresight()
 
     def episodes(
         self, policy: GaussianPolicy, seeds: Iterable[int], enough: float, *, draws: bool
     ) -> Iterator[Episode]:
         """See :class:`Driving`."""
-        del enough
-        return (drive(self._environment, policy, seed, draws=draws) for seed in seeds)
+        coming, missing = iter(seeds), enough
+        while portion := list(islice(coming, self._foresight.portion(missing, 0, 1))):
+            for episode in drive(self._course, policy, portion, draws=draws):
+                self._foresight.note(episode)
+                missing -= episode.sums.get("transitions", 0.0)
+                yield episode
 
 
 def collect(
@@ -94,44 +133,60 @@ def collect(
     return tracks, _rates(sums, number)
 
 
-def drive(environment: PolicyEnvironment, policy: GaussianPolicy, seed: int, *, draws: bool) -> Episode:
-    """Drive the episode of `seed`; `policy` draws its actions, or drives by their means."""
-    generator = torch.Generator().manual_seed(seed)
-    sums: dict[str, float] = defaultdict(float)
-    collided = False
-    tracks: list[Track] = []
+def drive(course: Course, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> list[Episode]:
+    """Drive the episodes of `seeds`; `policy` draws its actions, or drives by their means.
+
+    Those on scenarios of one kind are stepped together; each comes to the same as alone.
+    """
+    starts = [course.start(seeding.np_random(seed)[0]) for seed in seeds]
+    groups: dict[Hashable, list[int]] = defaultdict(list)
+    for number, start in enumerate(starts):
+        groups[kind(start.scenario)].append(number)
+    found: dict[int, Episode] = {}
+    sampler = Sampler.of(policy)
+    for group in groups.values():
+        generators = [torch.Generator().manual_seed(seeds[number]) for number in group] if draws else None
+        together = _drive_together(Episodes(course, [starts[number] for number in group]), sampler, generators)
+        found |= dict(zip(group, together, strict=True))
+    return [found[number] for number in range(len(seeds))]
+
+
+def _drive_together(
+    episodes: Episodes, sampler: Sampler, generators: Sequence[torch.Generator] | None
+) -> list[Episode]:
+    """What comes of `episodes`, whose actions are drawn by a generator each; None is by their means."""
+    count = len(episodes.running)
+    sums: list[dict[str, float]] = [defaultdict(float) for _ in range(count)]
+    tracks: list[list[Track]] = [[] for _ in range(count)]
+    collided = np.zeros(count, np.bool_)
     open_tracks: dict[int, list[tuple[np.ndarray, ...]]] = defaultdict(list)
-    observation, info = environment.reset(seed=seed)
-    over = not (info["agents"] != NOBODY).any()
-    while not over:
-        present = info["agents"] != NOBODY
-        seen = tensor(observation[present])
-        if draws:
-            raw, density = policy.sample(seen, generator)
-        else:
-            with torch.no_grad():
-                raw = policy(seen)
-                density = policy.log_probability(seen, raw)
-        action = np.zeros(environment.action_space.shape or ())
-        action[present] = torch.tanh(raw).double().numpy()
-        before = observation[present]
-        observation, _, terminated, truncated, info = environment.step(action)
-        outcome = info["outcome"]
+    while episodes.running.any():
+        before, scene = episodes.seen.copy(), episodes.driven >> BITS
+        raw, density = sampler.sample(before, None if generators is None else _noise(scene, generators))
+        outcome = episodes.step(np.tanh(raw))
         for k, agent in enumerate(outcome.agents.tolist()):
-            step = (before[k], raw[k].numpy(), density[k].numpy(), outcome.executed[k], outcome.penalty[k])
+            step = (before[k], raw[k], density[k], outcome.executed[k], outcome.penalty[k])
             open_tracks[agent].append(step)
             if not outcome.driven_on[k]:
                 ended = bool(outcome.terminated[k])
-                tracks.append(_track(open_tracks.pop(agent), outcome.following[k], terminated=ended))
-        terms = outcome.terms
-        sums["transitions"] += len(outcome.agents)
-        sums["penalty"] += float(outcome.penalty.sum())
-        for name in ("collision", "off_road", "edge", "proximity", "hard_brake", "guard"):
-            sums[name] += float(getattr(terms, name).sum())
-        collided = collided or bool(terms.collision.any())
-        over = terminated or truncated or not (info["agents"] != NOBODY).any()
-    sums["collided_episodes"] += float(collided)
-    return Episode(tracks, dict(sums))
+                tracks[scene[k]].append(_track(open_tracks.pop(agent), outcome.following[k], terminated=ended))
+        for number in np.unique(scene).tolist():
+            own, terms, there = sums[number], outcome.terms, outcome.present >> BITS == number
+            own["transitions"] += int((scene == number).sum())
+            own["penalty"] += float(outcome.penalty[scene == number].sum())
+            for name in ("collision", "off_road", "edge", "proximity", "hard_brake", "guard"):
+                own[name] += float(getattr(terms, name)[there].sum())
+            collided[number] |= terms.collision[there].any()
+    for own, has_collided in zip(sums, collided.tolist(), strict=True):
+        own["collided_episodes"] += float(has_collided)
+    return [Episode(of_one, dict(own)) for of_one, own in zip(tracks, sums, strict=True)]
+
+
+def _noise(scene: IntArray, generators: Sequence[torch.Generator]) -> FloatArray:
+    """Standard normal numbers (m, 3) for agents of scenes (m,), which ascend, drawn by the generator of each scene."""
+    counts = np.bincount(scene, minlength=len(generators)).tolist()
+    drawn = [torch.randn((n, 3), generator=generators[k]) for k, n in enumerate(counts) if n]
+    return torch.cat(drawn).double().numpy() if drawn else np.empty((0, 3))
 
 
 def validate(policy: GaussianPolicy, driving: Driving, config: TrainConfig) -> dict[str, float]:

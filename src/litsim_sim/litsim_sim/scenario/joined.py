@@ -118,7 +118,7 @@ class JoinedScenario:
     def tables(self, table: AgentTable) -> list[AgentTable]:
         """`table` taken apart: the agents of each scene, by the ids of its recording."""
         return [
-            AgentTable(table.step, self._own(k, table.id[part]), *(getattr(table, f)[part] for f in ARRAY_FIELDS[1:]))
+            AgentTable(table.step, self.own(k, table.id[part]), *(getattr(table, f)[part] for f in ARRAY_FIELDS[1:]))
             for k, part in enumerate(self._parts(table.id))
         ]
 
@@ -126,7 +126,7 @@ class JoinedScenario:
         """`controls` taken apart likewise."""
         names = [field.name for field in fields(ControlTable)][2:]
         return [
-            ControlTable(controls.step, self._own(k, controls.id[part]), *(getattr(controls, f)[part] for f in names))
+            ControlTable(controls.step, self.own(k, controls.id[part]), *(getattr(controls, f)[part] for f in names))
             for k, part in enumerate(self._parts(controls.id))
         ]
 
@@ -135,19 +135,19 @@ class JoinedScenario:
         found: list[list[Takeover]] = [[] for _ in self.scenes]
         for each in takeovers:
             scene = each.agent >> BITS
-            agent, opponent = self._own(scene, np.array([each.agent, each.opponent])).tolist()
+            agent, opponent = self.own(scene, np.array([each.agent, each.opponent])).tolist()
             found[scene].append(replace(each, agent=agent, opponent=opponent))
         return [tuple(own) for own in found]
 
     def told(self, scene: int) -> Callable[[int], int | None]:
         """What gives the id of an agent in the recording of `scene`, None of agents of others."""
-        return lambda agent: int(self._own(scene, np.array([agent]))[0]) if agent >> BITS == scene else None
+        return lambda agent: int(self.own(scene, np.array([agent]))[0]) if agent >> BITS == scene else None
 
     def agent(self, scene: int, agent: int) -> int:
         """Id of the agent that is `agent` in the recording of `scene`."""
         return (scene << BITS) + self.scenes[scene].log.row(agent)
 
-    def _own(self, scene: int, ids: IntArray) -> IntArray:
+    def own(self, scene: int, ids: IntArray) -> IntArray:
         """Ids (m,) in the recording of `scene`, of agents of it."""
         return self.scenes[scene].log.ids[ids & ((1 << BITS) - 1)]
 

@@ -1,0 +1,304 @@
+"""Episodes of training: the loop of the graph in this process, closed around deviating egos, several at once.
+
+Dynamics, detection, life cycle of takeovers and features are those that the graph runs. Episodes on scenarios of one
+kind are stepped together, each as if it were alone: see :mod:`litsim_sim.scenario.joined`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from litsim_policy.conflict.detection import ConflictConfig
+from litsim_policy.conflict.takeover import TakeoverConfig, TakeoverManager
+from litsim_policy.driving.action import consistent, normalised
+from litsim_policy.driving.observation import ObservationConfig, Observer
+from litsim_policy.driving.policy_c import commanded, merged
+from litsim_policy.driving.registry import make_policy
+from litsim_policy.driving.safety import LIMITS_ONLY, SafetyConfig, SafetyLayer
+from litsim_policy.driving.task import DrivingScene, due_step, opponent_of
+from litsim_policy.ego.registry import Ego
+from litsim_policy.learning.draw import drafted_tasks, drawn_ego, with_ego
+from litsim_policy.learning.reward import Penalties, PenaltyConfig, penalties
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_predictor.models import ModelName, make_predictor
+from litsim_sim.core.quantities import Length, NonNegative, Positive, Steps, Whole, configuration
+from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, EgoCommand, FloatArray, IntArray
+from litsim_sim.core.takeover import TakeoverState, TakeoverTable
+from litsim_sim.scenario.joined import BITS, JoinedScenario
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.world.world import World
+
+
+@configuration
+class EnvironmentConfig:
+    """How long an episode lasts, and who is driven in it.
+
+    Attributes:
+        steps_max: simulated steps of 0.1 s after the history, fewer where the scenario ends before: the default is the
+            paper's, but segments of 28 s have 250.
+        slots: agents under the policy at a time; further ones yield by rule.
+        drafted: agents near the ego that are put under the policy at the start, conflict or not.
+        draft_radius: around the ego within which they are drawn.
+        draft_steps: for how long at most.
+        model: predictor.
+    """
+
+    steps_max: Positive[Steps] = 300
+    slots: Positive[Whole] = 10
+    drafted: NonNegative[Whole] = 5
+    draft_radius: NonNegative[Length] = 50.0
+    draft_steps: NonNegative[Steps] = 100
+    model: ModelName = "kinematic"
+
+
+@dataclass(frozen=True)
+class Course:
+    """Where episodes are driven, and how.
+
+    Attributes:
+        scenarios: of which each episode draws one.
+        config: of episodes.
+        observation: of the agents that are driven.
+        penalty: weights.
+        safety: what is done of their actions.
+    """
+
+    scenarios: Sequence[Scenario]
+    config: EnvironmentConfig = EnvironmentConfig()
+    observation: ObservationConfig = ObservationConfig()
+    penalty: PenaltyConfig = PenaltyConfig()
+    safety: SafetyConfig = LIMITS_ONLY
+
+    def start(self, random: np.random.Generator) -> Start:
+        """What an episode begins with: scenario and ego drawn by `random`, which goes on to draw who is drafted."""
+        scenario = with_ego(self.scenarios[int(random.integers(len(self.scenarios)))], random)
+        return Start(scenario, drawn_ego(scenario, random), random)
+
+
+class Start(NamedTuple):
+    """What an episode begins with: scenario, ego, and what draws from then on."""
+
+    scenario: Scenario
+    ego: Ego
+    random: np.random.Generator
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a step did to the agents that were driven; arrays (m, ...), agents ascending.
+
+    Attributes:
+        agents: ids.
+        following: (m, size) observations after the step; of an agent that has left the road, the last one.
+        executed: (m, 3) what the vehicle did, as actions in [-1, 1].
+        penalty: (m,) weighted, at most 0.
+        terms: what it is made of, of those that are still `present`.
+        present: ids of them.
+        terminated: (m,) in collision or off the road.
+        driven_on: (m,) whether the agent is driven in the next step.
+    """
+
+    agents: IntArray
+    following: FloatArray
+    executed: FloatArray
+    penalty: FloatArray
+    terms: Penalties
+    present: IntArray
+    terminated: BoolArray
+    driven_on: BoolArray
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all arrays are equal."""
+        if not isinstance(other, Outcome):
+            return NotImplemented
+        mine, theirs = (list(vars(o).values()) + list(vars(o.terms).values()) for o in (self, other))
+        return all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True) if not isinstance(a, Penalties))
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+class _Task(NamedTuple):
+    """What a driven agent is to do: see :class:`litsim_policy.driving.task.DrivingTask`."""
+
+    agent: int
+    points: FloatArray
+    goal: tuple[float, float]
+    due_step: int
+    opponent: int
+
+
+class Episodes:
+    """E episodes on scenarios of one :func:`litsim_sim.scenario.joined.kind`, from the first step after the history.
+
+    An episode is over when a driven agent collides or leaves the road, or its time is up. Ids of agents are those of
+    the joined scenario.
+
+    Attributes:
+        joined: the scenarios.
+        step_number: the current step.
+        running: (E,) which episodes are not over.
+        driven: (m,) the agents that are driven in the next step, ascending; none where an episode waits for somebody.
+        seen: (m, size) what they observe.
+    """
+
+    def __init__(self, course: Course, starts: Sequence[Start]) -> None:
+        self._course, self._config = course, course.config
+        self.joined = JoinedScenario.of([start.scenario for start in starts])
+        self._egos = [start.ego for start in starts]
+        self._world = World(self.joined)
+        self.safety = SafetyLayer(self.joined.lane_map, course.safety)
+        self._guards = SafetyLayer(self.joined.lane_map)  # they only tell
+        self._observer = Observer(self.joined.lane_map, course.observation)
+        self._predictor = make_predictor(self._config.model, self.joined)
+        self._manager = TakeoverManager(self.joined, ConflictConfig(), TakeoverConfig())
+        self._rule = make_policy("yield", self.joined)
+        history = self.joined.history_steps
+        totals = np.array([scenario.total_steps for scenario in self.joined.scenes])
+        self._end = np.minimum(totals, history + self._config.steps_max)
+        self.running = np.ones(len(starts), np.bool_)
+        table = self._world.reset()
+        while table.step < history:
+            self._predictor.see(table)
+            table = self._world.step_together(ControlTable.empty(table.step), self._commands(table))
+        self._see(table)
+        self._draft(starts)
+        self._choose()
+        self.seen = self._observer.features(self._scene)
+        self._leave_out(self.step_number >= self._end)
+
+    @property
+    def step_number(self) -> int:
+        """The current step of all of them."""
+        return self._table.step
+
+    @property
+    def driven(self) -> IntArray:
+        """(m,) see the attributes."""
+        return self._scene.id
+
+    def step(self, action: FloatArray) -> Outcome:
+        """Drive the agents that are :attr:`driven` by `action` (m, 3) in [-1, 1], all others by the rules."""
+        before, tasks, scene = self._table, self._tasks, self._scene
+        driven = scene.id
+        guarded = commanded(scene, action, self._guards).source == ControlSource.GUARDED
+        controls = merged(commanded(scene, action, self.safety), self._others_controls())
+        self._see(self._world.step_together(controls, self._commands(before)))
+        self._choose()
+        outcome = self._outcome(before, driven, tasks, guarded)
+        over = self.step_number >= self._end
+        over[driven[outcome.terminated] >> BITS] = True
+        self._leave_out(over)
+        return outcome
+
+    def _commands(self, table: AgentTable) -> list[EgoCommand]:
+        """Answers of the egos to the step of `table`."""
+        tables = self.joined.tables(table)
+        return [
+            ego.plan(own) if runs else EgoCommand(table.step)
+            for ego, own, runs in zip(self._egos, tables, self.running.tolist(), strict=True)
+        ]
+
+    def _draft(self, starts: Sequence[Start]) -> None:
+        """Draw who is driven from the beginning, conflict or not."""
+        config, drafted = self._config, []
+        for k, (start, table) in enumerate(zip(starts, self.joined.tables(self._table), strict=True)):
+            for task in drafted_tasks(table, start.scenario, config.drafted, config.draft_radius, start.random):
+                agent, (goal_x, goal_y) = self.joined.agent(k, task.agent), task.goal.tolist()
+                drafted.append(_Task(agent, task.path.points, (goal_x, goal_y), task.due_step, task.opponent))
+        self._drafted = drafted
+        self._drafted_paths = PathBatch([task.points for task in drafted])
+
+    def _see(self, table: AgentTable) -> None:
+        """Make `table` the current step: forecast it and see who is off the log."""
+        self._table = table
+        self._takeovers = self._manager.update(table, self._predictor.forecast(table)).takeovers
+
+    def _choose(self) -> None:
+        """Choose who is driven at the current step: who is held and who is drafted, so many of each episode."""
+        tasks = {
+            t.agent: _Task(t.agent, t.reference_path, t.goal_pose[:2], due_step(t), opponent_of(t))
+            for t in self._takeovers
+            if t.state == TakeoverState.HELD
+        }
+        if self.step_number < self.joined.history_steps + self._config.draft_steps:
+            for task in self._drafts():
+                held = tasks.get(task.agent, task)
+                tasks[task.agent] = task._replace(opponent=held.opponent)
+        counts = np.zeros(len(self.running), np.int64)
+        self._tasks = []
+        for agent in sorted(tasks):
+            counts[agent >> BITS] += 1
+            if counts[agent >> BITS] <= self._config.slots:
+                self._tasks.append(tasks[agent])
+        self._scene = self._with_tasks(self._tasks)
+
+    def _drafts(self) -> list[_Task]:
+        """Tasks of the drafted agents that are on the road, with the parts of their paths around where they are."""
+        rows = self._table.rows(np.array([task.agent for task in self._drafted], np.int64))
+        here = np.flatnonzero(rows >= 0)
+        if not len(here):
+            return []
+        at, paths = rows[here], self._drafted_paths.take(here)
+        s = paths.project(np.arange(len(here)), self._table.x[at], self._table.y[at]).s
+        begin, end = (ends.tolist() for ends in paths.window(s))
+        found = [self._drafted[k] for k in here.tolist()]
+        return [task._replace(points=task.points[i:j]) for task, i, j in zip(found, begin, end, strict=True)]
+
+    def _others_controls(self) -> ControlTable:
+        """The rules' answer to the current step, for the agents that are off their log and not driven."""
+        driven = {task.agent for task in self._tasks}
+        others = tuple(t for t in self._takeovers if t.agent not in driven)
+        return self._rule.act(self._table, TakeoverTable(self.step_number, others))
+
+    def _outcome(self, before: AgentTable, driven: IntArray, tasks: list[_Task], guarded: BoolArray) -> Outcome:
+        """What the step from `before` to now did to the agents that were `driven`, some by commands to be `guarded`."""
+        after = self._table
+        rows = after.rows(driven)
+        here = rows >= 0
+        now = {task.agent for task in self._tasks}
+        left = [task for task, is_here in zip(tasks, here.tolist(), strict=True) if is_here and task.agent not in now]
+        seen = self._observer.features(self._with_tasks([*self._tasks, *left]) if left else self._scene)
+        following = self.seen
+        at = {task.agent: k for k, task in enumerate([*self._tasks, *left])}
+        following[here] = seen[[at[agent] for agent in driven[here].tolist()]]
+        self.seen = seen[: len(self._tasks)]
+        executed = np.zeros((len(driven), 3))
+        rows = rows[here]
+        speed = 0.5 * (after.speed[rows] + before.speed[before.rows(driven[here])])
+        executed[here] = normalised(consistent(after.acceleration[rows], after.yaw_rate[rows], speed))
+        terms = penalties(before, after, driven[here], self.joined.lane_map, guarded[here])
+        penalty, terminated = np.zeros(len(driven)), np.zeros(len(driven), np.bool_)
+        penalty[here], terminated[here] = terms.total(self._course.penalty), terms.collision | terms.off_road
+        scene, collided = driven >> BITS, np.zeros(len(self.running), np.bool_)
+        collided[scene[terminated]] = True
+        driven_on = here & np.isin(driven, list(now)) & (after.step < self._end[scene]) & ~collided[scene]
+        return Outcome(driven, following, executed, penalty, terms, driven[here], terminated, driven_on)
+
+    def _leave_out(self, over: BoolArray) -> None:
+        """End the episodes of the mask `over` (E,): their agents are gone."""
+        ending = np.flatnonzero(self.running & over).tolist()
+        if not ending:
+            return
+        self.running &= ~over
+        for scene in ending:
+            self._world.drop(scene)
+        self._table = self._table.take(self.running[self._table.scene])
+        self._takeovers = tuple(t for t in self._takeovers if self.running[t.agent >> BITS])
+        stays = self.running[self.driven >> BITS]
+        self._tasks = [task for task, is_left in zip(self._tasks, stays.tolist(), strict=True) if is_left]
+        self.seen = self.seen[stays]
+        self._scene = self._with_tasks(self._tasks)
+
+    def _with_tasks(self, tasks: Sequence[_Task]) -> DrivingScene:
+        """The agents with `tasks` now."""
+        return DrivingScene.on_paths(
+            self.joined.lane_map,
+            self._table,
+            [task.points for task in tasks],
+            [task.goal for task in tasks],
+            [(task.agent, task.due_step, task.opponent) for task in tasks],
+        )
