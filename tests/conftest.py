@@ -20,7 +20,7 @@ import pytest
 import yaml
 from hypothesis import settings
 
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, AgentTable, Controller
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, AgentTable, Controller, Kind
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
 
@@ -83,6 +83,7 @@ class Track:
     last: int = 60
     length: float = 4.5
     width: float = 2.0
+    kind: Kind = Kind.CAR
 
     def rows(self) -> pd.DataFrame:
         """The recording's rows of this vehicle."""
@@ -101,7 +102,7 @@ class Track:
             "acceleration": self.acceleration,
             "length": self.length,
             "width": self.width,
-            "kind": 0,
+            "kind": int(self.kind),
             "lane": -1,
         }
         return pd.DataFrame(values)[list(COLUMNS)]

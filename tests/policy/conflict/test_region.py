@@ -13,7 +13,7 @@ from litsim_policy.conflict.registry import conflict_stage
 from litsim_policy.conflict.takeover import TakeoverManager
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.parameters import ParameterOverrides
-from litsim_sim.core.scene import Controller
+from litsim_sim.core.scene import Controller, Kind
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 
@@ -45,6 +45,12 @@ def test_those_near_the_ego_are_driven_after_the_history(scenario: Scenario, pla
     assert (taken.detected_step, taken.opponent, taken.log_collision_predicted) == (FIRST, 1, False)
     assert taken.path_source == PathSource.LANE and taken.residual_position == pytest.approx(0.0)
     assert answer.iterations == 0 and answer.converged
+
+
+def test_pedestrians_and_cyclists_are_not(make_scenario: Callable[..., Scenario], track: Any, placed: Any) -> None:
+    walkers = [track(n, x=200.0 + n, y=-8.0, kind=kind) for n, kind in ((4, Kind.PEDESTRIAN), (5, Kind.BICYCLE))]
+    made = make_scenario(track(1, x=200.0), track(2, x=172.0), *walkers, history_steps=FIRST, roi_m=30.0)
+    assert agents(see(RegionManager(made), made, FIRST, placed)) == [2]
 
 
 def test_nobody_is_given_back(scenario: Scenario, placed: Any) -> None:

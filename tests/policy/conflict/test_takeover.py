@@ -15,7 +15,7 @@ from litsim_predictor.kinematic import KinematicPredictor
 from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterOverrides
-from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.scene import OBSTACLE_KINDS, AgentTable, Controller, Kind
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 
@@ -57,7 +57,8 @@ class Stage:
 @pytest.fixture
 def stage(make_scenario, track, placed):
     def make(*tracks: Any, history_steps: int = FIRST, **config: Any) -> Stage:
-        scenario = make_scenario(*(tracks or (track(1, x=300.0), track(2, x=60.0))), history_steps=history_steps)
+        everybody = tracks or (track(1, x=300.0), track(2, x=60.0))
+        scenario = make_scenario(*everybody, history_steps=history_steps, coverage_min=0.0)
         manager = TakeoverManager(scenario, ConflictConfig(), TakeoverConfig(**{"handback": "catch_up"} | config))
         return Stage(
             scenario, placed, manager, KinematicPredictor(1, scenario.roi_m, wanted=Wanted.READ), history_steps
@@ -403,8 +404,8 @@ def lag_then_go(make_scenario, track, drive) -> Callable[..., Any]:
         braking = table.step < FIRST + 20
         return (-2.5 if braking else min(2.0, 2.0 * (10.0 - float(table.speed[row])))), 0.0
 
-    def run(handback: str) -> Any:
-        scenario = make_scenario(*(track(i, x=115.0 - 16.0 * i, last=200) for i in (1, 2, 3)))
+    def run(handback: str, *others: Any) -> Any:
+        scenario = make_scenario(*(track(i, x=115.0 - 16.0 * i, last=200) for i in (1, 2, 3)), *others)
         return drive(scenario, drive_it, parameters={"conflict": {"handback": handback}})
 
     return run
@@ -455,6 +456,38 @@ def test_who_follows_a_late_log_is_somebody_to_look_out_for(stage, track) -> Non
     for _ in range(3):
         answer = s.see({2: {"x": s.logged(2) - 9.0}})
     assert [(t.agent, t.opponent) for t in answer.takeovers] == [(3, 2)]
+
+
+# Pedestrians and cyclists
+
+
+@pytest.fixture
+def runner(track) -> Any:
+    """Runs across lane 2 at x 200 m, between the logs of agents 2 and 3 of `lag_then_go`."""
+
+    def make(kind: Kind) -> Any:
+        size = {"length": 0.5, "width": 0.5}
+        return track(4, x=200.0, y=-40.5, yaw=0.5 * np.pi, speed=2.8, last=200, kind=kind, **size)
+
+    return make
+
+
+@pytest.mark.parametrize("kind", [Kind.CAR, Kind.BICYCLE, Kind.PEDESTRIAN])
+def test_pedestrians_and_cyclists_are_never_taken_over(stage, track, runner, kind: Kind) -> None:
+    s = stage(track(1, x=100.0, last=200), runner(kind))
+    taken = []
+    for step in range(100, 125):  # the ego stands where agent 4 is about to run
+        taken += [t.agent for t in s.see({1: {"x": 200.0, "speed": 0.0}}, step).takeovers]
+    assert set(taken) == (set() if kind in OBSTACLE_KINDS else {4})
+
+
+def test_who_follows_a_late_log_yields_to_a_pedestrian_on_his(lag_then_go, runner) -> None:
+    run = lag_then_go("time_shift", runner(Kind.PEDESTRIAN))
+    taken = run.takeovers(2)
+    assert {t.opponent for t in taken.values()} == {1, 4}, "first to the ego, then to whoever runs across"
+    assert run.world.contacts == {} and not run.takeovers(4)
+    np.testing.assert_array_equal(run.series(4, "controller"), Controller.LOG)
+    np.testing.assert_array_equal(run.series(4, "y"), run.scenario.log.y[run.scenario.log.row(4)])
 
 
 # Provenance

@@ -12,7 +12,7 @@ import pytest
 from litsim_sim.analysis.collision import Verdict, collisions
 from litsim_sim.analysis.contacts import Contact, contacts
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.core.scene import AgentTable
+from litsim_sim.core.scene import AgentTable, Kind
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
 from litsim_sim.record.run import Run
 
@@ -121,3 +121,14 @@ def test_the_ego_is_judged_by_the_first_contact_that_the_log_has_not(run: Make) 
     assert (contact.agent, contact.step, contact.verdict) == (2, 70, Verdict.FRONT)
     (contact,) = collisions(run(range(20, 30), range(20, 30), pair=(1, 2))).ego
     assert contact.step == 20, "of those that the log has, the first"
+
+
+def test_contacts_by_kind_and_none_among_pedestrians(table: Make, make_run: Make) -> None:
+    """The ego touches a truck and somebody on a bicycle; two pedestrians walk arm in arm."""
+    others = [(2, 3.0, Kind.TRUCK), (3, -3.0, Kind.BICYCLE), (8, 50.0, Kind.PEDESTRIAN), (9, 50.2, Kind.PEDESTRIAN)]
+    agents = [{"id": 1, "x": 0.0, "y": 0.0}, *({"id": i, "x": x, "y": 0.0, "kind": kind} for i, x, kind in others)]
+    found = compute_metrics(make_run([table(step, *agents) for step in range(3)]))["collision"]
+    assert found["pairs"] == 2 and [each["pair"] for each in found["contacts"]] == [[1, 2], [1, 3]]
+    counted = {kind: count for kind, count in found["by_kind"].items() if count}
+    assert counted == {"car": 2, "truck": 1, "bicycle": 1}
+    assert found["by_kind"].keys() == {kind.name.lower() for kind in Kind}

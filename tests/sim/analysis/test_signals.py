@@ -10,7 +10,7 @@ import pytest
 
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.analysis.signals import passages
-from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.scene import OBSTACLE_KINDS, AgentTable, Controller
 from litsim_sim.core.signals import SignalState
 from litsim_sim.maps.signal_links import read_links
 from litsim_sim.scenario.scenario import packaged
@@ -52,6 +52,12 @@ def test_who_passes_at_what(agent_table: Table, signals: Signals) -> None:
     assert (at_red.connection, at_red.group, at_red.controller) == ("WA_1 -> AB_1", "east", Controller.EGO)
     assert (at_green.agent, at_green.step, at_green.at_red) == (2, 26, False)
     assert passages(signals, []) == []
+
+
+def test_lights_of_lanes_are_not_for_pedestrians_and_cyclists(agent_table: Table, signals: Signals) -> None:
+    for kind in OBSTACLE_KINDS:
+        found = passages(signals, tables(agent_table, first={"kind": kind}))
+        assert [passage.agent for passage in found] == [2]
 
 
 def test_metrics_count_by_driver_and_know_the_log(agent_table: Table, make_run: Any, signals: Signals) -> None:

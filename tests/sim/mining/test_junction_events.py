@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.scene import OBSTACLE_KINDS, STEP_S, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.mining.events import Event, EventKind
 from litsim_sim.mining.junction_events import encounters, turn_events
@@ -22,6 +24,14 @@ SPEED = 8.0
 
 def met(*vehicles: Vehicle, signals: WaySignals | None = None) -> list[Event]:
     return list(encounters(situation(*vehicles, lane_map=STREET, signals=signals)))
+
+
+def test_nobody_meets_a_pedestrian_or_cyclist_on_the_lanes() -> None:
+    south, west = on_path(OTHER, NORTHWARD, 70.0, SPEED), on_path(EGO, EAST, 0.0, SPEED)
+    later = west.y[0] - south.y[0] - (south.x[0] - west.x[0]) + 20.0  # 2.5 s after the one from the south
+    west = on_path(EGO, EAST, -later, SPEED)
+    for kind in (Kind.CAR, *OBSTACLE_KINDS):
+        assert bool(met(replace(west, kind=int(kind)), south)) == (kind == Kind.CAR)
 
 
 @settings(max_examples=25)

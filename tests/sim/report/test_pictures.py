@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from PIL import Image
 from litsim_sim.cli.report import main
 from litsim_sim.core.colours import COLOURS, Mode
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import Kind
 from litsim_sim.record.run import Run
 from litsim_sim.report.pictures import _ffmpeg, write_film, write_png
 
@@ -35,6 +37,21 @@ def test_png(small_run: Run, tmp_path: Path) -> None:
     assert shown[5] == {Mode.EGO, Mode.LOG}
     assert shown[30] == {Mode.EGO, Mode.LOG, Mode.POLICY}
     assert shown[40] == {Mode.EGO, Mode.LOG, Mode.HANDBACK}
+
+
+def test_pedestrians_are_round(small_run: Run, tmp_path: Path) -> None:
+    """As many pixels of its colour as an ellipse has of its box, the ego being drawn as one."""
+    shown = []
+    for kind in (Kind.CAR, Kind.PEDESTRIAN):
+        tables = [
+            replace(t, kind=np.where(t.id == small_run.info.ego_id, kind, t.kind).astype(np.uint8))
+            for t in small_run.tables
+        ]
+        write_png(replace(small_run, tables=tables), 5, tmp_path / "scene.png")
+        wanted = [int(COLOURS[Mode.EGO][0][i : i + 2], 16) for i in (1, 3, 5)]
+        pixels = np.asarray(Image.open(tmp_path / "scene.png").convert("RGB")).astype(int)[60:]
+        shown.append(int((np.abs(pixels - wanted).max(axis=-1) <= 8).sum()))
+    assert 0.65 < shown[1] / shown[0] < 0.9
 
 
 def test_gif(small_run: Run, tmp_path: Path) -> None:

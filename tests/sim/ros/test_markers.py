@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
 from litsim_sim.core.colours import COLOURS, Mode
-from litsim_sim.core.scene import Controller
+from litsim_sim.core.scene import Controller, Kind
 from litsim_sim.ros.markers import POINTS_MAX, AgentLayer, ConflictLayer, ForecastLayer, handing_back
 
 Make = Callable[..., Any]
@@ -60,6 +60,13 @@ def test_agents_are_oriented_boxes_with_their_speed(agent_table: Make) -> None:
     assert {label.type for label in labels} == {Marker.TEXT_VIEW_FACING}
     assert labels[0].text == "12.3"
     assert labels[0].pose.position.z > ego.scale.z
+
+
+def test_pedestrians_are_cylinders(agent_table: Make) -> None:
+    walker = {"id": 2, "kind": Kind.PEDESTRIAN, "length": 0.5, "width": 0.6}
+    car, other = of(AgentLayer().draw(agent_table(1, {"id": 1}, walker)), "agents")
+    assert (car.type, other.type) == (Marker.CUBE, Marker.CYLINDER)
+    assert (other.scale.x, other.scale.y) == (0.5, 0.6)
 
 
 def test_who_has_vanished_is_deleted_once_and_can_come_back(agent_table: Make) -> None:

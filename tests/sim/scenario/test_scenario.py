@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 import yaml
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, Controller
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, Controller, Kind
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording, RecordingHeader
@@ -252,6 +253,18 @@ def test_net_that_does_not_cover_the_recording(tmp_path: Path, fields: dict[str,
     assert 0.0 < share < 0.9, "what is demanded is a field of the scenario, from 0 to 1"
     for share in (-0.1, 1.1, float("nan")):
         assert "field coverage_min" in refusal(tmp_path, fields | {"coverage_min": share})
+
+
+def test_pedestrians_and_cyclists_keep_to_no_lanes_and_are_no_egos(
+    make_scenario: Any, track: Any, lane_centres: Any
+) -> None:
+    walkers = [track(n, x=20.0 * n, y=60.0, kind=kind) for n, kind in ((8, Kind.PEDESTRIAN), (9, Kind.BICYCLE))]
+    made = make_scenario(track(1, x=50.0, y=lane_centres[1]), *walkers)
+    assert made.coverage == 1.0 and made.possible_egos == (1,)
+    with pytest.raises(InputError, match="field egos: 8 is a pedestrian, expected a vehicle"):
+        make_scenario(track(1, x=50.0, y=lane_centres[1]), *walkers, egos=[1, 8])
+    with pytest.raises(InputError, match="does not cover the recording: 33"):
+        make_scenario(track(1, x=50.0), *(replace(walker, kind=Kind.CAR) for walker in walkers))
 
 
 def test_nets_that_cannot_be_read(tmp_path: Path, fields: dict[str, Any]) -> None:

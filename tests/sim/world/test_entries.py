@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.scene import OBSTACLE_KINDS, AgentTable, Controller, Kind
 from litsim_sim.scenario.log import Log
 from litsim_sim.world.entries import Entries, EntryConfig
 
@@ -41,6 +41,16 @@ def test_the_free_road_and_the_one_that_is_not(log: Log, standing: Callable[[flo
         entries = Entries(log, EntryConfig())
         assert begin(entries, log, standing(ahead)) is free
         assert entries.waiting == ({} if free else {NEW: BEGINS})
+
+
+@pytest.mark.parametrize("kind", OBSTACLE_KINDS)
+def test_pedestrians_and_cyclists_wait_for_nobody(
+    make_scenario: Callable[..., Any], track: type, standing: Callable[[float], AgentTable], kind: Kind
+) -> None:
+    entering = track(id=NEW, first=BEGINS, last=ENDS, kind=kind, **PLACE)
+    other = make_scenario(track(id=1, x=400.0), track(id=OTHER, x=60.0), entering).log
+    entries = Entries(other, EntryConfig())
+    assert begin(entries, other, standing(0.0)) and entries.waiting == {}
 
 
 def test_without_a_guard_nobody_waits(log: Log, standing: Callable[[float], AgentTable]) -> None:

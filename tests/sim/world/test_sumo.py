@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand, Kind
 from litsim_sim.core.signals import SignalState
 from litsim_sim.maps.signal_links import read_links
 from litsim_sim.scenario.scenario import Scenario, packaged
@@ -43,6 +43,24 @@ def front_centres(table: AgentTable) -> np.ndarray:
 
 def present() -> set[str]:
     return set(libsumo.vehicle.getIDList())
+
+
+def test_pedestrians_and_bicycles_are_shown_as_what_they_are(mirror: SumoMirror, agent_table: Build) -> None:
+    walker = {"id": 5, "kind": Kind.PEDESTRIAN, "x": 300.0, "y": 12.0, "yaw": 1.5, "length": 0.5, "width": 0.5}
+    rider = {"id": 6, "kind": Kind.BICYCLE, "x": 200.0, "y": -5.49, "length": 1.8, "width": 0.6}
+    for step in range(3):
+        walker["y"] = 12.0 - 0.14 * step  # beside the road, where no lane is
+        table = agent_table(step, {"id": 1, "x": 100.0, "y": -5.49}, walker, rider)
+        mirror.show(table)
+        np.testing.assert_allclose(in_sumo(table), front_centres(table), atol=1e-6)
+    assert [libsumo.vehicle.getVehicleClass(str(agent)) for agent in (1, 5, 6)] == [
+        "passenger",
+        "pedestrian",
+        "bicycle",
+    ]
+    assert libsumo.vehicle.getLength("5") == 0.5
+    mirror.show(agent_table(3, {"id": 1, "x": 101.0, "y": -5.49}))
+    assert present() == {"1"}
 
 
 def scattered(build: Build, step: int, rng: np.random.Generator, count: int = 40) -> AgentTable:

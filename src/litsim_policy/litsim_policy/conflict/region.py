@@ -18,8 +18,8 @@ class RegionManager:
     """Takes over everybody whose centre is within the scenario's `roi_m` of the ego's, and gives nobody back.
 
     So the paper's baselines drive: they know neither conflicts nor logs to go back to. Each agent keeps the lane that
-    it was on, along the route of its log. Whoever enters late, because its log began where the road was not free, is
-    driven at once.
+    it was on, along the route of its log; pedestrians and cyclists follow theirs. Whoever enters late, because its log
+    began where the road was not free, is driven at once.
 
     Attributes:
         iterations, converged: (scenes,) as :class:`.takeover.TakeoverManager` has them: nothing is iterated.
@@ -42,7 +42,7 @@ class RegionManager:
         near = ((apart <= self._scenario.roi_m) & (table.scene[:, None] == table.scene[ego])).any(axis=1)
         off = ego | table.mask(self._off.agent)
         late = table.controller == Controller.POLICY
-        for row in np.flatnonzero((near | late) & ~off):
+        for row in np.flatnonzero(((near & ~table.obstacle) | late) & ~off):
             self._open(table, int(row), TakeoverReason.BLOCKED_ENTRY if late[row] else TakeoverReason.REGION)
         rows = table.rows(self._off.agent)
         log = self._scenario.log

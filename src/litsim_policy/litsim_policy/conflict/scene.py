@@ -26,7 +26,8 @@ class ConflictScene:
             table: everybody, n agents.
             forecast: of the same step.
             lag: (n,) steps by which the replay of each log lags.
-            lagged: mask of those that follow a log that lags, which then is what is expected of them.
+            lagged: mask of those whose log, lag included, is what is expected of them: that follow one that lags, or
+                follow theirs whatever happens.
         """
         self._detector, self._table, self._forecast = detector, table, forecast
         self._lag, self._lagged = lag, lagged

@@ -96,11 +96,11 @@ class TakeoverManager:
         self._choose_lags(table)
         lag = self._lag[np.searchsorted(log.ids, table.id)]
         lagged, was_off = (lag > 0) & (table.controller == Controller.LOG), self._is_off(table)
-        scene = ConflictScene(self._detector, table, forecast, lag, lagged)
+        scene = ConflictScene(self._detector, table, forecast, lag, lagged | table.obstacle)
         is_off = self._take_over(table, scene, was_off, lagged)
         rows, log_rows = self._rows(table, self._off)
         residuals = Residuals.of(log, log_rows, lag[rows], table, rows)
-        self._review(table, scene, was_off[rows], rows, residuals, is_off | lagged)
+        self._review(table, scene, was_off[rows], rows, residuals, is_off | lagged | table.obstacle)
         takeovers = self._off.report(table.x[rows], table.y[rows], residuals.reported, lag[rows])
         self._off = self._off.take(self._off.state != TakeoverState.RELEASED)
         return TakeoverTable(table.step, takeovers, int(self.iterations.max()), bool(self.converged.all()))
@@ -127,6 +127,7 @@ class TakeoverManager:
         """Add the agents whose conflict is confirmed; notes the iterations needed, and whether nothing was left.
 
         Each iteration looks at the agents that the one before has put off their logs; the first, at all that were.
+        Pedestrians and cyclists are never added; who follows a log that lags has to yield to them.
 
         Args:
             table: everybody.
@@ -138,13 +139,16 @@ class TakeoverManager:
             mask of those that are off their logs now.
         """
         suspected: dict[int, int] = {}
-        off, fresh, done = was_off, was_off | lagged, 0
+        off, fresh, done, walking = was_off, was_off | lagged, 0, table.obstacle
         self.iterations = np.zeros(len(self._ego_ids), np.int64)
         while fresh.any() and done < self.config.iterations_max:
             done += 1
             self.iterations[table.scene[fresh]] = done
             before, off = off, off.copy()
-            for conflict in scene.detect(~before, fresh):
+            found = scene.detect(~before & ~walking, fresh)
+            if done == 1 and walking.any() and lagged.any():
+                found = _soonest(found, scene.detect(lagged & ~before, walking))
+            for conflict in found:
                 seen = self._suspected.get(conflict.agent, 0) + 1
                 suspected[conflict.agent] = seen
                 if seen >= self.config.confirm_steps or conflict.time_to_conflict <= self.config.urgent_time:
@@ -212,3 +216,11 @@ class TakeoverManager:
         review(self.config, off, table, rows[known], residuals.take(known), in_conflict[rows[known]])
         if off is not self._off:
             self._off = off.joined(self._off.take(~known))
+
+
+def _soonest(some: list[Conflict], more: list[Conflict]) -> list[Conflict]:
+    """The conflicts of both lists, of each agent the one that comes first; in the order of time."""
+    found: dict[int, Conflict] = {}
+    for conflict in sorted((*some, *more), key=lambda each: each.time_to_conflict):
+        found.setdefault(conflict.agent, conflict)
+    return list(found.values())

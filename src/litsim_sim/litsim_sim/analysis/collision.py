@@ -117,7 +117,10 @@ def first_contacts(tables: Sequence[AgentTable]) -> dict[Pair, int]:
     """Step of the first overlap of every pair of boxes that ever overlap; touching edges do not count."""
     first: dict[Pair, int] = {}
     for table in tables:
+        walking = table.obstacle
         for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width).tolist():
+            if walking[i] and walking[j]:
+                continue
             first.setdefault((int(table.id[i]), int(table.id[j])), table.step)
     return first
 

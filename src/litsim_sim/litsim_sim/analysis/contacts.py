@@ -31,11 +31,17 @@ class Contact:
 
 
 def contacts(tables: Iterable[AgentTable], dt: float) -> list[Contact]:
-    """The contacts in `tables`, steps ascending and `dt` [s] long, by first step; touching edges do not count."""
+    """The contacts in `tables`, steps ascending and `dt` [s] long, by first step; touching edges do not count.
+
+    Nor do contacts among pedestrians and cyclists, who walk side by side as recorded whatever happens.
+    """
     merge = round(TOLERANCE_S / dt)
     steps: dict[Pair, list[list[int]]] = {}
     for table in tables:
+        walking = table.obstacle
         for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width).tolist():
+            if walking[i] and walking[j]:
+                continue
             found = steps.setdefault((int(table.id[i]), int(table.id[j])), [])
             if found and table.step - found[-1][1] <= merge:
                 found[-1][1] = table.step

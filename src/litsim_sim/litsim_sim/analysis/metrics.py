@@ -39,7 +39,7 @@ from litsim_sim.analysis.tables import ledger_row
 from litsim_sim.analysis.takeover import Handback, Jump, handbacks, ledger
 from litsim_sim.analysis.timing import StageTime, Timing, timing
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import ARRAY_FIELDS, Controller
+from litsim_sim.core.scene import ARRAY_FIELDS, Controller, Kind
 from litsim_sim.io.files import replacing
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import LOST_ATTACHMENTS, Run
@@ -72,7 +72,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "agents": len(background),
         "controlled_agents": len(hits.controlled),
         "digest": digest(run),
-        "collision": _collision(hits),
+        "collision": _collision(run, hits),
         "reactive": not hits.excess,
         "ade_controlled_m": _by_horizon(far, far.ade_controlled),
         "ade_all_m": _by_horizon(far, far.ade_all),
@@ -158,7 +158,9 @@ def _by_horizon(far: Displacements, measure: Callable[[int], float | None]) -> d
     return {str(horizon): measure(horizon) for horizon in far.horizons}
 
 
-def _collision(hits: Collisions) -> CollisionMetrics:
+def _collision(run: Run, hits: Collisions) -> CollisionMetrics:
+    kinds = {agent: kind for t in run.simulated for agent, kind in zip(t.id.tolist(), t.kind.tolist(), strict=True)}
+    touching = [{kinds[agent] for agent in pair} for pair in hits.first]
     return {
         "agents": len(hits.colliding),
         "pairs": len(hits.first),
@@ -168,6 +170,7 @@ def _collision(hits: Collisions) -> CollisionMetrics:
         "background_at_fault": sum(not contact.ego_at_fault for contact in hits.ego),
         "log_floor": len(hits.log),
         "excess": len(hits.excess),
+        "by_kind": {kind.name.lower(): sum(int(kind) in pair for pair in touching) for kind in Kind},
         "contacts": [
             {"pair": list(each.pair), "step": each.first, "last_step": each.last, "in_log": in_log}
             for each, in_log in zip(hits.contacts, hits.in_log, strict=True)

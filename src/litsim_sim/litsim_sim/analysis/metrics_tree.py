@@ -18,6 +18,7 @@ from litsim_sim.analysis.comfort import BOUNDS
 from litsim_sim.analysis.displacement import HORIZONS_S
 from litsim_sim.analysis.realism import FEATURES
 from litsim_sim.analysis.safety import TTC_CRITICAL_S
+from litsim_sim.core.scene import Kind
 from litsim_sim.ego_port.port import COUNTS
 
 NEAR_MAX = 5
@@ -56,6 +57,7 @@ class CollisionMetrics(TypedDict):
     background_at_fault: int
     log_floor: int
     excess: int
+    by_kind: Annotated[dict[str, int], Keys(tuple(kind.name.lower() for kind in Kind))]
     contacts: list[dict[str, Any]]
     ego_contacts: list[dict[str, Any]]
 

@@ -41,7 +41,11 @@ class Passage:
 
 
 def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
-    """Who passed a stop line in `tables`, which are of successive steps; by agent and step."""
+    """Which vehicles passed a stop line in `tables`, which are of successive steps; by agent and step.
+
+    Signals of lanes are not for pedestrians and cyclists, who keep to none.
+    """
+    tables = [table.take(~table.obstacle) if table.obstacle.any() else table for table in tables]
     if not tables:
         return []
     ids = np.unique(np.concatenate([table.id for table in tables]))

@@ -23,12 +23,23 @@ STEP_NS = round(STEP_S * 1e9)  # [ns] of one step: stamps are whole numbers of n
 
 
 class Kind(IntEnum):
-    """Vehicle class, numbered as in ``litsim_msgs/AgentStates``."""
+    """Class of an agent, numbered as in ``litsim_msgs/AgentStates``."""
 
     CAR = 0
     TRUCK = 1
     MOTORCYCLE = 2
+    BICYCLE = 3
+    PEDESTRIAN = 4
     UNKNOWN = 255
+
+
+OBSTACLE_KINDS = (Kind.BICYCLE, Kind.PEDESTRIAN)
+"""Kinds that keep to no lanes and always follow their log: everybody else yields to them, nobody takes them over."""
+
+
+def is_obstacle(kind: ByteArray) -> BoolArray:
+    """(n,) whether agents of these kinds (n,) are of the OBSTACLE_KINDS."""
+    return np.asarray((kind == Kind.BICYCLE) | (kind == Kind.PEDESTRIAN), np.bool_)
 
 
 class Controller(IntEnum):
@@ -95,6 +106,11 @@ class AgentTable:
         """A table of the agents in `rows`, which are ascending positions or a mask (n,)."""
         at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
         return type(self)(self.step, *(getattr(self, f).take(at) for f in ARRAY_FIELDS))
+
+    @property
+    def obstacle(self) -> BoolArray:
+        """(n,) pedestrians and cyclists; see :data:`OBSTACLE_KINDS`."""
+        return is_obstacle(self.kind)
 
     @property
     def off_log(self) -> BoolArray:

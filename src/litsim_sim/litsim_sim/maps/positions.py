@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import is_obstacle
 from litsim_sim.io.parquet_input import is_parquet, read_schema
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.ngsim import formats as ngsim_format
@@ -69,11 +70,16 @@ def for_fitting(path: Path, site: str = "") -> Positions:
         return _official(path, site)
     recording = load_recording(path)
     known = recording.header.net.removesuffix(".net.xml")
-    return Positions(recording.table, site or (known if known in SITES else ""))
+    return Positions(vehicles_of(recording.table), site or (known if known in SITES else ""))
+
+
+def vehicles_of(table: pd.DataFrame) -> pd.DataFrame:
+    """The rows of a neutral table without those of pedestrians and cyclists, who keep to no lanes."""
+    return table[~is_obstacle(table["kind"].to_numpy())]
 
 
 def for_checking(path: Path, scenarios: Sequence[str] = ()) -> dict[str, pd.DataFrame]:
-    """Parts of a recording in the neutral columns x, y, yaw, lane, by name.
+    """Parts of a recording's vehicles in the neutral columns vehicle_id, frame, x, y, yaw, lane, by name.
 
     Args:
         path: as :func:`for_fitting`; or windows of CommonRoad scenarios, each in a frame of its own.
@@ -95,7 +101,7 @@ def for_checking(path: Path, scenarios: Sequence[str] = ()) -> dict[str, pd.Data
         return {**{name: part for name, part in parts.items() if len(part)}, "all windows": table}
     if set(COMMONROAD_WINDOWS) <= set(columns):
         return _commonroad_windows(path, scenarios)
-    return {"recording": load_recording(path).table}
+    return {"recording": vehicles_of(load_recording(path).table)}
 
 
 def mapped_by(path: Path) -> dict[str, Any] | None:

@@ -54,7 +54,7 @@ class LaneTracks:
     @classmethod
     def of(cls, log: Log, lane_map: LaneMap) -> LaneTracks:
         """Place the agents of `log` on the lanes of `lane_map`."""
-        valid = log.valid
+        valid = log.valid & ~log.obstacle[:, None]  # pedestrians and cyclists keep to no lanes
         width = np.array([lane.width for lane in lane_map.lanes])
         lane = np.full(valid.shape, NOWHERE)
         s, d, along = (np.zeros(valid.shape) for _ in range(3))

@@ -24,7 +24,7 @@ from tqdm import tqdm
 from litsim_sim.core.colours import COLOURS, Mode
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import box_corners, to_body
-from litsim_sim.core.scene import BoolArray, FloatArray
+from litsim_sim.core.scene import BoolArray, FloatArray, is_obstacle
 from litsim_sim.io.files import replacing
 from litsim_sim.record.run import Run
 from litsim_sim.report.content import road
@@ -52,6 +52,7 @@ class Stage:
         self._surface, self._paint = _draw_road(self._axes, road(run, self._tracks))
         edge = {"edgecolors": INK, "linewidths": 0.8}
         self._boxes = self._axes.add_collection(PolyCollection([], zorder=4, **edge))
+        self._walking = self._axes.add_collection(PolyCollection([], zorder=5, **edge))
         self._fronts = self._axes.add_collection(LineCollection([], colors=INK, linewidths=2.0, zorder=5))
         dashed = {"facecolors": "none", "linestyles": [(0, (3, 2))], "linewidths": 1.2}
         self._outlines = self._axes.add_collection(PolyCollection([], zorder=6, **dashed))
@@ -82,8 +83,11 @@ class Stage:
             collection.set_verts([self._view(line, centre) for line in lines])
         here = tracks.present[:, frame]
         boxes = self._view(_corners(tracks, here, frame), centre)
-        self._boxes.set(verts=list(boxes), facecolors=[COLOURS[Mode(m)][0] for m in tracks.mode[here, frame]])
-        self._fronts.set_segments(list(boxes[:, [0, 3]]))
+        colours = np.array([COLOURS[Mode(m)][0] for m in tracks.mode[here, frame]], object)
+        driving = ~is_obstacle(tracks.kind[here])
+        self._boxes.set(verts=list(boxes[driving]), facecolors=colours[driving])
+        self._fronts.set_segments(list(boxes[driving][:, [0, 3]]))
+        self._walking.set(verts=[_ellipse(box) for box in boxes[~driving]], facecolors=colours[~driving])
         rows = np.array([tracks.row(agent) for agent in self._ghosts.id.tolist()], np.int64)
         mode = tracks.mode[rows, frame]
         gone = self._ghosts.present[:, frame] & (mode != Mode.LOG) & (mode != Mode.ABSENT)
@@ -203,6 +207,13 @@ def _draw_road(axes: Axes, content: dict[str, Any]) -> tuple[_Lines, _Lines]:
         axes.add_collection(collection, autolim=False)
     lines = [[np.reshape(each["line"], (-1, 2)) for each in content[kind]] for kind in ("lanes", "lines")]
     return (surface, lines[0]), (paint, lines[1])
+
+
+def _ellipse(box: FloatArray) -> FloatArray:
+    """Points (m, 2) of the ellipse inside a box of corners (4, 2): a pedestrian, or someone on a bicycle."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)[:, None]
+    long, wide = 0.5 * (box[0] - box[1]), 0.5 * (box[1] - box[2])
+    return np.asarray(box.mean(axis=0) + np.cos(turn) * long + np.sin(turn) * wide, np.float64)
 
 
 def _corners(tracks: Tracks, rows: BoolArray, frame: int) -> FloatArray:

@@ -15,7 +15,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from litsim_sim.core.colours import COLOURS, CONFLICT, Mode
-from litsim_sim.core.scene import AgentTable, FloatArray
+from litsim_sim.core.scene import AgentTable, FloatArray, Kind
 from litsim_sim.ros.messages import from_array, header
 
 HEIGHT = 1.6  # [m] of the boxes, whose real height no recording tells
@@ -58,19 +58,19 @@ class Layer:
 
 
 class AgentLayer(Layer):
-    """Boxes (namespace `agents`) with the speed in m/s above (namespace `speed`)."""
+    """Boxes (namespace `agents`) with the speed in m/s above (namespace `speed`); pedestrians are cylinders."""
 
     def draw(self, table: AgentTable, handing_back: frozenset[int] = frozenset()) -> MarkerArray:
         """Markers of `table`; the ids in `handing_back` are on their way back to the log."""
         return self.array(table.step, self._markers(table, handing_back))
 
     def _markers(self, table: AgentTable, handing_back: frozenset[int]) -> Iterator[tuple[_Key, Marker]]:
-        names = ("id", "controller", "x", "y", "yaw", "speed", "length", "width")
+        names = ("id", "kind", "controller", "x", "y", "yaw", "speed", "length", "width")
         finite = np.isfinite(table.x + table.y + table.yaw + table.speed)
         columns = [getattr(table, name)[finite].tolist() for name in names]
-        for agent, controller, x, y, yaw, speed, length, width in zip(*columns, strict=True):
+        for agent, kind, controller, x, y, yaw, speed, length, width in zip(*columns, strict=True):
             mode = Mode.HANDBACK if controller == Mode.POLICY and agent in handing_back else controller
-            key, box = self.marker("agents", agent, Marker.CUBE)
+            key, box = self.marker("agents", agent, Marker.CYLINDER if kind == Kind.PEDESTRIAN else Marker.CUBE)
             _place(box.pose, x, y, 0.5 * HEIGHT, yaw)
             box.scale.x, box.scale.y, box.scale.z = length, width, HEIGHT
             box.color = _MODES.get(mode, _MODES[Mode.BASELINE])

@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import Kind
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
@@ -48,6 +49,9 @@ def check_agents(file: ScenarioFile, log: Log, history_steps: int, where: str) -
                 raise UnmetDemandError(
                     Demand.EGO, f"{where}: field {field}: no vehicle {agent}; present at the start: {start}"
                 )
+            if log.obstacle[row]:
+                kind = Kind(int(log.kind[row])).name.lower()
+                raise UnmetDemandError(Demand.EGO, f"{where}: field {field}: {agent} is a {kind}, expected a vehicle")
             first, last = int(log.first_step[row]), int(log.last_step[row])
             if first > 0 or last < needed:
                 raise UnmetDemandError(
@@ -58,8 +62,12 @@ def check_agents(file: ScenarioFile, log: Log, history_steps: int, where: str) -
 
 
 def coverage(lane_map: LaneMap, log: Log) -> float:
-    """Share of all recorded box centres that lie within half a lane width of some lane's centre line."""
-    return float(lane_map.inside_road(log.x[log.valid], log.y[log.valid]).mean())
+    """Share of the recorded box centres that lie within half a lane width of some lane's centre line.
+
+    Pedestrians and cyclists keep to no lanes and do not count; NaN where there is nobody else.
+    """
+    counts = log.valid & ~log.obstacle[:, None]
+    return float(lane_map.inside_road(log.x[counts], log.y[counts]).mean()) if counts.any() else float("nan")
 
 
 def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, where: str) -> float:

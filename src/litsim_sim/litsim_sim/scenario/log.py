@@ -11,7 +11,16 @@ from numba.types import UniTuple
 
 from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_FLOATS, OUT_INTS, int64, kernel
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
+from litsim_sim.core.scene import (
+    STEP_S,
+    AgentTable,
+    BoolArray,
+    ByteArray,
+    Controller,
+    FloatArray,
+    IntArray,
+    is_obstacle,
+)
 from litsim_sim.recordings.recording import Recording
 
 LAG_TOLERANCE = 0.2  # [m] by which one place may be farther than another and yet count as near
@@ -91,6 +100,11 @@ class Log:
             acceleration=dense("acceleration"),
             yaw_rate=rate,
         )
+
+    @property
+    def obstacle(self) -> BoolArray:
+        """(n,) pedestrians and cyclists, who are never off their log; see :func:`is_obstacle`."""
+        return is_obstacle(self.kind)
 
     @property
     def steps(self) -> int:

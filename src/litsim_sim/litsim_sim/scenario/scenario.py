@@ -207,7 +207,7 @@ class Scenario:
     @property
     def possible_egos(self) -> tuple[int, ...]:
         """Ids of the vehicles that are there from step 0 through the first simulated step."""
-        there = (self.log.first_step == 0) & (self.log.last_step > self.history_steps)
+        there = (self.log.first_step == 0) & (self.log.last_step > self.history_steps) & ~self.log.obstacle
         return tuple(self.log.ids[there].tolist())
 
     @property

@@ -263,7 +263,7 @@ def _states(
 
 def heed(signals: Signals, log: Log) -> dict[str, tuple[int, int]]:
     """By group, how many vehicles of the log pass its stop lines, and how many of them at red."""
-    found = crossings(signals.links, log.x, log.y, log.yaw, log.length, log.valid)
+    found = crossings(signals.links, log.x, log.y, log.yaw, log.length, log.valid & ~log.obstacle[:, None])
     group = signals.link_group[found.link]
     red = np.isin(signals.states[group, found.step], STOP_STATES)
     return {name: (int((group == row).sum()), int(red[group == row].sum())) for row, name in enumerate(signals.groups)}

@@ -15,12 +15,14 @@ from litsim_sim.core.vehicle import Actuators
 from litsim_sim.scenario.setting import Setting
 
 
-def check_answers(step: int, ego_ids: IntArray, controls: ControlTable, egos: Sequence[EgoCommand]) -> None:
-    """Check that the answers to a step can be applied.
+def check_answers(
+    step: int, ego_ids: IntArray, controls: ControlTable, egos: Sequence[EgoCommand], table: AgentTable
+) -> None:
+    """Check that the answers to a step, whose agents are in `table`, can be applied.
 
     Raises:
         ValueError: `controls` or one of `egos`, whose ids are `ego_ids`, answer another step or hold non-finite values,
-            or the ids of `controls` do not ascend or list an ego.
+            or the ids of `controls` do not ascend, list an ego, or list a pedestrian or cyclist, who follow their log.
     """
     for ego in egos:
         if controls.step != step or ego.step != step:
@@ -34,6 +36,10 @@ def check_answers(step: int, ego_ids: IntArray, controls: ControlTable, egos: Se
     for ego_id in ego_ids.tolist():
         if ego_id in controls.id:
             raise ValueError(f"controls at step {step} list the ego, {ego_id}, which has a port of its own")
+    walking = table.id[table.obstacle]
+    if len(walking) and np.isin(controls.id, walking).any():
+        listed = controls.id[np.isin(controls.id, walking)].tolist()
+        raise ValueError(f"controls at step {step} list pedestrians or cyclists, {listed}, which follow their log")
 
 
 @kernel(boolean(FLOATS, FLOATS, FLOATS))

@@ -46,6 +46,8 @@ class Entries:
     def may_follow(self, logged: AgentTable, before: AgentTable, driven: AgentTable) -> BoolArray:
         """Which agents may be where their log has them; those that enter and may not, wait from now on.
 
+        Pedestrians and cyclists may always.
+
         Args:
             logged: the (n) agents of the log at the step that is made.
             before: the agents on the road one step earlier; they may follow.
@@ -54,7 +56,7 @@ class Entries:
         Returns:
             mask (n,).
         """
-        here = before.rows(logged.id) >= 0
+        here = (before.rows(logged.id) >= 0) | logged.obstacle
         begins = self._log.first_step[np.searchsorted(self._log.ids, logged.id)] == logged.step
         for row in np.flatnonzero(begins & ~here):
             wanted = float(logged.speed[row])

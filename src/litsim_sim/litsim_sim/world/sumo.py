@@ -8,11 +8,12 @@ import libsumo
 import numpy as np
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, Kind
 from litsim_sim.core.signals import SUMO_LETTERS, SignalState
 from litsim_sim.scenario.signals import Signals
 
 _ROUTE, _TYPE = "litsim", "litsim"
+_TYPES = {Kind.BICYCLE: "bicycle", Kind.PEDESTRIAN: "pedestrian"}  # SUMO's class and shape; all others are cars to it
 _NEVER = "86400"  # [s] between two decisions of SUMO's own driver models: they drive nobody here, but cost time
 _KEEP_ROUTE = 2  # moveToXY: exactly there, on the network or off it
 
@@ -42,6 +43,10 @@ class SumoMirror:
             raise InputError(f"{net_path}: the net holds no edges")
         libsumo.route.add(_ROUTE, [edges[0]])
         libsumo.vehicletype.copy("DEFAULT_VEHTYPE", _TYPE)
+        for name in _TYPES.values():
+            libsumo.vehicletype.copy(_TYPE, name)
+            libsumo.vehicletype.setVehicleClass(name, name)
+            libsumo.vehicletype.setShapeClass(name, name)
         self._present: set[int] = set()
         self._signals = signals
         lights = libsumo.trafficlight.getIDList()
@@ -57,11 +62,14 @@ class SumoMirror:
         front_x = (table.x + 0.5 * table.length * np.cos(table.yaw)).tolist()
         front_y = (table.y + 0.5 * table.length * np.sin(table.yaw)).tolist()
         degrees = ((90.0 - np.degrees(table.yaw)) % 360.0).tolist()
+        kinds = table.kind.tolist()
         lengths, widths = table.length.tolist(), table.width.tolist()
         for row, agent in enumerate(table.id.tolist()):
             name = str(agent)
             if agent in new:
                 libsumo.vehicle.add(name, _ROUTE, _TYPE)
+                if (kind := kinds[row]) in _TYPES:  # only then: the route may not be for them
+                    libsumo.vehicle.setType(name, _TYPES[Kind(kind)])
                 libsumo.vehicle.setLength(name, lengths[row])
                 libsumo.vehicle.setWidth(name, widths[row])
                 libsumo.vehicle.setSpeedMode(name, 0)

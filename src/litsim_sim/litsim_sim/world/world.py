@@ -115,7 +115,7 @@ class World:
         """The same with an answer for the ego of each scene."""
         self.catch_up()
         table, step = self._table, self._table.step
-        check_answers(step, self._ego_ids, controls, egos)
+        check_answers(step, self._ego_ids, controls, egos, table)
         driving = [
             ego if driven and ego.mode == EgoMode.CONTROL else None
             for ego, driven in zip(egos, self.egos_are_driven.tolist(), strict=True)

@@ -15,6 +15,8 @@ from litsim_sim.io.table_input import TableFile
 from litsim_sim.recordings.cleaning.cleaning import clean, front_centres
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
+from litsim_sim.recordings.generic.obstacles import NAMES as OBSTACLES
+from litsim_sim.recordings.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
 from litsim_sim.recordings.generic.plausibility import check_plausible, heading
 from litsim_sim.recordings.generic.reading import read_rows
 from litsim_sim.recordings.generic.resampling import in_order, resampled, split
@@ -36,13 +38,16 @@ def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
     """
     source, counts = TableFile.open(path), Counts()
     given = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
-    table, names = _in_si(given, mapping, source)
+    table, names = _in_si(without_unused(given), mapping, source)
     table = in_order(table, source, counts)
-    check_plausible(table, mapping, str(source))
+    check_plausible(table[~obstacle_rows(table)], mapping, str(source))
+    table = with_usual_sizes(table, mapping, counts)
     table = resampled(split(table, counts), source, counts)
     moving = _with_motion(table, mapping)
     if mapping.clean:
-        moving, _ = clean(front_centres(moving).drop(columns=["speed", "acceleration"]))
+        walking = obstacle_rows(moving)  # the model of motion is that of vehicles
+        cleaned, _ = clean(front_centres(moving[~walking]).drop(columns=["speed", "acceleration"]))
+        moving = pd.concat([cleaned, moving[walking]])
     header = RecordingHeader(
         name=mapping.name,
         source=mapping.source,
@@ -131,6 +136,8 @@ def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableF
     ours = said.map(mapping.kinds)
     for kind in sorted(set(said[ours == DROP])):
         counts.leave_out(f"kind {kind}", int((said == kind).sum()))
+    if ours.isin([DROP, *OBSTACLES]).all() and not (ours == DROP).all():
+        raise InputError(f"{source}: nobody but pedestrians and cyclists is left; the kinds are {sorted(set(said))}")
     if (ours == DROP).all():
         raise InputError(f"{source}: field kinds of the mapping drops every row; the kinds are {sorted(set(said))}")
     return given.assign(kind=ours)[ours != DROP]
@@ -145,17 +152,23 @@ def _kinds(given: pd.DataFrame) -> IntArray:
 def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
     """Box centres, and what of heading, speed and acceleration the file does not have."""
     vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
-    if "yaw" not in table:
-        table = table.assign(yaw=direction_of_motion(vehicle, x, y, np.full(len(table), np.nan)))
+    walking = obstacle_rows(table)
+    if "yaw" not in table or walking.any():
+        along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan))
+        table = table.assign(yaw=np.where(walking, along, table["yaw"]) if "yaw" in table else along)
     yaw = wrap_angle(table["yaw"].to_numpy())
     if mapping.reference == "front_centre":
         half = 0.5 * table["length"].to_numpy()
         table = table.assign(x=x - half * np.cos(yaw), y=y - half * np.sin(yaw))
     table = table.assign(yaw=yaw)
-    if "speed" not in table:
-        table = table.assign(speed=np.hypot(_rate(vehicle, x), _rate(vehicle, y)))
-    if "acceleration" not in table:
-        table = table.assign(acceleration=_rate(vehicle, table["speed"].to_numpy()))
+    if "speed" not in table or walking.any():
+        speed = np.hypot(_rate(vehicle, x), _rate(vehicle, y))
+        table = table.assign(speed=np.where(walking, speed, table["speed"]) if "speed" in table else speed)
+    if "acceleration" not in table or walking.any():
+        rate = _rate(vehicle, table["speed"].to_numpy())
+        table = table.assign(
+            acceleration=np.where(walking, rate, table["acceleration"]) if "acceleration" in table else rate
+        )
     return table
 
 

@@ -16,6 +16,7 @@ class Counts:
         tracks: vehicles of the rows that are left.
         pieces: tracks after those with long holes were cut.
         too_short: pieces that no frame of 10 Hz falls into.
+        usual_sizes: pedestrians and cyclists without a size, who got a usual one.
         rows: rows of the recording, one for each vehicle and frame of 10 Hz.
     """
 
@@ -24,6 +25,7 @@ class Counts:
     tracks: int = 0
     pieces: int = 0
     too_short: int = 0
+    usual_sizes: int = 0
     rows: int = 0
 
     def leave_out(self, reason: str, rows: int) -> None:
@@ -39,6 +41,7 @@ class Counts:
             "tracks": self.tracks,
             "tracks_after_cuts": self.pieces,
             "tracks_too_short": self.too_short,
+            **({"tracks_of_usual_size": self.usual_sizes} if self.usual_sizes else {}),
             "rows_at_10_hz": self.rows,
         }
 
@@ -49,4 +52,6 @@ class Counts:
         lines += [f"left out   {rows} rows: {reason}" for reason, rows in self.left_out.items()]
         cut = f", {self.pieces} after long holes were cut" if self.pieces > self.tracks else ""
         short = f", {self.too_short} of them left out: seen between two frames of 10 Hz only" if self.too_short else ""
+        if self.usual_sizes:
+            lines.append(f"sizes      {self.usual_sizes} pedestrians or cyclists without one got a usual one")
         return "\n".join([*lines, f"tracks     {self.tracks}{cut}{short}"])

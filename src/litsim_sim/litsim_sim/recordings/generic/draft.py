@@ -223,7 +223,9 @@ def _kinds(made: _Draft, kinds: pd.Series) -> None:
         for said in counts.index
     }
     made.fields["kinds"] = found
-    made.remarks["kinds"] = "drop leaves rows out: " + ", ".join(f"{said} {rows}" for said, rows in counts.items())
+    made.remarks["kinds"] = "drop leaves rows out; pedestrian and bicycle keep them as obstacles: " + ", ".join(
+        f"{said} {rows}" for said, rows in counts.items()
+    )
 
 
 def _written(made: _Draft, head: str) -> str:

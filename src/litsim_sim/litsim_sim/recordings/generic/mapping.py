@@ -37,7 +37,7 @@ FACTORS: dict[str, float] = {
 """By unit, what one of it is in SI units."""
 
 Length = Literal["m", "ft", "cm"]
-KindName = Literal["car", "truck", "motorcycle", "unknown", "drop"]
+KindName = Literal["car", "truck", "motorcycle", "bicycle", "pedestrian", "unknown", "drop"]
 Value = str | int | float | bool
 Check = Literal["time", "speed", "heading", "size"]
 
@@ -129,7 +129,8 @@ class Mapping(_Strict):
         reference: what x and y are of: the middle of the front bumper, or of the box.
         rate_hz: frames per second of column `frame`.
         units, angles, transform: of the file.
-        kinds: vehicle classes by what column `kind` says; ``drop`` leaves those rows out.
+        kinds: vehicle classes by what column `kind` says; ``drop`` leaves those rows out. Pedestrians and bicycles
+            follow their log whatever happens, see :mod:`litsim_sim.recordings.generic.obstacles`.
         clip: the clip to convert, of those in column `clip`; needed where there are several.
         rows: by column of the file, which rows to keep: a value, a list of values, or a :class:`Span`.
         signals: file of what the signals of the net showed (docs/signals.md), relative to the mapping; times in it are

@@ -1,5 +1,6 @@
 // The bird's-eye view. World coordinates are metres, y up; the camera turns the road of the ego to the right.
 
+const ROUND = new Set(["pedestrian", "bicycle"]);
 const COLOURS = ["log", "policy", "ego", "baseline", "handback"]; // by mode; CSS variables --agent-*
 const NAMES = ["log", "taken over", "ego", "baseline", "handing back"];
 const SCALES = [0.3, 80]; // pixels a metre
@@ -189,17 +190,27 @@ class BirdView {
     c.closePath();
   }
 
+  // Pedestrians are round, never smaller than a few pixels; bicycles are long and round.
+  #outline(pose, agent) {
+    if (!ROUND.has(agent.kind)) return this.#box(pose, agent);
+    const least = agent.kind === "pedestrian" ? this.#pixels(3) : 0;
+    const [long, wide] = [agent.length, agent.width].map((size) => Math.max(size / 2, least));
+    this.context.beginPath();
+    this.context.ellipse(pose.x, pose.y, long, wide, pose.yaw, 0, 2 * Math.PI);
+  }
+
   #drawAgent(row, pose, time) {
     const { context: c, colours } = this;
     const agent = this.scene.agents[row];
     const mode = this.scene.modeAt(row, time);
-    this.#box(pose, agent);
+    this.#outline(pose, agent);
     c.fillStyle = this.agentColours[mode];
     c.fill();
     const marked = row === this.selected || row === this.hovered;
     c.lineWidth = this.#pixels(marked ? 3 : 1);
     c.strokeStyle = marked ? colours.accent : colours.outline;
     c.stroke();
+    if (agent.kind === "pedestrian") return;
     // The windscreen shows where the front is.
     const [cos, sin] = [Math.cos(pose.yaw), Math.sin(pose.yaw)];
     const [u, v] = [0.24 * agent.length, 0.36 * agent.width];
