@@ -100,8 +100,8 @@ def launcher(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     def put(script: str) -> Path:
         path = tmp_path / "launch"
         folder = 'printf "%s\\n" "$@" > words\nwhile [ $# -gt 0 ]; do [ $1 = --out ] && out=$2; shift; done'
-        path.write_text(f"#!/bin/sh\ncd {tmp_path}\n{folder}\nmkdir -p $out/log\n{script}\n")
-        path.chmod(0o755)
+        shell = f"cd {tmp_path}\n{folder}\nmkdir -p $out/log\n{script}\n"
+        path.write_text(f"import os, sys\nos.execv('/bin/sh', ['sh', '-c', {shell!r}, *sys.argv])")
         monkeypatch.setattr(case_run, "find_executable", lambda *_: path)
         return tmp_path
 
@@ -159,6 +159,22 @@ def test_a_launcher_that_does_not_come_back_is_ended(launcher: Any) -> None:
 def test_a_run_of_a_campaign_that_has_ended_says_nothing(launcher: Any) -> None:
     with pytest.raises(RunStopped):
         over_graph(case("idm"), launcher("exec sleep 600"), stopped=lambda: True)
+
+
+def test_a_launcher_has_what_it_needs_before_it_begins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """And what its nodes need; one process has imported it for all launchers of a campaign."""
+    program = tmp_path / "launch"
+    program.write_text(f"""
+import os, sys
+with open({str(tmp_path / "told")!r}, "a") as file:
+    print({case_run.READY!r} in sys.modules, "litsim_sim.nodes.bridge" in sys.modules, os.getppid(), file=file)
+""")
+    monkeypatch.setattr(case_run, "find_executable", lambda *_: program)
+    for name in ("a", "b"):
+        run_over_graph(case("idm"), tmp_path / name)
+    told = [line.split() for line in (tmp_path / "told").read_text().splitlines()]
+    assert [each[:2] for each in told] == [["True", "True"]] * 2
+    assert told[0][2] == told[1][2] != str(os.getpid())
 
 
 @pytest.mark.parametrize(("ego", "domain"), [("idm", ""), (EXTERNAL, ""), (EXTERNAL | {"command": []}, "77")])

@@ -107,24 +107,44 @@ def test_the_bridge_is_read_while_it_writes_and_its_errors_go_to_its_log(tmp_pat
     assert child.log.read_text() == "odd\n"
 
 
-def test_it_ends_when_the_process_is_gone_that_it_is_a_copy_of(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ready", [False, True])
+def test_it_ends_when_the_process_is_gone_that_has_asked_for_it(tmp_path: Path, ready: bool) -> None:
     (tmp_path / "program").write_text("import time\ntime.sleep(600)")
     script = f"""
-import sys
-from pathlib import Path
-from litsim_sim.launch.processes import Graph
-graph = Graph(Path({str(tmp_path)!r}), 7)
-graph.start("node", Path({str(tmp_path)!r}) / "program", {{}}, forked=True)
-print(graph.children["node"].process.pid, flush=True)
+import subprocess, sys
+from litsim_sim.launch.forked import ForkedProcess
+devnull = subprocess.DEVNULL
+process = ForkedProcess([{str(tmp_path / "program")!r}], {{}}, stdout=devnull, stderr=devnull, ready={ready})
+print(process.pid, flush=True)
 sys.stdin.read()
 """
     pipe = subprocess.PIPE
-    with subprocess.Popen([sys.executable, "-c", script], stdin=pipe, stdout=pipe, text=True) as launcher:
-        assert launcher.stdout is not None
-        node = Path(f"/proc/{int(launcher.stdout.readline())}")
-        assert node.exists()
-        launcher.kill()
+    with subprocess.Popen([sys.executable, "-c", script], stdin=pipe, stdout=pipe, text=True) as asking:
+        assert asking.stdout is not None
+        started = Path(f"/proc/{int(asking.stdout.readline())}")
+        assert started.exists()
+        asking.kill()
     until = time.monotonic() + PATIENCE_S
-    while node.exists() and (node / "cmdline").read_bytes():  # a zombie has none
+    while started.exists() and (started / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
         assert time.monotonic() < until
         time.sleep(0.01)
+
+
+def test_what_is_kept_ready_is_imported_once_and_output_comes_through_pipes(tmp_path: Path) -> None:
+    (tmp_path / "program").write_text(
+        "import os, sys\nprint(*sys.argv[1:], 'colorsys' in sys.modules, os.environ['MINE'], os.getcwd())\n"
+        "sys.exit('oh')"
+    )
+    script = f"""
+import os, subprocess
+from litsim_sim.launch.forked import ForkedProcess, keep_ready
+keep_ready("colorsys")
+pipe = subprocess.PIPE
+for name in "ab":
+    process = ForkedProcess(
+        [{str(tmp_path / "program")!r}, name], {{"MINE": name}}, stdout=pipe, stderr=pipe, ready=True
+    )
+    print(process.stdout.read().strip(), process.stderr.read().strip(), process.wait())
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, check=True)
+    assert done.stdout == f"a True a {tmp_path} oh 1\nb True b {tmp_path} oh 1\n"

@@ -21,8 +21,9 @@ from litsim_sim.campaign.case import GRAPH, Case
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.child import how_it_ended, start_process
+from litsim_sim.launch.child import how_it_ended
 from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.forked import ForkedProcess, keep_ready
 from litsim_sim.launch.nodes import GraphOptions, nodes_of
 from litsim_sim.launch.processes import LOG_FOLDER, STACK, check_program
 from litsim_sim.record.run import Run, read_run
@@ -32,6 +33,7 @@ from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
 RECORDING = "run"  # folder of a record below that of the run
+READY = f"{__package__}.ready"  # what a launcher is a copy of has imported this
 TICK_S = 0.2  # [s] between two looks at a launcher
 END_S = 30.0  # [s] that a launcher gets to end its graph in good order
 TIME_LIMIT_S = 1800.0  # [s] that a run over DDS may take where nobody says otherwise
@@ -156,20 +158,20 @@ def run_over_graph(
     out = folder / RECORDING
     environment = {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID" or is_elsewhere(case)}
     begin = time.monotonic()
-    with start_process(
-        _launch(case, out), env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
-    ) as process:
-        said = _Reader(process)
-        late = False
-        while process.poll() is None:
-            late = time.monotonic() > begin + time_limit_s
-            if late or stopped():
-                _end(process)
-                break
-            said.join(TICK_S)
+    keep_ready(READY)
+    launcher = ForkedProcess(
+        _launch(case, out), environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, ready=True
+    )
+    said = _Reader(launcher)
+    late = False
+    while launcher.wait(TICK_S) is None:
+        late = time.monotonic() > begin + time_limit_s
+        if late or stopped():
+            _end(launcher)
+            break
     if stopped():
         raise RunStopped
-    failure = f"not over within {time_limit_s:g} s" if late else said.reason(process.returncode)
+    failure = f"not over within {time_limit_s:g} s" if late else said.reason(launcher.returncode)
     metrics = json.loads((out / METRICS_FILE).read_text()) if (out / METRICS_FILE).is_file() and not late else None
     log = out / LOG_FOLDER / f"{STACK}.log"
     recorded = any(out.glob("*.mcap"))
@@ -228,15 +230,16 @@ def _launch(case: Case, out: Path) -> list[str]:
 class _Reader(threading.Thread):
     """Reads what the launcher says on stderr, lest it wait for someone to read."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
+    def __init__(self, launcher: ForkedProcess) -> None:
         super().__init__(daemon=True)
-        self._process, self._said = process, ""
+        assert launcher.stderr is not None
+        self._stream, self._said = launcher.stderr, ""
         self.start()
 
     def run(self) -> None:
         """See :class:`threading.Thread`."""
-        assert self._process.stderr is not None
-        self._said = self._process.stderr.read()
+        with self._stream:
+            self._said = self._stream.read()
 
     def reason(self, status: int) -> str:
         """Why the launcher has failed: the last error that it told."""
@@ -246,10 +249,10 @@ class _Reader(threading.Thread):
         return (errors or lines or [f"the launcher {how_it_ended(status)}"])[-1]
 
 
-def _end(process: subprocess.Popen[str]) -> None:
+def _end(launcher: ForkedProcess) -> None:
     """End a launcher, which ends its graph; one that does not, by force."""
-    process.send_signal(signal.SIGINT)
-    try:
-        process.wait(END_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
+    with suppress(ProcessLookupError):
+        os.kill(launcher.pid, signal.SIGINT)
+        if launcher.wait(END_S) is None:
+            os.kill(launcher.pid, signal.SIGKILL)
+            launcher.wait()

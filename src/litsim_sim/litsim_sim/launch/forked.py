@@ -1,11 +1,12 @@
-"""Forks: programs of the workspace, run in copies of this process, which have all its modules already.
+"""Forks: programs of the workspace, run in copies of a process, which have all its modules already.
 
 Six nodes that import numpy, numba and rclpy each for themselves take nine seconds of processor time; copies of a
-process that has imported them take next to none. A copy is to a node what a process of its own is: it has a session, an
-environment, output and a name of its own, and ends when the thread that has made it is gone.
+process that has imported them take next to none. A copy is to a program what a process of its own is: it has a session,
+an environment, output and a name of its own, and ends when the one that has asked for it is gone.
 
-Whoever forks may have made no DDS participant yet, and runs no Python code in other threads. Threads of the libraries
-are none of the copies'; pyarrow, OpenBLAS and jemalloc, which have some, are made for that.
+What is copied is this process, or one that holds nothing but what was named to :func:`keep_ready`. It may have made no
+DDS participant yet, and runs no Python code in other threads. Threads of the libraries are none of the copies';
+pyarrow, OpenBLAS and jemalloc, which have some, are made for that.
 """
 
 from __future__ import annotations
@@ -15,52 +16,62 @@ import multiprocessing
 import os
 import runpy
 import signal
+import subprocess
 import sys
+import threading
 from collections.abc import Mapping, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import IO, Any
 
 import setproctitle
 
 from litsim_sim.launch.child import SIGNALS, begin_child
 
-_CONTEXT = multiprocessing.get_context("fork")
+_HERE, _READY = multiprocessing.get_context("fork"), multiprocessing.get_context("forkserver")
 
 
 class ForkedProcess:
-    """A Python program in a copy of this process, with as much of the interface of ``Popen`` as is used of it.
+    """A Python program in a copy of a process, with as much of the interface of ``Popen`` as is used of it.
 
     Attributes:
-        stdout: what it writes to its standard output, where that is a pipe.
+        stdout, stderr: what it writes there, where that is a pipe.
     """
 
     def __init__(
-        self, words: Sequence[str], environment: Mapping[str, str], output: IO[str], *, piped: bool = False
+        self,
+        words: Sequence[str],
+        environment: Mapping[str, str],
+        *,
+        stdout: IO[str] | int,
+        stderr: IO[str] | int,
+        ready: bool = False,
     ) -> None:
-        """Start the program in file ``words[0]`` with the other words as its arguments.
+        """Start the program in file ``words[0]`` with the other words as its arguments, in this folder.
 
         Args:
             words: of its command line.
             environment: all that it finds in its environment.
-            output: file that its errors go to, and its standard output unless that is `piped`.
-            piped: whether its standard output is read from :attr:`stdout`.
+            stdout, stderr: where its output goes; a file, ``PIPE`` or ``DEVNULL`` of :mod:`subprocess`.
+            ready: whether it is a copy of the process of :func:`keep_ready`, to which no file can be given, rather than
+                of this one.
         """
-        read, write = os.pipe() if piped else (None, output.fileno())
-        self._process = _CONTEXT.Process(
-            target=_run_program,
-            args=(os.getpid(), tuple(words), dict(environment), write, output.fileno()),
-            daemon=True,
-        )
+        self.stdout, out = _end_of(stdout)
+        self.stderr, err = _end_of(stderr)
+        given = (tuple(words), dict(environment), str(Path.cwd()), out, err)
+        if ready:  # it may have processes of its own
+            self._process: Any = _READY.Process(target=_run_for_other, args=given)
+        else:
+            self._process = _HERE.Process(target=_run_as_child, args=given, daemon=True)
         self._process.start()
-        self.stdout = None
-        if read is not None:
-            os.close(write)
-            self.stdout = os.fdopen(read)
+        for each in (out, err):
+            if isinstance(each, Connection):
+                each.close()  # else its end would not be noticed
 
     @property
     def pid(self) -> int:
         """Id of the process, and of its process group and session."""
-        assert self._process.pid is not None
-        return self._process.pid
+        return int(self._process.pid)
 
     @property
     def returncode(self) -> int | Any:
@@ -77,21 +88,66 @@ class ForkedProcess:
         return self.returncode
 
 
+def keep_ready(*modules: str) -> None:
+    """Have programs that are started `ready` be copies of a process that has imported `modules`.
+
+    It is started with the first of them, and ends with this process.
+    """
+    _READY.set_forkserver_preload(list(modules))
+
+
 def keep_imports() -> None:
     """Have what there is by now shared with the copies that are made from here on: the collector would touch it all."""
     gc.collect()
     gc.freeze()
 
 
-def _run_program(parent: int, words: Sequence[str], environment: Mapping[str, str], stdout: int, stderr: int) -> None:
+def _end_of(wanted: IO[str] | int) -> tuple[IO[str] | None, IO[str] | Connection | None]:
+    """Of an output, what is read here if anything, and where the copy writes to; None for nowhere."""
+    if not isinstance(wanted, int):
+        return None, wanted
+    if wanted != subprocess.PIPE:
+        return None, None
+    read, write = multiprocessing.Pipe(duplex=False)
+    with read:
+        return os.fdopen(os.dup(read.fileno())), write
+
+
+def _run_as_child(*given: Any) -> None:
+    """As :func:`_run_program`, to end when the process is gone that this is a copy of."""
+    begin_child()
+    copied = multiprocessing.parent_process()
+    if copied is None or os.getppid() != copied.pid:  # it was gone before that could be asked for
+        os.kill(os.getpid(), signal.SIGTERM)
+    _run_program(*given)
+
+
+def _run_for_other(*given: Any) -> None:
+    """As :func:`_run_program`, to end when the process is gone that has asked for this one, and has not made it."""
+    asked = multiprocessing.parent_process()
+    assert asked is not None
+
+    def follow() -> None:
+        asked.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=follow, daemon=True).start()
+    _run_program(*given)
+
+
+def _run_program(
+    words: Sequence[str],
+    environment: Mapping[str, str],
+    folder: str,
+    stdout: IO[str] | Connection | None,
+    stderr: IO[str] | Connection | None,
+) -> None:
     """In the copy: become what a process of its own would be, and run the program."""
     os.setsid()
     _forget_signals()
-    begin_child()
-    if os.getppid() != parent:  # it was gone before that could be asked for
-        os.kill(os.getpid(), signal.SIGTERM)
-    os.dup2(stdout, 1)
-    os.dup2(stderr, 2)
+    with Path(os.devnull).open("w") as nothing:
+        os.dup2((stdout or nothing).fileno(), 1)
+        os.dup2((stderr or nothing).fileno(), 2)
     sys.stdout = open(1, "w", buffering=1, closefd=False)  # noqa: SIM115 - for as long as the process lives
     sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
     # Before the environment is changed, beside which it looks for the command line. The program's file alone: ROS takes
@@ -99,6 +155,7 @@ def _run_program(parent: int, words: Sequence[str], environment: Mapping[str, st
     setproctitle.setproctitle(words[0])
     os.environ.clear()
     os.environ.update(environment)
+    os.chdir(folder)
     sys.argv = list(words)
     runpy.run_path(words[0], run_name="__main__")
 

@@ -68,9 +68,9 @@ class Graph:
         with self._log(name) as log, _held_back():
             process: Process
             if forked:
-                process = ForkedProcess(words, self._environment, log, piped=name == BRIDGE)
+                process = ForkedProcess(words, self._environment, stdout=_stdout(name, log), stderr=log)
             else:
-                process = self._process(words, log, piped=name == BRIDGE)
+                process = self._process(name, words, log)
             self.children[name] = Child(name, process, Path(log.name))
 
     def start_stack(self, command: Sequence[str]) -> None:
@@ -81,14 +81,14 @@ class Graph:
         """
         check_program(command)
         with self._log(STACK) as log, _held_back():
-            process = self._process([sys.executable, "-I", "-S", keeper.__file__, *command], log)
+            process = self._process(STACK, [sys.executable, "-I", "-S", keeper.__file__, *command], log)
             self.children[STACK] = Child(STACK, process, Path(log.name), tuple(command))
 
     def _log(self, name: str) -> IO[str]:
         return (self._log_folder / f"{name}.log").open("w")
 
-    def _process(self, words: Sequence[str], log: IO[str], *, piped: bool = False) -> subprocess.Popen[str]:
-        stdout = subprocess.PIPE if piped else log
+    def _process(self, name: str, words: Sequence[str], log: IO[str]) -> subprocess.Popen[str]:
+        stdout = _stdout(name, log)
         return start_process(words, env=self._environment, stdout=stdout, stderr=log, start_new_session=True)
 
     def watch(self, quiet: bool) -> None:
@@ -199,6 +199,11 @@ class Progress(threading.Thread):
                 bar.update(step - bar.n)
         if bar is not None:
             bar.close()
+
+
+def _stdout(name: str, log: IO[str]) -> IO[str] | int:
+    """Where the standard output of a process goes: that of the bridge is read."""
+    return subprocess.PIPE if name == BRIDGE else log
 
 
 def _patience(dead: list[Child]) -> float:
