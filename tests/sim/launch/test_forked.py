@@ -97,7 +97,7 @@ def test_how_it_has_ended_is_known(tmp_path: Path, script: str, status: int, sai
 
 
 def test_the_bridge_is_read_while_it_writes_and_its_errors_go_to_its_log(tmp_path: Path) -> None:
-    script = "import sys, time\nprint('step 1')\nsys.stderr.write('odd\\n')\ntime.sleep(600)"
+    script = "import sys, time\nsys.stderr.write('odd\\n')\nprint('step 1')\ntime.sleep(600)"
     child = start(tmp_path, script, "bridge")
     assert child.process.stdout is not None
     assert child.process.stdout.readline() == "step 1\n"
