@@ -27,7 +27,7 @@ def test_memory_that_stays_does_not_grow() -> None:
 def test_the_nodes_of_a_launcher_are_found_by_name_and_looked_at() -> None:
     program = "import sys, time; held = bytearray(50_000_000); print('ready', flush=True); sys.stdin.read()"
     node = subprocess.Popen(
-        [sys.executable, "-c", program, "/lib/litsim_sim/bridge", "--ros-args"],
+        [sys.executable, "-c", program, "/lib/litsim_sim/bridge"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

@@ -26,6 +26,7 @@ PERIOD_S = 0.5  # between two looks at the processes of a graph
 EVERY = 50  # steps between two looks in process
 SETTLED = 0.25  # share of a run after which memory should not grow any more
 LAUNCHER = "launch"
+NODES = "/lib/litsim_"  # in the path of every executable of ours
 
 
 @dataclass
@@ -117,8 +118,9 @@ def children(parent: int) -> dict[str, int]:
             words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
         except OSError:  # it has ended
             continue
-        if int(fields[1]) == parent and "--ros-args" in words:
-            found[Path(words[words.index("--ros-args") - 1]).name] = int(folder.name)
+        program = next((word for word in words if NODES in word), "")
+        if int(fields[1]) == parent and program:
+            found[Path(program).name] = int(folder.name)
     return found
 
 

@@ -19,7 +19,7 @@ from litsim_sim.core.scene import STEP_NS
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.stages import RECORDER as STAGE
 from litsim_sim.nodes.recorder_options import recorder_stage
-from litsim_sim.record.bag import BagWriter, qos_yaml
+from litsim_sim.record.bag import FORMAT, FORMAT_KEY, BagWriter, qos_yaml
 from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
 from litsim_sim.ros import messages
 from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
@@ -212,7 +212,7 @@ def describe(writer: BagWriter, info: RunInfo) -> None:
     """
     scenario = Scenario.from_yaml(info.scenario_yaml, f"{RUN_INFO.name} of run {info.run_id}")
     fields = ("run_id", "scenario", "ego", "policy", "seed", "configuration", "versions")
-    writer.add_metadata("run", {name: str(getattr(info, name)) for name in fields})
+    writer.add_metadata("run", {FORMAT_KEY: str(FORMAT)} | {name: str(getattr(info, name)) for name in fields})
     writer.attach("scenario.yaml", "application/yaml", info.scenario_yaml.encode())
     writer.attach("net.xml", "application/xml", scenario.net_path.read_bytes())
     writer.attach("recording.parquet", "application/vnd.apache.parquet", scenario.recording.to_parquet())

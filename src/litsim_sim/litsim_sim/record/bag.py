@@ -26,6 +26,10 @@ METADATA_FILE = "metadata.yaml"
 METADATA_VERSION = 9  # of rosbag2's metadata.yaml since Jazzy
 RUN_RECORD = "litsim"  # name of the metadata record with what the caller has to say of the run
 ROSBAG2_RECORD = "rosbag2"
+FORMAT = 1
+"""Version of what a record holds: topics, message definitions, attachments, metadata. It counts up where a reader of
+before could take something for what it is not; what is only added does not count (CHANGELOG.md)."""
+FORMAT_KEY = "record_format"  # in the metadata of a run; records without it are of version 1
 CHUNK_BYTES = 256 * 1024  # before compression
 CHUNK_SPAN_NS = 1_000_000_000  # of simulation time that a chunk may hold
 RECORD_BYTES = 31  # of an MCAP message record around its data
@@ -297,7 +301,8 @@ class BagReader:
         """Open the folder of a bag, or its MCAP file, and see that its bytes are those that were written.
 
         Raises:
-            InputError: no such file, several MCAP files in the folder, not an MCAP file, or one that is damaged.
+            InputError: no such file, several MCAP files in the folder, not an MCAP file, one that is damaged, or a
+                record of a version that is not known yet.
         """
         self.path = find_mcap(path)
         self.topics: dict[str, BagTopic] = {}
@@ -315,6 +320,12 @@ class BagReader:
             *self._records(self._survey.data, {Opcode.ATTACHMENT, Opcode.METADATA, *chunks}),
         ):
             self._note(record)
+        version = self.metadata.get(FORMAT_KEY, "1")
+        if not version.isdecimal() or int(version) > FORMAT:
+            raise InputError(
+                f"{self.path}: a record of format {version!r}, expected at most {FORMAT}; the LitSim that wrote it, "
+                "or a later one, reads it"
+            )
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Messages in the order of the file, of `topics` or of all.
