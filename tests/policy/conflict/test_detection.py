@@ -207,10 +207,20 @@ def test_the_soonest_conflict_comes_first_and_every_agent_once(look, lane_centre
     assert conflicts[0].time_to_conflict < conflicts[1].time_to_conflict
 
 
-def test_of_two_opponents_the_one_that_is_met_first_is_named(look) -> None:
+def test_of_two_opponents_the_one_that_is_met_first_is_named(look, placed, lane_centres) -> None:
+    aside = {"id": 3, "x": 92.0, "y": lane_centres[3], "speed": 5.0}
+    scene = look({"id": 2, "x": 82.0, "speed": 12.0}, aside, ego={"speed": 0.0})
+    table = placed(scene.table, 3, y=lane_centres[1])
+    forecast = scene.detector.forecast_future(table, straight_on(table))
+    (conflict,) = replace(scene, table=table, forecast=forecast, off=np.isin(table.id, [1, 3])).conflicts()
+    assert (conflict.agent, conflict.opponent) == (2, 3)
+
+
+def test_background_that_overlaps_in_the_log_as_well_is_not_in_conflict(look) -> None:
+    """Agent 2 drives into 3 in the log itself; it does not drive into the ego there."""
     scene = look({"id": 2, "x": 82.0, "speed": 12.0}, {"id": 3, "x": 92.0, "speed": 5.0}, ego={"speed": 0.0})
     (conflict,) = replace(scene, off=np.isin(scene.table.id, [1, 3])).conflicts()
-    assert (conflict.agent, conflict.opponent) == (2, 3)
+    assert (conflict.agent, conflict.opponent) == (2, 1)
 
 
 def test_background_meets_background_that_is_off_its_log(look, lane_centres) -> None:

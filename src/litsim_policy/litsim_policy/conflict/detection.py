@@ -24,6 +24,7 @@ from litsim_sim.core.quantities import (
 )
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray, IntArray
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.log_overlaps import LogOverlaps
 
 
 @configuration
@@ -83,11 +84,14 @@ class Conflict:
 class ConflictDetector:
     """Compares the futures of agents on their log with those of agents off it.
 
-    Background agents farther than `roi_m` [m] from an agent off its log are not looked at.
+    Background agents farther than `roi_m` [m] from an agent off its log are not looked at. Where two background agents
+    overlap in the log itself, and the one that is off its log is where its log has it then, their overlap is none to
+    be resolved.
     """
 
-    def __init__(self, log: Log, roi_m: float, config: ConflictConfig) -> None:
+    def __init__(self, log: Log, roi_m: float, config: ConflictConfig, overlaps: LogOverlaps | None = None) -> None:
         self._log, self._roi_m, self._config = log, roi_m, config
+        self._overlaps = overlaps or LogOverlaps(log)
         self._steps = int(config.horizon / STEP_S + 1e-9)
 
     def logged_future(self, table: AgentTable, lag: IntArray | None = None) -> PredictedMotion:
@@ -183,8 +187,11 @@ class ConflictDetector:
         off_log: BoolArray,
         logged: PredictedMotion,
         expected: PredictedMotion,
+        lag: IntArray | None = None,
     ) -> list[Conflict]:
         """Conflicts of agents `on_log` with agents `off_log` (masks (n,)), soonest first, one for each agent.
+
+        `lag` (n,) are the steps by which the logs in `logged` lag; None is not at all.
 
         An agent that the other one merely follows is not in conflict: whoever runs into a leader's rear could have
         kept his distance, and the leader cannot help it by yielding.
@@ -193,6 +200,7 @@ class ConflictDetector:
         pairs = pairs[~followed(pairs, table.x, table.y, table.yaw, table.length, table.width)]
         threshold = self._config.probability_threshold
         chance = self.overlap_probability(table, logged, expected, pairs, threshold)
+        self._excuse(chance, table, pairs, expected, lag)
         reached = chance >= threshold
         first = np.argmax(reached, axis=1)
         found: dict[int, Conflict] = {}
@@ -213,10 +221,37 @@ class ConflictDetector:
         off_log: BoolArray,
         logged: PredictedMotion,
         expected: PredictedMotion,
+        lag: IntArray | None = None,
     ) -> BoolArray:
-        """(n,) which of `agents` would be in conflict on their log, by the lower of both thresholds."""
-        pairs = self.near(table, agents, off_log)
-        chance = self.overlap_probability(table, logged, expected, pairs, self._config.probability_clear, first=True)
+        """(n,) which of `agents` would be in conflict on their log, by the lower of both thresholds.
+
+        `lag` as in :meth:`detect`.
+        """
+        pairs, least = self.near(table, agents, off_log), self._config.probability_clear
+        hit = self.overlap_probability(table, logged, expected, pairs, least, first=True).any(axis=1)
+        in_log = np.flatnonzero(hit)
+        in_log = in_log[[len(self._logged_overlaps(table, *pairs[k])) > 0 for k in in_log]]
+        if len(in_log):  # the first step may be excused, and a later one not
+            chance = self.overlap_probability(table, logged, expected, pairs[in_log], least)
+            self._excuse(chance, table, pairs[in_log], expected, lag)
+            hit[in_log] = chance.any(axis=1)
         found = np.zeros(len(table), np.bool_)
-        found[pairs[chance.any(axis=1), 0]] = True
+        found[pairs[hit, 0]] = True
         return found
+
+    def _logged_overlaps(self, table: AgentTable, i: int, j: int) -> IntArray:
+        """Steps of the log at which the agents in rows `i` and `j` overlap, if neither is the ego."""
+        if Controller.EGO in table.controller[[i, j]]:
+            return np.empty(0, np.int64)
+        return self._overlaps.steps(*np.searchsorted(self._log.ids, table.id[[i, j]]).tolist())
+
+    def _excuse(
+        self, chance: FloatArray, table: AgentTable, pairs: IntArray, expected: PredictedMotion, lag: IntArray | None
+    ) -> None:
+        """Set probabilities (m, T) to 0, in place, where the log has the overlap of `pairs` (m, 2) as well."""
+        for k in np.flatnonzero(chance.any(axis=1)):
+            i, j = pairs[k].tolist()
+            if len(self._logged_overlaps(table, i, j)):
+                now = table.step + 1 + np.arange(chance.shape[1]) - (0 if lag is None else lag[i])
+                a, b = np.searchsorted(self._log.ids, table.id[[i, j]]).tolist()
+                chance[k, self._overlaps.excuse(a, b, now, expected.x[j], expected.y[j])] = 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,9 @@ from litsim_sim.scenario.log import Log
 
 if TYPE_CHECKING:
     from litsim_policy.conflict.takeover import TakeoverConfig
+
+Excuse = Callable[[int, int], bool]
+"""Whether the agent in the first row of a table overlaps that in the second in the log itself, about where it goes."""
 
 OBSTACLE_SIGHT = 30.0  # [m] beyond the place in the log within which whoever stands before it has his centre
 
@@ -116,8 +120,20 @@ def _residuals(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return known, off[0], off[1], off[2], off[3], off[4]
 
 
-def obstructed(off: OffLog, at: IntArray, table: AgentTable, rows: IntArray, residuals: Residuals) -> BoolArray:
-    """Whether somebody stands between agents and their places in the log.
+def nobody_is_excused(_: int, __: int) -> bool:
+    """The :data:`Excuse` of a log without overlaps."""
+    return False
+
+
+def obstructed(
+    off: OffLog,
+    at: IntArray,
+    table: AgentTable,
+    rows: IntArray,
+    residuals: Residuals,
+    excuse: Excuse = nobody_is_excused,
+) -> BoolArray:
+    """Whether somebody stands between agents and their places in the log, and not only where the log has him as well.
 
     Args:
         off: agents off their logs.
@@ -125,6 +141,7 @@ def obstructed(off: OffLog, at: IntArray, table: AgentTable, rows: IntArray, res
         table: everybody.
         rows: (r,) of the agents of `off` in `table`.
         residuals: of the agents of `off`.
+        excuse: for whoever overlaps in the log itself.
 
     Returns:
         mask (k,).
@@ -136,11 +153,20 @@ def obstructed(off: OffLog, at: IntArray, table: AgentTable, rows: IntArray, res
     sight = OBSTACLE_SIGHT + 2.0 * residuals.position[at]
     view = along_paths(paths, table, rows, sight=sight)
     to_place = place.s - view.s[np.arange(len(at)), rows]
-    return np.asarray((view.ahead & view.in_path & (view.gap < to_place[:, None])).any(axis=1))
+    between = view.ahead & view.in_path & (view.gap < to_place[:, None])
+    for k, row in np.argwhere(between).tolist():
+        between[k, row] = not excuse(int(rows[k]), row)
+    return np.asarray(between.any(axis=1))
 
 
 def review(
-    config: TakeoverConfig, off: OffLog, table: AgentTable, rows: IntArray, residuals: Residuals, in_conflict: BoolArray
+    config: TakeoverConfig,
+    off: OffLog,
+    table: AgentTable,
+    rows: IntArray,
+    residuals: Residuals,
+    in_conflict: BoolArray,
+    excuse: Excuse = nobody_is_excused,
 ) -> None:
     """Move agents that were off their logs before this step on to their next states, in place.
 
@@ -154,11 +180,12 @@ def review(
         rows: (r,) of the agents in `table`.
         residuals: of the agents.
         in_conflict: (r,) whose log leads into a conflict.
+        excuse: for whoever overlaps in the log itself.
     """
     off.in_conflict[:] = in_conflict
     free = residuals.known & ~in_conflict
     at = np.flatnonzero(free)
-    free[at] = ~obstructed(off, at, table, rows, residuals)
+    free[at] = ~obstructed(off, at, table, rows, residuals, excuse)
     off.clear[:] = np.where(free, off.clear + 1, 0)
     passed = off.paths.project(np.arange(len(off)), table.x[rows], table.y[rows]).s >= off.goal_s
     needed = np.where(passed, config.clear_steps, 2 * config.clear_steps)

@@ -39,14 +39,16 @@ class ConflictScene:
         """Conflicts of agents `on_log` with agents `off_log`; see :meth:`ConflictDetector.detect`."""
         self._cover(off_log, off_log)
         rows = self._rows
-        return self._detector.detect(self._near, on_log[rows], off_log[rows], self._logged, self._expected)
+        return self._detector.detect(
+            self._near, on_log[rows], off_log[rows], self._logged, self._expected, self._lag[rows]
+        )
 
     def still_in_conflict(self, agents: BoolArray, off_log: BoolArray) -> BoolArray:
         """Mask of `agents` that would be in conflict; see :meth:`ConflictDetector.still_in_conflict`."""
         self._cover(agents, off_log)
         rows, found = self._rows, np.zeros(len(self._table), np.bool_)
         found[rows] = self._detector.still_in_conflict(
-            self._near, agents[rows], off_log[rows], self._logged, self._expected
+            self._near, agents[rows], off_log[rows], self._logged, self._expected, self._lag[rows]
         )
         return found
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector
-from litsim_policy.conflict.life_cycle import Residuals, review
+from litsim_policy.conflict.life_cycle import Excuse, Residuals, review
 from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.conflict.scene import ConflictScene
 from litsim_policy.motion.reference_path import ReferencePath, logged_path
@@ -27,6 +27,7 @@ from litsim_sim.core.quantities import (
 )
 from litsim_sim.core.scene import AgentTable, BoolArray, Controller, IntArray
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.scenario.log_overlaps import ON_THE_WAY
 from litsim_sim.scenario.setting import Setting
 
 
@@ -75,7 +76,8 @@ class TakeoverManager:
 
     def __post_init__(self) -> None:
         log = self.scenario.log
-        self._detector = ConflictDetector(log, self.scenario.roi_m, self.conflict_config)
+        self._overlaps = self.scenario.log_overlaps
+        self._detector = ConflictDetector(log, self.scenario.roi_m, self.conflict_config, self._overlaps)
         self._router = Router(self.scenario.lane_map)
         self._ego_ids = self.scenario.ego_ids
         self.iterations: IntArray = np.zeros(len(self._ego_ids), np.int64)
@@ -112,6 +114,19 @@ class TakeoverManager:
             self._lag[log_rows] = self.scenario.log.lags(log_rows, table.step, table.x[rows], table.y[rows])
         else:
             self._lag[log_rows] = 0
+
+    def _excuse(self, table: AgentTable) -> Excuse:
+        """For background agents that, on the way to their places in the log, meet whoever overlaps them there."""
+        log_rows = np.searchsorted(self.scenario.log.ids, table.id)
+
+        def excuse(row: int, other: int) -> bool:
+            a, b = int(log_rows[row]), int(log_rows[other])
+            if table.controller[other] == Controller.EGO or not len(self._overlaps.steps(a, b)):
+                return False
+            now, place = np.array([table.step - self._lag[a]]), slice(other, other + 1)
+            return bool(self._overlaps.excuse(a, b, now, table.x[place], table.y[place], ON_THE_WAY)[0])
+
+        return excuse
 
     def _rows(self, table: AgentTable, off: OffLog) -> tuple[IntArray, IntArray]:
         """Rows (r,) of agents off their logs in `table`, and in the log."""
@@ -213,7 +228,8 @@ class TakeoverManager:
         off, mine = self._off.take(known), np.zeros(len(table), np.bool_)
         mine[rows[known]] = True
         in_conflict = scene.still_in_conflict(mine, off_log)
-        review(self.config, off, table, rows[known], residuals.take(known), in_conflict[rows[known]])
+        excuse = self._excuse(table)
+        review(self.config, off, table, rows[known], residuals.take(known), in_conflict[rows[known]], excuse)
         if off is not self._off:
             self._off = off.joined(self._off.take(~known))
 

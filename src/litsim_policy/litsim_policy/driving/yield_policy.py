@@ -26,11 +26,22 @@ from litsim_sim.core.compiled import (
     kernel,
 )
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Speed, configuration
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
+from litsim_sim.core.scene import (
+    STEP_S,
+    AgentTable,
+    BoolArray,
+    Controller,
+    ControlSource,
+    ControlTable,
+    FloatArray,
+    IntArray,
+)
 from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.log_overlaps import ON_THE_WAY
 from litsim_sim.scenario.setting import Setting
 
+CLOSE_UP = 5.0  # [m] to whoever is ahead, below which it matters whether the log itself runs into him
 SOURCES = {
     TakeoverState.HELD: ControlSource.POLICY,
     TakeoverState.HANDBACK: ControlSource.HANDBACK,
@@ -71,6 +82,7 @@ class YieldPolicy:
 
     def __init__(self, scenario: Setting, config: YieldConfig, handback: HandbackConfig) -> None:
         self._log: Log = scenario.log
+        self._overlaps = scenario.log_overlaps
         self._lane_map = scenario.lane_map
         self._config = config
         self._handback = handback
@@ -127,7 +139,10 @@ class YieldPolicy:
         return idm_at_signals(self._config.idm, agents.speed, wanted, acceleration, self._stop_lines.of(agents))
 
     def _hand_back(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
-        """Accelerations (m,) [m/s2] that close the distance to the log, but never into whatever is on the path."""
+        """Accelerations (m,) [m/s2] that close the distance to the log, but never into whatever is on the path.
+
+        Unless the log itself drives into it there: who overlaps in the log comes back into that overlap.
+        """
         log, view = self._log, agents.view
         shift = np.array([round(t.time_shift / STEP_S) for t in takeovers])
         at = self._log_rows(agents), agents.table.step - shift
@@ -135,10 +150,22 @@ class YieldPolicy:
         behind = agents.to_goal(log.x[at], log.y[at])
         wanted = catch_up(self._handback, behind, agents.speed, log_speed, log.acceleration[at])
         free = log_speed + 2.0 * self._handback.speed_excess
-        leads = view.ahead & view.in_path
+        leads = view.ahead & view.in_path & ~self._overlapped_in_log(agents, at[0], at[1])
         follow = idm_acceleration(self._config.idm, agents.speed, free, view.gap, view.speed, leads)
         line = self._stop_lines.of(agents)
         return idm_at_signals(self._config.idm, agents.speed, free, np.minimum(wanted, follow), line)
+
+    def _overlapped_in_log(self, agents: PathFollowers, log_rows: IntArray, now: IntArray) -> BoolArray:
+        """(m, n) whom the agents overlap in the log, within a few seconds of steps `now` (m,), and who is there."""
+        view, table = agents.view, agents.table
+        found = np.zeros(view.gap.shape, np.bool_)
+        near = view.ahead & view.in_path & (view.gap < CLOSE_UP) & (table.controller != Controller.EGO)
+        for k, row in np.argwhere(near).tolist():
+            a, b = int(log_rows[k]), int(np.searchsorted(self._log.ids, table.id[row]))
+            place = slice(row, row + 1)
+            excused = self._overlaps.excuse(a, b, now[k : k + 1], table.x[place], table.y[place], ON_THE_WAY)
+            found[k, row] = excused[0]
+        return found
 
     def _steer(self, agents: PathFollowers) -> FloatArray:
         """Yaw rates (m,) [rad/s] along the paths, or along the lanes while the way to the side is taken."""

@@ -21,6 +21,7 @@ from litsim_sim.core.takeover import Takeover
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.signals import Signals
 
@@ -94,6 +95,16 @@ class JoinedScenario:
     def roi_m(self) -> float:
         """See :class:`.setting.Setting`."""
         return self.scenes[0].roi_m
+
+    @cached_property
+    def log_overlaps(self) -> LogOverlaps:
+        """See :class:`.setting.Setting`."""
+        return LogOverlaps(self.log)
+
+    @cached_property
+    def last_logged(self) -> IntArray:
+        """See :class:`.setting.Setting`."""
+        return np.concatenate([scene.last_logged for scene in self.scenes])
 
     @property
     def signals(self) -> Signals | None:

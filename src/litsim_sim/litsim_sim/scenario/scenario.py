@@ -23,6 +23,7 @@ from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, check_coverage
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.scenario_file import ScenarioFile
 from litsim_sim.scenario.signals import Signals, SignalsFile, build, read_signals, resolved
 
@@ -224,6 +225,16 @@ class Scenario:
     def vehicle(self) -> VehicleModel:
         """How the ego can move: its limits and actuators."""
         return VehicleModel.of(self.file.vehicle)
+
+    @cached_property
+    def log_overlaps(self) -> LogOverlaps:
+        """Whose boxes overlap in the log itself, and when."""
+        return LogOverlaps(self.log)
+
+    @cached_property
+    def last_logged(self) -> IntArray:
+        """(1,) the last step at which anybody is logged."""
+        return np.array([self.log.last_step.max()])
 
     @cached_property
     def lane_map(self) -> LaneMap:

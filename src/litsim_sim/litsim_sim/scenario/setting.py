@@ -9,6 +9,7 @@ from litsim_sim.core.scene import IntArray
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.signals import Signals
 
 
@@ -38,6 +39,14 @@ class Setting(Protocol):
     @property
     def roi_m(self) -> float:
         """Radius around each agent off its log within which others are forecast and may be taken over [m]."""
+
+    @property
+    def log_overlaps(self) -> LogOverlaps:
+        """Whose boxes overlap in the log itself, and when."""
+
+    @property
+    def last_logged(self) -> IntArray:
+        """(scenes,) the last step at which anybody of the scene is logged."""
 
     @property
     def signals(self) -> Signals | None:

@@ -1,0 +1,57 @@
+"""Pairs of agents whose boxes overlap in the log itself, as in queues of vehicles with default sizes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_sim.core.geometry import boxes_overlap
+from litsim_sim.core.scene import RATE_HZ, BoolArray, FloatArray, IntArray
+from litsim_sim.scenario.log import Log
+
+ABOUT_THEN = round(1.0 * RATE_HZ)  # steps by which an overlap of the log may be sooner or later
+ON_THE_WAY = round(3.0 * RATE_HZ)  # steps by which it may be later for somebody who is on the way into it
+IN_PLACE = 1.0  # [m] within which an agent is where its log has it
+
+
+class LogOverlaps:
+    """Tells overlaps that the log has anyway from those that are new. Pairs are looked at when they are asked for."""
+
+    def __init__(self, log: Log) -> None:
+        self._log = log
+        self._steps: dict[tuple[int, int], IntArray] = {}
+
+    def steps(self, a: int, b: int) -> IntArray:
+        """Steps (k,) of the log, ascending, at which the boxes of the agents in its rows `a` and `b` overlap."""
+        pair = (min(a, b), max(a, b))
+        if pair not in self._steps:
+            self._steps[pair] = self._find(*pair)
+        return self._steps[pair]
+
+    def excuse(self, a: int, b: int, now: IntArray, x: FloatArray, y: FloatArray, later: int = ABOUT_THEN) -> BoolArray:
+        """(m,) whether the log has an overlap of both agents at about steps `now` (m,), with b in its place there.
+
+        Args:
+            a, b: rows of the log.
+            now: (m,) steps of the log at which a is.
+            x, y: (m,) where b is then [m].
+            later: steps by which the overlap may be later than `now`; ABOUT_THEN sooner it may always be.
+        """
+        at = self.steps(a, b)
+        if not len(at):
+            return np.zeros(len(now), np.bool_)
+        then = (at >= now[:, None] - ABOUT_THEN) & (at <= now[:, None] + later)
+        off = np.hypot(self._log.x[b, at] - x[:, None], self._log.y[b, at] - y[:, None])
+        return np.asarray((then & (off <= IN_PLACE)).any(axis=1))
+
+    def _find(self, a: int, b: int) -> IntArray:
+        log = self._log
+        at = np.flatnonzero(log.valid[a] & log.valid[b])
+        hit = boxes_overlap(
+            log.x[b, at] - log.x[a, at],
+            log.y[b, at] - log.y[a, at],
+            log.yaw[a, at],
+            log.yaw[b, at],
+            (log.length[a], log.width[a]),
+            (log.length[b], log.width[b]),
+        )
+        return at[hit]
