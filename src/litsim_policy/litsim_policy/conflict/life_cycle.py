@@ -167,11 +167,12 @@ def review(
     residuals: Residuals,
     in_conflict: BoolArray,
     excuse: Excuse = nobody_is_excused,
+    unneeded: BoolArray | None = None,
 ) -> None:
     """Move agents that were off their logs before this step on to their next states, in place.
 
     Who is in conflict, obstructed or without a log is HELD. Who has been free for long enough is handed back along
-    its logged path; on the way there it is released where the residuals allow it.
+    its logged path; on the way there it is released where the residuals allow it. Whom nobody needs is released.
 
     Args:
         config: when that is.
@@ -181,6 +182,7 @@ def review(
         residuals: of the agents.
         in_conflict: (r,) whose log leads into a conflict.
         excuse: for whoever overlaps in the log itself.
+        unneeded: (r,) whose log is over, with nobody near who reacts to them; None is nobody.
     """
     off.in_conflict[:] = in_conflict
     free = residuals.known & ~in_conflict
@@ -195,4 +197,6 @@ def review(
     held = off.state == TakeoverState.HELD
     follows = np.where(within & ~held, TakeoverState.RELEASED, TakeoverState.HANDBACK)
     off.state[:] = np.where(free & (~held | long_enough), follows, TakeoverState.HELD)
+    if unneeded is not None:
+        off.state[unneeded & (table.step - off.detected_step >= config.held_steps_min)] = TakeoverState.RELEASED
     off.return_to_log(off.state == TakeoverState.HANDBACK)

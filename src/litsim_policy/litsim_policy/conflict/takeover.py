@@ -115,6 +115,26 @@ class TakeoverManager:
         else:
             self._lag[log_rows] = 0
 
+    def _unneeded(self, table: AgentTable, rows: IntArray) -> BoolArray:
+        """Whose log is over, and who has nobody near that is off its log and has a log, or a driver, to go on with.
+
+        Args:
+            table: everybody.
+            rows: (r,) of all that are off their logs in `table`.
+
+        Returns:
+            mask (r,); of a log that goes on to the end of the scenario nobody knows that it is over.
+        """
+        log = self.scenario.log
+        log_rows = np.searchsorted(log.ids, table.id[rows])
+        last = log.last_step[log_rows]
+        over = (table.step - self._lag[log_rows] >= last) & (last < log.steps - 1)
+        if over.any():
+            others = self._is_off(table)
+            others[rows[over]] = False
+            over &= ~self._detector.around(table, others)[rows]
+        return over
+
     def _excuse(self, table: AgentTable) -> Excuse:
         """For background agents that, on the way to their places in the log, meet whoever overlaps them there."""
         log_rows = np.searchsorted(self.scenario.log.ids, table.id)
@@ -228,8 +248,8 @@ class TakeoverManager:
         off, mine = self._off.take(known), np.zeros(len(table), np.bool_)
         mine[rows[known]] = True
         in_conflict = scene.still_in_conflict(mine, off_log)
-        excuse = self._excuse(table)
-        review(self.config, off, table, rows[known], residuals.take(known), in_conflict[rows[known]], excuse)
+        excuse, unneeded = self._excuse(table), self._unneeded(table, rows)[known]
+        review(self.config, off, table, rows[known], residuals.take(known), in_conflict[rows[known]], excuse, unneeded)
         if off is not self._off:
             self._off = off.joined(self._off.take(~known))
 

@@ -20,6 +20,7 @@ from litsim_sim.record.run import Run
 
 SERIES_FILE = "series.parquet"
 TAKEOVERS_FILE = "takeovers.parquet"
+WORDS = ["controller", "takeover", "reason", "outcome"]  # columns of few different words
 RUN_KEYS = ("run_id", "scenario", "ego", "policy", "seed")
 
 TEXT = pa.dictionary(pa.int8(), pa.string())
@@ -64,6 +65,7 @@ TAKEOVERS = pa.schema(
         ("detected_step", pa.int32()),
         ("handback_step", pa.int32()),
         ("released_step", pa.int32()),
+        ("outcome", pa.string()),
         ("held_s", pa.float64()),
         ("time_to_conflict_s", pa.float64()),
         ("overlap_probability", pa.float64()),
@@ -122,6 +124,7 @@ def ledger_row(entry: LedgerEntry) -> dict[str, Any]:
         "detected_step": entry.detected_step,
         "handback_step": entry.handback_step,
         "released_step": entry.released_step,
+        "outcome": None if entry.outcome is None else str(entry.outcome),
         "held_s": entry.held_s,
         "time_to_conflict_s": entry.time_to_conflict,
         "overlap_probability": entry.overlap_probability,
@@ -144,7 +147,7 @@ def write_tables(run: Run, folder: Path) -> None:
     """
     for name, table in ((SERIES_FILE, series_table(run)), (TAKEOVERS_FILE, takeovers_table(run))):
         with replacing(folder / name) as path:
-            pq.write_table(table, path, compression="zstd", use_dictionary=["controller", "takeover", "reason"])
+            pq.write_table(table, path, compression="zstd", use_dictionary=WORDS)
 
 
 _STATES = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import StrEnum
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +17,14 @@ from litsim_sim.record.run import Run
 
 SETTLED = 1e-3  # [m] from the log, below which the return is over
 SETTLING_MAX = 100  # steps after a release that are looked at
+
+
+class Outcome(StrEnum):
+    """How a takeover ended."""
+
+    BACK_ON_LOG = "back_on_log"
+    LOG_OVER = "log_over"  # released, and gone with its log, which was over
+    LEFT_NET = "left_net"  # gone under control, beyond the end of its log and off the road
 
 
 @dataclass(frozen=True)
@@ -47,6 +56,7 @@ class LedgerEntry:
             its lag [m]; None where that is over by then.
         residual_speed: speed beyond that of the same log at the same step [m/s].
         time_shift: lag of the log that it goes back to, at the last step of the takeover [s].
+        outcome: how it ended; None where the run ended before.
     """
 
     agent: int
@@ -63,6 +73,7 @@ class LedgerEntry:
     residual_position: float | None
     residual_speed: float | None
     time_shift: float = 0.0
+    outcome: Outcome | None = None
 
     @property
     def false_alarm(self) -> bool:
@@ -206,7 +217,19 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayC
         residual_position=last.residual_position if logged else None,
         residual_speed=last.residual_speed if logged else None,
         time_shift=last.time_shift,
+        outcome=_outcome(run, first.agent, last_step, released=last.state == TakeoverState.RELEASED),
     )
+
+
+def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome | None:
+    """How the takeover of `agent` ended whose last record is of `last_step`."""
+    after = next((table for table in run.tables if table.step > last_step), None)
+    if after is None:
+        return Outcome.BACK_ON_LOG if released else None
+    there = after.row(agent) >= 0
+    if released:
+        return Outcome.BACK_ON_LOG if there else Outcome.LOG_OVER
+    return None if there else Outcome.LEFT_NET
 
 
 def _handback(run: Run, index: int, agent: int) -> Handback:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from litsim_sim.analysis.takeover import Outcome
 from litsim_sim.report.wording import NOTHING, number
 
 
@@ -67,7 +68,6 @@ def _takeover(entry: dict[str, Any], dt: float, ego: int) -> EventRow:
     certainty = entry.get("overlap_probability")
     in_time = number(entry.get("time_to_conflict_s"), 1, "s")
     predicted = f"in {in_time}" + (f", p = {certainty:.2f}" if certainty else "")
-    back = entry.get("released_step")
     cells = (
         _who(entry["agent"], ego),
         _who(entry["opponent"], ego),
@@ -76,10 +76,19 @@ def _takeover(entry: dict[str, Any], dt: float, ego: int) -> EventRow:
         predicted,
         _replay(entry, dt, ego),
         number(entry.get("held_s"), 1, "s"),
-        NOTHING if back is None else f"{back * dt:.1f} s",
-        number(entry.get("residual_m"), 2, "m") if back is not None else NOTHING,
+        _back(entry, dt),
+        number(entry.get("residual_m"), 2, "m") if entry.get("released_step") is not None else NOTHING,
     )
     return EventRow(detected, entry["agent"], cells)
+
+
+def _back(entry: dict[str, Any], dt: float) -> str:
+    """When the agent was back on its log, or that it is gone."""
+    outcome, step = entry.get("outcome"), entry.get("released_step")
+    if outcome == Outcome.LEFT_NET:
+        return "left the net"
+    at = NOTHING if step is None else f"{step * dt:.1f} s"
+    return f"{at}, its log was over" if outcome == Outcome.LOG_OVER else at
 
 
 def _replay(entry: dict[str, Any], dt: float, ego: int) -> str:
