@@ -123,12 +123,12 @@ class TakeoverManager:
             rows: (r,) of all that are off their logs in `table`.
 
         Returns:
-            mask (r,); of a log that goes on to the end of the scenario nobody knows that it is over.
+            mask (r,); of a log that goes on to the end of what is logged nobody knows that it is over.
         """
         log = self.scenario.log
         log_rows = np.searchsorted(log.ids, table.id[rows])
         last = log.last_step[log_rows]
-        over = (table.step - self._lag[log_rows] >= last) & (last < log.steps - 1)
+        over = (table.step - self._lag[log_rows] >= last) & (last < self.scenario.last_logged[table.scene[rows]])
         if over.any():
             others = self._is_off(table)
             others[rows[over]] = False
