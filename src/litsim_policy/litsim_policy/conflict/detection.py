@@ -228,7 +228,8 @@ class ConflictDetector:
         `lag` as in :meth:`detect`.
         """
         pairs, least = self.near(table, agents, off_log), self._config.probability_clear
-        hit = self.overlap_probability(table, logged, expected, pairs, least, first=True).any(axis=1)
+        first = self.overlap_probability(table, logged, expected, pairs, least, first=True)
+        hit: BoolArray = np.asarray(first.any(axis=1))
         in_log = np.flatnonzero(hit)
         in_log = in_log[[len(self._logged_overlaps(table, *pairs[k])) > 0 for k in in_log]]
         if len(in_log):  # the first step may be excused, and a later one not
