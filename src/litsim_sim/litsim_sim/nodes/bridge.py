@@ -8,7 +8,6 @@ from collections.abc import Callable
 from typing import Any
 
 from litsim_msgs.msg import Hello, StageStatus
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 
@@ -28,7 +27,7 @@ from litsim_sim.nodes.run_loop import Pulse, RunLoop
 from litsim_sim.ros import ego_port, messages
 from litsim_sim.ros.endpoints import publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
-from litsim_sim.ros.stage import process, serve, spare_from_collection
+from litsim_sim.ros.stage import executor_of, process, serve, spare_from_collection
 from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.sumo import SumoMirror
@@ -72,8 +71,7 @@ class BridgeNode(Node):
         self._listen(RECORDED, lambda m: self._attendance.take_confirmation(m.run_id, m.step))
         for topic in (HELLO, RUN_INFO):
             self._listen(topic, lambda m: self._attendance.take_run(m.run_id))
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self)
+        self._executor = executor_of(self)
 
     def run(self) -> None:
         """Run it; returns when it is over and recorded.
