@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from litsim_sim.core.geometry import boxes_overlap, wrap_angle
-from litsim_sim.core.pair_geometry import overlap, within, wrapped
+from litsim_sim.core.pair_geometry import overlap, within, within_scenes, wrapped
 
 
 def test_overlap_is_that_of_arrays() -> None:
@@ -50,3 +50,9 @@ def test_within_cuts_as_numpy_does(value: float, low: float, high: float) -> Non
 def test_within_keeps_the_sign_of_zero_that_numpy_gives(value: float, low: float, high: float) -> None:
     found, expected = within(value, low, high), np.clip(*np.full((3, 1), [[value], [low], [high]]))[0]
     assert found == expected and np.signbit(found) == np.signbit(expected)
+
+
+def test_a_scene_is_a_range_of_rows() -> None:
+    scene, rows = np.array([0, 0, 2, 2, 2, 5]), np.array([3, 0, 5])
+    begin, end = within_scenes(scene, rows)
+    assert begin.tolist() == [2, 0, 5] and end.tolist() == [5, 2, 6]

@@ -38,7 +38,7 @@ from litsim_sim.core.compiled import (
     kernel,
     void,
 )
-from litsim_sim.core.pair_geometry import wrapped
+from litsim_sim.core.pair_geometry import within_scenes, wrapped
 from litsim_sim.core.quantities import Length, Positive, Whole, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
@@ -226,14 +226,15 @@ def _seen(
         k pairs, those of the first viewer first: position among the viewers and row of whom it sees, both (k,), and
         where that is, ahead and to the left (k,) [m].
     """
-    viewer, agent = np.empty(len(rows) * len(x), np.int64), np.empty(len(rows) * len(x), np.int64)
-    ahead, left = np.empty(len(viewer)), np.empty(len(viewer))
+    begin, end = within_scenes(scene, rows)
+    most = (end - begin).sum()
+    viewer, agent, ahead, left = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most), np.empty(most)
     k = 0
     for i in range(len(rows)):
         cos, sin = math.cos(own_yaw[i]), math.sin(own_yaw[i])
-        for j in range(len(x)):
+        for j in range(begin[i], end[i]):
             dx, dy = x[j] - own_x[i], y[j] - own_y[i]
-            if j != rows[i] and scene[j] == scene[rows[i]] and math.hypot(dx, dy) <= sight:
+            if j != rows[i] and math.hypot(dx, dy) <= sight:
                 viewer[k], agent[k] = i, j
                 ahead[k], left[k] = dx * cos + dy * sin, dy * cos - dx * sin
                 k += 1

@@ -161,9 +161,10 @@ class Episodes:
         self._end = np.minimum(totals, history + self._config.steps_max)
         self.running = np.ones(len(starts), np.bool_)
         table = self._world.reset()
-        while table.step < history:
+        while table.step < history:  # in which no answer of an ego counts
             self._predictor.see(table)
-            table = self._world.step_together(ControlTable.empty(table.step), self._commands(table))
+            commands = [EgoCommand(table.step)] * len(starts)
+            table = self._world.step_together(ControlTable.empty(table.step), commands)
         self._see(table)
         self._draft(starts)
         self._choose()

@@ -25,7 +25,7 @@ from litsim_sim.core.compiled import (
     float64,
     kernel,
 )
-from litsim_sim.core.pair_geometry import within
+from litsim_sim.core.pair_geometry import within, within_scenes
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Speed, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
@@ -258,14 +258,15 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
         k pairs, those of the first that looks first: position among those that look, row of whom it sees, arc length
         and offset of that one's place on the path [m], its heading [rad], and the direction of the path there.
     """
-    most = len(rows) * len(x)
+    begin, end = within_scenes(scene, rows)
+    most = (end - begin).sum()
     viewer, agent = np.empty(most, np.int64), np.empty(most, np.int64)
     s, d, heading, unit_x, unit_y = np.empty(most), np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     k = 0
     for i in range(len(rows)):
-        for j in range(len(x)):
+        for j in range(begin[i], end[i]):
             dx, dy = x[j] - own_x[i], y[j] - own_y[i]
-            if scene[j] != scene[rows[i]] or not dx * dx + dy * dy < sight[i] * sight[i]:
+            if not dx * dx + dy * dy < sight[i] * sight[i]:
                 continue
             place = (own_x[i], own_y[i], own_yaw[i]) if j == rows[i] else (x[j], y[j], yaw[j])
             segment, s[k], d[k] = nearest(segments[i], circles[i], count[i], place[0], place[1])

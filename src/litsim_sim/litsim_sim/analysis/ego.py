@@ -9,7 +9,7 @@ import numpy as np
 from litsim_sim.analysis.comfort import comfort
 from litsim_sim.analysis.lanes import lane_map_of
 from litsim_sim.analysis.metrics_tree import DrivenMetrics, EgoMetrics
-from litsim_sim.analysis.progress import travelled
+from litsim_sim.analysis.progress import distance_of
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.maps.lane_map import LaneMap
@@ -34,8 +34,8 @@ def ego_motion(run: Run) -> EgoMetrics:
 
 def _progress_ratio(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> float | None:
     last = max((table.step for table in log if table.row(agent) >= 0), default=-1)
-    driven = travelled([table for table in tables if table.step <= last]).get(agent)
-    logged = travelled(log).get(agent)
+    driven = distance_of([table for table in tables if table.step <= last], agent)
+    logged = distance_of(log, agent)
     if driven is None or logged is None:
         return None
     return max(driven, PROGRESS_LEAST_M) / max(logged, PROGRESS_LEAST_M)
@@ -58,5 +58,5 @@ def _motion(tables: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, 
         "off_road": off_road,
         "over_edge": over_edge,
         "hard_brakes": None if felt is None else felt.hard_brakes,
-        "progress_m": travelled(tables).get(agent),
+        "progress_m": distance_of(tables, agent),
     }

@@ -12,14 +12,27 @@ from litsim_sim.core.scene import AgentTable
 
 def travelled(tables: Sequence[AgentTable]) -> dict[int, float]:
     """Length [m] of the path of each agent's box centre through consecutive steps."""
-    length: dict[int, float] = {agent: 0.0 for table in tables for agent in table.id.tolist()}
+    if not len(tables):
+        return {}
+    ids = np.unique(np.concatenate([table.id for table in tables]))
+    length = np.zeros(len(ids))
     for before, after in pairwise(tables):
         rows = before.rows(after.id)
         both = rows >= 0
         moved = np.hypot(after.x[both] - before.x[rows[both]], after.y[both] - before.y[rows[both]])
-        for agent, distance in zip(after.id[both].tolist(), moved.tolist(), strict=True):
-            length[agent] += distance
-    return length
+        length[np.searchsorted(ids, after.id[both])] += moved
+    found = dict(zip(ids.tolist(), length.tolist(), strict=True))
+    return {agent: found[agent] for table in tables for agent in table.id.tolist()}  # as they appear
+
+
+def distance_of(tables: Sequence[AgentTable], agent: int) -> float | None:
+    """The same [m] of one agent; None where it is never there."""
+    places = [(number, table, row) for number, table in enumerate(tables) if (row := table.row(agent)) >= 0]
+    length = 0.0
+    for (number, before, i), (following, after, k) in pairwise(places):
+        if following == number + 1:
+            length += float(np.hypot(after.x[k] - before.x[i], after.y[k] - before.y[i]))
+    return length if places else None
 
 
 def mean_progress(tables: Sequence[AgentTable], agents: Collection[int] | None = None) -> float | None:

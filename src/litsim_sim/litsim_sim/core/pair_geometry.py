@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import math
 
-from litsim_sim.core.compiled import boolean, float64, kernel
+import numpy as np
+from numba.types import UniTuple
+
+from litsim_sim.core.compiled import INTS, OUT_INTS, boolean, float64, kernel
+from litsim_sim.core.scene import IntArray
 
 
 @kernel(boolean(*[float64] * 8))
@@ -52,3 +56,16 @@ def within(value: float, low: float, high: float) -> float:
     digests of runs know them.
     """
     return min(high, max(low, value))  # of equal numbers, the first
+
+
+@kernel(UniTuple(OUT_INTS, 2)(INTS, INTS))
+def within_scenes(scene: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
+    """The first row (m,), and the one behind the last (m,), of the scenes that agents in `rows` (m,) are in.
+
+    `scene` (n,) is that of everybody; it ascends, as ids do.
+    """
+    begin, end = np.empty(len(rows), np.int64), np.empty(len(rows), np.int64)
+    for i in range(len(rows)):
+        begin[i] = np.searchsorted(scene, scene[rows[i]])
+        end[i] = np.searchsorted(scene, scene[rows[i]], "right")
+    return begin, end
