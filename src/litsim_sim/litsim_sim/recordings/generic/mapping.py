@@ -39,7 +39,7 @@ FACTORS: dict[str, float] = {
 Length = Literal["m", "ft", "cm"]
 KindName = Literal["car", "truck", "motorcycle", "bicycle", "pedestrian", "unknown", "drop"]
 Value = str | int | float | bool
-Check = Literal["time", "speed", "heading", "size"]
+Check = Literal["time", "speed", "heading", "side", "size"]
 
 
 class _Strict(BaseModel):

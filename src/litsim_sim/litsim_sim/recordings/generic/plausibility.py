@@ -14,6 +14,7 @@ import pandas as pd
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.recordings.generic import sides
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 
 STEP_RANGE_S = (0.005, 0.5)  # between rows of a vehicle: 200 to 2 rows a second
@@ -31,7 +32,7 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
 
     Args:
         table: in SI units and frame map, sorted by vehicle and time; columns vehicle_id, t, x, y, length, width,
-            and yaw and speed where the file has them.
+            lane, and yaw and speed where the file has them.
         mapping: what the file is said to be; checks in its field `accept` are left out.
         where: names the file in errors.
 
@@ -40,7 +41,7 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
     """
     found = {"time": _time(table, mapping), "size": _size(table, mapping)}
     if not found["time"]:  # else nothing that follows from times says anything
-        found |= {"speed": _speed(table, mapping), "heading": _heading(table, mapping)}
+        found |= {"speed": _speed(table, mapping), "heading": _heading(table, mapping), "side": sides.problems(table)}
     problems = [f"{text} (check {name})" for name, text in found.items() if text and name not in mapping.accept]
     if problems:
         raise InputError(
@@ -129,11 +130,13 @@ def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
             fits.append([f"{name} {new}" for name, (old, new) in changes.items() if new != old])
     fewest = min(map(len, fits), default=0)
     would = " or ".join(" with ".join(fit) for fit in fits if len(fit) == fewest)
+    mirrored = fewest == 1 and would.startswith("angles.positive")
+    also = ", and transform.mirror_y with it where y points down but headings do not turn with it" if mirrored else ""
     far = f"headings are {np.rad2deg(error):.0f} degrees off the direction of motion (median of moving rows), at most "
     largest = float(np.abs(angle).max() / FACTORS[mapping.units.angle])
     return (
         f"{far}{np.rad2deg(HEADING_MAX):.0f} expected; column {mapping.columns.yaw!r} goes up to {largest:.4g} "
-        f"{mapping.units.angle}{f'; {would} would fit' if fits else ''}"
+        f"{mapping.units.angle}{f'; {would} would fit{also}' if fits else ''}"
     )
 
 

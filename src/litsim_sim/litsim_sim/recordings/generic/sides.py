@@ -1,0 +1,114 @@
+"""On which side of each other vehicles drive: what of a table shows whether its y axis points down.
+
+Motion turns with the axes, so that speeds and headings agree in a mirrored table as they do in a right one. What does
+not is the side: lanes are numbered from the left, and where one drives on the right, who comes the other way passes on
+the left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from litsim_sim.core.geometry import to_body, wrap_angle
+from litsim_sim.core.scene import FloatArray, IntArray
+
+INSTANTS = 400  # at which vehicles are compared
+INSTANT_S = 0.1  # [s] rows of vehicles that are no farther apart are of the same instant
+MOVING = 2.0  # [m/s] from which on a direction of motion is certain
+WAY_MIN = 0.05  # [m] between two rows, likewise
+ABREAST = 10.0  # [m] along the road, for vehicles that pass each other
+BESIDE = (2.0, 9.0)  # [m] across it
+ALONG = 30.0  # [m] along the road, for those in neighbouring lanes
+SAME_WAY, ONCOMING = np.deg2rad(15.0), np.deg2rad(165.0)
+PAIRS_MIN = 6  # of vehicles that a share is taken of
+DOWN = "y points down, which transform.mirror_y mends"
+SHARE = 0.8  # of the pairs, from which on a side is certain
+
+
+@dataclass(frozen=True)
+class Sides:
+    """How pairs of vehicles lie to each other.
+
+    Attributes:
+        oncoming: (p,) of pairs that meet, the median distance of the other to the left of one [m].
+        next_lane: (q,) of pairs that go the same way, the median distance to the left of the one whose lane has the
+            next higher number [m].
+    """
+
+    oncoming: FloatArray
+    next_lane: FloatArray
+
+    @classmethod
+    def of(cls, table: pd.DataFrame) -> Sides:
+        """The pairs in a table of rows in order: vehicle_id, t [s], x, y [m], lane."""
+        moving = _moving(table)
+        instant = np.round(moving["t"].to_numpy() / INSTANT_S).astype(np.int64)
+        every = max(1, len(np.unique(instant)) // INSTANTS)
+        moving = moving.assign(instant=instant)[instant % every == 0].drop_duplicates(["vehicle_id", "instant"])
+        found: dict[str, list[pd.DataFrame]] = {"oncoming": [], "next_lane": []}
+        for _, rows in moving.groupby("instant", sort=True):
+            one, other = np.triu_indices(len(rows), 1)
+            for name, pairs in _pairs(rows, one, other).items():
+                found[name].append(pairs)
+        return cls(*(_medians(found[name]) for name in ("oncoming", "next_lane")))
+
+
+def problems(table: pd.DataFrame) -> str:
+    """What says that a table is mirrored, with its figures; empty where nothing does."""
+    sides, said = Sides.of(table), []
+    right = sides.oncoming < 0.0
+    if len(right) >= PAIRS_MIN and right.mean() >= SHARE:
+        said.append(
+            f"oncoming vehicles pass on the right, {-np.median(sides.oncoming):.1f} m beside, in {right.mean():.0%} of "
+            f"{len(right)} encounters: {DOWN}, or traffic keeps to the left there"
+        )
+    left = sides.next_lane > 0.0
+    if len(left) >= PAIRS_MIN and left.mean() >= SHARE:
+        said.append(
+            f"the lane of the next higher number is {np.median(sides.next_lane):.1f} m to the left for "
+            f"{left.mean():.0%} of {len(left)} pairs of vehicles, expected to the right: {DOWN}, or lanes are not "
+            f"counted from the left"
+        )
+    return "; ".join(said)
+
+
+def _moving(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows of vehicles that move, with the direction `course` [rad] to their next row."""
+    vehicle, t, x, y = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y"))
+    dx, dy, dt = np.diff(x), np.diff(y), np.diff(t)
+    way = np.hypot(dx, dy)
+    keep = (vehicle[1:] == vehicle[:-1]) & (dt > 0) & (way > np.maximum(MOVING * dt, WAY_MIN))
+    columns = table[["vehicle_id", "t", "x", "y", "lane"]].iloc[:-1][keep]
+    return columns.assign(course=np.arctan2(dy, dx)[keep])
+
+
+def _pairs(rows: pd.DataFrame, one: IntArray, other: IntArray) -> dict[str, pd.DataFrame]:
+    """Of the pairs of `rows` of an instant: ids, and how far the second is to the left of the first [m]."""
+    ids, x, y, course, lane = (rows[name].to_numpy() for name in ("vehicle_id", "x", "y", "course", "lane"))
+    swap = lane[one] > lane[other]
+    one, other = np.where(swap, other, one), np.where(swap, one, other)
+    ahead, left = to_body(x[other] - x[one], y[other] - y[one], course[one])
+    turn = np.abs(wrap_angle(course[other] - course[one]))
+    beside = (np.abs(left) > BESIDE[0]) & (np.abs(left) < BESIDE[1])
+    chosen = {
+        "oncoming": (turn > ONCOMING) & (np.abs(ahead) < ABREAST) & beside,
+        "next_lane": (turn < SAME_WAY)
+        & (np.abs(ahead) < ALONG)
+        & beside
+        & (lane[one] >= 1)
+        & (lane[other] == lane[one] + 1),
+    }
+    return {
+        name: pd.DataFrame({"one": ids[one[which]], "other": ids[other[which]], "left": left[which]})
+        for name, which in chosen.items()
+    }
+
+
+def _medians(pairs: list[pd.DataFrame]) -> FloatArray:
+    """Median distance to the left by pair of vehicles."""
+    if not pairs:
+        return np.zeros(0)
+    return np.asarray(pd.concat(pairs).groupby(["one", "other"])["left"].median().to_numpy(), np.float64)
