@@ -56,7 +56,9 @@ def compute_metrics(run: Run) -> dict[str, Any]:
     """
     hits, far, back = collisions(run, in_lane_of(run)), displacements(run), handbacks(run)
     entries, lock = ledger(run), lockstep(run)
-    driven = [table for table in run.tables if table.step >= run.info.history_steps]
+    driven, logged = (
+        [table for table in tables if table.step >= run.info.history_steps] for tables in (run.tables, run.log)
+    )
     background = hits.agents - {run.info.ego_id}
     taken = {entry.agent for entry in entries}
     problems = [*lock.problems, *_unusable(run)]
@@ -80,9 +82,9 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "ego_motion": ego_motion(run),
         "off_road_controlled": off_road_controlled(run),
         "replay_error_max_m": max(far.replay_error().values(), default=None),
-        "progress_m": mean_progress(driven),
-        "progress_controlled_m": mean_progress(driven, hits.controlled),
-        "progress_log_m": mean_progress([t for t in run.log if t.step >= run.info.history_steps]),
+        "progress_m": mean_progress(driven, logged),
+        "progress_controlled_m": mean_progress(driven, logged, hits.controlled),
+        "progress_log_m": mean_progress(logged, logged),
         "relevant_ratio": _share(len(taken & background), len(background)),
         "takeovers": len(entries),
         "false_alarms": sum(entry.false_alarm for entry in entries),

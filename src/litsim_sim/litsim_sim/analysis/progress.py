@@ -35,7 +35,27 @@ def distance_of(tables: Sequence[AgentTable], agent: int) -> float | None:
     return length if places else None
 
 
-def mean_progress(tables: Sequence[AgentTable], agents: Collection[int] | None = None) -> float | None:
-    """Mean distance [m] travelled by all agents, or by those of `agents` that are there; None where there are none."""
-    lengths = [length for agent, length in travelled(tables).items() if agents is None or agent in agents]
-    return float(np.mean(lengths)) if lengths else None
+def mean_progress(
+    tables: Sequence[AgentTable], log: Sequence[AgentTable], agents: Collection[int] | None = None
+) -> float | None:
+    """Mean distance [m] travelled by the agents of `log`, or by those of `agents`; None where there are none.
+
+    Only steps count from and to which the log of an agent knows it: who drives on when its log has ended makes no
+    progress by that. Who is not on the road then, such as who is held back where he would enter, makes none either.
+
+    Args:
+        tables: of consecutive steps.
+        log: of the same steps, `tables` itself for the progress of the log.
+        agents: ids.
+    """
+    length = {agent: 0.0 for table in log for agent in table.id.tolist() if agents is None or agent in agents}
+    for (before, after), (logged_before, logged_after) in zip(pairwise(tables), pairwise(log), strict=False):
+        known = logged_after.id[logged_before.rows(logged_after.id) >= 0]
+        rows, then = after.rows(known), before.rows(known)
+        both = (rows >= 0) & (then >= 0)
+        rows, then = rows[both], then[both]
+        moved = np.hypot(after.x[rows] - before.x[then], after.y[rows] - before.y[then])
+        for agent, distance in zip(known[both].tolist(), moved.tolist(), strict=True):
+            if agent in length:
+                length[agent] += distance
+    return float(np.mean(list(length.values()))) if length else None
