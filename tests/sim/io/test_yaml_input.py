@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel, ConfigDict
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.yaml_input import SHOWN, parse_yaml, read_yaml, validate_yaml
+from litsim_sim.io.yaml_input import SHOWN, load_yaml, parse_yaml, read_yaml, validate_yaml
 
 
 class Wheel(BaseModel):
@@ -82,6 +82,11 @@ def test_merged_fields_may_be_overridden(tmp_path: Path) -> None:
     path = tmp_path / "car.yaml"
     path.write_text("name: a\nwheels:\n  - &usual {radius: 0.3}\n  - {<<: *usual, radius: 0.4}\n")
     assert [wheel.radius for wheel in read_yaml(path, Car).wheels] == [0.3, 0.4]
+
+
+def test_names_of_lanes_are_no_numbers() -> None:
+    said = load_yaml("[101_0, 1_0.5, 120, -3, 0.5, 1.0e-3, .inf, 0x1f]", "here")
+    assert said == ["101_0", "1_0.5", 120, -3, 0.5, 1e-3, float("inf"), 31]
 
 
 def test_many_slips_are_counted(tmp_path: Path) -> None:

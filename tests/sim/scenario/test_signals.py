@@ -13,6 +13,7 @@ import yaml
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.signals import SignalState
+from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.signals import Signals, SignalsFile, heed, on_clock
@@ -90,6 +91,13 @@ def test_times_may_be_of_another_clock(build: Callable[..., Scenario], shown_by:
     given = SignalsFile.model_validate({"groups": {"east": ["WA"]}} | shown_by)
     signals = build(on_clock(given, 98.0).model_dump(mode="json", exclude_none=True)).signals
     assert shown(signals, "east")[-1] == (30, "RED")  # 103 s there are 5 s here; the scenario begins at 2 s
+
+
+def test_numbers_are_names() -> None:
+    file = load_yaml("{groups: {1: [101, 102_0], 2: []}, states: {file: a.csv, codes: {0: red, 1: green}}}", "here")
+    given = SignalsFile.model_validate(file)
+    assert given.groups == {"1": ["101", "102_0"], "2": []}
+    assert given.states is not None and given.states.codes == {"0": "red", "1": "green"}
 
 
 def test_how_vehicles_heed_signals(build: Callable[..., Scenario]) -> None:

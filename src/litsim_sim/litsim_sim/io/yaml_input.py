@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -16,6 +16,7 @@ from litsim_sim.core.errors import InputError
 SHOWN = 5  # problems that one message lists
 FOUND_MAX = 60  # characters of a wrong value that a message repeats
 DEEPEST = 50  # lists and mappings within each other; what people write has two or three
+NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 STREAM_NAME = re.compile(r' in "<(?:unicode|byte) string>",')  # PyYAML's for a text without a file
 MISNAMED = ("missing", "extra_forbidden")  # pydantic's types of problems with names, not values
 
@@ -89,10 +90,21 @@ def validate_yaml(values: dict[str, Any], model: type[_Model], where: str, text:
         raise InputError(f"{where}: {said}{more}{known}") from error
 
 
+def _without_underscores(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
+    return re.compile(f"(?!.*_){pattern.pattern}", pattern.flags) if tag in NUMBERS else pattern
+
+
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, which takes the last of several equal keys and any depth, but for these two."""
+    """PyYAML's safe loader, but for three things: it takes the last of several equal keys, any depth, and 12_0 for 120.
+
+    The last is how lanes are called in a net of numbered edges; YAML 1.2 has no underscores in numbers either.
+    """
 
     _depth = 0
+    yaml_implicit_resolvers: ClassVar = {
+        first: [(tag, _without_underscores(tag, pattern)) for tag, pattern in resolvers]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         self._depth += 1

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
@@ -37,6 +37,18 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "frame": STEP_S}
 AT_RED_MAX, PASSED_MIN = 0.5, 5  # share and number of vehicles past the lines of a group from which on it is refused
 
 
+def _words(value: Any) -> Any:
+    """Whole numbers as words, also those in lists and before colons: what files and maps count are names here."""
+    if isinstance(value, dict):
+        return {_words(key): each for key, each in value.items()}
+    if isinstance(value, list):
+        return [_words(each) for each in value]
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+_Named = BeforeValidator(_words)
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
@@ -56,14 +68,14 @@ class StateList(_Strict):
     begin: str = "begin"
     state: str = "state"
     unit: Literal["s", "ms", "frame"] = "s"
-    codes: dict[str, StateName] = {}
+    codes: Annotated[dict[str, StateName], _Named] = {}
 
 
 class Phase(_Strict):
     """A part of a fixed cycle; groups that are not named show red."""
 
     duration_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    states: dict[str, StateName] = {}
+    states: Annotated[dict[str, StateName], _Named] = {}
 
 
 class Program(_Strict):
@@ -89,7 +101,7 @@ class SignalsFile(_Strict):
         program: a fixed cycle.
     """
 
-    groups: Annotated[dict[str, list[str]], Field(min_length=1)]
+    groups: Annotated[dict[str, Annotated[list[str], _Named]], Field(min_length=1), _Named]
     changes: list[tuple[float, str, StateName]] | None = None
     states: StateList | None = None
     program: Program | None = None
@@ -178,16 +190,33 @@ def build(given: SignalsFile, net: Path, log: Log, start_frame: int, where: str)
         InputError: a connection is not in the net, or is in two groups; a group of a change is unknown; or most of the
             vehicles that pass the stop lines of a group do so at red, so that groups or times cannot be right.
     """
-    every = read_links(net)
+    made = shown(given, read_links(net), log.steps, start_frame, where)
+    _check_against(made, log, where)
+    return made
+
+
+def shown(
+    given: SignalsFile, every: Sequence[SignalLink], steps: int, start_frame: int = 0, where: str = "signals"
+) -> Signals:
+    """What `given`, resolved, says for some steps from `start_frame` on, whether vehicles heed it or not.
+
+    Args:
+        given: resolved.
+        every: the controlled connections of the net, see :func:`litsim_sim.maps.signal_links.read_links`.
+        steps: how many.
+        start_frame: frame of the recording at step 0.
+        where: names the scenario in errors.
+
+    Raises:
+        InputError: a connection is not in the net, or is in two groups; or a group of a change is unknown.
+    """
     members = _members(given.groups, every, f"{where}: field signals.groups")
     groups = tuple(sorted(set(members.values())))
     links = tuple(link for link in every if link.name in members)
-    changes = given.changes if given.changes is not None else _cycle(given, start_frame, log.steps, where)
-    states = _states(changes, groups, set(given.groups), start_frame, log.steps, where)
+    changes = given.changes if given.changes is not None else _cycle(given, start_frame, steps, where)
+    states = _states(changes, groups, set(given.groups), start_frame, steps, where)
     link_group = np.array([groups.index(members[link.name]) for link in links], np.int64)
-    made = Signals(groups, links, link_group, states)
-    _check_against(made, log, where)
-    return made
+    return Signals(groups, links, link_group, states)
 
 
 def _members(groups: Mapping[str, Sequence[str]], links: Iterable[SignalLink], where: str) -> dict[str, str]:

@@ -1,0 +1,92 @@
+"""When a timing plan began, by what vehicles did: for recordings whose signals are known by their plan alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_sim.core.scene import STEP_S, BoolArray
+from litsim_sim.core.signals import STOP_STATES
+from litsim_sim.maps.signal_links import SignalLink
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.signals import Signals, SignalsFile, heed, shown
+
+TRIED_S = 0.5  # [s] between the offsets that are tried
+START_S = 3.0  # [s] of green after which whoever is first at a line has begun to move
+FIRST = 5.0  # [m] from the stop line, either way, within which somebody is first at it
+STANDS = 0.4  # [m/s] below which somebody stands
+
+
+@dataclass(frozen=True)
+class OffsetFit:
+    """An offset of a plan, and how well it fits.
+
+    Attributes:
+        offset_s: when the first phase begins, from step 0 of the log on [s].
+        passed, at_red: by group, how many vehicles pass its stop lines, and how many of them at red.
+        waits_s: how long vehicles stand at a line that has been open for START_S, all together [s].
+        range_s: first and last offset of the range that fits as well [s]; it may go over the end of the cycle.
+    """
+
+    offset_s: float
+    passed: dict[str, int]
+    at_red: dict[str, int]
+    waits_s: float
+    range_s: tuple[float, float]
+
+
+def fit_offset(plan: SignalsFile, links: Sequence[SignalLink], log: Log) -> OffsetFit:
+    """The offset at which the fewest vehicles pass at red and, of several, those at open lines wait the least.
+
+    Where a whole range of offsets is as good, its middle is taken; of several ranges, the first.
+
+    Args:
+        plan: whose program is moved; its own offset means nothing.
+        links: the controlled connections of the net.
+        log: from frame 0 of the recording on.
+
+    Raises:
+        InputError: the plan does not fit the net.
+    """
+    assert plan.program is not None, "only a program has an offset"
+    cycle = sum(phase.duration_s for phase in plan.program.phases)
+    offsets = np.arange(0.0, cycle, TRIED_S)
+    costs = [_cost(_at(plan, float(offset), links, log), log) for offset in offsets]
+    good = [cost == min(costs) for cost in costs]
+    begin = good.index(False) if not all(good) else 0  # ranges may go on from the end of the cycle to its beginning
+    best = begin + np.flatnonzero(np.roll(good, -begin))
+    first = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)[0]
+    offset = float(TRIED_S * first[len(first) // 2]) % cycle
+    heeded = heed(_at(plan, offset, links, log), log)
+    return OffsetFit(
+        offset,
+        {group: passed for group, (passed, _) in heeded.items()},
+        {group: red for group, (_, red) in heeded.items()},
+        min(costs)[1] * STEP_S,
+        (float(TRIED_S * first[0]) % cycle, float(TRIED_S * first[-1]) % cycle),
+    )
+
+
+def _at(plan: SignalsFile, offset: float, links: Sequence[SignalLink], log: Log) -> Signals:
+    assert plan.program is not None
+    moved = plan.model_copy(update={"program": plan.program.model_copy(update={"offset_s": offset})})
+    return shown(moved, links, log.steps)
+
+
+def _cost(signals: Signals, log: Log) -> tuple[int, int]:
+    """How many vehicles pass at red, and steps that vehicles stand first at a line that has long been open."""
+    waiting = 0
+    front_x = log.x + 0.5 * log.length[:, None] * np.cos(log.yaw)
+    front_y = log.y + 0.5 * log.length[:, None] * np.sin(log.yaw)
+    needed = round(START_S / STEP_S)
+    lanes = {link.from_lane: (link, group) for link, group in zip(signals.links, signals.link_group, strict=True)}
+    for link, group in lanes.values():
+        is_open = ~np.isin(signals.states[group], STOP_STATES)
+        long_open: BoolArray = np.convolve(is_open, np.ones(needed))[: len(is_open)] >= needed
+        cos, sin = np.cos(link.heading), np.sin(link.heading)
+        dx, dy = front_x - link.stop[0], front_y - link.stop[1]
+        first = (np.abs(cos * dx + sin * dy) < FIRST) & (np.abs(cos * dy - sin * dx) < 0.5 * link.width)
+        waiting += int((first & log.valid & (log.speed < STANDS) & long_open).sum())
+    return sum(red for _, red in heed(signals, log).values()), waiting
