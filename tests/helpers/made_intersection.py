@@ -25,6 +25,9 @@ ORIGIN = (49.0102, 8.4204)
 OFFSET = (634.5, 287.25)
 """Where the middle of the junction is for whoever recorded: easting and northing from a point of their own [m]."""
 
+TURN = 0.437
+"""By which their axes are turned against those of the map's UTM, whose north is not the true one there [deg]."""
+
 CLOCK_MS = 36_000_000
 """What their clock showed when the recording began."""
 
@@ -341,7 +344,7 @@ class Street:
         return any(
             other.s < line + 22.0 + 0.5 * other.length
             and line - other.s < FREE * max(other.speed, 4.0)
-            and (other.s > line or shown(opposite, time) == GREEN)
+            and (other.s > line or other.speed > 2.0 or shown(opposite, time) == GREEN)
             for other in oncoming
         )
 
@@ -371,13 +374,14 @@ def tracks(seed: int = 5) -> pd.DataFrame:
     seen += [(kind, 1.8 if kind == "Bicycle" else 0.5, 0.6, rows) for kind, rows in _walkers()]
     pieces = []
     for number, (kind, length, width, rows) in enumerate(seen, 1):
+        place = _turned(rows[:, 1:3], TURN) + OFFSET
         values: dict[str, Any] = {
             "TrackID": number,
             "Class": kind,
             "Time_ms": CLOCK_MS + np.round(1000.0 * rows[:, 0]).astype(np.int64),
-            "Easting": np.round(rows[:, 1] + OFFSET[0], 3),
-            "Northing": np.round(rows[:, 2] + OFFSET[1], 3),
-            "Course_deg": np.round(np.mod(90.0 - np.rad2deg(rows[:, 3]), 360.0), 2),
+            "Easting": np.round(place[:, 0], 3),
+            "Northing": np.round(place[:, 1], 3),
+            "Course_deg": np.round(np.mod(90.0 - np.rad2deg(rows[:, 3]) - TURN, 360.0), 2),
             "Speed_kmh": np.round(3.6 * rows[:, 4], 2),
             "Length_cm": round(100 * length),
             "Width_cm": round(100 * width),

@@ -54,6 +54,10 @@ KINDS: dict[str, str] = {
 
 USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, where the file has none
 CAMERA_RATES_HZ = (10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
+HINTS = (
+    "# transform: {yaw_deg: 0, x: 0, y: 0}  # onto the net, in degrees and metres; data map --check says what fits",
+    "# signals: signals.yaml  # what signals of the net showed (docs/signals.md)",
+)
 IDENTITY = ("vehicle_id", "x", "y")
 
 
@@ -239,7 +243,7 @@ def _written(made: _Draft, head: str) -> str:
                 lines.append(f"  {_scalar(inner)}: {_scalar(each)}{told}")
         else:
             lines.append(f"{name}: {_scalar(value)}{_comment(remark)}")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *HINTS]) + "\n"
 
 
 def _comment(remark: str | None) -> str:

@@ -1,0 +1,112 @@
+"""docs/your-own-recording.md: every command on the page is run in order, and prints what the page shows."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.launch.executables import find_executable
+from litsim_sim.maps.netconvert import find_netconvert
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "your-own-recording.md"
+BLOCK = re.compile(r"^```(bash|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+STATUS = re.compile(r"\s+# status (\d)$")
+LITSIM = """#!/bin/bash
+# ./litsim PACKAGE EXECUTABLE ... or ./litsim exec COMMAND ..., of the workspace whose environment this is
+if [ "$1" = exec ]; then exec "${{@:2}}"; fi
+exec {python} {here} "$@"
+"""
+
+
+@dataclass
+class Step:
+    """A block of commands, and the lines that it prints, among others, in their order."""
+
+    commands: list[str]
+    shown: list[str] = field(default_factory=list)
+
+
+def steps() -> list[Step]:
+    found: list[Step] = []
+    for kind, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
+        if kind == "bash":
+            found.append(Step(list(commands(text))))
+        else:
+            found[-1].shown += text.splitlines()
+    return found
+
+
+def commands(text: str) -> Iterator[str]:
+    """The commands of a block, those with a text after << whole."""
+    lines = iter(text.splitlines())
+    for line in lines:
+        ending = re.search(r"<<'(\w+)'$", line)
+        command = [line]
+        while ending and command[-1] != ending[1]:
+            command.append(next(lines))
+        yield "\n".join(command)
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A folder that looks like this checkout to the commands of the page."""
+    pytest.importorskip("lanelet2", reason="the lanelet2 package is not installed: requirements/maps.txt")
+    try:
+        find_netconvert()
+    except InputError as error:
+        pytest.skip(str(error))
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    litsim = tmp_path / "litsim"
+    litsim.write_text(LITSIM.format(python=sys.executable, here=Path(__file__).resolve()))
+    litsim.chmod(0o755)
+    return tmp_path
+
+
+def run(command: str, folder: Path) -> tuple[int, str]:
+    environment = os.environ | {"COLUMNS": "100"}
+    done = subprocess.run(
+        ["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.graph
+def test_every_command_of_the_page(checkout: Path) -> None:
+    for step in steps():
+        printed = ""
+        for command in step.commands:
+            expected = STATUS.search(command)
+            status, said = run(STATUS.sub("", command), checkout)
+            assert status == (int(expected[1]) if expected else 0), f"{command}\n{said}"
+            printed += said
+        at = 0
+        for line in step.shown:
+            pattern = r"[^\n]*".join(re.escape(part) for part in re.split(r"\s*…\s*", line.strip()))
+            found = re.compile(pattern).search(printed, at)
+            assert found, f"{step.commands[-1]}\nshould print, after what is shown before it: {line}\n{printed}"
+            at = found.end()
+    for made in ("check.png", "tracks.html", "litsim/report.html", "campaign/experiment.html", "campaign/junit.xml"):
+        assert (checkout / "mine" / made).stat().st_size > 1000, made
+
+
+def test_the_made_intersection_is_the_same_each_time() -> None:
+    import made_intersection
+
+    made = made_intersection.tracks()
+    assert len(made) > 10_000 and set(made["Class"]) == {"Car", "Van", "Truck", "Pedestrian", "Bicycle"}
+    once = made_intersection.Street(5).run()
+    again = made_intersection.Street(5).run()
+    assert [driver.rows for driver in once] == [driver.rows for driver in again]
+
+
+if __name__ == "__main__":  # as ./litsim: an executable of a package, wherever it was built
+    os.execv(find_executable(*sys.argv[1:3]), sys.argv[2:])
