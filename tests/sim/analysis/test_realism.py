@@ -8,6 +8,9 @@ from typing import Any
 import pytest
 
 from litsim_sim.analysis.realism import FEATURES, realism
+from litsim_sim.analysis.signals import Passage
+from litsim_sim.core.scene import Controller
+from litsim_sim.core.signals import SignalState
 
 Make = Callable[..., Any]
 
@@ -25,7 +28,7 @@ def test_the_log_itself_is_as_likely_as_the_log(table: Make) -> None:
     found = realism(log, log, {1, 2, 3}, None, 0.1)
     assert found is not None
     assert found.score == pytest.approx(1.0)
-    assert set(found.features) == set(FEATURES) - {"distance_to_road_edge", "off_road"}
+    assert set(found.features) == set(FEATURES) - {"distance_to_road_edge", "off_road", "traffic_light_violation"}
 
 
 def test_what_the_log_never_does_is_unlikely(table: Make) -> None:
@@ -43,3 +46,27 @@ def test_what_the_log_never_does_is_unlikely(table: Make) -> None:
 def test_nobody_under_control_is_nothing_to_judge(table: Make) -> None:
     log = traffic(table)
     assert realism(log, log, set(), None, 0.1) is None
+
+
+def passages(*states: SignalState, agent: int = 2) -> list[Passage]:
+    """Stop lines that `agent` passes while these states are shown."""
+    return [Passage(agent, 10 + k, "a -> b", "1", state, Controller.POLICY) for k, state in enumerate(states)]
+
+
+def test_red_lights_run_are_as_unlikely_as_in_the_log(table: Make) -> None:
+    log, green, red = traffic(table), SignalState.GREEN, SignalState.RED
+    heeded = passages(*[green] * 20)
+    lawful = realism(log, log, {2}, None, 0.1, passages(green, green), heeded)
+    unlawful = realism(log, log, {2}, None, 0.1, passages(green, red), heeded)
+    assert lawful is not None and unlawful is not None
+    assert lawful.features["traffic_light_violation"] == pytest.approx(1.0, abs=0.01)
+    assert unlawful.features["traffic_light_violation"] < 0.1
+    assert unlawful.score < lawful.score
+
+
+def test_where_nobody_who_is_judged_passes_a_stop_line_there_is_no_such_term(table: Make) -> None:
+    log, heeded = traffic(table), passages(SignalState.GREEN)
+    for passed in ([], passages(SignalState.RED, agent=3)):
+        found = realism(log, log, {2}, None, 0.1, passed, heeded)
+        assert found is not None
+        assert "traffic_light_violation" not in found.features

@@ -244,8 +244,19 @@ def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:
 
 def _realism(run: Run, hits: Collisions) -> RealismMetrics | None:
     """Likelihood of the agents ever under control under the log's histograms."""
-    found = realism(run.simulated, run.simulated_log, hits.controlled, lane_map_of(run), run.info.dt)
-    return None if found is None else {"score": found.score, "features": found.features, "agent_steps": found.steps}
+    passed, logged = run_passages(run), log_passages(run)
+    found = realism(
+        run.simulated, run.simulated_log, hits.controlled, lane_map_of(run), run.info.dt, passed or (), logged
+    )
+    if found is None:
+        return None
+    lights = "judged" if "traffic_light_violation" in found.features else "no stop line passed"
+    return {
+        "score": found.score,
+        "features": found.features,
+        "traffic_lights": "no signals" if passed is None else lights,
+        "agent_steps": found.steps,
+    }
 
 
 def _signals(run: Run) -> SignalMetrics | None:

@@ -146,6 +146,7 @@ class RealismMetrics(TypedDict):
 
     score: float
     features: Annotated[dict[str, float], Keys(tuple(FEATURES))]
+    traffic_lights: str
     agent_steps: int
 
 

@@ -18,6 +18,19 @@ from matplotlib.ticker import MaxNLocator
 
 from litsim_sim.analysis.collision import collisions
 from litsim_sim.analysis.lanes import lane_map_of
+from litsim_sim.analysis.plan_view import (
+    Area,
+    crossed,
+    draw_boxes,
+    draw_lanes,
+    draw_signals,
+    draw_stop_lines,
+    frame,
+    groups_in,
+    line_handle,
+    paths,
+)
+from litsim_sim.analysis.signals import run_passages
 from litsim_sim.analysis.takeover import LedgerEntry, ledger
 from litsim_sim.core.geometry import box_corners, to_body
 from litsim_sim.core.scene import AgentTable, Controller, FloatArray
@@ -47,8 +60,11 @@ INK, ROAD, PAINT, FAINT = "#30343b", "#e6e8eb", "#ffffff", "#c9cdd3"
 
 
 def overview(run: Run, path: Path) -> None:
-    """Draw a run as a PNG of 1600 x 1120 px: bird's-eye view at a telling moment, space-time diagram of the ego's
-    surroundings, the ego's speed against its log, and the number of agents off their log.
+    """Draw a run as a PNG of 1600 x 1120 px: the scene at a telling moment, the ego's speed against its log, and the
+    number of agents off their log.
+
+    Where the ego goes over an intersection, the scene is that, seen from above with everybody's path, and below it what
+    its signals showed; else it is the road around the ego, and below it a space-time diagram of the traffic there.
 
     Raises:
         InputError: the attached net is no SUMO net.
@@ -58,14 +74,79 @@ def overview(run: Run, path: Path) -> None:
     FigureCanvasAgg(figure)
     entries, lane_map = ledger(run), lane_map_of(run)
     moment = telling_moment(run, entries)
-    grid = figure.add_gridspec(3, 3, height_ratios=(1.15, 1.0, 1.0))
     figure.suptitle(_title(run, entries), x=0.012, ha="left", fontsize=15, color=INK)
-    _bird_view(figure.add_subplot(grid[0, :]), run, moment, lane_map)
-    _space_time(figure.add_subplot(grid[1:, :2]), run, moment, lane_map)
-    speed = figure.add_subplot(grid[1, 2])
+    crossings = crossed(lane_map, _way(run))
+    if lane_map is not None and len(crossings):
+        speed, off_log = _intersection(figure, run, moment, lane_map, crossings)
+    else:
+        grid = figure.add_gridspec(3, 3, height_ratios=(1.15, 1.0, 1.0))
+        _bird_view(figure.add_subplot(grid[0, :]), run, moment, lane_map)
+        _space_time(figure.add_subplot(grid[1:, :2]), run, moment, lane_map)
+        speed = figure.add_subplot(grid[1, 2])
+        off_log = figure.add_subplot(grid[2, 2], sharex=speed)
     _speed(speed, run, moment.step)
-    _off_log(figure.add_subplot(grid[2, 2], sharex=speed), run, moment.step)
+    _off_log(off_log, run, moment.step)
     figure.savefig(path, dpi=DPI)
+
+
+def _way(run: Run) -> FloatArray:
+    """(k, 2) where the ego went [m]."""
+    rows = [(table, table.row(run.info.ego_id)) for table in run.tables]
+    return np.array([(table.x[row], table.y[row]) for table, row in rows if row >= 0]).reshape(-1, 2)
+
+
+def _intersection(
+    figure: Figure, run: Run, moment: Moment, lane_map: LaneMap, crossings: FloatArray
+) -> tuple[Axes, Axes]:
+    """Draw the intersection and its signals over time; returns axes for the ego's speed and for who is off its log."""
+    area = Area.around(np.concatenate([_way(run), crossings]))
+    signals = run.signals
+    passed = [each for each in run_passages(run) or [] if each.agent == run.info.ego_id]
+    groups = [] if signals is None else groups_in(signals, area, [each.group for each in passed])
+    rows = (3.0, 0.55 + 0.16 * len(groups)) if groups else (3.0, 0.01)
+    left, right = figure.subfigures(1, 2, width_ratios=(2.0, 1.0))
+    grid = left.add_gridspec(2, 1, height_ratios=rows)
+    _plan(left.add_subplot(grid[0]), run, moment, lane_map, area)
+    if signals is not None and groups:
+        axes = left.add_subplot(grid[1])
+        draw_signals(axes, signals, groups, run.tables[-1].step)
+        for each in passed:
+            row = groups.index(signals.groups.index(each.group))
+            axes.plot(each.step * run.info.dt, row, "D", color=COLOURS[Controller.EGO], mec="white", ms=9, zorder=5)
+        title = "Signals; the diamond is the ego at the stop line" if passed else "Signals"
+        axes.set_title(title, loc="left", fontsize=12, color=INK)
+        axes.axvline(moment.step * run.info.dt, color=INK, lw=0.9, ls=":")
+        _plain(axes)
+    below = right.add_gridspec(2, 1)
+    speed = right.add_subplot(below[0])
+    return speed, right.add_subplot(below[1], sharex=speed)
+
+
+def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -> None:
+    """Everybody's path over the intersection, and the boxes at the moment."""
+    table, _ = _at(run, moment.step)
+    draw_lanes(axes, lane_map)
+    if run.signals is not None:
+        draw_stop_lines(axes, run.signals, table.step)
+    driven = paths([each for each in run.tables if each.step >= run.info.history_steps], area)
+    for controller, width in ((Controller.LOG, 0.9), (Controller.BASELINE, 1.6), (Controller.POLICY, 2.2)):
+        axes.add_collection(LineCollection(driven[controller], colors=COLOURS[controller], linewidths=width, zorder=4))
+    axes.add_collection(
+        LineCollection(driven[Controller.EGO], colors=COLOURS[Controller.EGO], linewidths=2.8, zorder=5)
+    )
+    logged = _logged_ego(run)
+    axes.plot(logged[:, 1], logged[:, 2], color=INK, lw=1.1, ls=DASHED, zorder=5)
+    here = table.take(area.holds(np.stack([table.x, table.y], axis=-1)))
+    draw_boxes(axes, here, [COLOURS[Controller(c)] for c in here.controller])
+    for row in np.flatnonzero(here.off_log):
+        axes.annotate(str(here.id[row]), (here.x[row], here.y[row]), (6, 6), textcoords="offset points", zorder=8)
+    frame(axes, area)
+    handles = [line_handle(COLOURS[c], f"path: {NAMES[c]}") for c in COLOURS if driven[c]]
+    handles.append(line_handle(INK, "ego's log", lw=1.1, ls=DASHED))
+    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.07), ncols=5, frameon=False, fontsize=10)
+    none = "" if run.signals is not None else " (no signals are known)"
+    axes.set_title(f"{table.step * run.info.dt:.1f} s: {moment.why}{none}", loc="left", fontsize=12, color=INK)
+    _plain(axes)
 
 
 @dataclass(frozen=True)
@@ -144,7 +225,7 @@ def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -
     shown = [c for c in COLOURS if c in table.controller]
     handles: list[Any] = [Patch(facecolor=COLOURS[c], edgecolor=INK, label=NAMES[c]) for c in shown]
     handles.append(Patch(facecolor="none", edgecolor=INK, linestyle=DASHED, label="where the log has it"))
-    axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, frameon=False, fontsize=10)
+    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=5, frameon=False, fontsize=10)
     _plain(axes)
 
 

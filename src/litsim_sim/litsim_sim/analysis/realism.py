@@ -2,7 +2,8 @@
 
 After the Waymo Open Sim Agents Challenge (Montali et al. 2023), the other way round: there the log is judged under many
 rollouts, here one run is judged under the log, which is what a single deterministic run allows. Weights are the
-challenge's, renormalised because there are no traffic lights in the record.
+challenge's, renormalised over the features that can be judged: what signals show is one where the scenario knows of
+signals and an agent that is judged has passed a stop line.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_sim.analysis.safety import TTC_HORIZON_S, times_to_collision
+from litsim_sim.analysis.signals import Passage
 from litsim_sim.core.geometry import box_corners, overlapping_pairs
 from litsim_sim.core.scene import AgentTable, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
@@ -44,6 +46,7 @@ FEATURES: dict[str, Feature] = {
     "distance_to_road_edge": Feature(0.05, -5.0, 20.0, 20),  # [m], positive on the road
     "off_road": Feature(0.25, 0.0, 1.0, 2),
     "time_to_collision": Feature(0.10, 0.0, TTC_HORIZON_S, 10),  # [s]
+    "traffic_light_violation": Feature(0.05, 0.0, 1.0, 2),  # of each stop line passed, whether it was at red
 }
 SMOOTHING = 0.1  # pseudo-count of a bin, so that nothing is impossible
 SAMPLE = 5  # steps between those that are looked at
@@ -65,7 +68,13 @@ class Realism:
 
 
 def realism(
-    tables: Sequence[AgentTable], log: Sequence[AgentTable], agents: Iterable[int], lane_map: LaneMap | None, dt: float
+    tables: Sequence[AgentTable],
+    log: Sequence[AgentTable],
+    agents: Iterable[int],
+    lane_map: LaneMap | None,
+    dt: float,
+    passed: Sequence[Passage] = (),
+    passed_in_log: Sequence[Passage] = (),
 ) -> Realism | None:
     """Realism of `agents` in `tables` under the histograms of all agents in `log`; None where nothing can be judged.
 
@@ -74,10 +83,13 @@ def realism(
         agents: ids to judge.
         lane_map: for the road edge; without it the two features of the road are left out.
         dt: of a step [s].
+        passed, passed_in_log: stop lines that were passed in the run and in the log, by anybody.
     """
     chosen = frozenset(agents)
     judged = _values(tables, chosen, lane_map, dt)
     logged = _values(log, None, lane_map, dt)
+    judged["traffic_light_violation"] = _at_red(each for each in passed if each.agent in chosen)
+    logged["traffic_light_violation"] = _at_red(passed_in_log)
     count = len(judged["linear_speed"])
     if not count or not len(logged["linear_speed"]):
         return None
@@ -85,6 +97,11 @@ def realism(
     found = {name: _relative_likelihood(FEATURES[name], judged[name], logged[name]) for name in names}
     total = sum(FEATURES[name].weight for name in names)
     return Realism(sum(FEATURES[n].weight * found[n] for n in names) / total, found, count)
+
+
+def _at_red(passed: Iterable[Passage]) -> FloatArray:
+    """(m,) 1 for each stop line that was passed at red, 0 for each other."""
+    return np.array([each.at_red for each in passed], np.float64)
 
 
 def _relative_likelihood(feature: Feature, judged: FloatArray, logged: FloatArray) -> float:

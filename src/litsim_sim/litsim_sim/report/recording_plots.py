@@ -1,4 +1,4 @@
-"""Pictures of recordings: space-time diagrams by lane, and a map of the tracks."""
+"""Pictures of recordings: space-time diagrams by lane and a map of the tracks; of intersections, a plan and signals."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
@@ -15,12 +16,16 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure, FigureBase
 
+from litsim_sim.analysis.plan_view import NEAR, Area, draw_lanes, draw_signals, draw_stop_lines, groups_in
+from litsim_sim.analysis.plan_view import frame as show_area
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
+from litsim_sim.maps.lane_crossings import lane_crossings
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.report.pages import render_page
+from litsim_sim.scenario.signals import Signals
 
 DPI = 100
 LANES_MAX = 12  # diagrams; the busiest lanes
@@ -32,14 +37,20 @@ SPEEDS = "turbo_r"
 UNKNOWN_LANE = "#8a9099"
 
 
-def draw(recording: Recording, path: Path, text: str, lane_map: LaneMap | None = None) -> None:
+def draw(
+    recording: Recording, path: Path, text: str, lane_map: LaneMap | None = None, signals: Signals | None = None
+) -> None:
     """Draw `recording` to a PNG, or to a self-contained HTML page if `path` ends so.
+
+    Where lanes of the net cross under the tracks, it is an intersection: its plan is drawn, in true proportions, and
+    below it what the signals showed; else space-time diagrams by lane.
 
     Args:
         recording: what to draw.
         path: .png, .html or .htm.
         text: what the page says of the recording.
         lane_map: lanes under the tracks.
+        signals: of the recording, from its first frame on.
 
     Raises:
         InputError: `path` has another ending.
@@ -48,9 +59,12 @@ def draw(recording: Recording, path: Path, text: str, lane_map: LaneMap | None =
     if path.suffix not in (".png", ".html", ".htm"):
         raise InputError(f"{path}: expected a name that ends with .png or .html")
     if path.suffix == ".png":
-        path.write_bytes(_bytes(_overview(recording, lane_map)))
+        path.write_bytes(_bytes(_overview(recording, lane_map, signals)))
         return
-    pictures = {"Space and time, by lane": space_time(recording), "Tracks": track_map(recording, lane_map)}
+    if lane_map is not None and _is_intersection(recording, lane_map):
+        pictures = {"Plan": intersection(recording, lane_map, signals)}
+    else:
+        pictures = {"Space and time, by lane": space_time(recording), "Tracks": track_map(recording, lane_map)}
     page = render_page(
         "recording.html.j2",
         name=recording.header.name,
@@ -84,13 +98,59 @@ def main_direction(table: pd.DataFrame) -> float:
     return float(wrap_angle(np.array([axis + np.pi]))[0]) if turned else axis
 
 
-def _overview(recording: Recording, lane_map: LaneMap | None) -> Figure:
+def intersection(recording: Recording, lane_map: LaneMap, signals: Signals | None = None) -> Figure:
+    """All tracks in frame map, coloured by speed, over the lanes and the stop lines; below, the signals over time."""
+    table = recording.table.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    points, frames = table[["x", "y"]].to_numpy(), table["frame"].to_numpy()
+    area = Area.around(points)
+    groups = [] if signals is None else groups_in(signals, area, [])
+    wide, high = area.high - area.low
+    plan = float(np.clip(WIDTH * high / wide, 4.0, 14.0))
+    below = 0.9 + 0.22 * len(groups) if groups else 0.0
+    figure = Figure(figsize=(WIDTH, plan + below + 0.6), dpi=DPI, layout="constrained", facecolor="white")
+    grid = figure.add_gridspec(2 if groups else 1, 1, height_ratios=(plan, below) if groups else (1,))
+    axes = figure.add_subplot(grid[0])
+    draw_lanes(axes, lane_map)
+    if signals is not None:
+        draw_stop_lines(axes, signals, 0)
+    pieces, at = _pieces(table, np.ones(len(table), np.bool_), points)
+    speeds = Normalize(0.0, max(1.0, float(table["speed"].quantile(0.98))))
+    colour = table["speed"].to_numpy()[at]
+    axes.add_collection(LineCollection(pieces, array=colour, cmap=SPEEDS, norm=speeds, linewidths=0.7, zorder=4))
+    show_area(axes, area)
+    figure.colorbar(ScalarMappable(speeds, SPEEDS), ax=axes, label="speed [m/s]", shrink=0.8, pad=0.01)
+    _plain(axes)
+    if signals is not None and groups:
+        lower = figure.add_subplot(grid[1])
+        draw_signals(lower, signals, groups, int(frames.max() - frames.min()))
+        lower.set_title(f"Signals; time from frame {frames.min()}", loc="left", fontsize=9, color=INK)
+        _plain(lower)
+    else:
+        axes.set_title("no signals are known", loc="left", fontsize=9, color=INK)
+    return figure
+
+
+def _is_intersection(recording: Recording, lane_map: LaneMap) -> bool:
+    """Whether somebody goes over a crossing of lanes."""
+    crossings = lane_crossings(lane_map.lanes)
+    if not len(crossings):
+        return False
+    tracks = shapely.multipoints(recording.table[["x", "y"]].to_numpy()[::10])
+    return bool((shapely.distance(shapely.points(crossings), tracks) <= NEAR).any())
+
+
+def _overview(recording: Recording, lane_map: LaneMap | None, signals: Signals | None) -> Figure:
+    title = f"{recording.header.name}   {recording.header.source}"
+    if lane_map is not None and _is_intersection(recording, lane_map):
+        figure = intersection(recording, lane_map, signals)
+        figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK)
+        return figure
     diagrams = DIAGRAM * len(_groups(recording.table)) + 0.6
     figure = Figure(figsize=(WIDTH, diagrams + MAP), dpi=DPI, layout="constrained", facecolor="white")
     upper, lower = figure.subfigures(2, 1, height_ratios=(diagrams, MAP))
     _space_time(upper, recording)
     _tracks(lower.add_subplot(), recording.table, lane_map)
-    figure.suptitle(f"{recording.header.name}   {recording.header.source}", x=0.012, ha="left", fontsize=11, color=INK)
+    figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK)
     return figure
 
 
@@ -149,7 +209,7 @@ def _tracks(axes: Axes, table: pd.DataFrame, lane_map: LaneMap | None) -> None:
     tall = (high - low)[1] > 0.2 * (high - low)[0]  # a straight motorway would be a hairline in true proportions
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal" if tall else "auto")
     axes.set(xlabel="x [m]", ylabel="y [m]" if tall else "y [m], stretched")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=10, frameon=False, fontsize=8)
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=12, frameon=False, fontsize=8)
     _plain(axes)
 
 

@@ -95,7 +95,7 @@ class Scenario:
         self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
         check_agents(self.file, self.log, self.history_steps, where)
         self.coverage = check_coverage(self.lane_map, self.net_path, self.log, file.coverage_min, where)
-        given = self.file.signals or _recorded_signals(recording.header, self.net_path, file.recording)
+        given = self.file.signals or recorded_signals(recording.header, self.net_path, file.recording)
         self.signals: Signals | None = None
         if isinstance(given, SignalsFile):
             self.signals = build(given, self.net_path, self.log, self.start_frame, where)
@@ -242,7 +242,7 @@ class Scenario:
         return LaneMap.from_net(self.net_path)
 
 
-def _recorded_signals(header: RecordingHeader, net: Path, where: str) -> SignalsFile | None:
+def recorded_signals(header: RecordingHeader, net: Path, where: str) -> SignalsFile | None:
     """The signals that a recording carries, if they are of this net."""
     if not header.signals or header.net != net.name:
         return None

@@ -1,0 +1,157 @@
+"""An intersection in one picture: who went where, seen from above, and what the signals showed meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
+from litsim_sim.core.signals import SignalState
+from litsim_sim.maps.lane_crossings import lane_crossings
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scenario.signals import Signals
+
+NEAR = 15.0  # [m] from a crossing of lanes within which a path goes over it
+ROOM = 12.0  # [m] around what has to be seen
+SIDE_MIN = 60.0  # [m] that a view is wide and high at least
+ISLAND = 200.0  # [m2] between lanes that is no road; what is less is inside a junction
+GROUPS_MAX = 12  # rows of signals; the ego's come first
+GROUND, ROAD, INK, FAINT = "#ffffff", "#e6e8eb", "#30343b", "#d9b84a"
+
+LIGHTS = {
+    SignalState.UNAVAILABLE: "#ffffff",
+    SignalState.DARK: "#c9cdd3",
+    SignalState.FLASHING_RED: "#e9a5a5",
+    SignalState.RED: "#c62828",
+    SignalState.RED_AMBER: "#d9692a",
+    SignalState.GREEN_PERMISSIVE: "#9ccc9c",
+    SignalState.GREEN: "#2e8b3d",
+    SignalState.AMBER_PERMISSIVE: "#e7b416",
+    SignalState.AMBER: "#e7b416",
+    SignalState.FLASHING_AMBER: "#f1dc94",
+}
+
+
+@dataclass(frozen=True)
+class Area:
+    """What a plan view shows, frame map [m]."""
+
+    low: FloatArray
+    high: FloatArray
+
+    @classmethod
+    def around(cls, points: FloatArray) -> Area:
+        """The rectangle around `points` (n, 2), with some room, and not too small."""
+        low, high = points.min(axis=0) - ROOM, points.max(axis=0) + ROOM
+        more = np.maximum(0.0, SIDE_MIN - (high - low)) / 2
+        return cls(low - more, high + more)
+
+    def holds(self, points: FloatArray) -> np.ndarray:
+        """(...) which of `points` (..., 2) lie in it."""
+        return np.asarray(((points >= self.low) & (points <= self.high)).all(axis=-1))
+
+
+def crossed(lane_map: LaneMap | None, path: FloatArray) -> FloatArray:
+    """(k, 2) crossings of lanes that a path (n, 2) goes over; none on a motorway, or without a map."""
+    if lane_map is None or not len(path):
+        return np.empty((0, 2))
+    points = lane_crossings(lane_map.lanes)
+    if not len(points):
+        return points
+    line = shapely.LineString(path) if len(path) > 1 else shapely.Point(path[0])
+    return points[shapely.distance(shapely.points(points), line) <= NEAR]
+
+
+def draw_lanes(axes: Axes, lane_map: LaneMap) -> None:
+    """Draw the surface of the road."""
+    surfaces = [shapely.LineString(lane.centerline).buffer(lane.width / 2, cap_style="flat") for lane in lane_map.lanes]
+    for part in shapely.get_parts(shapely.union_all(surfaces)):
+        axes.fill(*np.asarray(part.exterior.coords).T, facecolor=ROAD, edgecolor="none", zorder=0)
+        for hole in part.interiors:
+            if shapely.Polygon(hole).area < ISLAND:
+                continue
+            axes.fill(*np.asarray(hole.coords).T, facecolor=GROUND, edgecolor="none", zorder=0)
+
+
+def draw_stop_lines(axes: Axes, signals: Signals, step: int) -> None:
+    """Draw the stop lines, each connection's part in the colour of what it shows at `step`."""
+    by_lane: dict[str, list[int]] = {}
+    for k, link in enumerate(signals.links):
+        by_lane.setdefault(link.from_lane, []).append(k)
+    shown = signals.table(step).state
+    for links in by_lane.values():
+        turn = [np.sin(signals.links[k].exit_heading - signals.links[k].heading) for k in links]
+        for place, k in enumerate(np.array(links)[np.argsort(turn)[::-1]].tolist()):  # from left to right
+            link = signals.links[k]
+            left = np.array([-np.sin(link.heading), np.cos(link.heading)])
+            ends = link.stop + link.width * (0.5 - np.array([place, place + 1]) / len(links))[:, None] * left
+            colour = LIGHTS[SignalState(int(shown[signals.link_group[k]]))]
+            axes.plot(*ends.T, color=INK, lw=6.0, solid_capstyle="butt", zorder=2)
+            axes.plot(*ends.T, color=colour, lw=4.0, solid_capstyle="butt", zorder=3)
+
+
+def paths(tables: list[AgentTable], area: Area) -> dict[Controller, list[FloatArray]]:
+    """Pieces (2, 2) of everybody's path in `area`, by who moved the agent."""
+    found: dict[Controller, list[FloatArray]] = {controller: [] for controller in Controller}
+    for before, after in pairwise(tables):
+        rows = before.rows(after.id)
+        both = np.flatnonzero(rows >= 0)
+        ends = np.stack([before.x[rows[both]], before.y[rows[both]], after.x[both], after.y[both]], axis=1)
+        ends = ends.reshape(-1, 2, 2)
+        inside = area.holds(ends).any(axis=1)
+        for piece, controller in zip(ends[inside], after.controller[both][inside].tolist(), strict=True):
+            found[Controller(controller)].append(piece)
+    return found
+
+
+def draw_boxes(axes: Axes, table: AgentTable, colours: list[str], **style: Any) -> None:
+    """Draw the boxes of `table`, and a bar at the front of each."""
+    corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
+    style = {"facecolors": colours, "edgecolors": INK, "linewidths": 0.7, "zorder": 6} | style
+    axes.add_collection(PolyCollection(list(corners), **style))
+    axes.add_collection(LineCollection(list(corners[:, [0, 3]]), colors=INK, linewidths=1.8, zorder=7))
+
+
+def frame(axes: Axes, area: Area) -> None:
+    """Show `area` in true proportions."""
+    axes.set(xlim=(area.low[0], area.high[0]), ylim=(area.low[1], area.high[1]), aspect="equal")
+    axes.set(xlabel="x [m]", ylabel="y [m]")
+
+
+def groups_in(signals: Signals, area: Area, first: list[str]) -> list[int]:
+    """Positions of the groups that have a stop line in `area`: those named `first`, then by name."""
+    inside = {int(g) for g, link in zip(signals.link_group, signals.links, strict=True) if area.holds(link.stop)}
+    order = [signals.groups.index(name) for name in dict.fromkeys(first) if name in signals.groups]
+    return [*order, *sorted(inside - set(order))][:GROUPS_MAX]
+
+
+def draw_signals(axes: Axes, signals: Signals, groups: list[int], steps: int) -> None:
+    """Draw what `groups` show from step 0 to `steps`, a bar for each, the first at the top."""
+    used: set[SignalState] = set()
+    for row, group in enumerate(groups):
+        shown = signals.states[group, : steps + 1]
+        begins = np.flatnonzero(np.diff(shown.astype(int), prepend=-1))
+        ends = np.append(begins[1:], len(shown))
+        states = [SignalState(int(shown[k])) for k in begins]
+        spans = [(STEP_S * float(b), STEP_S * float(e - b)) for b, e in zip(begins, ends, strict=True)]
+        axes.broken_barh(spans, (row - 0.38, 0.76), facecolors=[LIGHTS[s] for s in states], edgecolors="none")
+        used.update(states)
+    axes.set(yticks=range(len(groups)), ylim=(len(groups) - 0.4, -0.6), xlim=(0.0, steps * STEP_S), xlabel="time [s]")
+    axes.set_yticklabels([signals.groups[group] for group in groups])
+    named = {LIGHTS[s]: s.name.lower().replace("_", " ") for s in sorted(used)}
+    handles = [Patch(facecolor=colour, edgecolor=INK, lw=0.5, label=name) for colour, name in named.items()]
+    axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, frameon=False, fontsize=9)
+
+
+def line_handle(colour: str, label: str, **style: Any) -> Line2D:
+    """A line for a legend."""
+    return Line2D([], [], color=colour, label=label, **({"lw": 2.5} | style))
