@@ -1,7 +1,7 @@
 # The commands that people type. `make` alone lists them.
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-.PHONY: help setup setup-all build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture architecture format bench lock audit sbom clean distclean
+.PHONY: help setup setup-all build demo test lint lint-rules lint-format lint-types lint-spelling lint-imports lint-architecture architecture format bench lock audit sbom soak clean distclean
 
 # Choices, also taken from the environment; see tools/bootstrap.sh --help.
 PYTHON ?=
@@ -61,6 +61,9 @@ bench: build ## what a step costs on this machine, by stage, beside highway-env
 	./litsim litsim_predictor bench
 	@benchmarks/highway_env/setup.sh || echo "bench: without highway-env"
 	./litsim litsim_policy bench $(if $(wildcard benchmarks/highway_env/.venv/.ready),--highway-env benchmarks/highway_env) $(ARGS)
+
+soak: build ## 100 short runs of the graph, resumed where they were left; docs/soak.md
+	./litsim exec python tests/soak/soak.py $(ARGS)
 
 lock: ## versions and hashes of all packages, from constraints.txt, into requirements/locked/
 	@tools/lock.sh

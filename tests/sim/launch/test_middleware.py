@@ -8,12 +8,16 @@ from pathlib import Path
 
 import pytest
 
+from litsim_sim.core.errors import InputError
 from litsim_sim.launch.middleware import (
     LOOPBACK,
     NETWORK,
     PEERS,
     PROFILES,
     RANGE,
+    SECURITY,
+    STRATEGY,
+    check_security,
     middleware_in_use,
     middleware_settings,
 )
@@ -59,3 +63,16 @@ def test_the_environment_is_as_before_once_the_node_is_made(monkeypatch: pytest.
     with middleware_in_use():
         assert (os.environ[PROFILES[0]], os.environ[RANGE]) == (str(LOOPBACK), "SYSTEM_DEFAULT")
     assert (os.environ.get(PROFILES[0]), os.environ[RANGE]) == (None, "LOCALHOST")
+
+
+@pytest.mark.parametrize("strategy", [{}, {STRATEGY: "Permissive"}, {STRATEGY: "enforce"}])
+def test_security_that_is_asked_for_has_to_be_enforced(strategy: dict[str, str]) -> None:
+    with pytest.raises(InputError, match=rf"^{SECURITY} is true, but {STRATEGY} is '.*', expected 'Enforce': "):
+        check_security({SECURITY: "true"} | strategy)
+
+
+@pytest.mark.parametrize(
+    "given", [{}, {SECURITY: "false"}, {STRATEGY: "Permissive"}, {SECURITY: "true", STRATEGY: "Enforce"}]
+)
+def test_security_that_is_enforced_or_not_asked_for_is_fine(given: dict[str, str]) -> None:
+    check_security(given)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.middleware import check_security
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, nodes_of
 from litsim_sim.launch.output import check_output
 from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
@@ -29,6 +31,7 @@ def launch(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: something cannot be used; found before anything is started.
     """
+    check_security(os.environ)
     plan = plan_of(arguments)
     if arguments.command and plan.ego != EXTERNAL:
         raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")

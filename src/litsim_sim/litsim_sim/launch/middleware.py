@@ -11,6 +11,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from litsim_sim.core.errors import InputError
+
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS = "ROS_STATIC_PEERS"
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
@@ -18,6 +20,7 @@ PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 LOOPBACK, NETWORK = (Path(__file__).with_name(name) for name in ("loopback.xml", "network.xml"))
 """Settings for nodes that stay on this machine, and for those that others may reach."""
 FAST_DDS = "rmw_fastrtps"
+SECURITY, STRATEGY, ENFORCE = "ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY", "Enforce"
 
 
 def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
@@ -30,6 +33,22 @@ def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
         # rmw_fastrtps has transports of its own for LOCALHOST, beside any in a file; with this range it has none.
         return {PROFILES[0]: str(LOOPBACK), RANGE: "SYSTEM_DEFAULT"}
     return {PROFILES[0]: str(NETWORK)}
+
+
+def check_security(environment: Mapping[str, str]) -> None:
+    """See that DDS Security, where `environment` asks for it, is enforced: permissive, ROS runs without, and goes on.
+
+    Under enforcement a middleware that was built without DDS Security, as that of the wheels, makes no node.
+
+    Raises:
+        InputError: it is asked for, but not enforced.
+    """
+    strategy = environment.get(STRATEGY, "")
+    if environment.get(SECURITY, "").lower() == "true" and strategy != ENFORCE:
+        raise InputError(
+            f"{SECURITY} is true, but {STRATEGY} is {strategy!r}, expected {ENFORCE!r}: else nodes without an enclave "
+            "run unprotected"
+        )
 
 
 def use_middleware_settings() -> None:

@@ -1,0 +1,321 @@
+"""Many short runs of the graph: each ends well, with the digest that is known of it, and leaves nothing.
+
+``make soak``, or ``./litsim exec python tests/soak/soak.py --runs 100``. Results go to a file as they come, and a soak
+that was interrupted goes on from there; the page is written at the end. The digest that is known of a run is that of
+the same run in one process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from litsim_policy.run.benchmark import write_scenario
+from litsim_policy.run.memory_benchmark import children, resident_mb
+from litsim_policy.run.runner import Runner, record
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
+from litsim_sim.core.parameters import by_stage
+from litsim_sim.io.files import replacing
+from litsim_sim.launch.executables import find_executable
+from litsim_sim.record.run import read_run
+from litsim_sim.scenario.run_info import RunPlan, versions
+from litsim_sim.scenario.scenario import Scenario
+
+MARK = "LITSIM_SOAK"  # variable by which the processes of a run are known
+LOOK_S = 0.25  # [s] between two looks at the memory of a run
+LOOKS_MIN = 400  # before which most of a run is its start, and its growth says nothing
+LIMIT_S = 3600.0  # [s] after which a run is ended
+LAUNCHER = "launch"
+COLUMNS = (
+    "case",
+    "runs",
+    "digest",
+    "wall, median [s]",
+    "launcher [MB]",
+    "from run to run [MB]",
+    "node [MB]",
+    "from run to run [MB]",
+    "within a run [MB]",
+)
+SHARED_MEMORY = "/dev/shm/"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run: `name`, and what the launcher is given beside the file of the scenario and where to record."""
+
+    name: str
+    scenario: Path
+    ego: str
+    policy: str
+    settings: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> list[str]:
+        """The launcher's arguments."""
+        given = ["--scenario", str(self.scenario), "--ego", self.ego, "--policy", self.policy]
+        return [*given, *(["--set", *self.settings] if self.settings else [])]
+
+    def plan(self) -> RunPlan:
+        """The same run, to be run in this process."""
+        given = [setting.partition("=") for setting in self.settings]
+        split = [(*name.split(".", 1), json.loads(value)) for name, _, value in given]
+        return RunPlan(Scenario.load(self.scenario), self.ego, self.policy, by_stage(split))
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of a run.
+
+    Attributes:
+        number: of the run, from 0.
+        status: exit status of the launcher.
+        wrong: in words, whatever is not as it should be; empty for nothing.
+        wall_s: that the run took [s].
+        memory_mb: the largest resident memory by process [MB].
+        growth_mb: by process, how much more that is in the last quarter of the run than in the second [MB].
+    """
+
+    number: int
+    case: str
+    status: int
+    digest: str
+    wrong: tuple[str, ...]
+    wall_s: float
+    memory_mb: dict[str, float]
+    growth_mb: dict[str, float]
+
+
+def cases_in(folder: Path, *, long: bool) -> list[Case]:
+    """The cases that take turns; those of `long` are one with a thousand agents and one of ten minutes."""
+    if long:
+        return [
+            Case("1000 agents, 5 s", write_scenario(folder, 1000, 6.0), "idm", "litsim"),
+            Case("80 agents, ten minutes", write_scenario(folder, 80, 601.0), "idm", "litsim"),
+        ]
+    small, large = write_scenario(folder, 30, 4.0), write_scenario(folder, 80, 4.0)
+    brake = ('ego.kind="brake"', "ego.time=[0.0, 0.0]")
+    return [
+        Case("30, idm, litsim", small, "idm", "litsim"),
+        Case("80, bat, litsim", large, "bat", "litsim"),
+        Case("30, log, yield", small, "log", "yield"),
+        Case("80, idm, replay", large, "idm", "replay"),
+        Case("30, brake, litsim", small, "perturbed", "litsim", brake),
+        Case("80, log, replay", large, "log", "replay"),
+        Case("30, bat, yield", small, "bat", "yield"),
+        Case("80, brake, yield", large, "perturbed", "yield", brake),
+    ]
+
+
+def known_digests(cases: Sequence[Case], kept: Path) -> dict[str, str]:
+    """The digest of each case's run in one process, by the name of the case; `kept` holds those of this commit."""
+    commit = versions()["commit"]
+    found: dict[str, dict[str, str]] = json.loads(kept.read_text()) if kept.is_file() else {}
+    known = found.get(commit, {})
+    for case in tqdm([case for case in cases if case.name not in known], desc="known digests", unit="case"):
+        known[case.name] = str(compute_metrics(record(Runner(case.plan())))["digest"])
+        kept.write_text(json.dumps({commit: known}))
+    return known
+
+
+class Watch(threading.Thread):
+    """Looks at a launcher and its nodes while they run.
+
+    Attributes:
+        looks: resident memory [MB] by process.
+        shared: files in shared memory that they have mapped.
+    """
+
+    def __init__(self, process: int) -> None:
+        super().__init__(daemon=True)
+        self._process, self._over = process, threading.Event()
+        self.looks: dict[str, list[float]] = {}
+        self.shared: set[str] = set()
+
+    def run(self) -> None:
+        """See :class:`threading.Thread`."""
+        while not self._over.wait(LOOK_S):
+            for name, process in {LAUNCHER: self._process, **children(self._process)}.items():
+                if found := resident_mb(process):
+                    self.looks.setdefault(name, []).append(found)
+                    self.shared |= shared_memory(process)
+
+    def end(self) -> None:
+        """Look no more."""
+        self._over.set()
+        self.join()
+
+    @property
+    def peaks(self) -> dict[str, float]:
+        """The largest that was seen."""
+        return {name: round(max(looks), 1) for name, looks in sorted(self.looks.items())}
+
+    @property
+    def growth(self) -> dict[str, float]:
+        """From the median of the second quarter of the looks to that of the last."""
+        quarters = {
+            name: np.array_split(np.array(looks), 4) for name, looks in self.looks.items() if len(looks) >= LOOKS_MIN
+        }
+        return {name: round(float(np.median(q[3]) - np.median(q[1])), 1) for name, q in sorted(quarters.items())}
+
+
+def run_once(number: int, case: Case, folder: Path, known: str) -> Result:
+    """One run of the graph, whose digest should be `known`, and what is left when it has ended."""
+    mark, bag = uuid.uuid4().hex, folder / "run"
+    program = find_executable("litsim_sim", LAUNCHER)
+    environment = {k: v for k, v in os.environ.items() if k != "ROS_DOMAIN_ID"} | {MARK: mark}
+    begin = time.monotonic()
+    with subprocess.Popen(
+        [str(program), *case.words, "--out", str(bag), "--overwrite", "--no-analyze"],
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        watch = Watch(process.pid)
+        watch.start()
+        try:
+            _, err = process.communicate(timeout=LIMIT_S)
+        finally:
+            process.terminate()
+            watch.end()
+    wall_s = time.monotonic() - begin
+    wrong, digest = [], ""
+    if process.returncode:
+        wrong.append(f"exit status {process.returncode}: {(err.strip().splitlines() or ['nothing said'])[-1]}")
+    else:
+        digest = str(compute_metrics(read_run(bag))["digest"])
+        if digest != known:
+            wrong.append(f"digest {digest[:12]}, expected {known[:12]}")
+    wrong += left_over(mark, watch.shared)
+    return Result(
+        number, case.name, process.returncode, digest, tuple(wrong), round(wall_s, 2), watch.peaks, watch.growth
+    )
+
+
+def left_over(mark: str, shared: Iterable[str]) -> Iterator[str]:
+    """In words, what a run has left: processes, who hold their domain too, and files of the `shared` memory it used."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if f"{MARK}={mark}".encode() in (folder / "environ").read_bytes():
+                yield f"process {folder.name} is left"
+        except OSError:  # it has ended, or is somebody else's
+            continue
+    yield from (f"shared memory {path} is left" for path in sorted(shared) if Path(path).exists())
+
+
+def shared_memory(process: int) -> set[str]:
+    """Files in shared memory that a process has mapped."""
+    try:
+        lines = (Path("/proc") / str(process) / "maps").read_text().splitlines()
+    except OSError:  # it has ended
+        return set()
+    return {path for path in (line.split(maxsplit=5)[-1] for line in lines) if path.startswith(SHARED_MEMORY)}
+
+
+def open_files() -> int:
+    """Files that this process has open."""
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def soak(folder: Path, runs: int, *, long: bool) -> list[Result]:
+    """Do what is not done yet of `runs` runs; results are kept in `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = folder / ("long.jsonl" if long else "runs.jsonl")
+    results = [Result(**json.loads(line)) for line in kept.read_text().splitlines()] if kept.is_file() else []
+    cases = cases_in(folder, long=long)
+    known = known_digests(cases, folder / "digests.json")
+    files = open_files()
+    for number in tqdm(range(len(results), runs), desc="soak", unit="run", initial=len(results), total=runs):
+        case = cases[number % len(cases)]
+        result = run_once(number, case, folder, known[case.name])
+        if open_files() > files:
+            result = replace(result, wrong=(*result.wrong, f"{open_files() - files} files are left open"))
+        results.append(result)
+        with kept.open("a") as stream:
+            stream.write(json.dumps(asdict(result)) + "\n")
+    return results
+
+
+def page(results: Sequence[Result], title: str) -> str:
+    """Results as Markdown: a line of sums, a row for each case, and what went wrong."""
+    failed = [each for each in results if each.wrong]
+    cores, minutes = os.cpu_count(), sum(each.wall_s for each in results) / 60.0
+    lines = [
+        f"## {title}",
+        "",
+        f"{len(results)} runs, {len(results) - len(failed)} of them as they should be: exit status 0, the known",
+        f"digest, no process, shared memory, domain or open file left. {minutes:.0f} minutes on {cores} cores, shared",
+        "with other work. Memory is the largest of a launcher and of a node; the growth of either from run to run is",
+        "that of a fitted line, the growth within a run that of whichever process grew most from its second quarter to",
+        "its last.",
+        "",
+        f"| {' | '.join(COLUMNS)} |",
+        "|---|---:|---|---:|---:|---:|---:|---:|---:|",
+    ]
+    for case in dict.fromkeys(each.case for each in results):
+        of = [each for each in results if each.case == case]
+        launcher = [each.memory_mb.get(LAUNCHER, np.nan) for each in of]
+        nodes = [max((mb for name, mb in each.memory_mb.items() if name != LAUNCHER), default=np.nan) for each in of]
+        within = max((mb for each in of for mb in each.growth_mb.values()), default=None)
+        figures = (
+            f"{np.nanmax(launcher):.0f}",
+            slope(launcher),
+            f"{np.nanmax(nodes):.0f}",
+            slope(nodes),
+            "–" if within is None else f"{within:+.1f}",
+        )
+        wall = f"{np.median([each.wall_s for each in of]):.1f}"
+        lines.append(f"| {case} | {len(of)} | `{of[0].digest[:12]}` | {wall} | {' | '.join(figures)} |")
+    lines += ["", *(f"- run {each.number}, {each.case}: {'; '.join(each.wrong)}" for each in failed)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def slope(values: Sequence[float]) -> str:
+    """Growth from one value to the next, a fitted line's; a dash where there are too few."""
+    return f"{np.polyfit(np.arange(len(values)), values, 1)[0]:+.2f}" if len(values) > 2 else "–"
+
+
+def main() -> int:
+    """Soak; the exit status is 1 where anything is not as it should be."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--runs", type=int, default=100)
+    p.add_argument("--long", action="store_true", help="instead: 1000 agents, and ten minutes; twice 1 run")
+    p.add_argument("--folder", type=Path, default=Path("bags/soak"), help="where results are kept as they come")
+    p.add_argument("--page", type=Path, default=Path("docs/soak.md"))
+    arguments = p.parse_args()
+    try:
+        results = soak(arguments.folder, 2 if arguments.long else arguments.runs, long=arguments.long)
+    except InputError as error:
+        print_error(error)
+        return EXIT_FAILED
+    found: dict[str, Any] = {"Many": arguments.folder / "runs.jsonl", "Large": arguments.folder / "long.jsonl"}
+    text = (
+        "# Soak\n\n`make soak` runs the graph 100 times, `make soak ARGS=--long` with a thousand agents and for ten\n"
+    )
+    text += "minutes of simulated time.\n"
+    for title, path in found.items():
+        if path.is_file():
+            text += "\n" + page([Result(**json.loads(line)) for line in path.read_text().splitlines()], title)
+    with replacing(arguments.page) as made:
+        made.write_text(f"{text}\nCommit {versions()['commit']}.\n")
+    return EXIT_FAILED if any(each.wrong for each in results) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
