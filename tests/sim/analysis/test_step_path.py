@@ -71,3 +71,9 @@ def test_a_run_tells_the_spread_of_every_part(make_run: Callable[..., Run], tabl
     path = timing(make_run([table(step) for step in range(4)], marks=marks)).path
     assert (path["world"].min, path["world"].median, path["world"].max) == pytest.approx((2.0, 3.0, 4.0))
     assert path["predictor"].min == pytest.approx(path["predictor"].max) == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize("stage", ["predictor", "conflict", "policy"])
+def test_a_step_that_one_stage_has_not_marked_has_no_path_though_others_have(stage: str) -> None:
+    marks = MARKS | {stage: {2: MARKS[stage][1]}}
+    assert step_path(1, marks) == {}

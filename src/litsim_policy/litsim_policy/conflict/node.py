@@ -34,11 +34,14 @@ class ConflictNode(StageNode):
         """See :meth:`StageNode.configure`."""
         self._manager, self._run_id = self._make(info.policy, scenario), info.run_id
 
+    def read(self, topic: str, message: Any) -> Any:
+        """See :meth:`StageNode.read`."""
+        return received_agents(message) if topic == AGENTS.name else received_forecast(message)
+
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
-        table = received_agents(inputs[AGENTS.name])
-        forecast = received_forecast(inputs[FORECASTS.name])
-        return [takeovers_to_message(self._manager.update(table, forecast), self._run_id)]
+        takeovers = self._manager.update(inputs[AGENTS.name], inputs[FORECASTS.name])
+        return [takeovers_to_message(takeovers, self._run_id)]
 
 
 def main() -> None:

@@ -33,10 +33,13 @@ class PolicyNode(StageNode):
         """See :meth:`StageNode.configure`."""
         self._policy, self._run_id = self._make(info.policy, scenario), info.run_id
 
+    def read(self, topic: str, message: Any) -> Any:
+        """See :meth:`StageNode.read`."""
+        return received_agents(message) if topic == AGENTS.name else received_takeovers(message)
+
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
-        table = received_agents(inputs[AGENTS.name])
-        controls = self._policy.act(table, received_takeovers(inputs[TAKEOVERS.name]))
+        controls = self._policy.act(inputs[AGENTS.name], inputs[TAKEOVERS.name])
         return [controls_to_message(controls, self._run_id)]
 
 

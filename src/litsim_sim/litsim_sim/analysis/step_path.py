@@ -20,9 +20,11 @@ def step_path(step: int, marks: Marks) -> dict[str, float]:
     """
     now = {stage: each.get(step, {}) for stage, each in marks.items()}
     bridge, after = now.get(BRIDGE, {}), marks.get(BRIDGE, {}).get(step + 1, {})
-    chain = [stage for stage in POLICY_STAGES if now.get(stage)]
+    chain = [stage for stage in POLICY_STAGES if marks.get(stage)]
     ego = now.get(EGO, {}).get("answered")
-    if not {"begin", "shown", "free", "answered", "complete"} <= bridge.keys() or "begin" not in after or not chain:
+    if not {"begin", "shown", "free", "answered", "complete"} <= bridge.keys() or "begin" not in after:
+        return {}
+    if not chain or not all(now[stage] for stage in chain):
         return {}
     last = now[chain[-1]]["answered"]
     ready = max(last, last if ego is None else ego)

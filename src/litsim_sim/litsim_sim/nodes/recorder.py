@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -33,6 +34,7 @@ from litsim_sim.scenario.scenario import Scenario
 HEARING_S = 10.0  # for every stage to be heard before the run begins: its READY holds its parameters
 SETTLE_S = 0.05  # between two looks at whether all has come in
 REST_S = 0.02  # between two looks at what has come in: the bridge is ahead by many steps
+NICENESS = 5  # where processors are scarce, the loop comes first; the bridge does not run far ahead of the record
 LINGER_S = 1.0  # for which a recorder that failed answers the bridge, which may not have heard it
 
 
@@ -225,6 +227,7 @@ def step_of(topic: Topic, data: bytes) -> int:
 
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim recorder``."""
+    os.nice(NICENESS)  # before there are threads of DDS, which take it over
     with process():
         node = RecorderNode()
         node.get_logger().info(f"waiting for a run on {RUN_INFO.name}")

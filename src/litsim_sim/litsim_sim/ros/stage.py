@@ -78,8 +78,16 @@ class StageNode(Node):
         """
         raise NotImplementedError
 
+    def read(self, topic: str, message: Any) -> Any:
+        """What :meth:`answer` is given of a message that has come on `topic`.
+
+        It is called as soon as the message is there: what one stage makes of it, it makes while those before it work.
+        """
+        del topic
+        return message
+
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
-        """Messages for `outputs`, in their order, from the messages of a step by topic name."""
+        """Messages for `outputs`, in their order, from what :meth:`read` has made of those of a step, by topic name."""
         raise NotImplementedError
 
     def leave(self) -> None:
@@ -136,25 +144,29 @@ class StageNode(Node):
                 for publisher, answer in self._last:
                     publisher.publish(answer)
                 return
-            inputs = self._joiner.offer(name, message.run_id, message.step, message)
-            if inputs is not None:
-                self._answer(self._joiner.run_id, message.step, inputs)
+            if message.run_id == self._joiner.run_id and message.step > self._joiner.answered:
+                self._take(name, message)
 
         return receive
 
-    def _answer(self, run_id: str, step: int, inputs: dict[str, Any]) -> None:
+    def _take(self, name: str, message: Any) -> None:
+        """Take an input of the run at hand, and answer its step if it is the last of it."""
         start = time.perf_counter()
         try:
+            given = self.read(name, message)
+            inputs = self._joiner.offer(name, message.run_id, message.step, given) if self._joiner else None
+            if inputs is None:
+                return
             answers = self.answer(inputs)
         except Exception as error:  # noqa: BLE001 - whatever it is, the bridge has to hear of it
-            self._fail(run_id, step, f"step {step}: {reason(error)}", error)
+            self._fail(message.run_id, message.step, f"step {message.step}: {reason(error)}", error)
             return
         computed = time.perf_counter()
         self._last = list(zip(self._outputs, answers, strict=True))
-        for publisher, message in self._last:
-            publisher.publish(message)
+        for publisher, answer in self._last:
+            publisher.publish(answer)
         marks = step_marks({"begin": start, "answered": time.perf_counter()})
-        timing = messages.status(run_id, self.stage, StageStatus.RUNNING, step, computed - start, marks)
+        timing = messages.status(message.run_id, self.stage, StageStatus.RUNNING, message.step, computed - start, marks)
         self._timing.publish(timing)
         self._last.append((self._timing, timing))
 
