@@ -29,7 +29,11 @@ def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
         InputError: `bag` is no LitSim run, or the results cannot be written.
     """
     run = read_run(bag)
-    folder = out or run.path.parent
+    return measure(run, out or run.path.parent)
+
+
+def measure(run: Run, folder: Path) -> dict[str, Any]:
+    """As :func:`analyze`, of a run that has been read, to `folder`."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

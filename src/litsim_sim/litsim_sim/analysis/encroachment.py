@@ -119,10 +119,9 @@ def _since_others(table: AgentTable, recent: Sequence[AgentTable]) -> tuple[Floa
     if not len(own):
         return since, other
     reach = float(np.hypot(length, width).max())
-    tree = KDTree(np.column_stack([x, y])[usable])
-    found = tree.query_ball_point(np.column_stack([table.x, table.y])[own], reach)
-    a = np.repeat(own, [len(each) for each in found])
-    b = usable[np.concatenate([np.asarray(each, np.int64) for each in found])]
+    now, before = np.column_stack([table.x, table.y])[own], np.column_stack([x, y])[usable]
+    near = KDTree(now).sparse_distance_matrix(KDTree(before), reach, output_type="ndarray")
+    a, b = own[near["i"]], usable[near["j"]]
     a, b = a[ids[b] != table.id[a]], b[ids[b] != table.id[a]]
     size = ((table.length[a], table.width[a]), (length[b], width[b]))
     hit = boxes_overlap(x[b] - table.x[a], y[b] - table.y[a], table.yaw[a], yaw[b], *size)

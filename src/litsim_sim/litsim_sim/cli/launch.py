@@ -12,6 +12,7 @@ from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.cli.program import interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
+from litsim_sim.core.stages import BRIDGE
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
@@ -64,9 +65,10 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
     try:
         if arguments.command:  # first: it may take long to get ready
             graph.start_stack(arguments.command)
-        prepare_nodes()
-        for node in nodes:
+        for node in reversed(nodes):
             graph.start(node.name, paths[node.name], dict(node.parameters), forked=True)
+            if node.name == BRIDGE:  # it loads SUMO and looks for other runs meanwhile
+                prepare_nodes()
         graph.watch(arguments.quiet)
     except KeyboardInterrupt:
         print("\ninterrupted: ending the graph", file=sys.stderr)
@@ -77,12 +79,14 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
 
 def _measure(out: Path, quiet: bool) -> int:
     """Measures and report of the recording in `out`; returns the exit status."""
-    from litsim_sim.analysis.analyze import analyze
-    from litsim_sim.report.run_report import write_report
+    from litsim_sim.analysis.analyze import measure  # the nodes need none of this, and begin without waiting for it
+    from litsim_sim.record.run import read_run
+    from litsim_sim.report.run_report import REPORT_FILE, render, save
     from litsim_sim.report.terminal import print_metrics
 
-    metrics = analyze(out)
-    write_report(out, metrics=metrics)
+    run = read_run(out)
+    metrics = measure(run, out)
+    save(render(run, metrics), out / REPORT_FILE)
     if not quiet:
         print_metrics(metrics)
     return run_status(metrics, out)
