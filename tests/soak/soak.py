@@ -52,6 +52,7 @@ COLUMNS = (
     "within a run [MB]",
 )
 SHARED_MEMORY = "/dev/shm/"
+TRACING = "/dev/shm/lttng-ust-wait"  # one file for all that LTTng might trace, which is there for good
 
 
 @dataclass(frozen=True)
@@ -225,7 +226,8 @@ def shared_memory(process: int) -> set[str]:
         lines = (Path("/proc") / str(process) / "maps").read_text().splitlines()
     except OSError:  # it has ended
         return set()
-    return {path for path in (line.split(maxsplit=5)[-1] for line in lines) if path.startswith(SHARED_MEMORY)}
+    mapped = {line.split(maxsplit=5)[-1] for line in lines}
+    return {path for path in mapped if path.startswith(SHARED_MEMORY) and not path.startswith(TRACING)}
 
 
 def open_files() -> int:
