@@ -92,6 +92,24 @@ def test_failures_are_quoted_with_the_names_of_the_stages() -> None:
         attendance.check()
 
 
+def test_two_nodes_of_a_stage_are_no_run_where_their_parameters_differ() -> None:
+    attendance = Attendance(RUN, STAGES)
+    for text in ("speed: 1", "speed: 1"):  # twice the same, or one that has said it again
+        attendance.take_status(RUN, "ego", StageState.READY, text)
+    attendance.check()
+    attendance.take_status(RUN, "ego", StageState.READY, "speed: 2")
+    with pytest.raises(RunFailed, match="ego: two nodes with different parameters answer"):
+        attendance.check()
+
+
+def test_idle_nodes_of_stages_that_take_no_part_are_not_heard() -> None:
+    attendance = Attendance(RUN, ("ego", "recorder"))
+    attendance.take_status(RUN, "policy", StageState.FAILED, "policy: 'replay' is unknown")
+    attendance.take_status(RUN, "conflict", StageState.READY, "")
+    attendance.check()
+    assert attendance.awaited == ["ego"]
+
+
 @pytest.mark.parametrize("state", [StageState.FINISHED, StageState.FAILED])
 def test_the_recorder_closes_its_file_for_better_or_worse(state: StageState) -> None:
     attendance = Attendance(RUN, STAGES)

@@ -36,17 +36,24 @@ class Attendance:
         self.recorder_done = False
         self._run_id = run_id
         self._stages = tuple(stages)
-        self._ready: set[str] = set()
+        self._ready: dict[str, str] = {}  # what each stage has said of its parameters
         self._failures: list[str] = []
         self._foreign = ""  # another run that somebody publishes here
         self._heard: dict[str, int] = {}  # last step that each stage is known to have answered
 
     def take_status(self, run_id: str, stage: str, state: int, text: str) -> None:
-        """A stage says that it is ready, has finished or has failed, and then why."""
-        if run_id != self._run_id or stage == BRIDGE:
+        """A stage says that it is ready, with its parameters, has finished or has failed, and then why.
+
+        One that takes no part is an idle node of another graph. One that is ready twice, with other parameters, is two
+        nodes, and whose answer comes first would decide the run.
+        """
+        if run_id != self._run_id or stage not in self._stages:
             return
         if state == StageState.READY:
-            self._ready.add(stage)
+            if self._ready.setdefault(stage, text) != text:
+                self._failures.append(
+                    f"{stage}: two nodes with different parameters answer; each graph needs a domain of its own"
+                )
         elif state == StageState.FAILED:
             self._failures.append(f"{stage}: {text}")
         if stage == RECORDER and state in (StageState.FINISHED, StageState.FAILED):
@@ -70,12 +77,12 @@ class Attendance:
     @property
     def all_ready(self) -> bool:
         """Whether every stage has said that it is ready."""
-        return set(self._stages) <= self._ready
+        return set(self._stages) <= set(self._ready)
 
     @property
     def awaited(self) -> list[str]:
         """Stages that have not said that they are ready; the recorder, which waits for all others, only as the last."""
-        missing = set(self._stages) - self._ready
+        missing = set(self._stages) - set(self._ready)
         return sorted(missing - {RECORDER}) or sorted(missing)
 
     @property
