@@ -24,6 +24,7 @@ from filelock import FileLock
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
+from litsim_sim.launch.child import end_with_parent
 from litsim_sim.record.bag import BagReader
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 
@@ -176,6 +177,7 @@ class Graph:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            preexec_fn=end_with_parent,  # noqa: PLW1509 - one system call; tests that are killed leave nobody behind
         )
         self.started.append(process)
         return process
