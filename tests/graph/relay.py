@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from litsim_sim.launch.middleware import use_middleware_settings
@@ -69,7 +70,7 @@ def main() -> None:
     options = parser.parse_args()
     use_middleware_settings()
     rclpy.init()
-    with contextlib.suppress(KeyboardInterrupt):
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):  # whichever of both hears it first
         rclpy.spin(Relay(tuple(topic for topic in TOPICS if topic.name in options.topics), options.lost_from))
 
 

@@ -84,7 +84,7 @@ def test_the_probability_is_that_of_monte_carlo(delta, yaws, size_a, size_b, sig
     covariance = spread(*sigmas, yaws[2])
     estimate = drawn(strips_of(*yaws[:2], size_a, size_b), *delta, covariance)
     noise = 5.0 * np.sqrt(max(estimate * (1.0 - estimate), 1.0 / DRAWS) / DRAWS)
-    assert probability((*yaws[:2], *size_a, *size_b), *delta, covariance) == pytest.approx(estimate, abs=0.02 + noise)
+    assert probability((*yaws[:2], *size_a, *size_b), *delta, covariance) == pytest.approx(estimate, abs=0.04 + noise)
 
 
 @settings(max_examples=60)

@@ -297,7 +297,7 @@ def test_an_agent_that_was_released_can_be_taken_over_again(stage) -> None:
     assert only(s.see(s.slow_ego(2, 0.8))).detected_step == again
 
 
-def test_while_its_log_is_over_an_agent_stays_held(stage, track) -> None:
+def test_while_its_log_is_over_an_agent_stays_held_near_the_ego(stage, track) -> None:
     s, _ = opened(stage, track(1, x=300.0), track(2, x=60.0, last=20))
     table = s.scenario.log.table(20)
     off = {"x": 70.0, "controller": Controller.POLICY}
@@ -306,9 +306,8 @@ def test_while_its_log_is_over_an_agent_stays_held(stage, track) -> None:
     log = s.scenario.log
     for step in range(21, 40):
         both = log.table(20).take(np.array([True, True]))
-        both = s.placed(
-            AgentTable(step, *(getattr(both, f) for f in both.__dataclass_fields__ if f != "step")), 2, **off
-        )
+        both = AgentTable(step, *(getattr(both, f) for f in both.__dataclass_fields__ if f != "step"))
+        both = s.placed(s.placed(both, 2, **off), 1, x=90.0)
         takeover = only(s.manager.update(both, s.predictor.forecast(both)))
         assert takeover.state == TakeoverState.HELD
         assert (takeover.residual_position, takeover.residual_speed) == (-1.0, 0.0)

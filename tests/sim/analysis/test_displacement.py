@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from litsim_sim.analysis.displacement import displacements
-from litsim_sim.analysis.progress import mean_progress, travelled
 from litsim_sim.core.scene import Controller
 
 Make = Callable[..., Any]
@@ -75,26 +73,3 @@ def test_without_a_log_there_is_nothing(table: Make, make_run: Make) -> None:
     far = displacements(make_run(log_of(table, 50), []))
     assert far.ade_all(5) is None
     assert far.replay_error() == {}
-
-
-def test_the_length_of_paths(table: Make) -> None:
-    tables = [t if t.step < 10 else t.take(t.id != 3) for t in log_of(table, 20)]
-    assert travelled(tables) == pytest.approx({1: 20.0, 2: 20.0, 3: 9.0})
-
-
-def test_progress_is_what_all_agents_of_the_log_have_made_while_it_knows_them(table: Make) -> None:
-    log = [t if t.step < 10 else t.take(t.id != 3) for t in log_of(table, 20)]
-    run = [replace(t, x=2.0 * t.x) for t in log_of(table, 20)]  # twice as fast, and 3 drives on
-    assert mean_progress(log, log) == pytest.approx(49.0 / 3)
-    assert mean_progress(run, log) == pytest.approx(98.0 / 3)
-    assert mean_progress(run, log, {3}) == pytest.approx(18.0)
-    assert mean_progress(log, log, set()) is None and mean_progress(run, []) is None
-
-
-def test_who_is_held_back_at_his_entry_makes_no_progress_there(table: Make) -> None:
-    log = log_of(table, 20)
-    late = [t if t.step >= 15 else t.take(t.id != 2) for t in log]
-    never = [t.take(t.id != 2) for t in log]
-    assert mean_progress(late, log) == pytest.approx((20.0 + 5.0 + 20.0) / 3)
-    assert mean_progress(never, log) == pytest.approx(40.0 / 3)
-    assert mean_progress(never[:11], log) == pytest.approx(20.0 / 3), "a run that is over earlier"

@@ -106,7 +106,7 @@ def probability(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Turned into the principal axes of the covariance and scaled by its standard deviations, the Gaussian is standard
     and the region is a polygon. Its probability is the integral over u of phi(u) [Phi(v2(u)) - Phi(v1(u))] with
     (v1, v2) the cut of the polygon at u: Gauss-Legendre over u, exact along v. With u along the minor axis the cut
-    changes gently. The error is below 0.02 (see the test against Monte Carlo), and nearly nil where the boxes lie
+    changes gently. The error is below 0.04 (see the test against Monte Carlo), and nearly nil where the boxes lie
     along the principal axes, as they do in a lane.
 
     Args:

@@ -150,9 +150,10 @@ class Stage:
     make: Callable[[Record], Callable[..., Any]]
 
 
-def _core(record: Record, stage: str, *of_run: Any) -> Any:
+def _core(record: Record, stage: str) -> Any:
     """The core of a stage, made by the function that its package registers of what the record tells of it."""
     made = configured({stage: registered_name(stage, record.info.ego)}, {stage: record.parameters.get(stage, {})})
+    of_run = () if stage == EGO else (record.info.policy,)
     return made[stage](*of_run, record.scenario)
 
 
@@ -169,7 +170,7 @@ def _conflict(record: Record) -> Callable[..., Any]:
 
 
 def _policy(record: Record) -> Callable[..., Any]:
-    core = _core(record, POLICY, record.info.policy)
+    core = _core(record, POLICY)
     return lambda agents, takeovers: controls_to_message(
         core.act(agents_from_message(agents), takeovers_from_message(takeovers)), record.info.run_id
     )

@@ -10,23 +10,8 @@ import numpy as np
 from litsim_sim.core.scene import AgentTable
 
 
-def travelled(tables: Sequence[AgentTable]) -> dict[int, float]:
-    """Length [m] of the path of each agent's box centre through consecutive steps."""
-    if not len(tables):
-        return {}
-    ids = np.unique(np.concatenate([table.id for table in tables]))
-    length = np.zeros(len(ids))
-    for before, after in pairwise(tables):
-        rows = before.rows(after.id)
-        both = rows >= 0
-        moved = np.hypot(after.x[both] - before.x[rows[both]], after.y[both] - before.y[rows[both]])
-        length[np.searchsorted(ids, after.id[both])] += moved
-    found = dict(zip(ids.tolist(), length.tolist(), strict=True))
-    return {agent: found[agent] for table in tables for agent in table.id.tolist()}  # as they appear
-
-
 def distance_of(tables: Sequence[AgentTable], agent: int) -> float | None:
-    """The same [m] of one agent; None where it is never there."""
+    """Length [m] of the path of an agent's box centre through consecutive steps; None where it is never there."""
     places = [(number, table, row) for number, table in enumerate(tables) if (row := table.row(agent)) >= 0]
     length = 0.0
     for (number, before, i), (following, after, k) in pairwise(places):
@@ -48,14 +33,13 @@ def mean_progress(
         log: of the same steps, `tables` itself for the progress of the log.
         agents: ids.
     """
-    length = {agent: 0.0 for table in log for agent in table.id.tolist() if agents is None or agent in agents}
+    ids = np.unique(np.concatenate([np.empty(0, np.int64), *(table.id for table in log)]))
+    if agents is not None:
+        ids = ids[np.isin(ids, list(agents))]
+    length = np.zeros(len(ids))
     for (before, after), (logged_before, logged_after) in zip(pairwise(tables), pairwise(log), strict=False):
-        known = logged_after.id[logged_before.rows(logged_after.id) >= 0]
-        rows, then = after.rows(known), before.rows(known)
-        both = (rows >= 0) & (then >= 0)
-        rows, then = rows[both], then[both]
-        moved = np.hypot(after.x[rows] - before.x[then], after.y[rows] - before.y[then])
-        for agent, distance in zip(known[both].tolist(), moved.tolist(), strict=True):
-            if agent in length:
-                length[agent] += distance
-    return float(np.mean(list(length.values()))) if length else None
+        rows, then, own = (table.rows(ids) for table in (after, before, logged_after))
+        counts = np.flatnonzero((rows >= 0) & (then >= 0) & (own >= 0) & (logged_before.rows(ids) >= 0))
+        rows, then = rows[counts], then[counts]
+        length[counts] += np.hypot(after.x[rows] - before.x[then], after.y[rows] - before.y[then])
+    return float(np.mean(length)) if len(ids) else None

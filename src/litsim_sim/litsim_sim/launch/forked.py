@@ -58,15 +58,18 @@ class ForkedProcess:
         """
         self.stdout, out = _end_of(stdout)
         self.stderr, err = _end_of(stderr)
-        given = (tuple(words), dict(environment), str(Path.cwd()), out, err)
+        begun, begin = multiprocessing.Pipe(duplex=False)
+        given = (tuple(words), dict(environment), str(Path.cwd()), out, err, begin)
         if ready:  # it may have processes of its own
             self._process: Any = _READY.Process(target=_run_for_other, args=given)
         else:
             self._process = _HERE.Process(target=_run_as_child, args=given, daemon=True)
         self._process.start()
-        for each in (out, err):
+        for each in (out, err, begin):
             if isinstance(each, Connection):
                 each.close()  # else its end would not be noticed
+        with begun:
+            begun.poll(None)  # until then its process group cannot be signalled
 
     @property
     def pid(self) -> int:
@@ -141,10 +144,12 @@ def _run_program(
     folder: str,
     stdout: IO[str] | Connection | None,
     stderr: IO[str] | Connection | None,
+    begin: Connection,
 ) -> None:
-    """In the copy: become what a process of its own would be, and run the program."""
+    """In the copy: become what a process of its own would be, say so by closing `begin`, and run the program."""
     os.setsid()
     _forget_signals()
+    begin.close()
     with Path(os.devnull).open("w") as nothing:
         os.dup2((stdout or nothing).fileno(), 1)
         os.dup2((stderr or nothing).fileno(), 2)

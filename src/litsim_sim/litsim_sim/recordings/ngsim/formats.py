@@ -134,9 +134,9 @@ def _plain(field: str) -> str:
     return "".join(c for c in field.lower() if c.isalnum())
 
 
-def is_number(text: str) -> bool:
+def is_number(text: str | None) -> bool:
     try:
-        float(text)
-    except ValueError:
+        float(text)  # type: ignore[arg-type] - None of a line with fewer fields than others
+    except (TypeError, ValueError):
         return False
     return True
