@@ -135,8 +135,10 @@ def _plain(field: str) -> str:
 
 
 def is_number(text: str | None) -> bool:
+    if text is None:  # of a line with fewer fields than others
+        return False
     try:
-        float(text)  # type: ignore[arg-type] - None of a line with fewer fields than others
-    except (TypeError, ValueError):
+        float(text)
+    except ValueError:
         return False
     return True
