@@ -130,8 +130,10 @@ def _road(run: Run, pose: tuple[float, float, float], window: shapely.Polygon) -
     surfaces = [
         shapely.LineString(lane.centerline).buffer(0.5 * lane.width + SEAM_M, cap_style="flat") for lane in near
     ]
-    whole = shapely.transform(shapely.union_all(surfaces), lambda points: _seen(points, pose))
-    parts = shapely.get_parts(whole.intersection(window).simplify(ROAD_TOLERANCE_M))
+    # cut out in frame map: what is turned is rounded, and may then be no surface that can be cut
+    framed = shapely.transform(window, lambda points: _in_map(points, pose))
+    part = shapely.union_all(surfaces).intersection(framed).simplify(ROAD_TOLERANCE_M)
+    parts = shapely.get_parts(shapely.transform(part, lambda points: _seen(points, pose)))
     rings = [
         ring
         for part in parts
@@ -173,6 +175,13 @@ def _contact(tracks: Tracks, agents: tuple[int, ...], frame: int, pose: tuple[fl
         return None
     middle = [float(np.mean(values[rows, frame])) for values in (tracks.x, tracks.y)]
     return _whole(_seen(np.array([middle]), pose))
+
+
+def _in_map(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
+    """Points (n, 2) of frame map, of points as they are seen from a pose; the inverse of :func:`_seen`."""
+    x, y, yaw = pose
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([x + cos * points[:, 0] - sin * points[:, 1], y + sin * points[:, 0] + cos * points[:, 1]])
 
 
 def _seen(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
