@@ -26,7 +26,14 @@ def metrics(**changes: Any) -> dict[str, Any]:
         "ade_all_m": {"5": 0.5},
         "replay_error_max_m": 0.0,
         "progress_m": 100.0,
-        "collision": {"agents": 0, "excess": 0, "ego_contacts": [], "rate_all": 0.0, "rate_controlled": 0.0},
+        "collision": {
+            "agents": 0,
+            "excess": 0,
+            "ego_contacts": [],
+            "by_fault": {"background": 0, "ego_avoidable": 0, "ego_unavoidable": 0},
+            "rate_all": 0.0,
+            "rate_controlled": 0.0,
+        },
         "handback": {"max_position_jump_m": 0.01, "max_residual_m": 0.4},
         "timing": {"realtime_factor": 20.0},
     }
@@ -42,8 +49,16 @@ def test_counts_are_summed_and_rates_averaged() -> None:
         valid=False,
         takeovers=5,
         relevant_ratio=0.4,
-        collision={"agents": 3, "excess": 2, "ego_contacts": [{}, {}], "rate_all": 0.1},
+        collision={
+            "agents": 3,
+            "excess": 2,
+            "ego_contacts": [{}, {}],
+            "by_fault": {"background": 1, "ego_avoidable": 2, "ego_unavoidable": 4},
+            "rate_all": 0.1,
+        },
     )
+    row = summarise([metrics(), bad, bad])
+    assert [row[name] for name in ("background_faults", "ego_faults_avoidable", "ego_faults_unavoidable")] == [2, 4, 8]
     row = summarise([metrics(), bad])
     assert (row["runs"], row["invalid"], row["agents"], row["takeovers"]) == (2, 1, 40, 7)
     assert (row["colliding_agents"], row["colliding_runs"], row["excess_pairs"], row["ego_contacts"]) == (3, 1, 2, 2)

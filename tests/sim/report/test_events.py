@@ -48,11 +48,11 @@ def test_contacts() -> None:
     found = [{"pair": [1, 5], "step": 31, "in_log": False}, {"pair": [7, 8], "step": 12, "in_log": True}]
     metrics: dict[str, Any] = {
         "collision": {"contacts": found, "ego_contacts": [verdict]},
-        "safety": {"careful_driver": [{"agent": 5, "step": 31, "avoided": True}]},
+        "safety": {"careful_driver": [{"agent": 5, "step": 31, "avoided": True, "other_avoids": False}]},
     }
     ego, others = contact_table(metrics, 0.1, ego=1).rows
     assert (ego.step, ego.agent) == (31, 5)
-    said = "active front: ego at fault; the careful driver avoids it"
+    said = "active front: ego at fault; the careful driver avoids it, in the other's place cannot help it"
     assert ego.cells == ("ego 1", "5", "3.1 s", "no", said, "3.2 m/s")
     assert (others.step, others.agent) == (12, 7)
     assert others.cells == ("7", "8", "1.2 s", "yes", "–", "–")

@@ -97,7 +97,8 @@ def test_the_ledger_is_readable_without_a_script(html: str) -> None:
 
 def test_contacts_of_the_ego_are_judged(html: str) -> None:
     (row,) = re.findall(r'<tr data-step="\d+" data-agent="2">.*?</tr>', html[html.index("contacts-title") :])
-    for text in ("ego 1", "no", "rear: ego not at fault; the careful driver hits too", "m/s"):
+    verdict = "rear: ego not at fault; the careful driver hits too, in the other&#39;s place avoids it"
+    for text in ("ego 1", "no", verdict, "m/s"):
         assert f"{text}<" in row or f" {text}<" in row
 
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from litsim_sim.analysis.careful_driver import careful_driver
 from litsim_sim.analysis.collision import Collisions, collisions
 from litsim_sim.analysis.comfort import comfort
 from litsim_sim.analysis.displacement import Displacements, displacements
 from litsim_sim.analysis.ego import ego_motion
 from litsim_sim.analysis.encroachment import encroachments
+from litsim_sim.analysis.fault import ContactVerdict, contact_verdicts, count_faults
 from litsim_sim.analysis.guard import guarded
 from litsim_sim.analysis.lanes import in_lane_of, lane_map_of, off_road_controlled
 from litsim_sim.analysis.lockstep import Lockstep, lockstep
@@ -59,6 +59,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
     driven, logged = (
         [table for table in tables if table.step >= run.info.history_steps] for tables in (run.tables, run.log)
     )
+    verdicts = contact_verdicts(run, hits)
     background = hits.agents - {run.info.ego_id}
     taken = {entry.agent for entry in entries}
     problems = [*lock.problems, *_unusable(run)]
@@ -74,7 +75,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "agents": len(background),
         "controlled_agents": len(hits.controlled),
         "digest": digest(run),
-        "collision": _collision(run, hits),
+        "collision": _collision(run, hits, verdicts),
         "reactive": not hits.excess,
         "ade_controlled_m": _by_horizon(far, far.ade_controlled),
         "ade_all_m": _by_horizon(far, far.ade_all),
@@ -94,7 +95,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         },
         "ledger": [ledger_row(entry) for entry in entries],
         "handback": _handback(back),
-        "safety": _safety(run, hits),
+        "safety": _safety(run, hits, verdicts),
         "comfort": _comfort(run, hits),
         "realism": _realism(run, hits),
         "signals": _signals(run),
@@ -160,8 +161,9 @@ def _by_horizon(far: Displacements, measure: Callable[[int], float | None]) -> d
     return {str(horizon): measure(horizon) for horizon in far.horizons}
 
 
-def _collision(run: Run, hits: Collisions) -> CollisionMetrics:
+def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> CollisionMetrics:
     kinds = {agent: kind for t in run.simulated for agent, kind in zip(t.id.tolist(), t.kind.tolist(), strict=True)}
+    faults = count_faults(run, hits, verdicts)
     touching = [{kinds[agent] for agent in pair} for pair in hits.first]
     return {
         "agents": len(hits.colliding),
@@ -170,6 +172,11 @@ def _collision(run: Run, hits: Collisions) -> CollisionMetrics:
         "rate_controlled": _share(len(hits.colliding & hits.controlled), len(hits.controlled)),
         "ego_at_fault": sum(contact.ego_at_fault for contact in hits.ego),
         "background_at_fault": sum(not contact.ego_at_fault for contact in hits.ego),
+        "by_fault": {
+            "background": faults.background,
+            "ego_avoidable": faults.ego_avoidable,
+            "ego_unavoidable": faults.ego_unavoidable,
+        },
         "log_floor": len(hits.log),
         "excess": len(hits.excess),
         "by_kind": {kind.name.lower(): sum(int(kind) in pair for pair in touching) for kind in Kind},
@@ -190,13 +197,11 @@ def _collision(run: Run, hits: Collisions) -> CollisionMetrics:
     }
 
 
-def _safety(run: Run, hits: Collisions) -> SafetyMetrics:
-    """Surrogate measures of the ego, and the verdict of the careful driver on each of its contacts."""
-    tables, ego, dt = run.simulated, run.info.ego_id, run.info.dt
+def _safety(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> SafetyMetrics:
+    """Surrogate measures of the ego, and the verdicts of the careful driver on each of its contacts."""
+    tables, ego = run.simulated, run.info.ego_id
     series = safety_series(tables, ego)
     near = encroachments(tables, ego)
-    lane_map = lane_map_of(run)
-    drivers = [careful_driver(tables, ego, contact.agent, contact.step, dt, lane_map) for contact in hits.ego]
     return {
         "min_ttc_s": _finite(series.ttc.min(initial=np.inf)),
         "min_own_ttc_s": _own_ttc(run, hits, float(series.ttc.min(initial=np.inf))),
@@ -205,10 +210,17 @@ def _safety(run: Run, hits: Collisions) -> SafetyMetrics:
         "max_drac_mps2": _finite(series.drac.max(initial=0.0)),
         "min_pet_s": near[0].pet if near else None,
         "careful_driver": [
-            {"agent": d.agent, "step": d.contact_step, "perceived_step": d.perceived_step, "avoided": d.avoided}
-            for d in drivers
+            {
+                "agent": each.own.agent,
+                "step": each.own.contact_step,
+                "perceived_step": each.own.perceived_step,
+                "avoided": each.own.avoided,
+                "other_perceived_step": None if each.other is None else each.other.perceived_step,
+                "other_avoids": None if each.other is None else each.other.avoided,
+            }
+            for each in verdicts
         ],
-        "avoidable_contacts": sum(d.avoided for d in drivers),
+        "avoidable_contacts": sum(each.own.avoided for each in verdicts),
     }
 
 

@@ -46,6 +46,14 @@ class EndMetrics(TypedDict):
     lane: str
 
 
+class FaultMetrics(TypedDict):
+    """Contacts that the log has not, by who could have helped them."""
+
+    background: int
+    ego_avoidable: int
+    ego_unavoidable: int
+
+
 class CollisionMetrics(TypedDict):
     """Contacts."""
 
@@ -55,6 +63,7 @@ class CollisionMetrics(TypedDict):
     rate_controlled: float | None
     ego_at_fault: int
     background_at_fault: int
+    by_fault: FaultMetrics
     log_floor: int
     excess: int
     by_kind: Annotated[dict[str, int], Keys(tuple(kind.name.lower() for kind in Kind))]

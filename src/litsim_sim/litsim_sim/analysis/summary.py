@@ -29,6 +29,9 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
         "colliding_runs": sum(not r["reactive"] for r in runs),
         "excess_pairs": sum(r["collision"]["excess"] for r in runs),
         "ego_contacts": sum(len(r["collision"]["ego_contacts"]) for r in runs),
+        "background_faults": _faults(runs, "background"),
+        "ego_faults_avoidable": _faults(runs, "ego_avoidable"),
+        "ego_faults_unavoidable": _faults(runs, "ego_unavoidable"),
         "rate_all": _mean(r["collision"]["rate_all"] for r in runs),
         "rate_controlled": _mean(r["collision"]["rate_controlled"] for r in runs),
         "reactive": sum(r["reactive"] for r in runs) / every if every else None,
@@ -52,6 +55,12 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
         ),
         "realtime_factor": _mean(r["timing"]["realtime_factor"] for r in runs),
     }
+
+
+def _faults(runs: list[dict[str, Any]], whose: str) -> int | None:
+    """Contacts by fault; None where a run was measured by a version that did not ask."""
+    found = [r["collision"]["by_fault"][whose] for r in runs if "by_fault" in r["collision"]]
+    return sum(found) if len(found) == len(runs) else None
 
 
 def _mean(values: Iterable[float | None]) -> float | None:

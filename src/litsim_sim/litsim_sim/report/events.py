@@ -48,7 +48,7 @@ def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
         ego: id of the ego; contacts of it have a verdict.
     """
     verdicts = {(each["agent"], each["step"]): each for each in metrics["collision"]["ego_contacts"]}
-    avoided = {(each["agent"], each["step"]): each["avoided"] for each in metrics["safety"]["careful_driver"]}
+    careful = {(each["agent"], each["step"]): each for each in metrics["safety"]["careful_driver"]}
     rows = []
     for each in metrics["collision"]["contacts"]:
         pair, step = each["pair"], each["step"]
@@ -56,7 +56,7 @@ def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
         verdict = verdicts.get((agent, step)) if ego in pair else None
         cells = (
             *(_who(pair[0], ego), _who(pair[1], ego), f"{step * dt:.1f} s", "yes" if each["in_log"] else "no"),
-            _verdict(verdict, avoided[agent, step]) if verdict else NOTHING,
+            _verdict(verdict, careful[agent, step]) if verdict else NOTHING,
             number(verdict["delta_v_mps"], 1, "m/s") if verdict else NOTHING,
         )
         rows.append(EventRow(step, agent, cells))
@@ -98,10 +98,14 @@ def _replay(entry: dict[str, Any], dt: float, ego: int) -> str:
     return f"hits {_who(entry['replay_opponent'], ego)} at {entry['replay_step'] * dt:.1f} s"
 
 
-def _verdict(contact: dict[str, Any], avoided: bool) -> str:
+def _verdict(contact: dict[str, Any], careful: dict[str, Any]) -> str:
     kind = str(contact["verdict"]).replace("_", " ")
     fault = "at fault" if contact["ego_at_fault"] else "not at fault"
-    return f"{kind}: ego {fault}; the careful driver {'avoids it' if avoided else 'hits too'}"
+    found = f"{kind}: ego {fault}; the careful driver {'avoids it' if careful['avoided'] else 'hits too'}"
+    other = careful.get("other_avoids")
+    if other is None:
+        return found
+    return f"{found}, in the other's place {'avoids it' if other else 'cannot help it'}"
 
 
 def _who(agent: int, ego: int) -> str:

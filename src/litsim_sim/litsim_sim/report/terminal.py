@@ -13,7 +13,7 @@ from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.takeover import TakeoverReason
 
 NOTHING = "-"
-CONTACT_COLUMNS = ("agent", "at", "kind", "at fault", "delta-v", "careful driver")
+CONTACT_COLUMNS = ("agent", "at", "kind", "at fault", "delta-v", "careful driver", "in the other's place")
 LEDGER_COLUMNS = ("agent", "why", "with", "at", "in", "p", "pure replay", "held", "back", "off")
 
 
@@ -44,7 +44,7 @@ def print_ledger(metrics: dict[str, Any], console: Console | None = None) -> Non
 
 
 def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    avoided = {(each["agent"], each["step"]): each["avoided"] for each in metrics["safety"]["careful_driver"]}
+    careful = {(each["agent"], each["step"]): each for each in metrics["safety"]["careful_driver"]}
     for each in metrics["collision"]["ego_contacts"]:
         agent, step = each["agent"], each["step"]
         yield (
@@ -53,8 +53,16 @@ def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             each["verdict"].replace("_", " "),
             "ego" if each["ego_at_fault"] else "other",
             _plain(each["delta_v_mps"]),
-            "avoids it" if avoided[agent, step] else "hits too",
+            _careful(careful[agent, step]["avoided"]),
+            _careful(careful[agent, step]["other_avoids"]),
         )
+
+
+def _careful(avoids: bool | None) -> str:
+    """What the careful driver would have done; nothing where the other is nobody's vehicle."""
+    if avoids is None:
+        return NOTHING
+    return "avoids it" if avoids else "hits too"
 
 
 def _ledger_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -94,6 +102,9 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     touching = f"{collision['pairs']} pairs, {collision['excess']} in excess of the log's {collision['log_floor']}"
     fault = f"ego at fault {collision['ego_at_fault']}, background {collision['background_at_fault']}"
     yield "collisions", f"{touching}; {fault}"
+    by = collision["by_fault"]
+    helped = f"ego's fault {by['ego_avoidable']} that a careful other avoids, {by['ego_unavoidable']} that none does"
+    yield "not in the log", f"{helped}; a background agent's fault {by['background']}"
     rates = (_percent(collision["rate_all"]), _percent(collision["rate_controlled"]))
     yield "collision rate", f"{rates[0]} of all, {rates[1]} of controlled agents"
     yield "reactive", "yes" if metrics["reactive"] else "no"
