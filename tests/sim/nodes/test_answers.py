@@ -289,6 +289,7 @@ def test_controls_of_nobody_and_of_some_are_fine() -> None:
 
 HERE = EgoPublisher(CONTROL, "/mine", reliable=True)
 DEAF = EgoPublisher(CONTROL, "/mine", reliable=False)
+NAMELESS = EgoPublisher(CONTROL, "", reliable=True)
 STALE = f"/mine: it does not answer this step: {CONTROL}: the answer to step 3, at step 5, is stale"
 
 
@@ -300,6 +301,8 @@ STALE = f"/mine: it does not answer this step: {CONTROL}: the answer to step 3, 
         ((), (HERE,), (), f"/mine: it publishes on {CONTROL}, but nothing has come"),
         ((3, 4), (), ("/mine",), "/mine: it has answered until step 4; its publisher has left"),
         ((3, 4), (HERE,), (), "/mine: it has answered until step 4; its publisher is still announced, so it hangs, or"),
+        ((3, 4), (NAMELESS,), ("/mine",), "/mine: it has answered until step 4; its publisher is still announced"),
+        ((3, 4), (NAMELESS,), (), "it has answered until step 4; its publisher is still announced"),
         ((3, 4, 5, 3), (HERE,), (), STALE),
     ],
 )

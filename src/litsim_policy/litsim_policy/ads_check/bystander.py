@@ -26,6 +26,7 @@ from litsim_sim.ego_port.answer import Interface
 from litsim_sim.launch.middleware import middleware_in_use
 from litsim_sim.nodes.diagnostics import BRIDGE_NAME, PORT_NAME
 from litsim_sim.ros.ego_port import CONVERT
+from litsim_sim.ros.endpoints import node_of
 from litsim_sim.ros.topics import (
     AGENTS,
     CLOCK,
@@ -43,7 +44,6 @@ NAME = "litsim_check_ads"
 OURS = {f"/{name}" for name in (NAME, BRIDGE, RECORDER)}
 OUTPUTS = (EGO_STATE, OBJECTS, EGO_ROUTE, LANES, CLOCK, DIAGNOSTICS, AGENTS, RUN_INFO)
 ANY_PUBLISHER = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=2000)
-UNKNOWN = "_UNKNOWN_"  # in the name of a node that has not been discovered yet
 
 
 class Bystander:
@@ -99,8 +99,8 @@ class Bystander:
     @property
     def endpoints(self) -> tuple[Endpoint, ...]:
         """The publishers and subscriptions of the stack that have been found so far, by topic."""
-        named = {each for each in self._endpoints.values() if each.node not in OURS and UNKNOWN not in each.node}
-        return tuple(sorted(named, key=lambda e: (e.topic, e.node, e.publishes)))
+        theirs = {each for each in self._endpoints.values() if each.node not in OURS}
+        return tuple(sorted(theirs, key=lambda e: (e.topic, e.node, e.publishes)))
 
     @property
     def over(self) -> bool:
@@ -133,9 +133,10 @@ class Bystander:
         self.present = present
 
     def _note(self, topic: Topic, info: Any, *, publishes: bool) -> None:
-        node = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-        problem = _mismatch(topic, info, publishes=publishes)
-        self._endpoints[bytes(info.endpoint_gid)] = Endpoint(topic.name, node, publishes, problem)
+        node = node_of(info)
+        if node:
+            problem = _mismatch(topic, info, publishes=publishes)
+            self._endpoints[bytes(info.endpoint_gid)] = Endpoint(topic.name, node, publishes, problem)
 
     def _on_state(self, message: Any, info: Any) -> None:
         stamp = message.header.stamp

@@ -150,7 +150,7 @@ class EgoPublisher:
 
     Attributes:
         topic: its name.
-        node: full name of its node.
+        node: full name of its node; empty where that is not known.
         reliable: whether the bridge can hear it.
     """
 
@@ -168,7 +168,7 @@ def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], 
         known: names of the nodes whose publishers have ever been announced.
         domain: where it should be, in words.
     """
-    name = ", ".join(dict.fromkeys([each.node for each in there] or known))
+    name = ", ".join(dict.fromkeys([each.node for each in there if each.node] or known))
     who = f"{name}: " if name else ""
     deaf = [each for each in there if not each.reliable]
     if port.unfit:

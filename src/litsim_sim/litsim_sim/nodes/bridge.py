@@ -25,7 +25,7 @@ from litsim_sim.nodes.broadcast import Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.run_loop import Pulse, RunLoop
 from litsim_sim.ros import ego_port, messages
-from litsim_sim.ros.endpoints import publisher_on, subscribe
+from litsim_sim.ros.endpoints import node_of, publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
 from litsim_sim.ros.stage import executor_of, process, serve, spare_from_collection
 from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, RUN_INFO, STATUS, TIMING, Topic
@@ -168,11 +168,11 @@ class BridgeNode(Node):
     def _ego_publishers(self) -> list[EgoPublisher]:
         """Publishers on the ego port's topics that are announced; the names of their nodes are kept."""
         found = [
-            EgoPublisher(name, f"{info.node_namespace.rstrip('/')}/{info.node_name}", _is_reliable(info))
+            EgoPublisher(name, node_of(info), _is_reliable(info))
             for name in self._port.topics
             for info in self.get_publishers_info_by_topic(self.resolve_topic_name(name))
         ]
-        self._ego_nodes = list(dict.fromkeys(each.node for each in found)) or self._ego_nodes
+        self._ego_nodes = list(dict.fromkeys(each.node for each in found if each.node)) or self._ego_nodes
         return found
 
     def _listen(self, topic: Topic, receive: Callable[[Any], None]) -> None:

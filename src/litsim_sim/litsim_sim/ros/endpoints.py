@@ -1,4 +1,4 @@
-"""Publishers and subscriptions of the graph's topics that cost a waiting node as little as they can.
+"""Publishers and subscriptions of the graph's topics that cost a waiting node as little as they can; whose they are.
 
 rclpy's executor goes through all that a node might wait for whenever it waits. By default each publisher and each
 subscription brings two events along, which would warn of QoS and types that do not match; between LitSim's own nodes,
@@ -16,6 +16,9 @@ from rclpy.publisher import Publisher
 
 from litsim_sim.ros.topics import Topic
 
+NAMELESS = "_NODE_NAME_UNKNOWN_"
+"""What the middleware calls the node of an endpoint that it has found before its node, or that outlives it."""
+
 
 def publisher_on(node: Node, topic: Topic) -> Publisher:
     """A publisher of `node` on `topic`."""
@@ -27,3 +30,8 @@ def subscribe(node: Node, topic: Topic, receive: Callable[[Any], None], *, raw: 
     """Have `node` call `receive` with what comes on `topic`: messages, or their serialised form where it is `raw`."""
     silent = SubscriptionEventCallbacks(use_default_callbacks=False)
     node.create_subscription(topic.type, topic.name, receive, topic.qos, raw=raw, event_callbacks=silent)
+
+
+def node_of(endpoint: Any) -> str:
+    """Full name of the node of an endpoint, as rclpy's TopicEndpointInfo has it; empty where it is not known."""
+    return "" if endpoint.node_name == NAMELESS else f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
