@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
 from litsim_policy.run.runner import Runner, record
-from litsim_sim.analysis.collision import first_contacts
+from litsim_sim.analysis.contacts import Pair, contacts
 from litsim_sim.analysis.metrics import compute_metrics, digest
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import Controller
+from litsim_sim.core.scene import AgentTable, Controller
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import RunPlan
@@ -39,6 +41,11 @@ def recorded(demo: Scenario) -> Run:
 
 def run_of(scenario: Scenario, ego: str, policy: str) -> Run:
     return record(Runner(RunPlan(scenario, ego, policy)))
+
+
+def pairs(tables: Iterable[AgentTable]) -> set[Pair]:
+    """Ids of each two that touch at some time."""
+    return {contact.pair for contact in contacts(tables, 0.1)}
 
 
 def errors(run: Run) -> np.ndarray:
@@ -101,7 +108,7 @@ def test_litsim_mends_what_replay_runs_into(demo: Scenario, recorded: Run) -> No
     assert mended["collision"]["excess"] == 0 and mended["reactive"]
     assert replay["collision"]["excess"] > 3 and not replay["reactive"]
     assert mended["collision"]["pairs"] < replay["collision"]["pairs"]
-    assert set(first_contacts(recorded.simulated)) <= set(first_contacts(recorded.simulated_log))
+    assert pairs(recorded.simulated) <= pairs(recorded.simulated_log)
     assert 0.0 < mended["relevant_ratio"] < 0.2, "most of the traffic is left alone"
     assert mended["replay_error_max_m"] < 1e-6, "and exactly where it was"
 
@@ -246,8 +253,8 @@ def test_real_traffic_reacts(real: Scenario, drive, beyond_limits, position: int
     scenario = Scenario.load("us101_0750", ego=real.egos[position])
     replay = compute_metrics(run_of(scenario, "idm", "replay"))
     run = drive(scenario, "idm")
-    log = first_contacts([scenario.log.table(step) for step in range(scenario.total_steps + 1)])
-    excess = set(first_contacts([r.table for r in run.results])) - set(log)
+    log = pairs(scenario.log.table(step) for step in range(scenario.total_steps + 1))
+    excess = pairs(r.table for r in run.results) - log
     assert not {pair for pair in excess if scenario.ego_id not in pair}, "background does not touch background"
     assert len(excess) <= 1 and len(excess) <= replay["collision"]["excess"]
     assert beyond_limits(run.results, DRIVEN) == []

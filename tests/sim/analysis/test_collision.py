@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import litsim_sim
-from litsim_sim.analysis.collision import Verdict, collisions, first_contacts, judge
+from litsim_sim.analysis.collision import Verdict, collisions, judge
+from litsim_sim.analysis.contacts import contacts
 from litsim_sim.analysis.lanes import in_lane_of
 from litsim_sim.core.scene import Controller
 
@@ -20,7 +21,7 @@ Make = Callable[..., Any]
 
 def verdict(table: Make, ego: dict[str, float], agent: dict[str, float], inside: bool = True) -> tuple[Verdict, bool]:
     scene = table(5, {"id": 1, "x": 0.0, "y": 0.0} | ego, {"id": 2, "speed": 15.0} | agent)
-    assert list(first_contacts([scene])) == [(1, 2)], "the scene must be a contact"
+    assert [contact.pair for contact in contacts([scene], 0.1)] == [(1, 2)], "the scene must be a contact"
     contact = judge(scene, 1, 2, lambda *_: inside)
     assert contact.step == 5
     assert contact.agent == 2
@@ -120,4 +121,5 @@ def test_log_s_own_contacts_are_the_floor(table: Make, make_run: Make) -> None:
 def test_contacts_of_the_history_do_not_count(table: Make, make_run: Make) -> None:
     scene = [table(k, {"id": 1, "x": 0.0, "y": 0.0}, {"id": 2, "x": 3.0 + k, "y": 0.0}) for k in range(4)]
     assert collisions(make_run(scene, history_steps=0)).first == {}
-    assert first_contacts(scene) == {(1, 2): 0}
+    assert collisions(make_run(scene, log=scene, history_steps=0)).log == {}
+    assert collisions(make_run(scene, history_steps=-1)).first == {(1, 2): 0}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -11,7 +11,7 @@ import shapely
 
 from litsim_sim.analysis.contacts import Contact, LogContacts, Pair, contacts
 from litsim_sim.core.dynamics import VehicleLimits
-from litsim_sim.core.geometry import box_corners, overlapping_pairs, wrap_angle
+from litsim_sim.core.geometry import box_corners, wrap_angle
 from litsim_sim.core.scene import AgentTable, Controller
 from litsim_sim.record.run import Run
 
@@ -98,7 +98,7 @@ def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
     return Collisions(
         contacts=found,
         in_log=in_log,
-        log=first_contacts(run.simulated_log),
+        log=logged.first,
         agents=agents_of(tables),
         controlled=controlled_agents(tables),
         ego=tuple(judge(by_step[step], ego, pair[0] if pair[1] == ego else pair[1], in_lane) for step, pair in mine),
@@ -110,18 +110,6 @@ def _first(found: Iterable[Contact]) -> dict[Pair, int]:
     first: dict[Pair, int] = {}
     for each in found:
         first.setdefault(each.pair, each.first)
-    return first
-
-
-def first_contacts(tables: Sequence[AgentTable]) -> dict[Pair, int]:
-    """Step of the first overlap of every pair of boxes that ever overlap; touching edges do not count."""
-    first: dict[Pair, int] = {}
-    for table in tables:
-        walking = table.obstacle
-        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width).tolist():
-            if walking[i] and walking[j]:
-                continue
-            first.setdefault((int(table.id[i]), int(table.id[j])), table.step)
     return first
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from litsim_sim.core.geometry import overlapping_pairs
@@ -35,29 +35,26 @@ def contacts(tables: Iterable[AgentTable], dt: float) -> list[Contact]:
 
     Nor do contacts among pedestrians and cyclists, who walk side by side as recorded whatever happens.
     """
-    merge = round(TOLERANCE_S / dt)
-    steps: dict[Pair, list[list[int]]] = {}
-    for table in tables:
-        walking = table.obstacle
-        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width).tolist():
-            if walking[i] and walking[j]:
-                continue
-            found = steps.setdefault((int(table.id[i]), int(table.id[j])), [])
-            if found and table.step - found[-1][1] <= merge:
-                found[-1][1] = table.step
-            else:
-                found.append([table.step, table.step])
-    every = (Contact(pair, first, last) for pair, found in steps.items() for first, last in found)
-    return sorted(every, key=lambda contact: contact.first)
+    return _contacts(_overlaps(tables), dt)
 
 
 class LogContacts:
-    """The contacts that the log of a run has, history included, and which contacts of the run they excuse."""
+    """The contacts that the log of a run has, history included, and which contacts of the run they excuse.
+
+    Attributes:
+        first: step after the history at which the boxes of each pair of logged agents overlap for the first time, the
+            ego's logged trajectory included.
+    """
 
     def __init__(self, run: Run) -> None:
         self._tolerance = round(TOLERANCE_S / run.info.dt)
+        overlaps = list(_overlaps(run.log))
+        self.first: dict[Pair, int] = {}
+        for step, pair in overlaps:
+            if step > run.info.history_steps:
+                self.first.setdefault(pair, step)
         self._by_pair: dict[Pair, list[Contact]] = {}
-        for contact in contacts(run.log, run.info.dt):
+        for contact in _contacts(overlaps, run.info.dt):
             self._by_pair.setdefault(contact.pair, []).append(contact)
         self._lags: dict[int, list[tuple[int, int]]] = {}  # of agents that have any: steps, and lags from then on
         for step in sorted(run.takeovers):
@@ -74,3 +71,25 @@ class LogContacts:
     def _lag(self, agent: int, step: int) -> int:
         """Steps by which the log of `agent` lags at `step`: as its last takeover up to there has left it."""
         return next((lag for at, lag in reversed(self._lags.get(agent, [])) if at <= step), 0)
+
+
+def _overlaps(tables: Iterable[AgentTable]) -> Iterator[tuple[int, Pair]]:
+    """Step and ids of each two boxes that overlap and are not both of pedestrians or cyclists."""
+    for table in tables:
+        walking = table.obstacle
+        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width).tolist():
+            if not (walking[i] and walking[j]):
+                yield table.step, (int(table.id[i]), int(table.id[j]))
+
+
+def _contacts(overlaps: Iterable[tuple[int, Pair]], dt: float) -> list[Contact]:
+    merge = round(TOLERANCE_S / dt)
+    steps: dict[Pair, list[list[int]]] = {}
+    for step, pair in overlaps:
+        found = steps.setdefault(pair, [])
+        if found and step - found[-1][1] <= merge:
+            found[-1][1] = step
+        else:
+            found.append([step, step])
+    every = (Contact(pair, first, last) for pair, found in steps.items() for first, last in found)
+    return sorted(every, key=lambda contact: contact.first)
