@@ -73,3 +73,35 @@ def test_without_a_log_there_is_nothing(table: Make, make_run: Make) -> None:
     far = displacements(make_run(log_of(table, 50), []))
     assert far.ade_all(5) is None
     assert far.replay_error() == {}
+
+
+def test_who_is_held_back_waits_at_the_first_pose_of_its_log(table: Make, make_run: Make) -> None:
+    log = [table(k, {"id": 1, "x": 0.0, "y": 0.0}, *_entering(k, 2)) for k in range(HISTORY + 51)]
+    held = [t.take(t.id != 2) if t.step < HISTORY + 41 else t for t in log]
+    far = displacements(make_run(held, log, history_steps=HISTORY))
+    assert far.ade_all(5) == pytest.approx(sum(range(30)) / 40)  # 1 m a step from where it begins, for 30 of 40 steps
+    assert far.replay_error() == {2: 0.0}  # while it is on the road
+
+
+def test_who_has_left_before_its_log_stays_where_it_was(table: Make, make_run: Make, moved: Make) -> None:
+    log = log_of(table, HISTORY + 50)
+    gone = [t if t.step <= HISTORY + 25 else t.take(t.id != 2) for t in log]
+    far = displacements(make_run(gone, log, history_steps=HISTORY))
+    (left,) = far.apart()
+    assert (left.agent, left.controlled_step, left.steps) == (2, None, {5: 50})
+    assert left.ade[5] == pytest.approx(sum(range(1, 26)) / 50)
+    assert far.agent_steps(5) == 100  # both, whether or not the run has them
+
+
+def test_agents_apart_are_those_off_their_logs(table: Make, make_run: Make, moved: Make) -> None:
+    log = log_of(table, HISTORY + 100)
+    late = HISTORY + 61
+    run = [t if t.step < late else moved([t], 3, y=1.0, controller=Controller.POLICY)[0] for t in log]
+    (only,) = displacements(make_run(run, log, history_steps=HISTORY)).apart()
+    assert (only.agent, only.controlled_step, only.steps) == (3, late, {5: 50, 10: 100})
+    assert only.ade == {5: 0.0, 10: pytest.approx(0.4)}
+
+
+def _entering(k: int, agent: int) -> list[dict[str, float]]:
+    """An agent whose log begins 11 steps after the history, 1 m a step."""
+    return [{"id": agent, "x": 50.0 + (k - HISTORY - 11), "y": 9.0}] if k >= HISTORY + 11 else []

@@ -21,6 +21,7 @@ from litsim_sim.cli.analyze import main
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource, ControlTable
 from litsim_sim.core.stages import StageState
+from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
 from litsim_sim.record.run import Status, TopicGaps
 from litsim_sim.report.terminal import print_ledger, print_metrics
 
@@ -252,3 +253,61 @@ def test_metrics_without_numbers_are_refused(tmp_path: Path) -> None:
 
 def test_the_picture_shows_where_replay_would_have_failed(run: Any) -> None:
     assert telling_moment(run, []).why == "the middle of the run"
+
+
+def test_rates_with_and_without_the_contacts_of_the_log(table: Make, make_run: Make) -> None:
+    """The log has 4 in 5; the run adds the ego into 2, and 2 into 3. Agent 6 never enters."""
+
+    def step(k: int, ego: float, third: float, *more: dict[str, Any]) -> Any:
+        others = {2: (10.0, 0.0), 3: (third, 0.0), 4: (60.0, 9.0), 5: (61.0, 9.0)}
+        rows = ({"id": a, "x": x, "y": y} for a, (x, y) in others.items())
+        return table(k, {"id": 1, "x": ego, "y": 0.0, "controller": Controller.EGO}, *rows, *more)
+
+    log = [step(k, -20.0, 40.0, {"id": 6, "x": 90.0, "y": 9.0}) for k in range(60)]
+    run = [step(k, 6.5 if k > 30 else -20.0, 13.5 if k > 40 else 40.0) for k in range(60)]
+    metrics = compute_metrics(make_run(run, log))
+    hits = metrics["collision"]
+    assert sum(hits["by_fault"].values()) == hits["excess"] == 2
+    assert (hits["agents"], hits["excess_agents"]) == (5, 3)
+    assert hits["rate_all"] == pytest.approx(5 / 6)  # who never enters is one of them
+    assert hits["excess_rate_all"] == pytest.approx(3 / 6)
+    assert not metrics["reactive"] and not metrics["collision_free"]
+    same = compute_metrics(make_run(log))
+    assert same["reactive"] and not same["collision_free"]
+    assert same["collision"]["excess_rate_all"] == 0.0 < same["collision"]["rate_all"]
+
+
+def taken_over(agent: int, step: int) -> Takeover:
+    """Held because of the ego since `step`."""
+    return Takeover(
+        agent=agent,
+        opponent=1,
+        state=TakeoverState.HELD,
+        reason=TakeoverReason.CONFLICT,
+        detected_step=step,
+        time_to_conflict=2.0,
+        overlap_probability=1.0,
+        conflict_pose=(0.0, 0.0, 0.0),
+        goal_pose=(0.0, 0.0, 0.0),
+        reference_path=np.zeros((2, 2)),
+        log_collision_predicted=True,
+        residual_position=0.0,
+        residual_speed=0.0,
+        path_source=PathSource.ROUTE,
+        time_shift=0.0,
+    )
+
+
+@pytest.mark.parametrize(("distance", "share"), [(29.9, 0.5), (30.1, 0.0)])
+def test_takeovers_count_as_near_within_the_region_around_the_ego(
+    table: Make, make_run: Make, distance: float, share: float
+) -> None:
+    tables = [
+        table(k, {"id": 1, "x": 0.0, "y": 0.0}, {"id": 2, "x": distance, "y": 0.0}, {"id": 3, "x": 90.0, "y": 0.0})
+        for k in range(20)
+    ]
+    run = make_run(tables, takeovers={k: [taken_over(2, 5)] for k in range(5, 9)})
+    metrics = compute_metrics(run)
+    assert metrics["relevant_ratio"] == 0.5
+    assert metrics["relevant_ratio_roi"] == share
+    assert metrics["ledger"][0]["ego_distance_m"] == pytest.approx(distance)

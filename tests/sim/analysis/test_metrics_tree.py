@@ -53,7 +53,14 @@ def test_every_leaf_of_a_run_is_a_field_of_its_kind(metrics: dict[str, Any]) -> 
 
 
 def test_every_field_that_a_run_must_have_is_in_it(metrics: dict[str, Any]) -> None:
-    of_other_runs = ("ade_controlled_m.", "ade_all_m.", "ade_ego_m.", "lockstep.", "timing.")
+    of_other_runs = (
+        "ade_controlled_m.",
+        "ade_all_m.",
+        "ade_ego_m.",
+        "lockstep.",
+        "timing.",
+        "displacement.agent_steps.",
+    )
     of_other_runs += ("realism.features.traffic_light_violation",)
     for field in metric_fields():
         if not field.name.startswith(of_other_runs):

@@ -59,7 +59,8 @@ class Collisions:
         contacts: in ascending order of their first steps.
         in_log: for each of them, whether the log has it as well.
         log: step of the first contact of each pair of logged agents, the ego's logged trajectory included.
-        agents: all agents that were on the road.
+        agents: all agents that were on the road, and those that the log has there: who is held back at its entry, or
+            never enters, is one of them.
         controlled: those that were ever under POLICY or BASELINE control.
         ego: contacts of the ego.
     """
@@ -86,6 +87,11 @@ class Collisions:
         """The ids of all agents that touch any other in the run."""
         return frozenset(agent for pair in self.first for agent in pair)
 
+    @property
+    def colliding_beyond_log(self) -> frozenset[int]:
+        """The ids of all agents with a contact that the log has not."""
+        return frozenset(agent for pair in self.excess for agent in pair)
+
 
 def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
     """Collisions of a run; without `in_lane` the ego counts as outside its lane in lateral contacts."""
@@ -99,7 +105,7 @@ def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
         contacts=found,
         in_log=in_log,
         log=logged.first,
-        agents=agents_of(tables),
+        agents=agents_of(tables) | agents_of(run.simulated_log),
         controlled=controlled_agents(tables),
         ego=tuple(judge(by_step[step], ego, pair[0] if pair[1] == ego else pair[1], in_lane) for step, pair in mine),
     )

@@ -1,4 +1,9 @@
-"""How far the agents are from where the recording had them."""
+"""How far the agents are from where the recording had them.
+
+Agents of the log that the run has not on the road count as well, as long as the log has them: who is held back where it
+would enter waits at the first pose of its log, and who has left the net before its log did stays where it was last. So
+the displacements of two runs of one case are of the same agents at the same steps, whatever moved them.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.core.scene import AgentTable, Controller, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, Controller, FloatArray, IntArray
 from litsim_sim.record.run import Run
 
 HORIZONS_S = (5, 10, 15, 20, 25)  # of simulation, as in the LitSim paper's table II
@@ -16,14 +21,32 @@ _CONTROLLED = (Controller.POLICY, Controller.BASELINE)
 
 
 @dataclass(frozen=True)
+class AgentDisplacement:
+    """How far one agent was from its log.
+
+    Attributes:
+        agent: its id.
+        controlled_step: first at which it was under control; None where it never was.
+        steps: by horizon [s], of its log up to there.
+        ade: by horizon [s], mean distance over these steps [m]; None without any.
+    """
+
+    agent: int
+    controlled_step: int | None
+    steps: dict[int, int]
+    ade: dict[int, float | None]
+
+
+@dataclass(frozen=True)
 class Displacements:
-    """Distances between box centres in the run and in the log, one entry per agent and step where both are on the road.
+    """Distances between box centres in the run and in the log, one entry per agent and step of the log.
 
     Attributes:
         step: (m,) steps after the history.
         id: (m,) agents.
         distance: (m,) [m].
         controlled: (m,) whether the agent is under POLICY or BASELINE control at this step.
+        present: (m,) whether the run has the agent on the road at this step.
         history_steps: last step of the history.
         last_step: last step of the run that was recorded.
         dt: duration of a step [s].
@@ -33,7 +56,8 @@ class Displacements:
     step: IntArray
     id: IntArray
     distance: FloatArray
-    controlled: np.ndarray
+    controlled: BoolArray
+    present: BoolArray
     history_steps: int
     last_step: int
     dt: float
@@ -59,9 +83,29 @@ class Displacements:
         """ADE [m] of the ego up to `horizon` [s]."""
         return self._mean(horizon, lambda ids, _: ids == self.ego_id)
 
+    def agent_steps(self, horizon: int) -> int:
+        """Steps of all agents but the ego up to `horizon` [s]: the denominator of :meth:`ade_all`."""
+        return int(np.count_nonzero((self.step <= self._last(horizon)) & (self.id != self.ego_id)))
+
+    def apart(self) -> list[AgentDisplacement]:
+        """Every agent but the ego that was ever under control or ever off its log, ids ascending."""
+        off = (self.controlled | (self.distance > 0.0)) & (self.id != self.ego_id)
+        return [self._of(agent) for agent in np.unique(self.id[off]).tolist()]
+
+    def _of(self, agent: int) -> AgentDisplacement:
+        mine = self.id == agent
+        step, distance, controlled = self.step[mine], self.distance[mine], self.controlled[mine]
+        ends = {horizon: step <= self._last(horizon) for horizon in self.horizons}
+        return AgentDisplacement(
+            agent,
+            int(step[controlled][0]) if controlled.any() else None,
+            {horizon: int(np.count_nonzero(within)) for horizon, within in ends.items()},
+            {horizon: float(distance[within].mean()) if within.any() else None for horizon, within in ends.items()},
+        )
+
     def replay_error(self) -> dict[int, float]:
         """Largest distance [m] of each agent that was never under control, the ego excluded."""
-        apart = np.isin(self.id, self.id[self.controlled]) | (self.id == self.ego_id)
+        apart = np.isin(self.id, self.id[self.controlled]) | (self.id == self.ego_id) | ~self.present
         ids, inverse = np.unique(self.id[~apart], return_inverse=True)
         largest = np.zeros(len(ids))
         np.maximum.at(largest, inverse, self.distance[~apart])
@@ -70,7 +114,7 @@ class Displacements:
     def _last(self, horizon: int) -> int:
         return self.history_steps + round(horizon / self.dt)
 
-    def _mean(self, horizon: int, which: Callable[[IntArray, np.ndarray], np.ndarray]) -> float | None:
+    def _mean(self, horizon: int, which: Callable[[IntArray, BoolArray], BoolArray]) -> float | None:
         within = self.step <= self._last(horizon)
         distance = self.distance[within][which(self.id[within], self.controlled[within])]
         return float(distance.mean()) if len(distance) else None
@@ -78,19 +122,50 @@ class Displacements:
 
 def displacements(run: Run) -> Displacements:
     """Distances to the log over the steps after the history, of all agents; empty where the bag holds no log."""
-    pairs = zip(run.simulated, run.simulated_log, strict=True) if run.log else ()
-    parts = [_distances(table, logged) for table, logged in pairs]
-    step, ids, distance, controlled = (np.concatenate(c) for c in zip(*parts, strict=True)) if parts else _NOTHING
+    parts, last = [], _Places()
+    for table, logged in zip(run.tables, run.log, strict=True) if run.log else ():
+        last.note(table, logged)
+        if table.step > run.info.history_steps:
+            parts.append(_distances(table, logged, last, run.info.ego_id))
+    step, ids, distance, controlled, present = (
+        (np.concatenate(column) for column in zip(*parts, strict=True)) if parts else _NOTHING
+    )
     info = run.info
-    return Displacements(step, ids, distance, controlled, info.history_steps, run.tables[-1].step, info.dt, info.ego_id)
+    return Displacements(
+        step, ids, distance, controlled, present, info.history_steps, run.tables[-1].step, info.dt, info.ego_id
+    )
 
 
-_NOTHING = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty(0, np.bool_))
+_NOTHING = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty(0, np.bool_), np.empty(0, np.bool_))
 
 
-def _distances(table: AgentTable, logged: AgentTable) -> tuple[IntArray, IntArray, FloatArray, np.ndarray]:
-    rows = logged.rows(table.id)
-    both = rows >= 0
-    now, then = table.take(both), logged.take(rows[both])
-    distance = np.hypot(now.x - then.x, now.y - then.y)
-    return np.full(len(now), table.step), now.id, distance, np.isin(now.controller, _CONTROLLED)
+class _Places:
+    """Where each agent was last in the run; before it has been there, the first pose of its log."""
+
+    def __init__(self) -> None:
+        self._at: dict[int, tuple[float, float]] = {}
+
+    def note(self, table: AgentTable, logged: AgentTable) -> None:
+        """A step of the run and of the log."""
+        for new in np.flatnonzero(table.rows(logged.id) < 0).tolist():
+            self._at.setdefault(int(logged.id[new]), (float(logged.x[new]), float(logged.y[new])))
+        self._at.update(zip(table.id.tolist(), zip(table.x.tolist(), table.y.tolist(), strict=True), strict=True))
+
+    def of(self, agents: IntArray) -> FloatArray:
+        """(m, 2) of `agents` (m,), all of which have been noted [m]."""
+        return np.array([self._at[agent] for agent in agents.tolist()]).reshape(-1, 2)
+
+
+def _distances(
+    table: AgentTable, logged: AgentTable, last: _Places, ego_id: int
+) -> tuple[IntArray, IntArray, FloatArray, BoolArray, BoolArray]:
+    """Columns of one step; the ego counts only where it is on the road."""
+    rows = table.rows(logged.id)
+    counts = (rows >= 0) | (logged.id != ego_id)
+    rows, then = rows[counts], logged.take(counts)
+    present = rows >= 0
+    places = last.of(then.id)
+    controlled = np.zeros(len(then), np.bool_)
+    controlled[present] = np.isin(table.controller[rows[present]], _CONTROLLED)
+    distance = np.hypot(places[:, 0] - then.x, places[:, 1] - then.y)
+    return np.full(len(then), table.step), then.id, distance, controlled, present

@@ -21,6 +21,7 @@ from litsim_sim.analysis.lockstep import Lockstep, lockstep
 from litsim_sim.analysis.metrics_tree import (
     CollisionMetrics,
     ComfortMetrics,
+    DisplacementMetrics,
     EndMetrics,
     HandbackMetrics,
     LockstepMetrics,
@@ -41,10 +42,12 @@ from litsim_sim.analysis.timing import StageTime, Timing, timing
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, Controller, Kind
 from litsim_sim.io.files import replacing
+from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import LOST_ATTACHMENTS, Run
 
 METRICS_FILE = "metrics.json"
+ROI_M = 30.0  # [m] of a scenario that does not say
 
 
 def compute_metrics(run: Run) -> dict[str, Any]:
@@ -62,6 +65,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
     verdicts = contact_verdicts(run, hits)
     background = hits.agents - {run.info.ego_id}
     taken = {entry.agent for entry in entries}
+    near = {entry.agent for entry in entries if entry.ego_distance is not None and entry.ego_distance <= roi_of(run)}
     problems = [*lock.problems, *_unusable(run)]
     metrics: Metrics = {
         "run_id": run.info.run_id,
@@ -77,9 +81,11 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "digest": digest(run),
         "collision": _collision(run, hits, verdicts),
         "reactive": not hits.excess,
+        "collision_free": not hits.first,
         "ade_controlled_m": _by_horizon(far, far.ade_controlled),
         "ade_all_m": _by_horizon(far, far.ade_all),
         "ade_ego_m": _by_horizon(far, far.ade_ego),
+        "displacement": _displacement(far),
         "ego_motion": ego_motion(run),
         "off_road_controlled": off_road_controlled(run),
         "replay_error_max_m": max(far.replay_error().values(), default=None),
@@ -87,6 +93,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "progress_controlled_m": mean_progress(driven, logged, hits.controlled),
         "progress_log_m": mean_progress(logged, logged),
         "relevant_ratio": _share(len(taken & background), len(background)),
+        "relevant_ratio_roi": _share(len(near & background), len(background)),
         "takeovers": len(entries),
         "false_alarms": sum(entry.false_alarm for entry in entries),
         "detection": {
@@ -98,6 +105,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "safety": _safety(run, hits, verdicts),
         "comfort": _comfort(run, hits),
         "realism": _realism(run, hits),
+        "realism_near": _realism_near(run),
         "signals": _signals(run),
         "lockstep": _lockstep(lock),
         "timing": _timing(timing(run)),
@@ -110,6 +118,12 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "why": "; ".join(problems),
     }
     return dict(metrics)
+
+
+def roi_of(run: Run) -> float:
+    """Region of interest of the scenario of a run, a radius [m]."""
+    said = load_yaml(run.scenario_yaml or run.info.scenario_yaml, "scenario")
+    return float(said.get("roi_m", ROI_M) if isinstance(said, dict) else ROI_M)
 
 
 def digest(run: Run) -> str:
@@ -170,6 +184,9 @@ def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Co
         "pairs": len(hits.first),
         "rate_all": _share(len(hits.colliding), len(hits.agents)),
         "rate_controlled": _share(len(hits.colliding & hits.controlled), len(hits.controlled)),
+        "excess_agents": len(hits.colliding_beyond_log),
+        "excess_rate_all": _share(len(hits.colliding_beyond_log), len(hits.agents)),
+        "excess_rate_controlled": _share(len(hits.colliding_beyond_log & hits.controlled), len(hits.controlled)),
         "ego_at_fault": sum(contact.ego_at_fault for contact in hits.ego),
         "background_at_fault": sum(not contact.ego_at_fault for contact in hits.ego),
         "by_fault": {
@@ -193,6 +210,22 @@ def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Co
                 "delta_v_mps": contact.delta_v,
             }
             for contact in hits.ego
+        ],
+    }
+
+
+def _displacement(far: Displacements) -> DisplacementMetrics:
+    """What pairs of runs are compared by, agent by agent; of those that never left their logs only the steps."""
+    return {
+        "agent_steps": {str(horizon): far.agent_steps(horizon) for horizon in far.horizons},
+        "agents": [
+            {
+                "agent": each.agent,
+                "controlled_step": each.controlled_step,
+                "steps": {str(horizon): count for horizon, count in each.steps.items()},
+                "ade_m": {str(horizon): value for horizon, value in each.ade.items()},
+            }
+            for each in far.apart()
         ],
     }
 
@@ -269,6 +302,20 @@ def _realism(run: Run, hits: Collisions) -> RealismMetrics | None:
         "traffic_lights": "no signals" if passed is None else lights,
         "agent_steps": found.steps,
     }
+
+
+def _realism_near(run: Run) -> float | None:
+    """Score of the agents whose logs come within the region of interest of the ego's log: the same for every policy."""
+    near: set[int] = set()
+    for logged in run.simulated_log:
+        row = logged.row(run.info.ego_id)
+        if row >= 0:
+            apart = np.hypot(logged.x - logged.x[row], logged.y - logged.y[row])
+            near.update(logged.id[apart <= roi_of(run)].tolist())
+    near.discard(run.info.ego_id)
+    passed, logged_too = run_passages(run), log_passages(run)
+    found = realism(run.simulated, run.simulated_log, near, lane_map_of(run), run.info.dt, passed or (), logged_too)
+    return None if found is None else found.score
 
 
 def _signals(run: Run) -> SignalMetrics | None:

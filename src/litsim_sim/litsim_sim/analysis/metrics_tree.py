@@ -54,6 +54,13 @@ class FaultMetrics(TypedDict):
     ego_unavoidable: int
 
 
+class DisplacementMetrics(TypedDict):
+    """How far each agent was from its log."""
+
+    agent_steps: Annotated[dict[str, int], Keys(tuple(map(str, HORIZONS_S)))]
+    agents: list[dict[str, Any]]
+
+
 class CollisionMetrics(TypedDict):
     """Contacts."""
 
@@ -61,6 +68,9 @@ class CollisionMetrics(TypedDict):
     pairs: int
     rate_all: float | None
     rate_controlled: float | None
+    excess_agents: int
+    excess_rate_all: float | None
+    excess_rate_controlled: float | None
     ego_at_fault: int
     background_at_fault: int
     by_fault: FaultMetrics
@@ -219,9 +229,11 @@ class Metrics(TypedDict):
     digest: str
     collision: CollisionMetrics
     reactive: bool
+    collision_free: bool
     ade_controlled_m: Horizons
     ade_all_m: Horizons
     ade_ego_m: Horizons
+    displacement: DisplacementMetrics
     ego_motion: EgoMetrics
     off_road_controlled: float | None
     replay_error_max_m: float | None
@@ -229,6 +241,7 @@ class Metrics(TypedDict):
     progress_controlled_m: float | None
     progress_log_m: float | None
     relevant_ratio: float | None
+    relevant_ratio_roi: float | None
     takeovers: int
     false_alarms: int
     detection: DetectionMetrics
@@ -237,6 +250,7 @@ class Metrics(TypedDict):
     safety: SafetyMetrics
     comfort: ComfortMetrics
     realism: RealismMetrics | None
+    realism_near: float | None
     signals: SignalMetrics | None
     lockstep: LockstepMetrics
     timing: TimingMetrics

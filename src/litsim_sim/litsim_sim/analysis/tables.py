@@ -77,6 +77,7 @@ TAKEOVERS = pa.schema(
         ("residual_m", pa.float64()),
         ("residual_mps", pa.float64()),
         ("time_shift_s", pa.float64()),
+        ("ego_distance_m", pa.float64()),
     ]
 )
 """Columns of the takeovers: the fields of `ledger` in `metrics.json`."""
@@ -136,6 +137,7 @@ def ledger_row(entry: LedgerEntry) -> dict[str, Any]:
         "residual_m": entry.residual_position,
         "residual_mps": entry.residual_speed,
         "time_shift_s": entry.time_shift,
+        "ego_distance_m": entry.ego_distance,
     }
 
 

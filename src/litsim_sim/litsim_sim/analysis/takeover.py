@@ -57,6 +57,7 @@ class LedgerEntry:
         residual_speed: speed beyond that of the same log at the same step [m/s].
         time_shift: lag of the log that it goes back to, at the last step of the takeover [s].
         outcome: how it ended; None where the run ended before.
+        ego_distance: from the agent's centre to the ego's at the detection [m]; None where the ego is gone.
     """
 
     agent: int
@@ -74,6 +75,7 @@ class LedgerEntry:
     residual_speed: float | None
     time_shift: float = 0.0
     outcome: Outcome | None = None
+    ego_distance: float | None = None
 
     @property
     def false_alarm(self) -> bool:
@@ -218,7 +220,15 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayC
         residual_speed=last.residual_speed if logged else None,
         time_shift=last.time_shift,
         outcome=_outcome(run, first.agent, last_step, released=last.state == TakeoverState.RELEASED),
+        ego_distance=_ego_distance(run, first.agent, episode[0][0]),
     )
+
+
+def _ego_distance(run: Run, agent: int, step: int) -> float | None:
+    """Distance [m] between the centres of `agent` and the ego at `step`; None where one of them is not there."""
+    table = run.tables[step - run.tables[0].step]
+    i, j = table.row(agent), table.row(run.info.ego_id)
+    return float(np.hypot(table.x[i] - table.x[j], table.y[i] - table.y[j])) if min(i, j) >= 0 else None
 
 
 def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome | None:
