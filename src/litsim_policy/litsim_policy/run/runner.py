@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from litsim_policy.ego.registry import Ego
-from litsim_predictor.forecast import Forecast
+from litsim_policy.run.reaction import Reaction
 from litsim_sim.core import stage_registry
 from litsim_sim.core.compiled import load_kernels
 from litsim_sim.core.parameters import Parameters
@@ -70,15 +70,11 @@ class Runner:
     ) -> None:
         scenario = plan.scenario
         self.plan = plan
-        self._reacts = plan.policy != REPLAY
+        reacts = plan.policy != REPLAY
         stages = configured(None if ego else plan.ego, plan.policy, plan.parameters)
-        self.world = World(scenario, WorldConfig(guard_entries=self._reacts), mirror)
+        self.world = World(scenario, WorldConfig(guard_entries=reacts), mirror)
         self._ego = ego or stages[EGO](scenario)
-        if self._reacts:
-            self._predictor, self._manager = (
-                stages[stage](plan.policy, scenario) for stage in ("predictor", "conflict")
-            )
-            self._policy = stages["policy"](plan.policy, scenario)
+        self._reaction = Reaction(stages, plan.policy, scenario) if reacts else None
         load_kernels()
 
     def steps(self) -> Iterator[StepResult]:
@@ -90,16 +86,8 @@ class Runner:
                 self.world.catch_up()
                 marks = {BRIDGE: time.perf_counter() - begin}
                 takeovers, controls = None, None
-                if self._reacts:
-                    begin = time.perf_counter()
-                    forecast = self._forecast(table)
-                    marks["predictor"] = time.perf_counter() - begin
-                    begin = time.perf_counter()
-                    takeovers = self._manager.update(table, forecast)
-                    marks["conflict"] = time.perf_counter() - begin
-                    begin = time.perf_counter()
-                    controls = self._policy.act(table, takeovers)
-                    marks["policy"] = time.perf_counter() - begin
+                if self._reaction is not None:
+                    takeovers, controls = self._reaction.to(table, marks)
                 begin = time.perf_counter()
                 ego = self._ego.plan(table)
                 marks["ego"] = time.perf_counter() - begin
@@ -111,13 +99,6 @@ class Runner:
                     table = self.world.step(controls or ControlTable.empty(step), ego)
         finally:
             self.world.close()
-
-    def _forecast(self, table: AgentTable) -> Forecast:
-        """The forecast of a step; nobody is driven in the history, so nobody asks for one there."""
-        if table.step >= self.plan.scenario.history_steps:
-            return self._predictor.forecast(table)
-        self._predictor.see(table)
-        return Forecast.of_nobody(table.step)
 
 
 def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> RecordedRun:

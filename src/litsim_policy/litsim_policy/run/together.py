@@ -11,11 +11,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from litsim_policy.ego.registry import Ego
+from litsim_policy.run.reaction import Reaction
 from litsim_policy.run.runner import StepResult, as_recorded, configured
-from litsim_predictor.forecast import Forecast
 from litsim_sim.core.compiled import load_kernels
 from litsim_sim.core.parameters import Parameters
-from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
+from litsim_sim.core.scene import ControlTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, EGO
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.record.run import Run as RecordedRun
@@ -46,7 +46,7 @@ class JoinedRunner:
             configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans
         ]
         stages = configured(None, first.policy, common)
-        self._answers = _Answers(stages, first.policy, self._joined) if reacts else None
+        self._reaction = Reaction(stages, first.policy, self._joined) if reacts else None
         self.summaries: dict[int, dict[str, Any]] = {}
         """Of the runs that are over, what the world knows of each; see :meth:`World.summary`."""
         load_kernels()
@@ -65,9 +65,9 @@ class JoinedRunner:
             takeovers: Sequence[TakeoverTable | None] = [None] * len(tables)
             controls: Sequence[ControlTable | None] = [None] * len(tables)
             together = ControlTable.empty(table.step)
-            if self._answers is not None:
-                takeovers, together = self._answers.to(table, marks)
-                controls = joined.controls(together)
+            if self._reaction is not None:
+                taken, together = self._reaction.to(table, marks)
+                takeovers, controls = self._apart(taken, self._reaction), joined.controls(together)
             begin = time.perf_counter()
             running = [k for k in range(len(tables)) if k not in self.summaries]
             commands = [EgoCommand(table.step)] * len(tables)
@@ -84,41 +84,18 @@ class JoinedRunner:
             if len(self.summaries) < len(self.plans):
                 table = self._world.step_together(together, commands)
 
+    def _apart(self, takeovers: TakeoverTable, reaction: Reaction) -> list[TakeoverTable]:
+        """The takeovers of each scene."""
+        rounds = reaction.manager.iterations.tolist(), reaction.manager.converged.tolist()
+        return [
+            TakeoverTable(takeovers.step, own, iterations, converged)
+            for own, iterations, converged in zip(self._joined.takeovers(takeovers.takeovers), *rounds, strict=True)
+        ]
+
 
 def common_parameters(plan: RunPlan) -> Parameters:
     """Parameters of the stages that all runs share: of all but the ego."""
     return {stage: values for stage, values in plan.parameters.items() if stage != EGO}
-
-
-class _Answers:
-    """The stages that react to the egos, of all scenes."""
-
-    def __init__(self, stages: dict[str, Any], policy: str, joined: JoinedScenario) -> None:
-        self._joined = joined
-        self._predictor, self._manager = (stages[stage](policy, joined) for stage in ("predictor", "conflict"))
-        self._policy = stages["policy"](policy, joined)
-
-    def to(self, table: AgentTable, marks: dict[str, float]) -> tuple[list[TakeoverTable], ControlTable]:
-        """Takeovers of each scene and controls of all, in answer to a step; notes wall times of stages in `marks`."""
-        begin = time.perf_counter()
-        if table.step >= self._joined.history_steps:
-            forecast = self._predictor.forecast(table)
-        else:
-            self._predictor.see(table)
-            forecast = Forecast.of_nobody(table.step)
-        marks["predictor"] = time.perf_counter() - begin
-        begin = time.perf_counter()
-        takeovers = self._manager.update(table, forecast)
-        rounds = self._manager.iterations.tolist(), self._manager.converged.tolist()
-        apart = [
-            TakeoverTable(table.step, own, iterations, converged)
-            for own, iterations, converged in zip(self._joined.takeovers(takeovers.takeovers), *rounds, strict=True)
-        ]
-        marks["conflict"] = time.perf_counter() - begin
-        begin = time.perf_counter()
-        controls = self._policy.act(table, takeovers)
-        marks["policy"] = time.perf_counter() - begin
-        return apart, controls
 
 
 def record_together(plans: Sequence[RunPlan]) -> list[RecordedRun]:

@@ -1,0 +1,52 @@
+"""What a policy answers to a step: the stages from forecast to controls, one after the other."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from litsim_predictor.forecast import Forecast
+from litsim_sim.core.scene import AgentTable, ControlTable
+from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.scenario.setting import Setting
+
+
+class Reaction:
+    """Predictor, conflict and policy of one scene, or of several that are joined.
+
+    Attributes:
+        manager: of the takeovers.
+    """
+
+    def __init__(self, stages: Mapping[str, Callable[..., Any]], policy: str, scenario: Setting) -> None:
+        """Build the stages.
+
+        Args:
+            stages: what builds each of them, by stage.
+            policy: that they are to make up.
+            scenario: that they move.
+        """
+        self._history_steps = scenario.history_steps
+        self._predictor = stages["predictor"](policy, scenario)
+        self.manager = stages["conflict"](policy, scenario)
+        self._policy = stages["policy"](policy, scenario)
+
+    def to(self, table: AgentTable, marks: dict[str, float]) -> tuple[TakeoverTable, ControlTable]:
+        """Takeovers and controls in answer to a step; notes wall times of the stages [s] in `marks`."""
+        begin = time.perf_counter()
+        forecast = self._forecast(table)
+        forecast_at = time.perf_counter()
+        takeovers = self.manager.update(table, forecast)
+        taken_at = time.perf_counter()
+        controls = self._policy.act(table, takeovers)
+        marks["predictor"], marks["conflict"] = forecast_at - begin, taken_at - forecast_at
+        marks["policy"] = time.perf_counter() - taken_at
+        return takeovers, controls
+
+    def _forecast(self, table: AgentTable) -> Forecast:
+        """The forecast of a step; nobody is driven in the history, so nobody asks for one there."""
+        if table.step >= self._history_steps:
+            return self._predictor.forecast(table)
+        self._predictor.see(table)
+        return Forecast.of_nobody(table.step)
