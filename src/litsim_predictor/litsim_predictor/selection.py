@@ -7,6 +7,7 @@ from enum import StrEnum
 import numpy as np
 
 from litsim_sim.core.compiled import FLOATS, INTS, OUT_BOOLS, kernel
+from litsim_sim.core.nearby import around
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 Egos = int | IntArray
@@ -31,11 +32,7 @@ class Wanted(StrEnum):
 
 def agents_of_interest(table: AgentTable, ego_id: Egos, roi_m: float) -> BoolArray:
     """(n,) agents within `roi_m` metres of the ego or of another agent off its log, those included."""
-    centre = _off_log(table, ego_id)
-    dx = table.x[:, None] - table.x[centre][None, :]
-    dy = table.y[:, None] - table.y[centre][None, :]
-    near = (dx**2 + dy**2 <= roi_m**2) & (table.scene[:, None] == table.scene[centre][None, :])
-    return centre | near.any(axis=1)
+    return around(table, _off_log(table, ego_id), roi_m)
 
 
 def agents_read(table: AgentTable, ego_id: Egos) -> BoolArray:

@@ -9,8 +9,9 @@ from pydantic import model_validator
 from scipy.special import ndtri
 
 from litsim_policy.conflict.futures import PredictedMotion, follow_logs, hold_back, interpolate
-from litsim_policy.conflict.pairs import around, followed, near, overlap_chances
+from litsim_policy.conflict.pairs import followed, near, overlap_chances
 from litsim_predictor.forecast import Forecast
+from litsim_sim.core.nearby import around
 from litsim_sim.core.quantities import (
     Acceleration,
     Duration,
@@ -174,7 +175,7 @@ class ConflictDetector:
 
     def around(self, table: AgentTable, agents: BoolArray) -> BoolArray:
         """(n,) those no farther than the ROI from one of `agents` (n,), and these themselves."""
-        return around(table.scene, table.x, table.y, agents, self._roi_m)
+        return around(table, agents, self._roi_m)
 
     def near(self, table: AgentTable, of: BoolArray, others: BoolArray) -> IntArray:
         """Pairs (m, 2) of rows, the first of `of`, the second of `others`, no farther apart than the ROI."""

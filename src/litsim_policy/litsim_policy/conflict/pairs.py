@@ -29,17 +29,6 @@ from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer, nobody follows anybody
 
 
-@kernel(OUT_BOOLS(INTS, FLOATS, FLOATS, BOOLS, float64))
-def around(scene: IntArray, x: FloatArray, y: FloatArray, centres: BoolArray, radius: float) -> BoolArray:
-    """Return who (n,) is no farther than `radius` [m] from one of the mask `centres` (n,) of his scene, or is one."""
-    found = centres.copy()
-    for i in range(len(x)):
-        if centres[i]:
-            for j in range(len(x)):
-                found[j] |= scene[j] == scene[i] and (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= radius**2
-    return found
-
-
 @kernel(OUT_INTS2(INTS, FLOATS, FLOATS, BOOLS, BOOLS, float64))
 def near(scene: IntArray, x: FloatArray, y: FloatArray, of: BoolArray, others: BoolArray, radius: float) -> IntArray:
     """Return pairs (m, 2) of positions in one scene, first of the mask `of` (n,), second of `others`, within `radius`.

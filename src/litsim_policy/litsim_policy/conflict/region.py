@@ -9,6 +9,7 @@ from litsim_policy.conflict.life_cycle import Residuals
 from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.motion.reference_path import logged_path, route_path
 from litsim_predictor.forecast import Forecast
+from litsim_sim.core.nearby import around
 from litsim_sim.core.scene import AgentTable, BoolArray, Controller, IntArray
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverTable
 from litsim_sim.scenario.setting import Setting
@@ -38,11 +39,10 @@ class RegionManager:
             return TakeoverTable(table.step)
         self._off = self._off.take(table.rows(self._off.agent) >= 0)
         ego = table.mask(self._ego_ids)
-        apart = np.hypot(table.x[:, None] - table.x[ego], table.y[:, None] - table.y[ego])
-        near = ((apart <= self._scenario.roi_m) & (table.scene[:, None] == table.scene[ego])).any(axis=1)
         off = ego | table.mask(self._off.agent)
         late = table.controller == Controller.POLICY
-        for row in np.flatnonzero(((near & ~table.obstacle) | late) & ~off):
+        near = around(table, ego, self._scenario.roi_m) & ~table.obstacle
+        for row in np.flatnonzero((near | late) & ~off):
             self._open(table, int(row), TakeoverReason.BLOCKED_ENTRY if late[row] else TakeoverReason.REGION)
         rows = table.rows(self._off.agent)
         log = self._scenario.log

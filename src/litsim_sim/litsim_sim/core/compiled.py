@@ -64,7 +64,7 @@ boolean, float32, float64, int64, uint8, void = (
     types.void,
 )
 FLOATS, FLOATS2, FLOATS3 = (read_array(float64, ndim) for ndim in (1, 2, 3))
-SINGLES, SINGLES2, SINGLES3, SINGLES4 = (read_array(float32, ndim) for ndim in (1, 2, 3, 4))
+SINGLES, SINGLES2, SINGLES3 = (read_array(float32, ndim) for ndim in (1, 2, 3))
 INTS, INTS2 = (read_array(int64, ndim) for ndim in (1, 2))
 BOOLS, BOOLS2 = (read_array(boolean, ndim) for ndim in (1, 2))
 OUT_FLOATS, OUT_FLOATS2, OUT_FLOATS3 = (written_array(float64, ndim) for ndim in (1, 2, 3))

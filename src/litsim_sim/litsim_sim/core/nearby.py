@@ -1,0 +1,21 @@
+"""Which agents of a step are near which others."""
+
+from __future__ import annotations
+
+from litsim_sim.core.compiled import BOOLS, FLOATS, INTS, OUT_BOOLS, float64, kernel
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+
+
+def around(table: AgentTable, centres: BoolArray, radius: float) -> BoolArray:
+    """Return who (n,) is no farther than `radius` [m] from one of the mask `centres` (n,) of his scene, or is one."""
+    return _around(table.scene, table.x, table.y, centres, radius)
+
+
+@kernel(OUT_BOOLS(INTS, FLOATS, FLOATS, BOOLS, float64))
+def _around(scene: IntArray, x: FloatArray, y: FloatArray, centres: BoolArray, radius: float) -> BoolArray:
+    found = centres.copy()
+    for i in range(len(x)):
+        if centres[i]:
+            for j in range(len(x)):
+                found[j] |= scene[j] == scene[i] and (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= radius**2
+    return found

@@ -1,0 +1,25 @@
+"""Who is near whom, against plain numpy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_sim.core.nearby import around
+from litsim_sim.scenario.joined import BITS, JoinedTable
+
+
+@pytest.mark.parametrize("agents", range(16))
+@pytest.mark.parametrize("radius", [0.0, 20.0, 60.0])
+def test_who_is_around_the_centres_of_his_scene(table: Callable[..., Any], agents: int, radius: float) -> None:
+    random = np.random.default_rng(agents)
+    x, y = random.normal(0.0, 30.0, (2, agents))
+    scene = np.sort(random.integers(0, 3, agents))
+    centres = random.random(agents) < 0.5
+    rows = [{"id": (int(scene[k]) << BITS) + k, "x": x[k], "y": y[k]} for k in range(agents)]
+    found = around(JoinedTable.merged(0, [table(0, *rows)]), centres, radius)
+    within = (np.hypot(x[:, None] - x, y[:, None] - y) <= radius) & (scene[:, None] == scene)
+    assert found.tolist() == (centres | (within & centres[:, None]).any(axis=0)).tolist()
