@@ -9,29 +9,17 @@ from litsim_msgs.msg import Takeovers
 
 from litsim_policy.conflict.messages import received_takeovers, takeovers_from_message, takeovers_to_message
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import Takeover, TakeoverTable
+from takeovers import takeover
 from wire import damaged, taken
 
 
-def takeover(agent: int) -> Takeover:
-    return Takeover(
-        agent=agent,
-        opponent=13,
-        state=TakeoverState.HELD,
-        reason=TakeoverReason.CONFLICT,
-        detected_step=4,
-        time_to_conflict=1.5,
-        overlap_probability=0.4,
-        conflict_pose=(1.0, 2.0, 0.1),
-        goal_pose=(3.0, 2.0, 0.1),
-        reference_path=np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]]),
-        log_collision_predicted=False,
-        residual_position=-1.0,
-        residual_speed=0.0,
-    )
+def held(agent: int) -> Takeover:
+    path = np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]])
+    return takeover(agent, 13, reference_path=path, residual_position=-1.0)
 
 
-GOOD = takeovers_to_message(TakeoverTable(5, (takeover(2), takeover(8)), 1, converged=True), "run-1")
+GOOD = takeovers_to_message(TakeoverTable(5, (held(2), held(8)), 1, converged=True), "run-1")
 
 
 @settings(max_examples=800)
@@ -59,7 +47,7 @@ def test_takeovers_are_sound_or_refused(message: Takeovers) -> None:
     ],
 )
 def test_what_is_wrong_is_named(field: str, value: object, expected: str) -> None:
-    message = takeovers_to_message(TakeoverTable(5, (takeover(2), takeover(8)), 1, converged=True), "run-1")
+    message = takeovers_to_message(TakeoverTable(5, (held(2), held(8)), 1, converged=True), "run-1")
     setattr(message.takeovers[0], field, value)
     with pytest.raises(InputError) as raised:
         received_takeovers(message)

@@ -10,9 +10,10 @@ import pytest
 from litsim_policy.driving.idm_policy import IdmPolicy, IdmPolicyConfig
 from litsim_policy.driving.registry import make_policy
 from litsim_sim.core.scene import ControlSource
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import TakeoverReason, TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.traffic.drivers import calibrated
+from takeovers import takeover
 
 SPEED, GAP, LENGTH = 10.0, 15.0, 4.5
 
@@ -24,26 +25,8 @@ def scenario(make_scenario: Any, track: Any) -> Scenario:
 
 
 def takeovers(step: int, *ids: int) -> TakeoverTable:
-    nowhere = (0.0, 0.0, 0.0)
-    made = [
-        Takeover(
-            agent=agent,
-            opponent=1,
-            state=TakeoverState.HELD,
-            reason=TakeoverReason.REGION,
-            detected_step=0,
-            time_to_conflict=0.0,
-            overlap_probability=0.0,
-            conflict_pose=nowhere,
-            goal_pose=nowhere,
-            reference_path=np.array([[100.0, -5.49], [600.0, -5.49]]),
-            log_collision_predicted=False,
-            residual_position=0.0,
-            residual_speed=0.0,
-        )
-        for agent in ids
-    ]
-    return TakeoverTable(step, tuple(made))
+    path = np.array([[100.0, -5.49], [600.0, -5.49]])
+    return TakeoverTable(step, tuple(takeover(each, reason=TakeoverReason.REGION, reference_path=path) for each in ids))
 
 
 def acceleration(scenario: Scenario, **config: Any) -> float:

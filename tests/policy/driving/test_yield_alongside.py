@@ -10,8 +10,9 @@ from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, idm_acceleration
 from litsim_policy.motion.reference_path import logged_path
 from litsim_sim.core.scene import AgentTable
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
+from takeovers import takeover
 
 CONFIG = YieldConfig()
 LENGTH = 4.5  # [m] of everybody
@@ -36,9 +37,9 @@ def act(scene: Scenario, placed, lane_centres):
         table: AgentTable = placed(scene.log.table(5), 2, speed=own)
         x = float(table.x[table.row(2)]) + LENGTH + gap
         table = placed(table, who, **({"x": x, "y": lane_centres[1], "speed": 4.0} | other))
-        path, nowhere = logged_path(scene.log, scene.lane_map, 2).points, np.zeros(3)
-        fields = (2, OPPONENT, state, TakeoverReason.CONFLICT, 0, 1.0, 0.5, nowhere, nowhere, path, True, 0.0, 0.0)
-        controls = policy.act(table, TakeoverTable(table.step, (Takeover(*fields),)))
+        path = logged_path(scene.log, scene.lane_map, 2).points
+        taken = takeover(2, OPPONENT, state=state, reference_path=path)
+        controls = policy.act(table, TakeoverTable(table.step, (taken,)))
         assert controls.id.tolist() == [2]
         return float(controls.acceleration[0])
 

@@ -14,9 +14,10 @@ from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_policy.motion.reference_path import logged_path
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, EgoCommand, EgoMode
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
+from takeovers import takeover
 
 FREE = YieldConfig()
 
@@ -32,23 +33,7 @@ class Takeovers:
         made = []
         for agent, opponent in sorted(agents.items()):
             path = logged_path(self.scenario.log, self.scenario.lane_map, agent).points
-            nowhere = np.zeros(3)
-            fields = (
-                agent,
-                opponent,
-                state,
-                TakeoverReason.CONFLICT,
-                0,
-                1.0,
-                0.5,
-                nowhere,
-                nowhere,
-                path,
-                True,
-                0.0,
-                0.0,
-            )
-            made.append(Takeover(*fields))
+            made.append(takeover(agent, opponent, state=state, reference_path=path))
         return TakeoverTable(step, tuple(made))
 
 

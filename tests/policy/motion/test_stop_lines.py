@@ -20,11 +20,12 @@ from litsim_policy.motion.reference_path import lane_path, logged_path
 from litsim_policy.motion.stop_lines import GAP_MIN, SignalConfig, StopLines, idm_at_signals
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.signals import SignalState
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.maps.signal_links import read_links
 from litsim_sim.scenario.scenario import Scenario, packaged
 from litsim_sim.scenario.signals import Signals
 from litsim_sim.world.world import World
+from takeovers import takeover
 
 NET = packaged("nets/urban_like.net.xml")
 LINKS = read_links(NET)
@@ -119,9 +120,8 @@ def approach(make_scenario: Any, track: Any) -> Scenario:
 
 def yields(scenario: Scenario) -> Answer:
     policy = YieldPolicy(scenario, YieldConfig(), HandbackConfig())
-    path, nowhere = logged_path(scenario.log, scenario.lane_map, 2).points, np.zeros(3)
-    fields = (TakeoverState.HELD, TakeoverReason.CONFLICT, 0, 1.0, 0.5, nowhere, nowhere, path, True, 0.0, 0.0)
-    return lambda table: policy.act(table, TakeoverTable(table.step, (Takeover(2, 1, *fields),)))
+    path = logged_path(scenario.log, scenario.lane_map, 2).points
+    return lambda table: policy.act(table, TakeoverTable(table.step, (takeover(2, reference_path=path),)))
 
 
 def policy_c(scenario: Scenario) -> Answer:

@@ -6,15 +6,15 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from litsim_sim.analysis.collision import Verdict, collisions
 from litsim_sim.analysis.contacts import Contact, contacts
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.core.scene import AgentTable, Kind
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
+from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
+from takeovers import takeover
 
 Make = Callable[..., Any]
 LAST = 100
@@ -93,26 +93,11 @@ def test_another_pair_s_contact_in_the_log_excuses_nothing(scene: Make, make_run
 
 
 def test_a_log_that_lags_has_its_contacts_later(run: Make) -> None:
-    takeover = Takeover(
-        agent=3,
-        opponent=1,
-        state=TakeoverState.RELEASED,
-        reason=TakeoverReason.CONFLICT,
-        detected_step=12,
-        time_to_conflict=1.0,
-        overlap_probability=1.0,
-        conflict_pose=(0.0, 0.0, 0.0),
-        goal_pose=(0.0, 0.0, 0.0),
-        reference_path=np.zeros((0, 2)),
-        log_collision_predicted=False,
-        residual_position=0.0,
-        residual_speed=0.0,
-        time_shift=3.0,
-    )
+    released = takeover(3, state=TakeoverState.RELEASED, detected_step=12, time_shift=3.0)
     late = run(range(60, 65), range(25, 35))
     assert collisions(late).in_log == (False,)
-    assert collisions(replace(late, takeovers={20: [takeover]})).in_log == (True,)
-    assert collisions(replace(late, takeovers={80: [takeover]})).in_log == (False,), "the lag comes later"
+    assert collisions(replace(late, takeovers={20: [released]})).in_log == (True,)
+    assert collisions(replace(late, takeovers={80: [released]})).in_log == (False,), "the lag comes later"
 
 
 def test_the_ego_is_judged_by_the_first_contact_that_the_log_has_not(run: Make) -> None:

@@ -21,9 +21,10 @@ from litsim_sim.cli.analyze import main
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource, ControlTable
 from litsim_sim.core.stages import StageState
-from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
+from litsim_sim.core.takeover import Takeover
 from litsim_sim.record.run import Status, TopicGaps
 from litsim_sim.report.terminal import print_ledger, print_metrics
+from takeovers import takeover
 
 Make = Callable[..., Any]
 NET = Path(litsim_sim.__file__).parent / "nets/us101_like.net.xml"
@@ -279,23 +280,7 @@ def test_rates_with_and_without_the_contacts_of_the_log(table: Make, make_run: M
 
 def taken_over(agent: int, step: int) -> Takeover:
     """Held because of the ego since `step`."""
-    return Takeover(
-        agent=agent,
-        opponent=1,
-        state=TakeoverState.HELD,
-        reason=TakeoverReason.CONFLICT,
-        detected_step=step,
-        time_to_conflict=2.0,
-        overlap_probability=1.0,
-        conflict_pose=(0.0, 0.0, 0.0),
-        goal_pose=(0.0, 0.0, 0.0),
-        reference_path=np.zeros((2, 2)),
-        log_collision_predicted=True,
-        residual_position=0.0,
-        residual_speed=0.0,
-        path_source=PathSource.ROUTE,
-        time_shift=0.0,
-    )
+    return takeover(agent, detected_step=step)
 
 
 @pytest.mark.parametrize(("distance", "share"), [(29.9, 0.5), (30.1, 0.0)])

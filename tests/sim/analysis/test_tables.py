@@ -18,8 +18,9 @@ from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.analysis.safety import safety_series
 from litsim_sim.analysis.tables import SERIES, TAKEOVERS, series_table, write_tables
 from litsim_sim.core.scene import Controller
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
+from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
+from takeovers import takeover
 
 Make = Callable[..., Any]
 DOCS = Path(__file__).resolve().parents[3] / "docs/metrics.md"
@@ -47,28 +48,10 @@ def run(table: Make, make_run: Make, moved: Make) -> Run:
             now = moved(now, TAKEN, x=-0.1, controller=Controller.POLICY)
         if 12 <= k <= 30:
             state = TakeoverState.RELEASED if k == 30 else TakeoverState.HANDBACK if k > 25 else TakeoverState.HELD
-            takeovers[k] = [takeover(state)]
+            takeovers[k] = [takeover(TAKEN, EGO, state=state, detected_step=12)]
         tables += now
     run: Run = make_run(tables, log, history_steps=HISTORY, takeovers=takeovers)
     return run
-
-
-def takeover(state: TakeoverState) -> Takeover:
-    return Takeover(
-        agent=TAKEN,
-        opponent=EGO,
-        state=state,
-        reason=TakeoverReason.CONFLICT,
-        detected_step=12,
-        time_to_conflict=2.5,
-        overlap_probability=0.5,
-        conflict_pose=(0.0, 0.0, 0.0),
-        goal_pose=(0.0, 0.0, 0.0),
-        reference_path=np.zeros((2, 2)),
-        log_collision_predicted=True,
-        residual_position=0.1,
-        residual_speed=0.0,
-    )
 
 
 @pytest.fixture

@@ -13,28 +13,15 @@ from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.analysis.takeover import handbacks, jump, ledger
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
+from takeovers import takeover
 
 Make = Callable[..., Any]
 HELD, HANDBACK, RELEASED = TakeoverState
 
 
 def record(agent: int, state: TakeoverState = HELD, **values: Any) -> Takeover:
-    usual: dict[str, Any] = {
-        "agent": agent,
-        "opponent": 1,
-        "state": state,
-        "reason": TakeoverReason.CONFLICT,
-        "detected_step": 5,
-        "time_to_conflict": 2.0,
-        "overlap_probability": 0.5,
-        "conflict_pose": (0.0, 0.0, 0.0),
-        "goal_pose": (0.0, 0.0, 0.0),
-        "reference_path": np.zeros((0, 2)),
-        "log_collision_predicted": True,
-        "residual_position": 1.5,
-        "residual_speed": 0.5,
-    }
-    return Takeover(**(usual | values))
+    usual: dict[str, Any] = {"detected_step": 5, "residual_position": 1.5, "residual_speed": 0.5}
+    return takeover(agent, state=state, **(usual | values))
 
 
 def follower_log(table: Make, steps: int = 40) -> list[Any]:

@@ -25,8 +25,9 @@ from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.scene import AgentTable, Controller
 from litsim_sim.core.stages import StageState
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
+from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.record.run import Run, RunInfo, Status
+from takeovers import takeover
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NET = Path(__file__).resolve().parents[3] / "src/litsim_sim/litsim_sim/nets/us101_like.net.xml"
@@ -199,18 +200,16 @@ def _table(step: int, log: bool) -> AgentTable:
 
 def _record(step: int) -> Takeover:
     back = step > TAKEN[1] - 10
-    return Takeover(
-        agent=FOLLOWER,
-        opponent=EGO,
+    return takeover(
+        FOLLOWER,
+        EGO,
         state=TakeoverState.HANDBACK if back else TakeoverState.HELD,
-        reason=TakeoverReason.CONFLICT,
         detected_step=TAKEN[0],
         time_to_conflict=2.5,
         overlap_probability=0.4,
         conflict_pose=(50.0, -1.83, 0.0),
         goal_pose=(60.0, -1.83, 0.0),
         reference_path=np.stack([np.linspace(10.0, 90.0, 81), np.full(81, -1.83)], axis=1),
-        log_collision_predicted=True,
         residual_position=0.5,
         residual_speed=0.25,
     )

@@ -55,14 +55,13 @@ class IdmPolicy:
             return ControlTable.empty(table.step)
         rows = table.rows(np.array([t.agent for t in listed], np.int64))
         agents = PathFollowers(self._lane_map, table, rows, PathBatch([t.reference_path for t in listed]))
-        view = agents.view
+        view, line = agents.view, self._stop_lines.of(agents)
         acceleration = _accelerations(
             agents.speed,
             self._drivers[self._driver_of[np.searchsorted(self._agents, table.id[rows])]],
-            view.gap,
-            view.speed,
-            view.ahead & view.in_path,
-            self._stop_lines.of(agents),
+            np.column_stack([view.gap, line]),
+            np.column_stack([view.speed, np.zeros(len(line))]),
+            np.column_stack([view.ahead & view.in_path, np.isfinite(line)]),
             self._config.braking_max,
         )
         yaw_rate = agents.path_yaw_rate
@@ -85,14 +84,13 @@ def _drivers(config: IdmPolicyConfig) -> FloatArray:
     return everybody if config.drivers == "drawn" else np.median(everybody, axis=0)[None]
 
 
-@kernel(OUT_FLOATS(FLOATS, FLOATS2, FLOATS2, FLOATS2, BOOLS2, FLOATS, float64))
+@kernel(OUT_FLOATS(FLOATS, FLOATS2, FLOATS2, FLOATS2, BOOLS2, float64))
 def _accelerations(
     speed: FloatArray,
     driver: FloatArray,
     gap: FloatArray,
     along: FloatArray,
     leads: BoolArray,
-    line: FloatArray,
     braking_max: float,
 ) -> FloatArray:
     """Accelerations (m,) [m/s2] of vehicles, each with a driver of its own.
@@ -100,16 +98,13 @@ def _accelerations(
     Args:
         speed: (m,) [m/s].
         driver: (m, 5) as :func:`_drivers` has them.
-        gap, along: (m, n) to everybody and speed along the path [m], [m/s].
+        gap, along: (m, n) to everybody and speed along the path [m], [m/s]; a line to stop at is one who stands.
         leads: (m, n) who is on the path ahead.
-        line: (m,) distance to where it has to stop [m]; infinite where it need not.
         braking_max: as in :class:`IdmPolicyConfig`.
     """
-    found, standing, stops = np.empty(len(speed)), np.zeros(1), np.ones(1, np.bool_)
+    found = np.empty(len(speed))
     for i in range(len(speed)):
         desired, headway, standstill, fastest, comfortable = driver[i]
         model = (headway, standstill, fastest, comfortable, braking_max)
         found[i] = idm(speed[i], desired, gap[i], along[i], leads[i], *model)
-        if line[i] < np.inf:
-            found[i] = min(found[i], idm(speed[i], desired, line[i : i + 1], standing, stops, *model))
     return found

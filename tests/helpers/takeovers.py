@@ -1,0 +1,27 @@
+"""Records of takeovers for tests that mind only some of their fields."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
+
+
+def takeover(agent: int, opponent: int = 1, **values: Any) -> Takeover:
+    """`agent` is held for its conflict with `opponent`, exactly where its log is; `values` of other fields."""
+    usual: dict[str, Any] = {
+        "state": TakeoverState.HELD,
+        "reason": TakeoverReason.CONFLICT,
+        "detected_step": 0,
+        "time_to_conflict": 1.0,
+        "overlap_probability": 0.5,
+        "conflict_pose": (0.0, 0.0, 0.0),
+        "goal_pose": (0.0, 0.0, 0.0),
+        "reference_path": np.zeros((0, 2)),
+        "log_collision_predicted": True,
+        "residual_position": 0.0,
+        "residual_speed": 0.0,
+    }
+    return Takeover(agent, opponent, **(usual | values))
