@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from litsim_policy.learning.draw import drafted_tasks, drawn_ego, with_ego
+from litsim_policy.learning.task import TaskConfig
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -30,7 +31,8 @@ def test_egos_deviate_in_more_than_one_way(traffic) -> None:
 
 def test_agents_near_the_ego_that_stay_are_drafted_towards_where_their_log_goes(traffic) -> None:
     table = traffic.log.table(3)
-    tasks = drafted_tasks(table, traffic, 5, 50.0, np.random.default_rng(0))
+    config = TaskConfig(goal_steps=(50, 50), goal_jitter=0.0)
+    tasks = drafted_tasks(table, traffic, 5, 50.0, config, np.random.default_rng(0))
     assert [task.agent for task in tasks] == [2, 3]
     assert [task.due_step for task in tasks] == [53, 30], "in 5 s, or at the end of the log"
     for task in tasks:
@@ -38,4 +40,4 @@ def test_agents_near_the_ego_that_stay_are_drafted_towards_where_their_log_goes(
         assert task.goal.tolist() == [traffic.log.x[row, task.due_step], traffic.log.y[row, task.due_step]]
         s, d = task.path.project(task.goal[:1], task.goal[1:])
         assert s[0] > 0.0 and abs(d[0]) < 0.1
-    assert len(drafted_tasks(table, traffic, 1, 50.0, np.random.default_rng(0))) == 1
+    assert len(drafted_tasks(table, traffic, 1, 50.0, config, np.random.default_rng(0))) == 1

@@ -13,6 +13,7 @@ from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.learning.environment import NOBODY, EnvironmentConfig, PolicyEnvironment
 from litsim_policy.learning.expert import ExpertConfig, expert_pairs
 from litsim_policy.learning.reward import PenaltyConfig, penalties
+from litsim_policy.learning.task import TaskConfig
 from litsim_sim.scenario.scenario import Scenario
 
 SMALL = EnvironmentConfig(steps_max=40, slots=4, drafted=2, draft_steps=40)
@@ -164,7 +165,7 @@ def test_experts_do_what_was_recorded(make_scenario, track, lane_centres) -> Non
     scenario = make_scenario(
         track(1, x=100.0, speed=10.0, acceleration=1.0), track(2, x=80.0, speed=10.0, acceleration=-0.6)
     )
-    pairs = expert_pairs([scenario], ObservationConfig(), ExpertConfig(), np.random.default_rng(0))
+    pairs = expert_pairs([scenario], ObservationConfig(), ExpertConfig(), TaskConfig(), np.random.default_rng(0))
     assert len(pairs.action) >= 10
     assert set(np.round(pairs.action[:, 0], 3)) <= {0.333, -0.1}
     assert np.abs(pairs.action[:, 1:]).max() < 1e-6
@@ -174,7 +175,7 @@ def test_experts_do_what_was_recorded(make_scenario, track, lane_centres) -> Non
 def test_corrections_lead_back_to_the_path(make_scenario, track) -> None:
     scenario = make_scenario(track(1, x=100.0), track(2, x=80.0))
     config = ExpertConfig(turn=0.0, every=2)
-    pairs = expert_pairs([scenario], ObservationConfig(), config, np.random.default_rng(0))
+    pairs = expert_pairs([scenario], ObservationConfig(), config, TaskConfig(), np.random.default_rng(0))
     offset = pairs.displaced[:, -14]
     far = np.abs(offset) > 0.03
     assert far.sum() > 10 and (pairs.correction[far, 2] * offset[far] < 0).all()

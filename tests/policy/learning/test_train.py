@@ -88,7 +88,7 @@ def test_drivers_are_imitated(file: Path) -> None:
     config = read_yaml(file, TrainConfig)
     data = prepare(config.data, file.parent / "data")
     random = np.random.default_rng(0)
-    experts = expert_pairs(data.train, config.observation, config.expert, random)
+    experts = expert_pairs(data.train, config.observation, config.expert, config.task, random)
     torch.manual_seed(0)
     policy = GaussianPolicy(config.observation)
 
@@ -99,7 +99,7 @@ def test_drivers_are_imitated(file: Path) -> None:
 
     before = error()
     longer = config.model_copy(update={"warm_start": WarmStart(epochs=40)})
-    train._warm_start(policy, train.demonstrations(experts), longer)
+    train._warm_start(policy, train.demonstrations(experts, 0.5)[1], longer)
     assert error() < 0.5 * before
 
 

@@ -11,6 +11,7 @@ from litsim_policy.learning.episodes import EnvironmentConfig
 from litsim_policy.learning.expert import ExpertConfig
 from litsim_policy.learning.ppo import PpoConfig
 from litsim_policy.learning.reward import PenaltyConfig
+from litsim_policy.learning.task import TaskConfig
 
 
 class WarmStart(BaseModel):
@@ -47,6 +48,7 @@ class TrainConfig(BaseModel):
     observation: ObservationConfig = ObservationConfig()
     environment: EnvironmentConfig = EnvironmentConfig()
     penalty: PenaltyConfig = PenaltyConfig()
+    task: TaskConfig = TaskConfig()
     expert: ExpertConfig = ExpertConfig()
     warm_start: WarmStart = WarmStart()  # type: ignore[call-arg]
     critic: CriticConfig = CriticConfig()

@@ -85,10 +85,16 @@ class DataConfig(BaseModel):
 
 @dataclass(frozen=True)
 class TrainingData:
-    """Scenarios to train and to validate on, at least one each; none is in both."""
+    """Scenarios to train and to validate on, at least one each; none is in both.
+
+    Attributes:
+        train, validation: the scenarios; one may be in `train` several times.
+        real: names of those that people drove in.
+    """
 
     train: tuple[Scenario, ...]
     validation: tuple[Scenario, ...]
+    real: frozenset[str] = frozenset()
 
 
 def prepare(config: DataConfig, folder: Path) -> TrainingData:
@@ -107,7 +113,8 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
             write_segment_set(generated.net, generated.segments, generated.seed, where)
         for segment in Manifest.read(where / "manifest.yaml").segments:
             (train if segment.part == "train" else validation).append(Scenario.load(where / f"{segment.name}.yaml"))
-    train += [_real(window, folder) for window in config.real] * config.real_weight
+    windows = [_real(window, folder) for window in config.real]
+    train += windows * config.real_weight
     train += [Scenario.load(name) for name in config.scenarios]
     validation += [Scenario.load(name) for name in config.validation]
     if not train:
@@ -116,7 +123,7 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
         raise InputError(
             "data: nothing to validate on: expected validation, or generated segments enough to leave some"
         )
-    return TrainingData(tuple(train), tuple(validation))
+    return TrainingData(tuple(train), tuple(validation), frozenset(window.name for window in windows))
 
 
 def _real(window: RealWindow, folder: Path) -> Scenario:

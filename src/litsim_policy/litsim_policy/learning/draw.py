@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from litsim_policy.driving.task import DrivingTask
 from litsim_policy.ego.perturbed import PerturbedConfig
 from litsim_policy.ego.registry import Ego, make_ego
+from litsim_policy.learning.task import TaskConfig, recorded_task
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.reference_path import logged_path
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.scenario.scenario import Scenario
 
 STAYS = 10  # steps for which a drafted agent is still in the log
-GOAL_STEPS = 50  # steps until its goal is due, fewer where its log ends before
+
+
+class Start(NamedTuple):
+    """What an episode begins with: scenario, ego, and what draws from then on."""
+
+    scenario: Scenario
+    ego: Ego
+    random: np.random.Generator
 
 
 def with_ego(scenario: Scenario, random: np.random.Generator) -> Scenario:
@@ -43,11 +53,16 @@ def drawn_ego(scenario: Scenario, random: np.random.Generator) -> Ego:
 
 
 def drafted_tasks(
-    table: AgentTable, scenario: Scenario, count: int, radius: float, random: np.random.Generator
+    table: AgentTable,
+    scenario: Scenario,
+    count: int,
+    radius: float,
+    config: TaskConfig,
+    random: np.random.Generator,
 ) -> list[DrivingTask]:
     """Tasks of at most `count` agents that are drawn within `radius` [m] of the ego, agents ascending.
 
-    Each follows its whole logged path to where its log has it in 5 s, or at its end. Drawn are agents whose log lasts
+    Each follows its whole logged path, with a task as recorded drivers are given them. Drawn are agents whose log lasts
     for another second at least.
     """
     log, step = scenario.log, table.step
@@ -57,8 +72,6 @@ def drafted_tasks(
     near &= (log.last_step[rows] > step + STAYS) & (table.id != scenario.ego_id)
     tasks = []
     for agent in sorted(random.permutation(table.id[near])[:count].tolist()):
-        row = log.row(agent)
-        due = min(step + GOAL_STEPS, int(log.last_step[row]))
-        goal = np.array([log.x[row, due], log.y[row, due]])
-        tasks.append(DrivingTask(agent, logged_path(log, scenario.lane_map, agent), goal, due))
+        path = logged_path(log, scenario.lane_map, agent)
+        tasks.append(recorded_task(log, path, table, table.row(agent), config, random))
     return tasks

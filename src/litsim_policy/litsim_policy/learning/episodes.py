@@ -20,10 +20,10 @@ from litsim_policy.driving.policy_c import commanded, merged
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety import LIMITS_ONLY, SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingScene, due_step, opponent_of
-from litsim_policy.ego.registry import Ego
-from litsim_policy.learning.draw import drafted_tasks, drawn_ego, with_ego
+from litsim_policy.learning.drafts import Drafts
+from litsim_policy.learning.draw import Start, drawn_ego, with_ego
 from litsim_policy.learning.reward import Penalties, PenaltyConfig, penalties
-from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.learning.task import TaskConfig
 from litsim_predictor.models import ModelName, make_predictor
 from litsim_sim.core.quantities import Length, NonNegative, Positive, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, EgoCommand, FloatArray, IntArray
@@ -65,6 +65,7 @@ class Course:
         observation: of the agents that are driven.
         penalty: weights.
         safety: what is done of their actions.
+        task: what is drawn for agents that are drafted.
     """
 
     scenarios: Sequence[Scenario]
@@ -72,19 +73,12 @@ class Course:
     observation: ObservationConfig = ObservationConfig()
     penalty: PenaltyConfig = PenaltyConfig()
     safety: SafetyConfig = LIMITS_ONLY
+    task: TaskConfig = TaskConfig()
 
     def start(self, random: np.random.Generator) -> Start:
         """What an episode begins with: scenario and ego drawn by `random`, which goes on to draw who is drafted."""
         scenario = with_ego(self.scenarios[int(random.integers(len(self.scenarios)))], random)
         return Start(scenario, drawn_ego(scenario, random), random)
-
-
-class Start(NamedTuple):
-    """What an episode begins with: scenario, ego, and what draws from then on."""
-
-    scenario: Scenario
-    ego: Ego
-    random: np.random.Generator
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +160,8 @@ class Episodes:
             commands = [EgoCommand(table.step)] * len(starts)
             table = self._world.step_together(ControlTable.empty(table.step), commands)
         self._see(table)
-        self._draft(starts)
+        drafted, radius = self._config.drafted, self._config.draft_radius
+        self._drafts = Drafts(self.joined, starts, table, drafted, radius, course.task)
         self._choose()
         self.seen = self._observer.features(self._scene)
         self._leave_out(self.step_number >= self._end)
@@ -203,16 +198,6 @@ class Episodes:
             for ego, own, runs in zip(self._egos, tables, self.running.tolist(), strict=True)
         ]
 
-    def _draft(self, starts: Sequence[Start]) -> None:
-        """Draw who is driven from the beginning, conflict or not."""
-        config, drafted = self._config, []
-        for k, (start, table) in enumerate(zip(starts, self.joined.tables(self._table), strict=True)):
-            for task in drafted_tasks(table, start.scenario, config.drafted, config.draft_radius, start.random):
-                agent, (goal_x, goal_y) = self.joined.agent(k, task.agent), task.goal.tolist()
-                drafted.append(_Task(agent, task.path.points, (goal_x, goal_y), task.due_step, task.opponent))
-        self._drafted = drafted
-        self._drafted_paths = PathBatch([task.points for task in drafted])
-
     def _see(self, table: AgentTable) -> None:
         """Make `table` the current step: forecast it and see who is off the log."""
         self._table = table
@@ -226,9 +211,9 @@ class Episodes:
             if t.state == TakeoverState.HELD
         }
         if self.step_number < self.joined.history_steps + self._config.draft_steps:
-            for task in self._drafts():
-                held = tasks.get(task.agent, task)
-                tasks[task.agent] = task._replace(opponent=held.opponent)
+            for draft in self._drafts.of(self._table):
+                opponent = tasks[draft.agent].opponent if draft.agent in tasks else draft.opponent
+                tasks[draft.agent] = _Task(draft.agent, draft.points, draft.goal, draft.due_step, opponent)
         counts = np.zeros(len(self.running), np.int64)
         self._tasks = []
         for agent in sorted(tasks):
@@ -236,18 +221,6 @@ class Episodes:
             if counts[agent >> BITS] <= self._config.slots:
                 self._tasks.append(tasks[agent])
         self._scene = self._with_tasks(self._tasks)
-
-    def _drafts(self) -> list[_Task]:
-        """Tasks of the drafted agents that are on the road, with the parts of their paths around where they are."""
-        rows = self._table.rows(np.array([task.agent for task in self._drafted], np.int64))
-        here = np.flatnonzero(rows >= 0)
-        if not len(here):
-            return []
-        at, paths = rows[here], self._drafted_paths.take(here)
-        s = paths.project(np.arange(len(here)), self._table.x[at], self._table.y[at]).s
-        begin, end = (ends.tolist() for ends in paths.window(s))
-        found = [self._drafted[k] for k in here.tolist()]
-        return [task._replace(points=task.points[i:j]) for task, i, j in zip(found, begin, end, strict=True)]
 
     def _others_controls(self) -> ControlTable:
         """The rules' answer to the current step, for the agents that are off their log and not driven."""

@@ -5,20 +5,20 @@ Of NGSIM these are people, of generated segments SUMO's driver models.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import model_validator
 
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.observation import ObservationConfig, Observer
 from litsim_policy.driving.task import DrivingTask
+from litsim_policy.learning.task import TaskConfig, recorded_task
 from litsim_policy.motion.car_following import Poses
 from litsim_policy.motion.reference_path import logged_path, pursuit_yaw_rate, window
 from litsim_sim.core.geometry import to_body
-from litsim_sim.core.quantities import Angle, Duration, Length, NonNegative, Positive, Speed, Steps, configuration
-from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+from litsim_sim.core.quantities import Angle, Length, NonNegative, Positive, Share, Speed, Steps, configuration
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
 
@@ -32,9 +32,9 @@ class ExpertConfig:
         ahead, beside: distances within which another vehicle makes it an interaction: ahead, in any direction.
         speed_min: of whom pairs are taken; who stands shows nothing of steering.
         smooth: steps over which motion is averaged: recorded accelerations jitter from frame to frame.
-        goal_steps: lowest and highest number of steps to the place that is taken for the goal.
-        goal_jitter: standard deviation of the time by which the goal is said to be due; without it the goal would
-            tell the speed that was driven.
+        horizon: steps that a vehicle stays for at least.
+        real_share: of the pairs that the critic and the policy are shown, those of people, where there are any; the
+            others are of SUMO's drivers, who give far more pairs.
         offset, turn: standard deviations by which vehicles are displaced for pairs that show how to come
             back to the path; only the warm start learns from those.
     """
@@ -44,16 +44,10 @@ class ExpertConfig:
     beside: NonNegative[Length] = 12.0
     speed_min: NonNegative[Speed] = 0.5
     smooth: Positive[Steps] = 3
-    goal_steps: tuple[Positive[Steps], Positive[Steps]] = (5, 50)
-    goal_jitter: NonNegative[Duration] = 1.0
+    horizon: Positive[Steps] = 5
+    real_share: Share = 0.5
     offset: NonNegative[Length] = 0.4
     turn: NonNegative[Angle] = 0.03
-
-    @model_validator(mode="after")
-    def _check(self) -> ExpertConfig:
-        if self.goal_steps[0] > self.goal_steps[1]:
-            raise ValueError(f"goal_steps is {self.goal_steps!r}, expected the lowest before the highest")
-        return self
 
 
 @dataclass(frozen=True)
@@ -65,36 +59,57 @@ class ExpertPairs:
         action: (n, 3) in [-1, 1].
         displaced: (n, size) observations of the same moments with the vehicle displaced.
         correction: (n, 3) actions that lead from there back to the path.
+        real: (n,) whether it was a person who drove.
     """
 
     observation: FloatArray
     action: FloatArray
     displaced: FloatArray
     correction: FloatArray
+    real: BoolArray
+
+    def weights(self, real_share: float) -> FloatArray:
+        """(n,) weights of sum 1: pairs of people count `real_share` together, where there are both kinds."""
+        people = int(self.real.sum())
+        if people in {0, len(self.real)}:
+            return np.full(len(self.real), 1.0 / max(len(self.real), 1))
+        return np.where(self.real, real_share / people, (1.0 - real_share) / (len(self.real) - people))
 
 
 def expert_pairs(
-    scenarios: Sequence[Scenario], observation: ObservationConfig, config: ExpertConfig, random: np.random.Generator
+    scenarios: Sequence[Scenario],
+    observation: ObservationConfig,
+    config: ExpertConfig,
+    task: TaskConfig,
+    random: np.random.Generator,
+    real: Collection[str] = (),
 ) -> ExpertPairs:
     """Pairs of all vehicles of `scenarios`, the egos included: nobody deviates in a recording.
 
-    Actions are inverse dynamics: what the bicycle would have been told to move as recorded over the next steps.
+    Actions are inverse dynamics: what the bicycle would have been told to move as recorded over the next steps. In the
+    scenarios named in `real` people drove.
     """
-    found = [_of_scenario(scenario, observation, config, random) for scenario in scenarios]
+    found = [_of_scenario(each, observation, config, task, random, real=each.name in real) for each in scenarios]
     joined = [np.concatenate([getattr(f, name) for f in found]) for name in vars(found[0])]
     return ExpertPairs(*joined)
 
 
 def _of_scenario(
-    scenario: Scenario, observation: ObservationConfig, config: ExpertConfig, random: np.random.Generator
+    scenario: Scenario,
+    observation: ObservationConfig,
+    config: ExpertConfig,
+    task: TaskConfig,
+    random: np.random.Generator,
+    *,
+    real: bool,
 ) -> ExpertPairs:
     log, observer = scenario.log, Observer(scenario.lane_map, observation)
     paths = {}
     seen, done, moved, back = [], [], [], []
-    for step in range(0, log.steps - config.goal_steps[0], config.every):
+    for step in range(0, log.steps - config.horizon, config.every):
         table = log.table(step)
         rows = np.searchsorted(log.ids, table.id)
-        stays = log.last_step[rows] - step >= max(config.goal_steps[0], config.smooth)
+        stays = log.last_step[rows] - step >= max(config.horizon, config.smooth)
         chosen = np.flatnonzero(stays & _interacts(table, config))
         if not len(chosen):
             continue
@@ -104,11 +119,7 @@ def _of_scenario(
             if agent not in paths:
                 paths[agent] = logged_path(log, scenario.lane_map, agent)
             path = window(paths[agent], float(table.x[row]), float(table.y[row]))
-            at = int(random.integers(config.goal_steps[0], config.goal_steps[1] + 1))
-            due = min(step + at, int(log.last_step[rows[row]]))
-            goal = np.array([log.x[rows[row], due], log.y[rows[row], due]])
-            jitter = round(float(random.normal(0.0, config.goal_jitter)) / STEP_S)
-            tasks.append(DrivingTask(agent, path, goal, due + jitter, _opponent(table, row)))
+            tasks.append(recorded_task(log, path, table, row, task, random))
         acceleration, yaw_rate = _inverse_dynamics(log, rows[chosen], step, config.smooth)
         speed = table.speed[chosen]
         seen.append(observer.observe(table, tasks))
@@ -118,8 +129,10 @@ def _of_scenario(
         back.append(normalised(consistent(acceleration, steering, speed)))
     size = observation.size
     if not seen:
-        return ExpertPairs(np.empty((0, size)), np.empty((0, 3)), np.empty((0, size)), np.empty((0, 3)))
-    return ExpertPairs(*(np.concatenate(parts) for parts in (seen, done, moved, back)))
+        nothing, none = np.empty((0, size)), np.empty((0, 3))
+        return ExpertPairs(nothing, none, nothing, none, np.empty(0, np.bool_))
+    parts = [np.concatenate(part) for part in (seen, done, moved, back)]
+    return ExpertPairs(*parts, np.full(len(parts[0]), real))
 
 
 def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
@@ -129,13 +142,6 @@ def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
     leads = (ahead > 0) & (ahead < config.ahead) & (np.abs(left) < 0.5 * (table.width[None] + table.width[:, None]))
     beside = (np.hypot(dx, dy) < config.beside) & ~np.eye(len(table), dtype=np.bool_)
     return np.asarray((leads | beside).any(axis=1) & (table.speed >= config.speed_min))
-
-
-def _opponent(table: AgentTable, row: int) -> int:
-    """Id of the agent whose box centre is nearest to that of the agent in `row`."""
-    distance = np.hypot(table.x - table.x[row], table.y - table.y[row])
-    distance[row] = np.inf
-    return int(table.id[np.argmin(distance)])
 
 
 def _inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tuple[FloatArray, FloatArray]:

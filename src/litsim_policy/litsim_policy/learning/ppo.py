@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -97,10 +98,27 @@ class Demonstrations:
     Attributes:
         observation: (n, size).
         action: (n, 3) in [-1, 1].
+        weight: (n,) of the pairs when they are drawn, of any sum; None where all count alike.
     """
 
     observation: Tensor
     action: Tensor
+    weight: Tensor | None = None
+
+    def draw(self, count: int, generator: torch.Generator) -> Tensor:
+        """(count,) positions of pairs, drawn by their weights and with replacement."""
+        if self.weight is None:
+            return torch.randint(len(self.action), (count,), generator=generator)
+        until = self._until
+        return torch.searchsorted(
+            until, until[-1] * torch.rand(count, generator=generator, dtype=torch.float64), right=True
+        )
+
+    @cached_property
+    def _until(self) -> Tensor:
+        """(n,) sums of the weights up to each pair."""
+        assert self.weight is not None
+        return torch.cumsum(self.weight.double(), 0)
 
     def error(self, policy: GaussianPolicy, chosen: Tensor) -> Tensor:
         """Mean squared error on the pairs `chosen` (m,), each action in units of its spread; a scalar."""
@@ -214,7 +232,7 @@ def update_policy(
             if not value_only:
                 loss = loss + policy_loss - config.entropy_weight * policy.entropy()
             if demonstrations is not None and not value_only:
-                shown = torch.randint(len(demonstrations.action), (config.batch,), generator=generator)
+                shown = demonstrations.draw(config.batch, generator)
                 loss = loss + config.imitation_weight * demonstrations.error(policy, shown)
             optimiser.zero_grad()
             loss.backward()

@@ -94,4 +94,5 @@ def _drive(part: Part, weights: Weights, seeds: list[int], draws: bool) -> list[
 
 
 def _course(data: TrainingData, config: TrainConfig, part: Part) -> Course:
-    return Course(getattr(data, part), config.environment, config.observation, config.penalty)
+    scenarios = getattr(data, part)
+    return Course(scenarios, config.environment, config.observation, config.penalty, task=config.task)

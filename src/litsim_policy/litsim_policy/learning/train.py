@@ -3,8 +3,8 @@
 1. Scenarios: generated segments and real windows, none of which results are reported on.
 2. Experts: observations and actions of the recorded drivers in them.
 3. Warm start: the policy learns to do as they did, and to come back to its path when it is displaced.
-4. Iterations: drive episodes; teach the critic to tell drivers from policy; reward the policy for passing as a driver,
-   punish it for collisions and the like; PPO.
+4. Iterations: drive episodes; teach the critic to tell drivers from policy at recorded moments; reward the policy for
+   passing as a driver, punish it for collisions and the like; PPO.
 
 Every iteration draws from generators seeded by the run's seed and its number, so a run that is resumed goes on as if it
 had not been interrupted. `--out` gets checkpoint.pt, history.json, curves.png, last.safetensors and best.safetensors.
@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 from tqdm import tqdm
 
 from litsim_policy.learning.checkpoint import BEST, CHECKPOINT, CURVES, Training
@@ -31,6 +30,7 @@ from litsim_policy.learning.network import GaussianPolicy, driving_network, save
 from litsim_policy.learning.ppo import Demonstrations, executed_pairs, make_batch, tensor, update_policy
 from litsim_policy.learning.rollout import Driving, collect, validate
 from litsim_policy.learning.rollout_pool import rollouts
+from litsim_policy.learning.sides import critic_sides
 from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.io.yaml_input import read_yaml
 
@@ -58,15 +58,14 @@ def _train(
     config = training.config
     random = np.random.default_rng([config.seed, 1])
     each_once = list({scenario.name: scenario for scenario in data.train}.values())
-    experts = expert_pairs(each_once, config.observation, config.expert, random)
-    expert = tensor(np.concatenate([experts.observation, experts.action], axis=1))
-    shown = demonstrations(experts)
+    experts = expert_pairs(each_once, config.observation, config.expert, config.task, random, data.real)
+    recorded, shown = demonstrations(experts, config.expert.real_share)
     if not training.history:
         _warm_start(training.policy, shown, config)
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
             begin = time.perf_counter()
-            found = _iterate(training, driving, expert, shown, iteration)
+            found = _iterate(training, driving, recorded, shown, iteration)
             last = iteration == config.iterations - 1
             if iteration % config.validate_every == 0 or last:
                 found |= validate(training.policy, validation, config)
@@ -84,11 +83,13 @@ def _train(
 def _iterate(
     training: Training,
     driving: Driving,
-    expert: Tensor,
+    recorded: Demonstrations,
     shown: Demonstrations,
     iteration: int,
 ) -> dict[str, float]:
     """Make one iteration: drive, teach the critic, reward, update the policy.
+
+    The critic is taught by what drivers did (`recorded`), the policy kept near what it is `shown`.
 
     Returns:
         its entry of the history: rates of :func:`litsim_policy.learning.rollout.collect`, means of critic and update.
@@ -97,7 +98,8 @@ def _iterate(
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
     tracks, counts = collect(driving, training.policy, config, iteration)
     pairs = executed_pairs(tracks)
-    critic = update_critic(training.critic, training.critic_optimiser, expert, pairs, config.critic, generator)
+    expert, drawn = critic_sides(training.policy, recorded, len(pairs), generator)
+    critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
     passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
     scaled = config.critic_reward * (passing - passing.mean()) / (passing.std() + 1e-6)
     ends = np.cumsum([len(track) for track in tracks])
@@ -124,11 +126,16 @@ def _iterate(
     }
 
 
-def demonstrations(experts: ExpertPairs) -> Demonstrations:
-    """What the policy is shown (2 n pairs): what drivers did, and how displaced vehicles come back to their paths."""
-    return Demonstrations(
-        tensor(np.concatenate([experts.observation, experts.displaced])),
-        tensor(np.concatenate([experts.action, experts.correction])),
+def demonstrations(experts: ExpertPairs, real_share: float) -> tuple[Demonstrations, Demonstrations]:
+    """What drivers did (n pairs), and that together with how displaced vehicles come back to their paths (2 n).
+
+    People count `real_share` in both.
+    """
+    weight = torch.as_tensor(experts.weights(real_share))
+    recorded = Demonstrations(tensor(experts.observation), tensor(experts.action), weight)
+    both = tensor(np.concatenate([experts.observation, experts.displaced]))
+    return recorded, Demonstrations(
+        both, tensor(np.concatenate([experts.action, experts.correction])), torch.cat([weight, weight])
     )
 
 
@@ -137,7 +144,7 @@ def _warm_start(policy: GaussianPolicy, shown: Demonstrations, config: TrainConf
     generator = torch.Generator().manual_seed(config.seed)
     optimiser = torch.optim.Adam(policy.parameters(), config.warm_start.learning_rate)
     for _ in range(config.warm_start.epochs):
-        for chosen in torch.randperm(len(shown.action), generator=generator).split(config.warm_start.batch):
+        for chosen in shown.draw(len(shown.action), generator).split(config.warm_start.batch):
             loss = shown.error(policy, chosen)
             optimiser.zero_grad()
             loss.backward()

@@ -1,0 +1,113 @@
+"""The agents that training puts under the policy without a conflict, and the tasks that they are given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from litsim_policy.driving.task import NOBODY
+from litsim_policy.learning.draw import Start, drafted_tasks
+from litsim_policy.learning.task import TaskConfig, nearest, recorded_task
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.scene import AgentTable, FloatArray
+from litsim_sim.scenario.joined import JoinedScenario
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What a drafted agent is to do; ids are those of the joined scenario.
+
+    Attributes:
+        agent: id.
+        points: (k, 2) of its path around where it is [m].
+        goal: x and y [m].
+        due_step: see :class:`litsim_policy.driving.task.DrivingTask`.
+        opponent: whoever is nearest now, or NOBODY.
+    """
+
+    agent: int
+    points: FloatArray
+    goal: tuple[float, float]
+    due_step: int
+    opponent: int
+
+
+@dataclass
+class _Drafted:
+    """A drafted agent: its scene, id there and whole path, and its task of now; `passed` is when it gets another."""
+
+    scene: int
+    own: int
+    path: ReferencePath
+    goal: tuple[float, float]
+    due_step: int
+    has_opponent: bool
+    passed: int
+
+
+class Drafts:
+    """Who is drafted in E episodes, drawn when they begin.
+
+    Tasks are drawn as those of recorded drivers are (:func:`.task.recorded_task`): a goal that has been due for as
+    long as a goal that is drawn may be is followed by another, and the opponent is whoever is nearest at the time.
+    """
+
+    def __init__(
+        self,
+        joined: JoinedScenario,
+        starts: Sequence[Start],
+        table: AgentTable,
+        count: int,
+        radius: float,
+        config: TaskConfig,
+    ) -> None:
+        self._joined, self._starts, self._config = joined, starts, config
+        # who has passed his goal gets one as far away as they come, so that all distances to goals stay as likely
+        self._renewed = replace(config, goal_steps=(config.goal_steps[1], config.goal_steps[1]))
+        drafted: list[tuple[int, _Drafted]] = []
+        for k, (start, own) in enumerate(zip(starts, joined.tables(table), strict=True)):
+            for task in drafted_tasks(own, start.scenario, count, radius, config, start.random):
+                goal_x, goal_y = task.goal.tolist()
+                has_opponent = task.opponent != NOBODY
+                passed = self._passed(table.step, task.due_step)
+                one = _Drafted(k, task.agent, task.path, (goal_x, goal_y), task.due_step, has_opponent, passed)
+                drafted.append((joined.agent(k, task.agent), one))
+        self._agents = [agent for agent, _ in drafted]
+        self._drafted = [one for _, one in drafted]
+        self._paths = PathBatch([one.path.points for one in self._drafted])
+
+    def of(self, table: AgentTable) -> list[Draft]:
+        """What the drafted agents that are on the road in `table` are to do now."""
+        rows = table.rows(np.array(self._agents, np.int64))
+        here = np.flatnonzero(rows >= 0)
+        if not len(here):
+            return []
+        at, paths = rows[here], self._paths.take(here)
+        s = paths.project(np.arange(len(here)), table.x[at], table.y[at]).s
+        begin, end = (ends.tolist() for ends in paths.window(s))
+        own: dict[int, AgentTable] = {}
+        found = []
+        for k, row, i, j in zip(here.tolist(), at.tolist(), begin, end, strict=True):
+            one = self._drafted[k]
+            if table.step > one.passed:
+                if not own:
+                    own = dict(enumerate(self._joined.tables(table)))
+                self._renew(one, own[one.scene])
+            opponent = nearest(table, row) if one.has_opponent else NOBODY
+            found.append(Draft(self._agents[k], one.path.points[i:j], one.goal, one.due_step, opponent))
+        return found
+
+    def _renew(self, one: _Drafted, table: AgentTable) -> None:
+        """Give `one` another task, in `table` of its scene."""
+        start = self._starts[one.scene]
+        task = recorded_task(start.scenario.log, one.path, table, table.row(one.own), self._renewed, start.random)
+        goal_x, goal_y = task.goal.tolist()
+        one.goal, one.due_step, one.has_opponent = (goal_x, goal_y), task.due_step, task.opponent != NOBODY
+        one.passed = self._passed(table.step, task.due_step)
+
+    def _passed(self, step: int, due_step: int) -> int:
+        """Last step at which a task that is drawn at `step` is kept."""
+        return max(step, due_step - min(self._config.goal_steps[0], 0))
