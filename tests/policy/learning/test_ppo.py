@@ -15,10 +15,10 @@ from litsim_policy.learning.ppo import (
     PpoConfig,
     Track,
     advantages,
-    executed_pairs,
     make_batch,
     update_policy,
 )
+from litsim_policy.learning.sides import driven_pairs
 
 CONFIG = PpoConfig(discount=0.9, smoothing=0.8)
 SEEN = ObservationConfig(slots=2)
@@ -118,7 +118,7 @@ def test_a_batch_is_normalised() -> None:
     policy, value = GaussianPolicy(SEEN), multilayer(SEEN.size, 1)
     driven = tracks(policy)
     batch = make_batch(driven, [7.0 + track.executed[:, 0] for track in driven], value, CONFIG)
-    assert isinstance(batch, Batch) and len(batch.raw) == 8 * 32 == len(executed_pairs(driven))
+    assert isinstance(batch, Batch) and len(batch.raw) == 8 * 32 == len(driven_pairs(driven))
     assert float(batch.advantage.mean()) == pytest.approx(0.0, abs=1e-5)
     assert float(batch.advantage.std()) == pytest.approx(1.0, abs=0.01)
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 import torch
 
 from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.learning.network import GaussianPolicy, multilayer
-from litsim_policy.learning.ppo import Batch, PpoConfig, Track, executed_pairs, update_policy
+from litsim_policy.learning.ppo import Batch, PpoConfig, update_policy
 
 SEEN = ObservationConfig(slots=2)
 
@@ -46,9 +45,3 @@ def test_what_has_gone_far_enough_the_right_way_goes_no_farther(ratio: float, ad
 def test_entropy_is_rewarded() -> None:
     assert moved(1.5, 1.0, entropy_weight=0.1)[1] > 1e-4
     assert moved(1.5, 1.0)[1] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_the_critic_sees_what_the_vehicle_did_not_what_it_was_told() -> None:
-    observation, told, did = np.ones((3, SEEN.size)), np.full((2, 3), 9.0), np.full((2, 3), 0.25)
-    pairs = executed_pairs([Track(observation, told, np.zeros(2), did, np.zeros(2), terminated=False)])
-    assert pairs.shape == (2, SEEN.size + 3) and (pairs[:, -3:] == 0.25).all()

@@ -55,7 +55,7 @@ class Track:
         observation: (T + 1, size), the last one after the last step.
         raw: (T, 3) actions before tanh.
         log_probability: (T,) logarithm of the density with which the policy drew them, after tanh.
-        executed: (T, 3) what the vehicle did, as actions in [-1, 1].
+        executed: (T, 3) what the vehicle did of it, as actions in [-1, 1].
         penalty: (T,) of the augmented reward, at most 0.
         terminated: whether it ended in a collision or off the road; otherwise the agent went on in other hands, or the
             time was up.
@@ -246,15 +246,6 @@ def update_policy(
         if np.mean(divergences) > config.divergence_limit:
             break
     return PpoStep(*np.mean(seen, axis=0).tolist())
-
-
-def executed_pairs(tracks: list[Track]) -> Tensor:
-    """Observations and executed actions side by side (m, size + 3), as the critic sees them.
-
-    Steps on which an agent touched another or left the road are among them; the state after the last step is in none.
-    """
-    rows = [np.concatenate([track.observation[:-1], track.executed], axis=1) for track in tracks]
-    return tensor(np.concatenate(rows))
 
 
 def tensor(values: np.ndarray | BoolArray) -> Tensor:

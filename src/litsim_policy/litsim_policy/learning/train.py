@@ -27,10 +27,10 @@ from litsim_policy.learning.critic import update_critic
 from litsim_policy.learning.data import TrainingData, prepare
 from litsim_policy.learning.expert import ExpertPairs, expert_pairs
 from litsim_policy.learning.network import GaussianPolicy, driving_network, save
-from litsim_policy.learning.ppo import Demonstrations, executed_pairs, make_batch, tensor, update_policy
+from litsim_policy.learning.ppo import Demonstrations, make_batch, tensor, update_policy
 from litsim_policy.learning.rollout import Driving, collect, validate
 from litsim_policy.learning.rollout_pool import rollouts
-from litsim_policy.learning.sides import critic_sides
+from litsim_policy.learning.sides import critic_sides, driven_pairs
 from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.io.yaml_input import read_yaml
 
@@ -97,7 +97,7 @@ def _iterate(
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
     tracks, counts = collect(driving, training.policy, config, iteration)
-    pairs = executed_pairs(tracks)
+    pairs = driven_pairs(tracks)
     expert, drawn = critic_sides(training.policy, recorded, len(pairs), generator)
     critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
     passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
