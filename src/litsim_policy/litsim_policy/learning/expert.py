@@ -131,8 +131,8 @@ def _of_scenario(
     if not seen:
         nothing, none = np.empty((0, size)), np.empty((0, 3))
         return ExpertPairs(nothing, none, nothing, none, np.empty(0, np.bool_))
-    parts = [np.concatenate(part) for part in (seen, done, moved, back)]
-    return ExpertPairs(*parts, np.full(len(parts[0]), real))
+    looked, action, displaced, correction = (np.concatenate(part) for part in (seen, done, moved, back))
+    return ExpertPairs(looked, action, displaced, correction, np.full(len(looked), real))
 
 
 def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
