@@ -30,8 +30,9 @@ setup-all: ## setup, and torch for training, and all that tests, lint and maps n
 build: setup ## setup, then the ROS 2 workspace, into build/ and install/
 	@tools/build.sh
 
-demo: build ## the embedded scenario, closed loop; leaves bags/demo
-	./litsim litsim_sim launch --scenario demo --ego idm --policy litsim --out bags/demo --overwrite
+demo: build ## the embedded scenario, closed loop: the ego brakes, drives on; leaves bags/demo
+	./litsim litsim_sim launch --scenario demo --ego perturbed --set ego.kind=brake ego.deceleration=2.5 "ego.time=[2.0, 2.0]" \
+	  --policy litsim --out bags/demo --overwrite
 
 test: setup-all build ## every test, in JOBS processes; prints the slowest
 	./litsim exec python -m pytest -n $(JOBS) --dist worksteal --durations=20 $(ARGS)
