@@ -17,7 +17,7 @@ from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
 from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
-from litsim_sim.core.quantities import configuration
+from litsim_sim.core.quantities import Length, NonNegative, configuration
 from litsim_sim.scenario.run_info import BASELINES
 from litsim_sim.scenario.setting import Setting
 
@@ -49,11 +49,13 @@ class PredictorConfig:
 
     Attributes:
         model: see :func:`make_predictor`.
+        roi_m: radius around agents off their log within which agents are looked at; 0 is the scenario's.
         forecast_all: whether all agents of interest are forecast, and not only those whose forecast is read.
         kinematic: of the model of that name.
     """
 
     model: ModelName = DEFAULT_MODEL
+    roi_m: NonNegative[Length] = 0.0
     forecast_all: bool = False
     kinematic: KinematicConfig = KinematicConfig()
 
@@ -66,13 +68,17 @@ def predictor_stage(read: ParameterReader) -> Callable[[str, Setting], Predictor
     def build(policy: str, scenario: Setting) -> Predictor:
         if policy in BASELINES and not config.forecast_all:
             return NoPredictor()
-        return make_predictor(config.model, scenario, config.kinematic, wanted)
+        return make_predictor(config.model, scenario, config.kinematic, wanted, config.roi_m)
 
     return build
 
 
 def make_predictor(
-    model: str, scenario: Setting, kinematic: KinematicConfig | None = None, wanted: Wanted = Wanted.READ
+    model: str,
+    scenario: Setting,
+    kinematic: KinematicConfig | None = None,
+    wanted: Wanted = Wanted.READ,
+    roi_m: float = 0.0,
 ) -> Predictor:
     """The predictor called `model`, for a run of `scenario`.
 
@@ -81,12 +87,14 @@ def make_predictor(
         scenario: of the run.
         kinematic: parameters of that model.
         wanted: whom it forecasts.
+        roi_m: in place of the scenario's, where it is not 0 [m].
 
     Raises:
         InputError: there is none of that name, or its weights cannot be used.
     """
+    roi_m = roi_m or scenario.roi_m
     if model == "kinematic":
-        return KinematicPredictor(scenario.ego_ids, scenario.roi_m, kinematic, wanted)
+        return KinematicPredictor(scenario.ego_ids, roi_m, kinematic, wanted)
     try:
         known_model(model)
     except ValueError as error:
@@ -95,7 +103,7 @@ def make_predictor(
     from litsim_predictor.inference.raster import raster_of_net
 
     net = raster_of_net(scenario.net_path)
-    return LearnedPredictor(network(model), scenario.ego_ids, scenario.roi_m, *net, wanted)
+    return LearnedPredictor(network(model), scenario.ego_ids, roi_m, *net, wanted)
 
 
 def network(model: str) -> Network:

@@ -84,3 +84,8 @@ def test_the_policy_says_who_is_taken_over(scenario: Scenario) -> None:
     build = conflict_stage(ParameterOverrides("conflict", {}))
     assert isinstance(build("idm", scenario), RegionManager)
     assert isinstance(build("yield", scenario), TakeoverManager)
+
+
+def test_a_region_of_its_own_is_in_place_of_the_scenario_s(scenario: Scenario, placed: Any) -> None:
+    build = conflict_stage(ParameterOverrides("conflict", {"roi_m": 25.0}))
+    assert agents(see(build("idm", scenario), scenario, FIRST, placed)) == []

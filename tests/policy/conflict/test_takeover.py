@@ -59,7 +59,8 @@ def stage(make_scenario, track, placed):
     def make(*tracks: Any, history_steps: int = FIRST, **config: Any) -> Stage:
         everybody = tracks or (track(1, x=300.0), track(2, x=60.0))
         scenario = make_scenario(*everybody, history_steps=history_steps, coverage_min=0.0)
-        manager = TakeoverManager(scenario, ConflictConfig(), TakeoverConfig(**{"handback": "catch_up"} | config))
+        conflict = ConflictConfig(**{name: config.pop(name) for name in ("region", "roi_m") if name in config})
+        manager = TakeoverManager(scenario, conflict, TakeoverConfig(**{"handback": "catch_up"} | config))
         return Stage(
             scenario, placed, manager, KinematicPredictor(1, scenario.roi_m, wanted=Wanted.READ), history_steps
         )
@@ -187,6 +188,16 @@ def test_those_left_out_by_the_bound_come_at_the_next_step(stage, track) -> None
     s.see(changes)
     changes[1]["x"] += 0.5
     assert [t.agent for t in s.see(changes).takeovers] == [2, 3]
+
+
+def test_with_the_region_around_the_ego_alone_a_chain_ends_at_its_edge(stage, track) -> None:
+    s, changes = queue_of(stage, track, region="ego")
+    assert [t.agent for t in s.see(changes).takeovers] == [2, 3], "4 is 31 m from the ego, and 10.5 m from 3"
+
+
+def test_a_radius_of_its_own_is_in_place_of_the_scenario_s(stage, track) -> None:
+    s, changes = queue_of(stage, track, region="ego", roi_m=15.0)
+    assert [t.agent for t in s.see(changes).takeovers] == [2]
 
 
 def test_background_is_not_compared_with_background_on_its_log(stage, track) -> None:

@@ -169,3 +169,18 @@ def test_graph_or_not_is_part_of_the_run() -> None:
     some = suite(policies=["litsim"])
     ids = {cases_of(some, graph=graph, with_versions=VERSIONS)[0].id for graph in (False, True)}
     assert len(ids) == 2
+
+
+def test_a_setup_makes_a_row_with_its_parameters() -> None:
+    near = {"name": "near", "kind": "litsim", "parameters": {"conflict.roi_m": 15.0}}
+    made = cases(policies=["replay", "litsim", near], parameters={"conflict.horizon": [2.0]})
+    assert [case.row for case in made] == ["idm, replay", "idm, litsim", "idm, litsim, near"]
+    assert dict(made[2].parameters) == {"conflict.roi_m": 15.0, "conflict.horizon": 2.0}
+    assert made[2].policy == "litsim" and len({case.id for case in made}) == 3
+
+
+def test_an_entry_may_name_its_seed() -> None:
+    (case,) = cases(cases=[{"scenario": "demo", "ego_id": 7, "seed": 3}], policies=["litsim"])
+    assert case.seed == 3 and case.name == "demo/7/idm/litsim/3"
+    (other,) = cases(cases=[{"scenario": "demo", "ego_id": 7, "seed": 3}], policies=["litsim"], seeds=[4])
+    assert other.seed == 4

@@ -138,3 +138,29 @@ def test_what_the_documentation_shows_can_be_used(tmp_path: Path) -> None:
 def test_no_suite(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.yaml: no such suite"):
         Suite.load(tmp_path / "none.yaml")
+
+
+def test_policies_may_have_setups_of_their_own(tmp_path: Path) -> None:
+    own = "policies: [replay, paper, {name: near, kind: litsim, parameters: {conflict.roi_m: 15.0}}]"
+    suite = load(tmp_path, GOOD.replace("policies: [replay]", own))
+    assert [(setup.name, setup.kind) for setup in suite.setups] == [
+        ("replay", "replay"),
+        ("paper", "litsim"),
+        ("near", "litsim"),
+    ]
+    assert suite.setups[1].parameters["conflict.region"] == "ego"
+    assert suite.setups[2].parameters == {"conflict.roi_m": 15.0}
+
+
+@pytest.mark.parametrize(
+    ("policies", "message"),
+    [
+        ("[swerve]", "expected one of litsim"),
+        ("[{name: near, kind: swerve}]", "kind"),
+        ("[{name: near, kind: litsim, parameters: {roi: 1}}]", "expected STAGE.NAME"),
+        ("[paper, {name: paper, kind: litsim}]", "paper more than once"),
+    ],
+)
+def test_policies_that_there_are_not(tmp_path: Path, policies: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load(tmp_path, GOOD.replace("policies: [replay]", f"policies: {policies}"))

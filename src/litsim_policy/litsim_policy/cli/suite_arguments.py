@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from litsim_sim.campaign.criteria import Criteria
+from litsim_sim.campaign.policy_setup import packaged_setups
 from litsim_sim.campaign.suite import CaseEntry, EgoSetup, Suite, located, packaged_suites
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import SET_HELP, not_among, setting
@@ -27,7 +28,8 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--ego", nargs="+", help=f"what drives the ego: {', '.join(EGOS)}, or a name of the suite (default: idm)"
     )
-    p.add_argument("--policy", nargs="+", choices=POLICIES, help="what moves the background (default: replay litsim)")
+    policies = (*POLICIES, *packaged_setups())
+    p.add_argument("--policy", nargs="+", choices=policies, help="what moves the background (default: replay litsim)")
     p.add_argument("--predictor", nargs="+", metavar="MODEL", help="a row for each model that forecasts")
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed and ego, instead of the scenario's seed")
     p.add_argument(

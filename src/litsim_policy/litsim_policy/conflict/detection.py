@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -47,6 +48,9 @@ class ConflictConfig:
         braking_time: for which an ego that brakes hard is taken to go on doing so, where its forecast does not
             expect as much; 0 leaves forecasts as they are.
         braking_hard: from which on braking is hard.
+        roi_m: radius around an agent off its log within which others are looked at; 0 is the scenario's.
+        region: off_log: around everybody off the log; ego: of these, agents are taken over within `roi_m` of the ego
+            alone.
     """
 
     horizon: Horizon = 3.0
@@ -56,6 +60,8 @@ class ConflictConfig:
     sigma_scale: NonNegative[Number] = 1.0
     braking_time: NonNegative[Duration] = 1.0
     braking_hard: NonNegative[Acceleration] = 2.0
+    roi_m: NonNegative[Length] = 0.0
+    region: Literal["off_log", "ego"] = "off_log"
 
     @model_validator(mode="after")
     def _check(self) -> ConflictConfig:

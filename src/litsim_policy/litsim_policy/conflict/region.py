@@ -26,8 +26,9 @@ class RegionManager:
         iterations, converged: (scenes,) as :class:`.takeover.TakeoverManager` has them: nothing is iterated.
     """
 
-    def __init__(self, scenario: Setting) -> None:
-        self._scenario = scenario
+    def __init__(self, scenario: Setting, roi_m: float = 0.0) -> None:
+        """Take over nobody yet; `roi_m` [m] is in place of the scenario's, where it is not 0."""
+        self._scenario, self._roi_m = scenario, roi_m or scenario.roi_m
         self._ego_ids = scenario.ego_ids
         self._off = OffLog.empty()
         self.iterations: IntArray = np.zeros(len(self._ego_ids), np.int64)
@@ -41,7 +42,7 @@ class RegionManager:
         ego = table.mask(self._ego_ids)
         off = ego | table.mask(self._off.agent)
         late = table.controller == Controller.POLICY
-        near = around(table, ego, self._scenario.roi_m) & ~table.obstacle
+        near = around(table, ego, self._roi_m) & ~table.obstacle
         for row in np.flatnonzero((near | late) & ~off):
             self._open(table, int(row), TakeoverReason.BLOCKED_ENTRY if late[row] else TakeoverReason.REGION)
         rows = table.rows(self._off.agent)

@@ -35,6 +35,10 @@ def conflict_stage(read: ParameterReader) -> Callable[[str, Setting], TakeoverSt
     conflict, takeover = read(ConflictConfig()), read(TakeoverConfig())
 
     def build(policy: str, scenario: Setting) -> TakeoverStage:
-        return RegionManager(scenario) if policy in BASELINES else TakeoverManager(scenario, conflict, takeover)
+        return (
+            RegionManager(scenario, conflict.roi_m)
+            if policy in BASELINES
+            else TakeoverManager(scenario, conflict, takeover)
+        )
 
     return build

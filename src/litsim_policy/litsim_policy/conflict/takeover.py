@@ -77,7 +77,8 @@ class TakeoverManager:
     def __post_init__(self) -> None:
         log = self.scenario.log
         self._overlaps = self.scenario.log_overlaps
-        self._detector = ConflictDetector(log, self.scenario.roi_m, self.conflict_config, self._overlaps)
+        roi_m = self.conflict_config.roi_m or self.scenario.roi_m
+        self._detector = ConflictDetector(log, roi_m, self.conflict_config, self._overlaps)
         self._router = Router(self.scenario.lane_map)
         self._ego_ids = self.scenario.ego_ids
         self.iterations: IntArray = np.zeros(len(self._ego_ids), np.int64)
@@ -175,12 +176,15 @@ class TakeoverManager:
         """
         suspected: dict[int, int] = {}
         off, fresh, done, walking = was_off, was_off | lagged, 0, table.obstacle
+        barred = walking
+        if self.conflict_config.region == "ego":
+            barred = walking | ~self._detector.around(table, table.mask(self._ego_ids))
         self.iterations = np.zeros(len(self._ego_ids), np.int64)
         while fresh.any() and done < self.config.iterations_max:
             done += 1
             self.iterations[table.scene[fresh]] = done
             before, off = off, off.copy()
-            found = scene.detect(~before & ~walking, fresh)
+            found = scene.detect(~before & ~barred, fresh)
             if done == 1 and walking.any() and lagged.any():
                 found = _soonest(found, scene.detect(lagged & ~before, walking))
             for conflict in found:

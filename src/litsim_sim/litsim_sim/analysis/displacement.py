@@ -26,13 +26,13 @@ class AgentDisplacement:
 
     Attributes:
         agent: its id.
-        controlled_step: first at which it was under control; None where it never was.
+        controlled_s: time after the history of the first step under control [s]; None where there is none.
         steps: by horizon [s], of its log up to there.
         ade: by horizon [s], mean distance over these steps [m]; None without any.
     """
 
     agent: int
-    controlled_step: int | None
+    controlled_s: float | None
     steps: dict[int, int]
     ade: dict[int, float | None]
 
@@ -98,7 +98,7 @@ class Displacements:
         ends = {horizon: step <= self._last(horizon) for horizon in self.horizons}
         return AgentDisplacement(
             agent,
-            int(step[controlled][0]) if controlled.any() else None,
+            round(int(step[controlled][0] - self.history_steps) * self.dt, 6) if controlled.any() else None,
             {horizon: int(np.count_nonzero(within)) for horizon, within in ends.items()},
             {horizon: float(distance[within].mean()) if within.any() else None for horizon, within in ends.items()},
         )

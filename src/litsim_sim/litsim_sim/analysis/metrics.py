@@ -221,7 +221,7 @@ def _displacement(far: Displacements) -> DisplacementMetrics:
         "agents": [
             {
                 "agent": each.agent,
-                "controlled_step": each.controlled_step,
+                "controlled_s": each.controlled_s,
                 "steps": {str(horizon): count for horizon, count in each.steps.items()},
                 "ade_m": {str(horizon): value for horizon, value in each.ade.items()},
             }

@@ -187,21 +187,22 @@ def _rows(suite: Suite) -> Iterator[_Row]:
 
     A replay has no stages of the policy, so their parameters make no rows of it.
     """
-    for ego, policy in product(suite.egos, suite.policies):
+    for ego, setup in product(suite.egos, suite.setups):
         mine = {
             name: values
             for name, values in suite.parameters.items()
-            if policy != REPLAY or name.split(".")[0] not in POLICY_STAGES
+            if setup.kind != REPLAY or name.split(".")[0] not in POLICY_STAGES
         }
         for values in product(*mine.values()):
-            parameters = tuple(zip(mine, values, strict=True))
+            varied = dict(zip(mine, values, strict=True))
             told = [
                 str(value) if short == MODEL else f"{short}={value}"
-                for name, value in parameters
+                for name, value in varied.items()
                 for short in [name.split(".", 1)[1]]
                 if len(mine[name]) > 1 or short == MODEL
             ]
-            yield _Row(ego, policy, parameters, ", ".join(told))
+            label = ", ".join(part for part in (setup.label, *told) if part)
+            yield _Row(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
 
 
 def _roads(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
@@ -220,6 +221,7 @@ def _roads(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
 
 def _case(row: _Row, seed: int | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]) -> Case:
     short, ego = Path(road.entry.scenario).stem, row.ego
+    seed = road.entry.seed if seed is None else seed
     question = {
         "scenario": [short, road.content],
         "ego_id": str(road.ego_id),

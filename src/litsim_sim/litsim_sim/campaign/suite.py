@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from litsim_sim.campaign.criteria import Criteria
+from litsim_sim.campaign.policy_setup import PolicySetup, packaged_setups, setup_of, stage_and_name
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
@@ -26,6 +27,16 @@ DEFAULT_EGOS: EgoChoice = "egos"
 SUITES = "suites"  # folder of the packaged ones
 
 
+def _known_policy(name: str) -> str:
+    if name not in (known := (*POLICIES, *packaged_setups())):
+        raise ValueError(f"{name!r}, expected one of {', '.join(known)}")
+    return name
+
+
+PolicyName = Annotated[str, AfterValidator(_known_policy)]
+"""A policy as it comes, or a packaged setup."""
+
+
 class CaseEntry(BaseModel):
     """What happens on the road: a scenario and the vehicles that are the ego in it, one run each.
 
@@ -33,6 +44,7 @@ class CaseEntry(BaseModel):
         scenario: a packaged name, or a YAML file, relative to the suite's file.
         ego_id: the one vehicle that is the ego.
         egos: or several of them, by id or by :data:`EgoChoice`.
+        seed: of everything random in these runs, where the suite names no seeds; None is the scenario's.
         tags: words to filter by.
         events: what happens, as found in the recording; each with `kind`, its name, and numbers of it.
     """
@@ -42,6 +54,7 @@ class CaseEntry(BaseModel):
     scenario: Name
     ego_id: int | None = None
     egos: EgoChoice | Annotated[list[int], Field(min_length=1)] | None = None
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] | None = None
     tags: list[Name] = []
     events: list[dict[str, Any]] = []
 
@@ -95,7 +108,7 @@ class EgoSetup(BaseModel):
     @field_validator("parameters")
     @classmethod
     def _check_parameters(cls, values: dict[str, Any]) -> dict[str, Any]:
-        return {_stage_and_name(name): value for name, value in values.items()}
+        return {stage_and_name(name): value for name, value in values.items()}
 
     @model_validator(mode="after")
     def _check_command(self) -> EgoSetup:
@@ -114,7 +127,7 @@ class Suite(BaseModel):
             :meth:`load` has put them into `cases`.
         cases: scenarios, and which of their vehicles are the ego.
         egos: who drives it.
-        policies: of :data:`litsim_sim.scenario.run_info.POLICIES`.
+        policies: of :data:`litsim_sim.scenario.run_info.POLICIES`, names of packaged setups, or setups.
         seeds: a run for each; where there are none, one with the scenario's seed.
         parameters: values to try, by `stage.name`; several values of one make several rows.
         criteria: by which each run is judged, and the campaign as a whole.
@@ -127,7 +140,7 @@ class Suite(BaseModel):
     include: list[Name] = []
     cases: list[CaseEntry] = []
     egos: Annotated[list[EgoSetup], Field(min_length=1)]
-    policies: Annotated[list[Annotated[str, OneOf(POLICIES)]], Field(min_length=1)] = [REPLAY, "litsim"]
+    policies: Annotated[list[PolicyName | PolicySetup], Field(min_length=1)] = [REPLAY, "litsim"]
     seeds: list[Annotated[int, Field(ge=0, lt=SEEDS)]] = []
     parameters: dict[str, Annotated[list[Any], Field(min_length=1)]] = {}
     criteria: Annotated[Criteria, Field(default_factory=Criteria.load)]
@@ -138,7 +151,7 @@ class Suite(BaseModel):
         """A single value is a list of one."""
         if not isinstance(values, dict):
             return values
-        return {_stage_and_name(name): v if isinstance(v, list) else [v] for name, v in values.items()}
+        return {stage_and_name(name): v if isinstance(v, list) else [v] for name, v in values.items()}
 
     @model_validator(mode="after")
     def _check_cases(self) -> Suite:
@@ -149,10 +162,16 @@ class Suite(BaseModel):
     @model_validator(mode="after")
     def _check_names(self) -> Suite:
         for field in ("egos", "policies", "seeds"):
-            names = [each.name if isinstance(each, EgoSetup) else each for each in getattr(self, field)]
+            own = EgoSetup | PolicySetup
+            names = [each.name if isinstance(each, own) else each for each in getattr(self, field)]
             if twice := sorted({str(name) for name in names if names.count(name) > 1}):
                 raise ValueError(f"{field}: {', '.join(twice)} more than once, expected different ones")
         return self
+
+    @property
+    def setups(self) -> list[PolicySetup]:
+        """The policies, each with how its stages are set up."""
+        return [setup_of(policy) for policy in self.policies]
 
     @classmethod
     def load(cls, name: str | Path, among: Sequence[Path] = ()) -> Suite:
@@ -205,10 +224,3 @@ def _suite_file(name: str | Path) -> Path:
     if not Path(name).is_file():
         raise InputError(f"{name}: no such suite, expected a YAML file, or one of {', '.join(packaged_suites())}")
     return Path(name)
-
-
-def _stage_and_name(name: Any) -> str:
-    stage, _, rest = str(name).partition(".")
-    if not (stage and rest):
-        raise ValueError(f"{name!r}, expected STAGE.NAME, such as conflict.horizon")
-    return str(name)
