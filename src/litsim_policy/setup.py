@@ -41,6 +41,7 @@ setup(
             "bench = litsim_policy.cli.bench:main",
             "train = litsim_policy.learning.train:main",
             "check_ads = litsim_policy.cli.check_ads:main",
+            "security = litsim_policy.cli.security:main",
         ],
         "litsim.stages": [  # what reads the parameters of each, see litsim_sim.core.stage_registry
             "conflict = litsim_policy.conflict.registry:conflict_stage",

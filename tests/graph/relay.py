@@ -68,7 +68,7 @@ def main() -> None:
     parser.add_argument("topics", nargs="+", choices=[topic.name for topic in TOPICS])
     parser.add_argument("--lost-from", type=int, default=10**9, metavar="STEP", help="nothing is handed on any more")
     options = parser.parse_args()
-    use_middleware_settings()
+    use_middleware_settings("relay")
     rclpy.init()
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):  # whichever of both hears it first
         rclpy.spin(Relay(tuple(topic for topic in TOPICS if topic.name in options.topics), options.lost_from))

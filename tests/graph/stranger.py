@@ -71,7 +71,7 @@ class Stranger(Node):
 
 
 def main() -> None:
-    use_middleware_settings()
+    use_middleware_settings("stranger")
     rclpy.init()
     rclpy.spin(Stranger())
 

@@ -10,6 +10,7 @@ import pytest
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.launch.middleware import (
+    ENCLAVE,
     LOOPBACK,
     NETWORK,
     PEERS,
@@ -18,6 +19,7 @@ from litsim_sim.launch.middleware import (
     SECURITY,
     STRATEGY,
     check_security,
+    enclave_setting,
     middleware_in_use,
     middleware_settings,
 )
@@ -60,7 +62,7 @@ def test_the_environment_is_as_before_once_the_node_is_made(monkeypatch: pytest.
     for name in (*PROFILES, PEERS, "RMW_IMPLEMENTATION"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(RANGE, "LOCALHOST")
-    with middleware_in_use():
+    with middleware_in_use("check_ads"):
         assert (os.environ[PROFILES[0]], os.environ[RANGE]) == (str(LOOPBACK), "SYSTEM_DEFAULT")
     assert (os.environ.get(PROFILES[0]), os.environ[RANGE]) == (None, "LOCALHOST")
 
@@ -76,3 +78,23 @@ def test_security_that_is_asked_for_has_to_be_enforced(strategy: dict[str, str])
 )
 def test_security_that_is_enforced_or_not_asked_for_is_fine(given: dict[str, str]) -> None:
     check_security(given)
+
+
+def test_a_secured_program_is_in_the_enclave_of_its_name() -> None:
+    assert enclave_setting({SECURITY: "true"}, "bridge", ["bridge", "--ros-args"]) == {ENCLAVE: "/litsim/bridge"}
+
+
+@pytest.mark.parametrize(
+    ("environment", "words"),
+    [
+        ({}, []),
+        ({SECURITY: "false"}, []),
+        ({SECURITY: "true", ENCLAVE: "/mine"}, []),
+        ({SECURITY: "true"}, ["--ros-args", "--enclave", "/mine"]),
+        ({SECURITY: "true"}, ["--ros-args", "-e", "/mine"]),
+    ],
+)
+def test_an_enclave_that_is_chosen_stays_and_without_security_there_is_none(
+    environment: dict[str, str], words: list[str]
+) -> None:
+    assert enclave_setting(environment, "bridge", words) == {}

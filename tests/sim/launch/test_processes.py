@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from litsim_sim.launch.middleware import RANGE
-from litsim_sim.launch.processes import Graph
+from litsim_sim.launch.middleware import ENCLAVE, RANGE, SECURITY
+from litsim_sim.launch.processes import STACK, Graph
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -19,11 +19,15 @@ def environment(folder: Path) -> dict[str, str]:
     graph = Graph(folder / "out", 7)
     graph.start("node", program, {})
     try:
-        graph.children["node"].process.wait(10.0)
+        graph.children["node"].process.wait(60.0)
     finally:
         graph.stop()
-    lines = graph.children["node"].log.read_text().splitlines()
-    return dict(line.split("=", 1) for line in lines if "=" in line)
+    return variables(graph.children["node"].log)
+
+
+def variables(log: Path) -> dict[str, str]:
+    """What ``env`` has said."""
+    return dict(line.split("=", 1) for line in log.read_text().splitlines() if "=" in line)
 
 
 def test_nodes_stay_on_this_machine_unless_the_user_says_otherwise(
@@ -34,3 +38,21 @@ def test_nodes_stay_on_this_machine_unless_the_user_says_otherwise(
     assert (found["ROS_DOMAIN_ID"], found[RANGE]) == ("7", "LOCALHOST")
     monkeypatch.setenv(RANGE, "SUBNET")
     assert environment(tmp_path / "chosen")[RANGE] == "SUBNET"
+
+
+def test_a_stack_is_in_an_enclave_of_its_own_where_runs_are_secured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(ENCLAVE, raising=False)
+    found = {}
+    for secured in ("false", "true"):
+        monkeypatch.setenv(SECURITY, secured)
+        graph = Graph(tmp_path / secured, 7)
+        graph.start_stack(["env"])
+        try:
+            graph.children[STACK].process.wait(60.0)
+        finally:
+            graph.stop()
+        found[secured] = variables(graph.children[STACK].log)
+    assert ENCLAVE not in found["false"]
+    assert found["true"][ENCLAVE] == "/litsim/ads"

@@ -26,23 +26,12 @@ from litsim_sim.ego_port.answer import Interface
 from litsim_sim.launch.middleware import middleware_in_use
 from litsim_sim.nodes.diagnostics import BRIDGE_NAME, PORT_NAME
 from litsim_sim.ros.ego_port import CONVERT
-from litsim_sim.ros.endpoints import node_of
-from litsim_sim.ros.topics import (
-    AGENTS,
-    CLOCK,
-    DIAGNOSTICS,
-    EGO_INPUTS,
-    EGO_ROUTE,
-    EGO_STATE,
-    LANES,
-    OBJECTS,
-    RUN_INFO,
-    Topic,
-)
+from litsim_sim.ros.endpoints import Endpoints, node_of
+from litsim_sim.ros.topics import DIAGNOSTICS, EGO_FEEDS, EGO_INPUTS, EGO_STATE, Topic
 
-NAME = "litsim_check_ads"
+PROGRAM = "check_ads"
+NAME = f"litsim_{PROGRAM}"
 OURS = {f"/{name}" for name in (NAME, BRIDGE, RECORDER)}
-OUTPUTS = (EGO_STATE, OBJECTS, EGO_ROUTE, LANES, CLOCK, DIAGNOSTICS, AGENTS, RUN_INFO)
 ANY_PUBLISHER = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=2000)
 
 
@@ -57,6 +46,8 @@ class Bystander:
         state, counts, interface, remarks: last said on ``/diagnostics``.
     """
 
+    declared = Endpoints(NAME, (), (*EGO_INPUTS.values(), EGO_STATE, DIAGNOSTICS))
+
     def __init__(self, domain_id: int) -> None:
         self.asked: dict[int, list[int]] = {}
         self.heard: list[Heard] = []
@@ -69,7 +60,7 @@ class Bystander:
         self._began = time.monotonic()
         self._endpoints: dict[bytes, Endpoint] = {}
         self._context = Context()
-        with middleware_in_use():
+        with middleware_in_use(PROGRAM):
             rclpy.init(context=self._context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)
             self._node = Node(NAME, context=self._context, use_global_arguments=False)
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -127,7 +118,7 @@ class Bystander:
                 present = True
                 self.found.setdefault(interface, time.monotonic() - self._began)
                 self._note(topic, info, publishes=True)
-        for topic in OUTPUTS:
+        for topic in EGO_FEEDS:
             for info in self._node.get_subscriptions_info_by_topic(topic.name):
                 self._note(topic, info, publishes=False)
         self.present = present

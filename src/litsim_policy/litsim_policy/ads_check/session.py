@@ -19,6 +19,8 @@ from litsim_sim.ego_port.port import ego_state
 from litsim_sim.ego_port.tracking import EgoState
 from litsim_sim.launch.child import Child
 from litsim_sim.launch.executables import node_executable
+from litsim_sim.launch.middleware import enclave_setting
+from litsim_sim.launch.processes import STACK as ADS
 from litsim_sim.launch.processes import Graph, GraphFailed
 from litsim_sim.record.run import read_run
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
@@ -150,7 +152,7 @@ def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
 def _start(check: Check) -> Child:
     """Start the stack in the domain of the graph, in a process group of its own."""
     log = check.out / "log" / f"{STACK}.log"
-    environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)}
+    environment = os.environ | {"ROS_DOMAIN_ID": str(check.domain_id)} | enclave_setting(os.environ, ADS, check.command)
     try:
         with log.open("w") as stream:
             process = subprocess.Popen(

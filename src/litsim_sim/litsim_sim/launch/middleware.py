@@ -7,7 +7,7 @@ machine (``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST``), the nodes use sockets of 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,6 +21,9 @@ LOOPBACK, NETWORK = (Path(__file__).with_name(name) for name in ("loopback.xml",
 """Settings for nodes that stay on this machine, and for those that others may reach."""
 FAST_DDS = "rmw_fastrtps"
 SECURITY, STRATEGY, ENFORCE = "ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY", "Enforce"
+ENCLAVE = "ROS_SECURITY_ENCLAVE_OVERRIDE"
+ENCLAVE_OPTIONS = {"--enclave", "-e"}
+"""Variable, and ROS arguments, by which a user says whose keys and permissions a process has."""
 
 
 def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
@@ -35,6 +38,25 @@ def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
     return {PROFILES[0]: str(NETWORK)}
 
 
+def enclave_of(program: str) -> str:
+    """The enclave of DDS Security that the nodes of a program are in, unless the user has chosen another."""
+    return f"/litsim/{program}"
+
+
+def enclave_setting(environment: Mapping[str, str], program: str, words: Sequence[str] = ()) -> dict[str, str]:
+    """What is to be set in `environment` for `program`, with the arguments `words`, to be in its enclave.
+
+    Nothing where security is not asked for, or the user has chosen an enclave.
+    """
+    chosen = environment.get(ENCLAVE) or ENCLAVE_OPTIONS & set(words)
+    return {ENCLAVE: enclave_of(program)} if is_secured(environment) and not chosen else {}
+
+
+def is_secured(environment: Mapping[str, str]) -> bool:
+    """Whether DDS Security is asked for."""
+    return environment.get(SECURITY, "").lower() == "true"
+
+
 def check_security(environment: Mapping[str, str]) -> None:
     """See that DDS Security, where `environment` asks for it, is enforced: permissive, ROS runs without, and goes on.
 
@@ -44,22 +66,25 @@ def check_security(environment: Mapping[str, str]) -> None:
         InputError: it is asked for, but not enforced.
     """
     strategy = environment.get(STRATEGY, "")
-    if environment.get(SECURITY, "").lower() == "true" and strategy != ENFORCE:
+    if is_secured(environment) and strategy != ENFORCE:
         raise InputError(
             f"{SECURITY} is true, but {STRATEGY} is {strategy!r}, expected {ENFORCE!r}: else nodes without an enclave "
             "run unprotected"
         )
 
 
-def use_middleware_settings() -> None:
-    """Have the nodes of this process run with these settings; to be called before the first is made."""
-    os.environ.update(middleware_settings(os.environ))
+def use_middleware_settings(program: str, words: Sequence[str] = ()) -> None:
+    """Have the nodes of this process run with these settings, in the enclave of `program`, whose arguments are `words`.
+
+    To be called before the first node is made.
+    """
+    os.environ.update(middleware_settings(os.environ) | enclave_setting(os.environ, program, words))
 
 
 @contextmanager
-def middleware_in_use() -> Iterator[None]:
+def middleware_in_use(program: str) -> Iterator[None]:
     """As :func:`use_middleware_settings`, but for what is made meanwhile; the environment is as before then."""
-    settings = middleware_settings(os.environ)
+    settings = middleware_settings(os.environ) | enclave_setting(os.environ, program)
     before = {name: os.environ.get(name) for name in settings}
     os.environ.update(settings)
     try:

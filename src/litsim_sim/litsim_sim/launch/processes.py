@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -23,7 +23,7 @@ from litsim_sim.launch import keeper
 from litsim_sim.launch.child import GRACE_S, SIGNALS, Child, Process, start_process
 from litsim_sim.launch.domain import HOLDER
 from litsim_sim.launch.forked import ForkedProcess
-from litsim_sim.launch.middleware import RANGE
+from litsim_sim.launch.middleware import RANGE, enclave_setting
 
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
 QUIET_S = 120.0  # [s] that a running bridge may show no sign of life, in which it loads or computes
@@ -81,15 +81,18 @@ class Graph:
         """
         check_program(command)
         with self._log(STACK) as log, _held_back():
-            process = self._process(STACK, [sys.executable, "-I", "-S", keeper.__file__, *command], log)
+            words = [sys.executable, "-I", "-S", keeper.__file__, *command]
+            process = self._process(STACK, words, log, enclave_setting(self._environment, STACK, command))
             self.children[STACK] = Child(STACK, process, Path(log.name), tuple(command))
 
     def _log(self, name: str) -> IO[str]:
         return (self._log_folder / f"{name}.log").open("w")
 
-    def _process(self, name: str, words: Sequence[str], log: IO[str]) -> subprocess.Popen[str]:
-        stdout = _stdout(name, log)
-        return start_process(words, env=self._environment, stdout=stdout, stderr=log, start_new_session=True)
+    def _process(
+        self, name: str, words: Sequence[str], log: IO[str], more: Mapping[str, str] | None = None
+    ) -> subprocess.Popen[str]:
+        environment, stdout = {**self._environment, **(more or {})}, _stdout(name, log)
+        return start_process(words, env=environment, stdout=stdout, stderr=log, start_new_session=True)
 
     def watch(self, quiet: bool) -> None:
         """Wait for the run to end.

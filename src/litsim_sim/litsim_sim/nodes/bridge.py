@@ -21,14 +21,25 @@ from litsim_sim.launch.domain import held_domain
 from litsim_sim.nodes import diagnostics
 from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence
 from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
-from litsim_sim.nodes.broadcast import Broadcast, run_info
+from litsim_sim.nodes.broadcast import PUBLISHED, PUBLISHED_OF_SIGNALS, Broadcast, run_info
 from litsim_sim.nodes.diagnostics import Diagnostics
 from litsim_sim.nodes.run_loop import Pulse, RunLoop
 from litsim_sim.ros import ego_port, messages
-from litsim_sim.ros.endpoints import node_of, publisher_on, subscribe
+from litsim_sim.ros.endpoints import Endpoints, node_of, publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
 from litsim_sim.ros.stage import executor_of, process, serve, spare_from_collection
-from litsim_sim.ros.topics import CONTROLS, EGO_APPLIED, HELLO, RECORDED, RUN_INFO, STATUS, TIMING, Topic
+from litsim_sim.ros.topics import (
+    CONTROLS,
+    DIAGNOSTICS,
+    EGO_APPLIED,
+    EGO_INPUTS,
+    HELLO,
+    RECORDED,
+    RUN_INFO,
+    STATUS,
+    TIMING,
+    Topic,
+)
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.sumo import SumoMirror
 from litsim_sim.world.world import World, WorldConfig
@@ -39,6 +50,12 @@ ENDED = {StageState.FINISHED: diagnostics.FINISHED, StageState.FAILED: diagnosti
 
 class BridgeNode(Node):
     """The graph as a run sees it, see :class:`litsim_sim.nodes.run_loop.Graph`; :meth:`run` runs one run."""
+
+    declared = Endpoints(
+        BRIDGE,
+        (HELLO, STATUS, TIMING, EGO_APPLIED, DIAGNOSTICS, *PUBLISHED, *PUBLISHED_OF_SIGNALS),
+        (*EGO_INPUTS.values(), CONTROLS, STATUS, RECORDED, HELLO, RUN_INFO, TIMING),
+    )
 
     def __init__(self) -> None:
         super().__init__(BRIDGE, automatically_declare_parameters_from_overrides=True)

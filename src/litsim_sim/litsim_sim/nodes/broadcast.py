@@ -34,6 +34,9 @@ from litsim_sim.ros.topics import (
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan, versions
 from litsim_sim.scenario.scenario import Scenario
 
+PUBLISHED = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES)
+PUBLISHED_OF_SIGNALS = (SIGNAL_MAP, SIGNALS)
+"""The same of scenarios that know of signals."""
 ROUTE_LENGTH = 1000.0  # [m] of the route that the ego is given
 
 
@@ -42,7 +45,7 @@ class Broadcast:
 
     def __init__(self, node: Node, plan: RunPlan) -> None:
         self._plan = plan
-        topics = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES, *of_signals(plan.scenario))
+        topics = (*PUBLISHED, *of_signals(plan.scenario))
         self._publishers = {topic: publisher_on(node, topic) for topic in topics}
         self._scene: list[tuple[Topic, Any]] = []
 
@@ -85,7 +88,7 @@ class Broadcast:
 
 def of_signals(scenario: Scenario) -> tuple[Topic, ...]:
     """Topics of the signals, if the scenario knows of some."""
-    return (SIGNAL_MAP, SIGNALS) if scenario.signals is not None else ()
+    return PUBLISHED_OF_SIGNALS if scenario.signals is not None else ()
 
 
 def route(scenario: Scenario) -> Path:

@@ -23,6 +23,7 @@ from litsim_sim.nodes.live_server import LiveServer
 from litsim_sim.record.bag import BagTopic
 from litsim_sim.ros import cdr, messages
 from litsim_sim.ros.definitions import definition, type_name
+from litsim_sim.ros.endpoints import Endpoints
 from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
 from litsim_sim.ros.parameters import check_given, undeclare_given
 from litsim_sim.ros.stage import process, serve
@@ -49,6 +50,8 @@ DRAWN = (AGENTS, FORECASTS, TAKEOVERS)
 class LiveNode(Node):
     """Draws the newest messages when asked to; passes on to `server`, if there is one, what comes."""
 
+    declared = Endpoints(NAME, MARKERS, tuple(dict.fromkeys((*DRAWN, *RECORDED_TOPICS))))
+
     def __init__(self, server: LiveServer | None = None) -> None:
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
         check_given(self, undeclare_given(self))  # it has none
@@ -58,8 +61,10 @@ class LiveNode(Node):
         self._fresh = False
         self._audience = dict.fromkeys(MARKERS, 0)
         self._time_ns = 0
-        self._outlets = {topic: self.create_publisher(topic.type, topic.name, topic.qos) for topic in MARKERS}
-        for topic in dict.fromkeys(DRAWN if server is None else (*DRAWN, *RECORDED_TOPICS)):
+        self._outlets = {
+            topic: self.create_publisher(topic.type, topic.name, topic.qos) for topic in self.declared.publishes
+        }
+        for topic in DRAWN if server is None else self.declared.hears:
             self.create_subscription(topic.type, topic.name, self._receiver(topic), _unacknowledged(topic), raw=True)
 
     def draw(self) -> None:

@@ -25,7 +25,7 @@ from litsim_sim.record.step_buffer import BufferedRun, StepBuffer
 from litsim_sim.ros import messages
 from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
-from litsim_sim.ros.endpoints import publisher_on, subscribe
+from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
 from litsim_sim.ros.stage import SIGNAL_PERIOD, process, spin
 from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
@@ -44,6 +44,8 @@ class RecorderNode(Node):
     The recorder is ready once it has heard every other stage be ready. It says of the end of the run that it has
     finished, or that it failed because of gaps in the record.
     """
+
+    declared = Endpoints(STAGE, (STATUS, RECORDED), (*RECORDED_TOPICS, HELLO))
 
     def __init__(self) -> None:
         super().__init__(STAGE, automatically_declare_parameters_from_overrides=True)

@@ -8,6 +8,7 @@ which take both from one place, they cannot differ, and foreign nodes are warned
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -18,6 +19,23 @@ from litsim_sim.ros.topics import Topic
 
 NAMELESS = "_NODE_NAME_UNKNOWN_"
 """What the middleware calls the node of an endpoint that it has found before its node, or that outlives it."""
+
+
+@dataclass(frozen=True)
+class Endpoints:
+    """What a node may publish and hear, of which a run may need a part; its class holds it as `declared`.
+
+    Nodes make no other endpoints on LitSim's topics: :mod:`litsim_sim.ros.security` allows them what stands here.
+
+    Attributes:
+        node: name of the node.
+        publishes: topics that it has publishers on.
+        hears: topics that it has subscriptions on.
+    """
+
+    node: str
+    publishes: tuple[Topic, ...]
+    hears: tuple[Topic, ...]
 
 
 def publisher_on(node: Node, topic: Topic) -> Publisher:

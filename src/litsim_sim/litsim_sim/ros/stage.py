@@ -32,7 +32,7 @@ from litsim_sim.core.stages import BRIDGE
 from litsim_sim.core.step_marks import step_marks
 from litsim_sim.launch.middleware import use_middleware_settings
 from litsim_sim.ros import messages
-from litsim_sim.ros.endpoints import publisher_on, subscribe
+from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters_yaml
 from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario.scenario import Scenario
@@ -53,6 +53,12 @@ class StageNode(Node):
     stage: str
     inputs: Sequence[Topic]
     outputs: Sequence[Topic]
+    declared: Endpoints
+
+    def __init_subclass__(cls, **given: Any) -> None:
+        """Note the endpoints of a stage: its own, and those that every stage has."""
+        super().__init_subclass__(**given)
+        cls.declared = Endpoints(cls.stage, (*cls.outputs, STATUS, TIMING), (*cls.inputs, RUN_INFO, HELLO, STATUS))
 
     def __init__(self) -> None:
         super().__init__(self.stage, automatically_declare_parameters_from_overrides=True)
@@ -319,7 +325,7 @@ def _init() -> None:
     extra = remove_ros_args(sys.argv)[1:]
     if extra:
         raise InputError(f"{name}: unknown argument {extra[0]}; parameters are given as --ros-args -p NAME:=VALUE")
-    use_middleware_settings()
+    use_middleware_settings(name, sys.argv)
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:

@@ -96,6 +96,9 @@ EGO_INPUTS = {
 }
 """Where an external ego may answer."""
 
+EGO_FEEDS = (EGO_STATE, OBJECTS, EGO_ROUTE, LANES, SIGNALS, SIGNAL_MAP, CLOCK, DIAGNOSTICS, AGENTS, RUN_INFO)
+"""What an external ego may read."""
+
 FOREIGN = (EGO_CONTROL, EGO_TWIST, EGO_TRAJECTORY, DIAGNOSTICS)
 """Topics that others than LitSim publish as well: nothing is to be taken for granted of what comes on them."""
 

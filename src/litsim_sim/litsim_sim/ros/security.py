@@ -1,0 +1,88 @@
+"""Who may publish and hear what, as a policy of SROS2, from which it makes keys and permissions for DDS Security.
+
+Its format is that of ``ros2 security`` (policy.xsd, version 0.2.0). What is not allowed there is denied.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping, Sequence
+
+from rclpy.exceptions import InvalidNamespaceException, InvalidNodeNameException
+from rclpy.validate_namespace import validate_namespace
+from rclpy.validate_node_name import validate_node_name
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.ego_port.answer import Interface
+from litsim_sim.launch.middleware import enclave_of
+from litsim_sim.ros.endpoints import Endpoints
+from litsim_sim.ros.topics import EGO_FEEDS, EGO_INPUTS
+
+VERSION = "0.2.0"
+OF_EVERY_NODE = ("/parameter_events", "/rosout")
+"""Topics that every node of rclpy publishes."""
+SERVICES = (
+    "~/describe_parameters",
+    "~/get_parameter_types",
+    "~/get_parameters",
+    "~/get_type_description",
+    "~/list_parameters",
+    "~/set_parameters",
+    "~/set_parameters_atomically",
+)
+"""Services that every node of rclpy has; no node calls any."""
+ALLOW = "ALLOW"
+
+
+def stack_endpoints(node: str, interface: Interface) -> Endpoints:
+    """What the node called `node` of a stack under test may do: answer by `interface`, and read what is there for it.
+
+    Raises:
+        InputError: ROS has no nodes of that name.
+    """
+    try:
+        namespace, name = _split(node)
+        validate_namespace(namespace)
+        validate_node_name(name)
+    except (InvalidNamespaceException, InvalidNodeNameException) as error:
+        raise InputError(f"node {node!r}: {str(error).splitlines()[0]}") from error
+    return Endpoints(node, (EGO_INPUTS[interface],), EGO_FEEDS)
+
+
+def policy_xml(nodes: Mapping[str, Sequence[Endpoints]]) -> str:
+    """The policy that gives each program an enclave of its own.
+
+    Args:
+        nodes: by program, see :func:`litsim_sim.launch.middleware.enclave_of`, the endpoints of its nodes.
+    """
+    policy = ET.Element("policy", version=VERSION)
+    enclaves = ET.SubElement(policy, "enclaves")
+    for program, endpoints in nodes.items():
+        enclave = ET.SubElement(enclaves, "enclave", path=enclave_of(program))
+        profiles = ET.SubElement(enclave, "profiles")
+        for each in endpoints:
+            _profile(profiles, each)
+    ET.indent(policy)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(policy, encoding="unicode")}\n'
+
+
+def _profile(profiles: ET.Element, endpoints: Endpoints) -> None:
+    namespace, name = _split(endpoints.node)
+    profile = ET.SubElement(profiles, "profile", ns=namespace, node=name)
+    _rule(profile, "topics", "publish", [*OF_EVERY_NODE, *(topic.name for topic in endpoints.publishes)])
+    _rule(profile, "topics", "subscribe", [topic.name for topic in endpoints.hears])
+    _rule(profile, "services", "reply", SERVICES)
+
+
+def _split(node: str) -> tuple[str, str]:
+    """Namespace and name of a node from its full name."""
+    namespace, _, name = f"/{node.removeprefix('/')}".rpartition("/")
+    return namespace or "/", name
+
+
+def _rule(profile: ET.Element, kind: str, verb: str, names: Iterable[str]) -> None:
+    """Allow to do `verb` on the topics or services `names`; of none, there is no rule."""
+    if ordered := sorted(set(names)):
+        rule = ET.SubElement(profile, kind, {verb: ALLOW})
+        for name in ordered:
+            ET.SubElement(rule, kind.removesuffix("s")).text = name
