@@ -40,6 +40,7 @@ setup(
             "evaluate = litsim_policy.cli.evaluate:main",
             "bench = litsim_policy.cli.bench:main",
             "train = litsim_policy.learning.train:main",
+            "train_simnet = litsim_policy.learning.simnet_train:main",
             "check_ads = litsim_policy.cli.check_ads:main",
             "security = litsim_policy.cli.security:main",
         ],

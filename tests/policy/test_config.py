@@ -27,7 +27,11 @@ FILES = {
     "ego_perturbed": "litsim_policy/config/ego_perturbed.yaml",
 }
 """File of each stage that has parameters, by the name under which it is registered."""
-TRAININGS = (*SOURCES.glob("litsim_policy/config/policy_c*.yaml"), *SOURCES.glob("litsim_predictor/*/configs/*.yaml"))
+TRAININGS = (
+    *SOURCES.glob("litsim_policy/config/policy_c*.yaml"),
+    *SOURCES.glob("litsim_policy/config/simnet*.yaml"),
+    *SOURCES.glob("litsim_predictor/*/configs/*.yaml"),
+)
 
 
 class Units(ParameterOverrides):

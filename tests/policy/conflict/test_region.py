@@ -82,7 +82,7 @@ def test_they_keep_the_lane_that_they_were_on(make_scenario: Any, track: Any, pl
 
 def test_the_policy_says_who_is_taken_over(scenario: Scenario) -> None:
     build = conflict_stage(ParameterOverrides("conflict", {}))
-    assert isinstance(build("idm", scenario), RegionManager)
+    assert all(isinstance(build(name, scenario), RegionManager) for name in ("idm", "simnet"))
     assert isinstance(build("yield", scenario), TakeoverManager)
 
 

@@ -8,6 +8,7 @@ from typing import Protocol
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.idm_policy import IdmPolicy, IdmPolicyConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
+from litsim_policy.driving.simnet_config import SimnetConfig
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
@@ -33,8 +34,9 @@ def make_policy(
     handback: HandbackConfig | None = None,
     policy_c: PolicyCConfig | None = None,
     idm: IdmPolicyConfig | None = None,
+    simnet: SimnetConfig | None = None,
 ) -> Policy:
-    """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules, `idm` a baseline.
+    """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules, others are baselines.
 
     Raises:
         InputError: there is none of that name, or its weights cannot be used.
@@ -43,6 +45,11 @@ def make_policy(
         raise InputError(f"policy: {name!r} is unknown, expected one of {', '.join(DRIVING)}")
     if name == "idm":
         return IdmPolicy(scenario, idm or IdmPolicyConfig())
+    if name == "simnet":
+        from litsim_policy.driving.simnet_network import load_network
+        from litsim_policy.driving.simnet_policy import SimnetPolicy
+
+        return SimnetPolicy(scenario, load_network((simnet or SimnetConfig()).file()))
     rules = YieldPolicy(scenario, config or YieldConfig(), handback or HandbackConfig())
     if name == "yield":
         return rules
@@ -53,5 +60,5 @@ def make_policy(
 def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
     """Read the parameters of the policy stage; what is returned builds the policy of a name once the run is known."""
     rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
-    baseline = read(IdmPolicyConfig(), "baseline.")
-    return lambda name, scenario: make_policy(name, scenario, rules, handback, policy_c, baseline)
+    idm, simnet = read(IdmPolicyConfig(), "baseline."), read(SimnetConfig(), "simnet.")
+    return lambda name, scenario: make_policy(name, scenario, rules, handback, policy_c, idm, simnet)

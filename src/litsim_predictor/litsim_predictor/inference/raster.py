@@ -8,6 +8,7 @@ are kept to 1.4 degrees, a 256th of a turn.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -78,6 +79,24 @@ def cut_out(
                 of[3, r, c] = SINES[turned[c]] if road else NO_DIRECTION
 
 
+@dataclass(frozen=True)
+class DrawnNet:
+    """The raster of a net, for others who cut out of it.
+
+    Attributes:
+        origin: corner where row and column 0 begin, x and y in frame map [m].
+        cell: side of a cell [m].
+        closeness: (rows, columns) to the lane's centre line, 255 on it and 0 off the road; the last row and column are
+            empty.
+        angle: (rows, columns) of the lane, in 256ths of a turn.
+    """
+
+    origin: tuple[float, float]
+    cell: float
+    closeness: ByteArray
+    angle: ByteArray
+
+
 class MapRaster:
     """A net drawn cell by cell.
 
@@ -93,6 +112,11 @@ class MapRaster:
         self._angle = np.zeros((2, 2), np.uint8)
         if lane_map is not None:
             self._draw(lane_map)
+
+    @property
+    def drawn(self) -> DrawnNet:
+        """What is drawn."""
+        return DrawnNet(self._origin, self._cell, self._closeness, self._angle)
 
     def cut(self, x: FloatArray, y: FloatArray, heading: FloatArray) -> ByteArray:
         """(n, CHANNELS, ROWS, COLUMNS) around poses (n,) [m, rad]; directions are relative to `heading`."""

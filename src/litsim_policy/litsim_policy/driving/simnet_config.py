@@ -1,0 +1,49 @@
+"""Which network drives as `simnet`; apart from what runs it, of which runs with other policies need nothing."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.quantities import configuration
+
+
+@configuration
+class SimnetConfig:
+    """Which network drives.
+
+    Attributes:
+        backbone: `small`, which comes with LitSim, on a raster of 96 x 48 cells of 1 m; or the paper's `resnet50`, on
+            224 x 224 cells of 0.5 m, whose weights ``litsim_policy train_simnet`` makes.
+        weights: file of the network; empty for the one that comes with LitSim.
+    """
+
+    backbone: Literal["small", "resnet50"] = "small"
+    weights: str = ""
+
+    def file(self) -> Path:
+        """The file of the network that is meant.
+
+        Raises:
+            InputError: the one that is named is none for this backbone.
+        """
+        if not self.weights and self.backbone != "small":
+            raise InputError(
+                f"policy: parameter simnet.weights is empty, expected a file for backbone {self.backbone}: none comes "
+                f"with LitSim; litsim_policy train_simnet makes one"
+            )
+        path = Path(self.weights) if self.weights else shipped_weights()
+        expected = ".safetensors" if self.backbone == "small" else ".onnx"
+        if path.suffix != expected:
+            raise InputError(
+                f"policy: parameter simnet.weights is {self.weights!r}, expected a file {expected} for backbone "
+                f"{self.backbone}"
+            )
+        return path
+
+
+def shipped_weights() -> Path:
+    """The weights that come with this package: of the small backbone."""
+    return Path(str(resources.files("litsim_policy").joinpath("weights/simnet.safetensors")))

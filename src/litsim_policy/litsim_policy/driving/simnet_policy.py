@@ -1,0 +1,53 @@
+"""The baseline called `simnet`: a network says from a raster where an agent will be, and it drives there.
+
+SimNet (Bergamini et al. 2021): every agent is rasterised anew at each step, and only the first predicted step is done.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_policy.driving.simnet_network import SimnetNetwork
+from litsim_policy.driving.simnet_raster import FRAMES, Motions, Painter
+from litsim_predictor.inference.raster import raster_of_net
+from litsim_sim.core.history import History
+from litsim_sim.core.scene import STEP_S, AgentTable, ControlSource, ControlTable
+from litsim_sim.core.takeover import TakeoverTable
+from litsim_sim.scenario.setting import Setting
+
+POSE = ("x", "y", "yaw")
+
+
+class SimnetPolicy:
+    """Drives everybody who is off his log as the network says that such an agent will go on.
+
+    It knows neither routes nor goals, follows no lane but the one that it sees, and keeps no distance but the one that
+    people keep: nothing guards what it does.
+
+    Args:
+        scenario: of the run.
+        network: that drives.
+    """
+
+    def __init__(self, scenario: Setting, network: SimnetNetwork) -> None:
+        net = raster_of_net(scenario.net_path)[1].drawn
+        self._painter = Painter(net, scenario.signals, network.shape)
+        self._network = network
+        self._history = History(FRAMES, POSE)
+
+    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
+        """See :class:`litsim_policy.driving.registry.Policy`."""
+        self._history.push(table)
+        listed = takeovers.takeovers
+        if not listed:
+            return ControlTable.empty(table.step)
+        pose, there = self._history.window(table.id, FRAMES)
+        everybody = Motions(pose, there, np.stack([table.length, table.width], axis=-1), table.scene)
+        rows = table.rows(np.array([t.agent for t in listed], np.int64))
+        future = self._network(self._painter.draw(table.step, everybody, rows)).astype(np.float64)
+        # The way of the step is the speed at its end. That of which it would be the mean is 2 way / step - speed: what
+        # the network says a little too long or too short would then swing from step to step, ever more.
+        acceleration = (future[:, 0] / STEP_S - table.speed[rows]) / STEP_S
+        yaw_rate = future[:, 2] / STEP_S
+        source = np.full(len(rows), ControlSource.POLICY, np.uint8)
+        return ControlTable(table.step, table.id[rows], acceleration, table.speed[rows] * yaw_rate, yaw_rate, source)

@@ -1,0 +1,137 @@
+"""SimNet as torch trains it; :mod:`litsim_policy.driving.simnet_network` runs it without torch."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from litsim_policy.driving.simnet_output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
+from litsim_policy.driving.simnet_raster import CHANNELS, PAPER, SMALL, RasterShape
+from litsim_policy.learning.resnet50 import ResNet50
+from litsim_sim.core.scene import FloatArray
+
+Backbone = Literal["small", "resnet50"]
+SHAPES: dict[Backbone, RasterShape] = {"small": SMALL, "resnet50": PAPER}
+OPSET = 18
+
+
+class SimNet(nn.Module):
+    """A backbone that says OUTPUTS of a raster, in units of their spread.
+
+    Attributes:
+        middle, spread: (OUTPUTS,) mean and standard deviation of what is learned.
+    """
+
+    middle: Tensor
+    spread: Tensor
+
+    def __init__(self, backbone: Backbone) -> None:
+        super().__init__()
+        self.backbone_name: Backbone = backbone
+        self.backbone: nn.Module = small() if backbone == "small" else ResNet50(CHANNELS, OUTPUTS)
+        self.register_buffer("middle", torch.zeros(OUTPUTS))
+        self.register_buffer("spread", torch.ones(OUTPUTS))
+
+    def forward(self, rasters: Tensor) -> Tensor:
+        """(b, OUTPUTS) of rasters (b, CHANNELS, rows, columns)."""
+        values: Tensor = self.backbone(rasters)
+        return values
+
+    def physical(self, rasters: Tensor) -> Tensor:
+        """The same in metres and radians."""
+        return self(rasters) * self.spread + self.middle
+
+    def scale_to(self, futures: FloatArray) -> None:
+        """Take the units from OUTPUTS (k, OUTPUTS) of some agents."""
+        self.middle.copy_(torch.from_numpy(futures.mean(axis=0)))
+        self.spread.copy_(torch.from_numpy(np.maximum(futures.std(axis=0), 1e-6)))
+
+
+def small() -> nn.Sequential:
+    """Four convolutions, each of which halves the raster, and two linear layers: what runs everywhere."""
+    layers: list[nn.Module] = []
+    before = CHANNELS
+    for width in SMALL_WIDTHS:
+        layers += [nn.Conv2d(before, width, 3, stride=2, padding=1), nn.ReLU()]
+        before = width
+    halved = 2 ** len(SMALL_WIDTHS)
+    cells = (SMALL.rows // halved) * (SMALL.columns // halved)
+    layers += [nn.Flatten(), nn.Linear(before * cells, SMALL_HIDDEN), nn.ReLU(), nn.Linear(SMALL_HIDDEN, OUTPUTS)]
+    return nn.Sequential(*layers)
+
+
+def save(network: SimNet, path: Path, about: dict[str, str]) -> None:
+    """Write what drives: for the small backbone a safetensors file, for the other an ONNX graph with its weights.
+
+    Args:
+        network: trained.
+        path: of the file; its ending is :func:`ending`'s.
+        about: says where the weights come from.
+    """
+    network.eval()
+    told = {"format": FORMAT, "backbone": network.backbone_name, **about}
+    if network.backbone_name == "small":
+        save_file(_small_tensors(network), str(path), told)
+    else:
+        _export(network, path, told)
+
+
+def ending(backbone: Backbone) -> str:
+    """Of the file that :func:`save` writes."""
+    return ".safetensors" if backbone == "small" else ".onnx"
+
+
+def _small_tensors(network: SimNet) -> dict[str, Tensor]:
+    """Weights as :class:`litsim_policy.driving.simnet_network.SmallNetwork` takes them, in metres and radians."""
+    assert isinstance(network.backbone, nn.Sequential)
+    found: dict[str, Tensor] = {}
+    number = 0
+    for layer in network.backbone:
+        if isinstance(layer, nn.Conv2d):
+            found[f"convolution.{number}.weight"] = layer.weight.detach().flatten(1).contiguous()
+            found[f"convolution.{number}.bias"] = layer.bias.detach().clone()  # type: ignore[union-attr]
+            number += 1
+    hidden, last = (layer for layer in network.backbone if isinstance(layer, nn.Linear))
+    found["hidden.weight"], found["hidden.bias"] = hidden.weight.detach().T.contiguous(), hidden.bias.detach().clone()
+    found["last.weight"] = (last.weight.detach() * network.spread[:, None]).T.contiguous()
+    found["last.bias"] = last.bias.detach() * network.spread + network.middle
+    return found
+
+
+class _Physical(nn.Module):
+    """A network in metres and radians, for export."""
+
+    def __init__(self, network: SimNet) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, raster: Tensor) -> Tensor:
+        return self.network.physical(raster)
+
+
+def _export(network: SimNet, path: Path, about: dict[str, str]) -> None:
+    """Write `network` as a graph that answers one raster at a time."""
+    import onnx
+    from onnx import helper
+
+    shape = SHAPES[network.backbone_name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the exporter, about itself
+        torch.onnx.export(
+            _Physical(network).eval(),
+            (torch.zeros(1, CHANNELS, shape.rows, shape.columns),),
+            str(path),
+            input_names=("raster",),
+            output_names=("future",),
+            opset_version=OPSET,
+            dynamo=False,  # the exporter that needs nothing but onnx itself
+        )
+    graph = onnx.load(path)
+    helper.set_model_props(graph, about)
+    onnx.save(graph, path)

@@ -1,0 +1,261 @@
+"""`train_simnet`: the baseline SimNet, by regression on where recorded agents go. Read it from top to bottom.
+
+1. Scenarios: those that policy C is trained and validated on.
+2. Batches: some agents of some moments, half of them displaced, each with a raster and its poses of the next 1.2 s.
+3. Mean squared error of all outputs, each in units of its spread; Adam, with a rate that falls to zero along a cosine.
+
+Every batch draws from a generator seeded by the run's seed and its number, so a run that is resumed goes on as if it
+had not been interrupted. `--out` gets checkpoint.pt, history.json, curves.png, and best.safetensors or best.onnx.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import torch
+from pydantic import BaseModel, ConfigDict, Field
+from torch import Tensor
+from tqdm import tqdm
+
+from litsim_policy.driving.simnet_output import FUTURE
+from litsim_policy.driving.simnet_raster import Rasters
+from litsim_policy.learning.data import DataConfig, prepare
+from litsim_policy.learning.simnet_data import Moments, PerturbationConfig
+from litsim_policy.learning.simnet_network import SHAPES, Backbone, SimNet, ending, save
+from litsim_sim.cli.program import at_least_one, program
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.files import replacing
+from litsim_sim.io.yaml_input import read_yaml
+from litsim_sim.scenario.scenario import Scenario
+
+CHECKPOINT, HISTORY, CURVES = "checkpoint.pt", "history.json", "curves.png"
+SCALES = 64  # moments from which middle and spread of what is learned are taken
+MIDDLE, VALIDATION = 1, 2  # of the seeds of draws that are not a batch's
+
+
+class SimnetConfig(BaseModel):
+    """A training run; the YAML file has these fields.
+
+    Attributes:
+        backbone: `small`, or the paper's `resnet50` on its raster.
+        seed: of everything random.
+        batches: updates of the network.
+        moments, agents: of a batch, moments of scenarios and agents of each at most.
+        learning_rate: of Adam at the beginning.
+        validate_every: batches between validations.
+        validation_moments: of one.
+        data: see there; `real_weight` is how often agents of real windows are drawn, one of generated traffic once.
+        perturbation: see there.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    backbone: Backbone = "small"
+    seed: int = Field(0, ge=0)
+    batches: int = Field(10_000, gt=0)
+    moments: int = Field(16, gt=0)
+    agents: int = Field(8, gt=0)
+    learning_rate: float = Field(1e-3, gt=0)
+    validate_every: int = Field(500, gt=0)
+    validation_moments: int = Field(128, gt=0)
+    data: DataConfig
+    perturbation: PerturbationConfig = PerturbationConfig()  # type: ignore[call-arg]
+
+
+class SimnetTraining:
+    """Everything of a training that changes from batch to batch, and the files that it leaves.
+
+    Attributes:
+        config: of the training.
+        network: that learns.
+        history: one entry a validation.
+        done: batches made.
+    """
+
+    def __init__(self, config: SimnetConfig) -> None:
+        torch.manual_seed(config.seed)
+        self.config, self.network = config, SimNet(config.backbone)
+        self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._optimiser = torch.optim.Adam(self.network.parameters(), config.learning_rate)
+        self.history: list[dict[str, float]] = []
+        self.done = 0
+
+    @property
+    def best(self) -> float:
+        """Lowest validation loss so far."""
+        return min((entry["validation"] for entry in self.history), default=np.inf)
+
+    def update(self, rasters: Rasters, futures: FloatArray) -> float:
+        """Learn one batch; returns its loss."""
+        rate = 0.5 * self.config.learning_rate * (1.0 + np.cos(np.pi * self.done / self.config.batches))
+        for group in self._optimiser.param_groups:
+            group["lr"] = float(rate)
+        self.network.train()
+        loss = self._loss(rasters, futures)
+        self._optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        self._optimiser.step()
+        self.done += 1
+        return float(loss.detach())
+
+    @torch.no_grad()
+    def validate(self, rasters: Rasters, futures: FloatArray) -> dict[str, float]:
+        """Loss, and errors of the pose after the first and last step, of agents that are not learned."""
+        self.network.eval()
+        parts = torch.from_numpy(rasters).split(self.config.moments * self.config.agents)
+        said = torch.cat([self.network(part) for part in parts])
+        truth = (torch.from_numpy(futures).float() - self.network.middle) / self.network.spread
+        loss = float(((said - truth) ** 2).mean())
+        off = ((said - truth) * self.network.spread).reshape(-1, FUTURE, 3).numpy()
+        return {
+            "validation": loss,
+            "ahead_first": float(np.sqrt((off[:, 0, 0] ** 2).mean())),
+            "turn_first": float(np.sqrt((off[:, 0, 2] ** 2).mean())),
+            "away_last": float(np.hypot(off[:, -1, 0], off[:, -1, 1]).mean()),
+        }
+
+    def _loss(self, rasters: Rasters, futures: FloatArray) -> Tensor:
+        truth = (torch.from_numpy(futures).float() - self.network.middle) / self.network.spread
+        return torch.nn.functional.mse_loss(self.network(torch.from_numpy(rasters)), truth)
+
+    def write(self, out: Path) -> None:
+        """Write a checkpoint, the history and its curves; if the last validation was the best, the weights."""
+        state = {
+            "network": self.network.state_dict(),
+            "optimiser": self._optimiser.state_dict(),
+            "history": json.dumps(self.history),
+            "done": self.done,
+            "config": self.config.model_dump_json(),
+        }
+        with replacing(out / CHECKPOINT) as new:
+            torch.save(state, new)
+        (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
+        plot(self.history, out / CURVES)
+        if self.history[-1]["validation"] <= self.best:
+            about = {"config": self.config.model_dump_json(), "figures": json.dumps(self.history[-1])}
+            save(self.network, self.weights(out), about)
+
+    def weights(self, out: Path) -> Path:
+        """The file of the best weights."""
+        return out / f"best{ending(self.config.backbone)}"
+
+    def read(self, path: Path) -> None:
+        """Go on from a checkpoint.
+
+        Raises:
+            InputError: there is none, or it is of a run with another configuration.
+        """
+        if not path.is_file():
+            raise InputError(f"{path}: no checkpoint to resume from")
+        try:
+            state = torch.load(path, weights_only=True)
+        except Exception as error:
+            raise InputError(f"{path}: not a readable checkpoint: {error}") from error
+        then, now = json.loads(state["config"]), json.loads(self.config.model_dump_json())
+        if changed := [key for key in now if then.get(key) != now[key]]:
+            raise InputError(f"{path}: fields {', '.join(changed)} of the configuration have changed since")
+        self.network.load_state_dict(state["network"])
+        self._optimiser.load_state_dict(state["optimiser"])
+        self.history, self.done = json.loads(state["history"]), state["done"]
+
+
+def run(config: SimnetConfig, out: Path, *, resume: bool = False, progress: bool = True) -> SimnetTraining:
+    """Train, from the start or from the checkpoint in `out`.
+
+    Raises:
+        InputError: the data or the checkpoint cannot be used.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    data = prepare(config.data, out / "data")
+    training, shape = SimnetTraining(config), SHAPES[config.backbone]
+    train = Moments(*_counted(data.train), shape, config.perturbation)
+    held_out = Moments(*_counted(data.validation), shape)
+    if resume:
+        training.read(out / CHECKPOINT)
+    else:
+        _, futures = train.draw(SCALES, config.agents, np.random.default_rng([config.seed, MIDDLE]))
+        training.network.scale_to(futures)
+    validation = held_out.draw(
+        config.validation_moments, config.agents, np.random.default_rng([config.seed, VALIDATION])
+    )
+    losses: list[float] = []
+    begin = time.perf_counter()
+    with tqdm(total=config.batches, initial=training.done, unit="batch", disable=not progress) as bar:
+        while training.done < config.batches:
+            random = np.random.default_rng([config.seed, 0, training.done])
+            losses.append(training.update(*train.draw(config.moments, config.agents, random)))
+            bar.update()
+            if training.done % config.validate_every == 0 or training.done == config.batches:
+                found = training.validate(*validation)
+                seconds = time.perf_counter() - begin
+                training.history.append(
+                    {"batches": training.done, "training": float(np.mean(losses)), **found, "seconds": seconds}
+                )
+                losses, begin = [], time.perf_counter()
+                training.write(out)
+                bar.set_postfix({"validation": f"{found['validation']:.4f}", "1.2 s": f"{found['away_last']:.2f} m"})
+    return training
+
+
+def plot(history: list[dict[str, float]], path: Path) -> None:
+    """Write a PNG of `history`, one entry a validation."""
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    panels: dict[str, dict[str, str]] = {
+        "mean squared error, in units of the spread": {"training": "training", "validation": "validation"},
+        "first step, RMSE": {"ahead_first": "ahead [m]", "turn_first": "turn [rad]"},
+        "after 1.2 s, mean distance [m]": {"away_last": "validation"},
+    }
+    figure, axes = plt.subplots(1, len(panels), figsize=(12, 3.4), layout="constrained")
+    at = [entry["batches"] for entry in history]
+    for axis, (title, lines) in zip(axes, panels.items(), strict=True):
+        for name, label in lines.items():
+            axis.plot(at, [entry[name] for entry in history], marker=".", label=label)
+        axis.set(title=title, xlabel="batch", yscale="log")
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _counted(scenarios: tuple[Scenario, ...]) -> tuple[list[Scenario], list[float]]:
+    """Each scenario once, and how often it was among `scenarios`."""
+    once = {id(scenario): scenario for scenario in scenarios}
+    return list(once.values()), [float(sum(id(each) == key for each in scenarios)) for key in once]
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_policy train_simnet``."""
+    p = argparse.ArgumentParser(prog="train_simnet", description=(__doc__ or "").splitlines()[0])
+    p.add_argument("--config", type=Path, required=True, help="YAML file, such as config/simnet.yaml")
+    p.add_argument("--out", type=Path, required=True, help="folder of the results")
+    p.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+    p.add_argument("--threads", type=at_least_one, default=1, help="of torch; default %(default)s")
+    return p
+
+
+@program
+def main() -> None:
+    """Entry point of ``ros2 run litsim_policy train_simnet``."""
+    arguments: Any = parser().parse_args()
+    torch.set_num_threads(arguments.threads)
+    config = read_yaml(arguments.config, SimnetConfig)
+    try:
+        training = run(config, arguments.out, resume=arguments.resume)
+    except KeyboardInterrupt:
+        print(f"\ninterrupted; to go on: --resume with --out {arguments.out}", file=sys.stderr)
+        raise
+    print(f"best validation loss {training.best:.4f}: {training.weights(arguments.out)}")
+
+
+if __name__ == "__main__":
+    main()

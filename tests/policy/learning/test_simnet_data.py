@@ -1,0 +1,85 @@
+"""What SimNet learns from: rasters of agents and where they went, and the displaced ones' way back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_policy.driving.simnet_output import FUTURE, OUTPUTS
+from litsim_policy.driving.simnet_raster import CHANNELS, FRAMES, OWN, SMALL
+from litsim_policy.learning.simnet_data import FUTURE_S, PAST_S, Moments, PerturbationConfig, perturbed, relative
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import STEP_S, Kind
+
+SPEED = 10.0
+
+
+def straight(yaw: float, times: np.ndarray, agents: int = 1) -> np.ndarray:
+    """Poses (agents, times, 3) on a straight way through the origin at SPEED."""
+    gone = SPEED * times
+    pose = np.stack([gone * np.cos(yaw), gone * np.sin(yaw), np.full(len(gone), yaw)], axis=-1)
+    return np.tile(pose, (agents, 1, 1))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 3.1, -1.2])
+def test_futures_are_seen_from_the_agent(yaw: float) -> None:
+    future = straight(yaw, FUTURE_S)
+    future[0, :, 2] += 0.1  # beyond half a turn where it drives to the west
+    ahead, left, turn = relative(np.array([[0.0, 0.0, yaw]]), future).reshape(FUTURE, 3).T
+    assert ahead == pytest.approx(SPEED * FUTURE_S) and left == pytest.approx(0.0, abs=1e-9)
+    assert turn == pytest.approx(0.1)
+
+
+def test_who_is_drawn_and_what_it_does(make_scenario: Any, track: Any) -> None:
+    scenario = make_scenario(
+        track(1, x=150.0, speed=SPEED, last=40),
+        track(2, x=120.0, speed=SPEED, last=40),
+        track(3, x=90.0, speed=SPEED, last=10),  # gone too soon
+        track(4, x=60.0, speed=2.0, last=40, kind=Kind.BICYCLE),  # never driven
+    )
+    rasters, futures = Moments([scenario], [1.0], SMALL).draw(40, 8, np.random.default_rng(0))
+    assert rasters.shape == (len(futures), CHANNELS, SMALL.rows, SMALL.columns) and futures.shape[1] == OUTPUTS
+    assert len(futures) <= 80  # two at a moment at most
+    ahead, left, turn = futures.reshape(-1, FUTURE, 3).transpose(2, 0, 1)
+    assert ahead == pytest.approx(np.tile(SPEED * FUTURE_S, (len(futures), 1)), abs=1e-6)
+    assert np.abs(left).max() < 1e-6 and np.abs(turn).max() < 1e-9
+    assert rasters[:, OWN + FRAMES - 1].any(axis=(1, 2)).all()
+    # at the first steps of the log there is no history
+    assert 0.0 < (~rasters[:, OWN].any(axis=(1, 2))).mean() < 0.5
+
+
+def test_nobody_to_learn_from(make_scenario: Any, track: Any) -> None:
+    with pytest.raises(InputError, match="nobody is on the road for 13 steps"):
+        Moments([make_scenario(track(1, x=50.0, last=FUTURE - 1))], [1.0], SMALL)
+
+
+def test_the_displaced_come_back_smoothly() -> None:
+    config = PerturbationConfig(share=1.0, back_s=0.3, speed_back_s=0.5)
+    past, future = straight(0.4, PAST_S, 500), straight(0.4, FUTURE_S, 500)
+    own, then = perturbed(past, future, np.full(500, SPEED), config, np.random.default_rng(0))
+
+    def across(pose: np.ndarray) -> np.ndarray:
+        return pose[..., 1] * np.cos(0.4) - pose[..., 0] * np.sin(0.4)
+
+    offset = across(own)[:, -1]
+    assert offset.std() == pytest.approx(config.offset, rel=0.1)
+    assert (own[:, -1, 2] - 0.4).std() == pytest.approx(config.turn, rel=0.1)
+    assert np.abs(across(then)[:, -1]).mean() < 0.2 * np.abs(offset).mean()
+    way = np.concatenate([own, then], axis=1)
+    gone = np.hypot(*np.diff(way[..., :2], axis=1).transpose(2, 0, 1)) / STEP_S
+    assert gone[:, 0].std() == pytest.approx(config.speed, rel=0.1)
+    assert np.abs(gone[:, -1] - SPEED).mean() < 0.3 * np.abs(gone[:, 0] - SPEED).mean()
+    # it drives where it looks: the way of a step is along the mean of the headings at its ends
+    course = np.arctan2(*np.diff(way[..., :2], axis=1).transpose(2, 0, 1)[::-1])
+    heading = 0.5 * (way[:, 1:, 2] + way[:, :-1, 2])
+    assert np.quantile(np.abs(course - heading), 0.99) < 0.03
+
+
+def test_the_slow_and_the_others_are_left_as_they_are() -> None:
+    past, future = straight(0.0, PAST_S, 400), straight(0.0, FUTURE_S, 400)
+    own, then = perturbed(past, future, np.full(400, 1.0), PerturbationConfig(share=1.0), np.random.default_rng(0))
+    assert np.array_equal(own, past) and np.array_equal(then, future)
+    own, _ = perturbed(past, future, np.full(400, SPEED), PerturbationConfig(share=0.25), np.random.default_rng(0))
+    assert (np.abs(own - past).max(axis=(1, 2)) > 0).mean() == pytest.approx(0.25, abs=0.06)

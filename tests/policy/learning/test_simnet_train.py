@@ -1,0 +1,116 @@
+"""Training of SimNet: it learns, it goes on where it stopped, and its weights drive."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+import yaml
+
+from litsim_policy.driving.simnet_network import load_network
+from litsim_policy.learning import simnet_train
+from litsim_policy.learning.simnet_train import SimnetConfig
+from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import read_yaml
+
+
+@pytest.fixture(scope="module")
+def file(make_scenario: Any, track: Any, lane_centres: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A configuration that takes a second: two lanes, the left one faster."""
+    tracks = [
+        track(1 + 3 * lane + k, x=60.0 + 20.0 * k, y=lane_centres[lane], speed=15.0 - 10.0 * lane, last=45)
+        for lane in range(2)
+        for k in range(3)
+    ]
+    folder = tmp_path_factory.mktemp("simnet")
+    for name in ("scenario", "validation"):
+        (folder / f"{name}.yaml").write_text(make_scenario(*tracks).to_yaml())
+    values = {
+        "batches": 30,
+        "moments": 4,
+        "agents": 4,
+        "validate_every": 10,
+        "validation_moments": 8,
+        "data": {"scenarios": [str(folder / "scenario.yaml")], "validation": [str(folder / "validation.yaml")]},
+    }
+    (folder / "config.yaml").write_text(yaml.safe_dump(values))
+    return folder / "config.yaml"
+
+
+def test_it_learns_and_a_run_that_is_resumed_ends_where_a_whole_one_does(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = read_yaml(file, SimnetConfig)
+    whole = simnet_train.run(config, tmp_path / "whole", progress=False)
+    losses = [entry["validation"] for entry in whole.history]
+    assert [entry["batches"] for entry in whole.history] == [10, 20, 30]
+    assert losses[-1] < losses[0] < 1.0
+
+    written = simnet_train.SimnetTraining.write
+
+    def interrupted(training: simnet_train.SimnetTraining, out: Path) -> None:
+        written(training, out)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simnet_train.SimnetTraining, "write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        simnet_train.run(config, tmp_path / "parts", progress=False)
+    monkeypatch.undo()
+    resumed = simnet_train.run(config, tmp_path / "parts", resume=True, progress=False)
+    pairs = zip(whole.network.state_dict().values(), resumed.network.state_dict().values(), strict=True)
+    assert all(torch.equal(a, b) for a, b in pairs)
+    drop = lambda entries: [{k: v for k, v in e.items() if k != "seconds"} for e in entries]  # noqa: E731
+    history = json.loads((tmp_path / "parts" / simnet_train.HISTORY).read_text())
+    assert drop(history) == drop(whole.history)
+    assert (tmp_path / "parts" / simnet_train.CURVES).read_bytes().startswith(b"\x89PNG")
+    assert load_network(resumed.weights(tmp_path / "parts"))
+
+
+def test_the_paper_backbone_is_trained_likewise(file: Path, tmp_path: Path) -> None:
+    small = {"backbone": "resnet50", "batches": 1, "moments": 1, "agents": 2, "validation_moments": 1}
+    training = simnet_train.run(read_yaml(file, SimnetConfig).model_copy(update=small), tmp_path, progress=False)
+    parameters = sum(each.numel() for each in training.network.backbone.parameters())
+    assert parameters == 23_622_564  # of ResNet-50 with 16 channels in and 36 numbers out
+    assert load_network(tmp_path / "best.onnx").shape.rows == 224
+
+
+def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
+    config = read_yaml(file, SimnetConfig).model_copy(update={"batches": 1})
+    with pytest.raises(InputError, match="no checkpoint"):
+        simnet_train.run(config, tmp_path, resume=True, progress=False)
+    simnet_train.run(config, tmp_path, progress=False)
+    with pytest.raises(InputError, match="fields seed of the configuration have changed"):
+        simnet_train.run(config.model_copy(update={"seed": 5}), tmp_path, resume=True, progress=False)
+    (tmp_path / simnet_train.CHECKPOINT).write_bytes(b"nothing")
+    with pytest.raises(InputError, match="not a readable checkpoint"):
+        simnet_train.run(config, tmp_path, resume=True, progress=False)
+
+
+def test_the_program(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = yaml.safe_load(file.read_text()) | {"batches": 2}
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(values))
+    words = ["train_simnet", "--config", str(tmp_path / "short.yaml"), "--out", str(tmp_path / "out")]
+    monkeypatch.setattr(sys, "argv", words)
+    simnet_train.main()
+    said = capsys.readouterr().out
+    assert said.startswith("best validation loss ") and str(tmp_path / "out" / "best.safetensors") in said
+    monkeypatch.setattr(sys, "argv", [*words, "--resume"])
+    values |= {"learning_rate": 0.5}
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(values))
+    with pytest.raises(SystemExit) as ended:
+        simnet_train.main()
+    assert ended.value.code == 2
+    assert "fields learning_rate of the configuration have changed" in capsys.readouterr().err
+
+
+def test_configurations_that_are_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text("backbone: resnet18\ndata: {}\n")
+    with pytest.raises(InputError, match=r"field backbone: .*'small' or 'resnet50'"):
+        read_yaml(path, SimnetConfig)
