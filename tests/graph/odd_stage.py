@@ -9,22 +9,31 @@ from typing import Any
 from litsim_msgs.msg import RunInfo, Takeovers
 
 from litsim_sim.ros.messages import header
-from litsim_sim.ros.stage import StageNode, run_node
+from litsim_sim.ros.stage import StageNode, run_stages
 from litsim_sim.ros.topics import AGENTS, CONTROLS, FORECASTS, TAKEOVERS
 from litsim_sim.scenario.scenario import Scenario
 
 
+def itself(message: Any) -> Any:
+    return message
+
+
+def as_it_is(message: Any, run_id: str) -> Any:
+    del run_id
+    return message
+
+
 class MuteStage(StageNode):
     stage = "conflict"
-    inputs = (AGENTS, CONTROLS)  # the second one comes only once this stage has answered
-    outputs = (TAKEOVERS,)
+    inputs = ((AGENTS, itself), (CONTROLS, itself))  # the second one comes only once this stage has answered
+    outputs = ((TAKEOVERS, as_it_is),)
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         self.run_id = info.run_id
 
 
 class BrokenStage(MuteStage):
-    inputs = (AGENTS, FORECASTS)
+    inputs = ((AGENTS, itself), (FORECASTS, itself))
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         step = inputs[AGENTS.name].step
@@ -32,4 +41,4 @@ class BrokenStage(MuteStage):
 
 
 if __name__ == "__main__":
-    run_node({"mute": MuteStage, "broken": BrokenStage}[sys.argv.pop(1)])
+    run_stages({"mute": MuteStage, "broken": BrokenStage}[sys.argv.pop(1)])

@@ -81,17 +81,20 @@ def assert_whole_steps(bag: Path) -> int:
     return len(steps) - 1
 
 
-@pytest.mark.parametrize("name", ["bridge", "predictor", "policy", "ego_idm"])
+@pytest.mark.parametrize("name", ["bridge", "predictor", "policy", "policy_stages", "ego_idm"])
 def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
     """Of the conflict stage and the recorder, see test_launcher.py and test_recording.py."""
     bag = graph.folder / "run"
-    policy = "litsim" if name in ("predictor", "policy") else "replay"
+    policy = "litsim" if name in ("predictor", "policy", "policy_stages") else "replay"
     scenario = graph.scenario(simulation_s=8.0)
-    launcher = graph.start_launch("--mode", "realtime", "--scenario", scenario, "--policy", policy, "--out", bag)
+    words = ("--mode", "realtime", "--scenario", scenario, "--policy", policy, "--out", bag)
+    launcher = graph.start_launch(*words, *(() if name == "policy_stages" else ("--apart",)))
     graph.wait_under_way(bag)
     graph.signal(name, signal.SIGKILL)
     error = error_of(graph.finish(launcher))
-    assert error.startswith(f"node {name.removesuffix('_idm')} was ended by SIGKILL (logs: ")
+    several = {"policy_stages": "process policy_stages (predictor, conflict, policy)"}
+    named = several.get(name, f"node {name.removesuffix('_idm')}")
+    assert error.startswith(f"{named} was ended by SIGKILL (logs: ")
     assert not graph.running()
     assert read_run(bag).complete
     assert 9 <= assert_whole_steps(bag) < 85
@@ -154,7 +157,7 @@ def test_a_recorder_slower_than_the_run_is_waited_for(graph: Any) -> None:
 def test_a_node_without_memory_ends_the_run(graph: Any) -> None:
     """It is given less than it takes to get ready; how that ends is up to the library that wants some first."""
     bag = graph.folder / "run"
-    launcher = graph.start_launch("--scenario", graph.scenario(), "--out", bag)
+    launcher = graph.start_launch("--scenario", graph.scenario(), "--out", bag, "--apart")
     graph.wait("the predictor", lambda: [line for line in graph.running().values() if "/predictor " in line])
     (pid,) = (pid for pid, line in graph.running().items() if "/predictor " in line)
     resource.prlimit(pid, resource.RLIMIT_AS, (MEMORY, MEMORY))

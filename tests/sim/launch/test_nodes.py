@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.nodes import GraphNode, GraphOptions, nodes_of
+from litsim_sim.launch.nodes import GraphNode, GraphOptions, in_company, nodes_of
 from litsim_sim.scenario.run_info import RunPlan
 
 
@@ -41,6 +41,21 @@ def test_what_is_set_reaches_its_node_and_the_bridge_knows_of_all() -> None:
     assert bridge["handshake_timeout_s"] == 9.0
     told = {"predictor": {"model": "kinematic"}, "conflict": {"horizon": 2.5}, "ego": {"headway": 2.0}}
     assert json.loads(bridge["stage_parameters"]) == told
+
+
+def test_the_stages_of_the_policy_share_a_process_each_with_its_parameters() -> None:
+    settings = [("conflict", "horizon", 2.5)]
+    shared = in_company(list(nodes(predictor="kinematic", settings=settings).values()))
+    assert [node.name for node in shared] == ["recorder", "ego", "policy_stages", "bridge"]
+    one = shared[2]
+    assert (one.package, one.executable) == ("litsim_policy", "policy_stages")
+    assert one.several == ("predictor", "conflict", "policy")
+    assert one.parameters == {"predictor:model": "kinematic", "conflict:horizon": 2.5}
+
+
+def test_a_run_without_a_policy_has_nothing_to_share() -> None:
+    alone = list(nodes(policy="replay").values())
+    assert in_company(alone) == alone
 
 
 def test_who_takes_no_part_cannot_be_set() -> None:

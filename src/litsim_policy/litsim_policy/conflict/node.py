@@ -10,9 +10,10 @@ from litsim_msgs.msg import RunInfo
 from litsim_policy.conflict.messages import takeovers_to_message
 from litsim_policy.conflict.registry import TakeoverStage, conflict_stage
 from litsim_predictor.messages import received_forecast
+from litsim_sim.ros.company import Company
 from litsim_sim.ros.messages import received_agents
 from litsim_sim.ros.parameters import read_parameters
-from litsim_sim.ros.stage import StageNode, run_node
+from litsim_sim.ros.stage import StageNode, run_stages
 from litsim_sim.ros.topics import AGENTS, FORECASTS, TAKEOVERS
 from litsim_sim.scenario.scenario import Scenario
 
@@ -21,32 +22,26 @@ class ConflictNode(StageNode):
     """Says at every step who is off its log, and why."""
 
     stage = "conflict"
-    inputs = (AGENTS, FORECASTS)
-    outputs = (TAKEOVERS,)
+    inputs = ((AGENTS, received_agents), (FORECASTS, received_forecast))
+    outputs = ((TAKEOVERS, takeovers_to_message),)
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, company: Company | None = None) -> None:
+        super().__init__(company)
         self._make = read_parameters(self, conflict_stage)
-        self._run_id = ""
         self._manager: TakeoverStage
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._manager, self._run_id = self._make(info.policy, scenario), info.run_id
-
-    def read(self, topic: str, message: Any) -> Any:
-        """See :meth:`StageNode.read`."""
-        return received_agents(message) if topic == AGENTS.name else received_forecast(message)
+        self._manager = self._make(info.policy, scenario)
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
-        takeovers = self._manager.update(inputs[AGENTS.name], inputs[FORECASTS.name])
-        return [takeovers_to_message(takeovers, self._run_id)]
+        return [self._manager.update(inputs[AGENTS.name], inputs[FORECASTS.name])]
 
 
 def main() -> None:
     """Entry point of ``ros2 run litsim_policy conflict``."""
-    run_node(ConflictNode)
+    run_stages(ConflictNode)
 
 
 if __name__ == "__main__":

@@ -9,9 +9,10 @@ from litsim_msgs.msg import RunInfo
 
 from litsim_policy.conflict.messages import received_takeovers
 from litsim_policy.driving.registry import Policy, policy_stage
+from litsim_sim.ros.company import Company
 from litsim_sim.ros.messages import controls_to_message, received_agents
 from litsim_sim.ros.parameters import read_parameters
-from litsim_sim.ros.stage import StageNode, run_node
+from litsim_sim.ros.stage import StageNode, run_stages
 from litsim_sim.ros.topics import AGENTS, CONTROLS, TAKEOVERS
 from litsim_sim.scenario.scenario import Scenario
 
@@ -20,32 +21,26 @@ class PolicyNode(StageNode):
     """Drives the agents that are taken over."""
 
     stage = "policy"
-    inputs = (AGENTS, TAKEOVERS)
-    outputs = (CONTROLS,)
+    inputs = ((AGENTS, received_agents), (TAKEOVERS, received_takeovers))
+    outputs = ((CONTROLS, controls_to_message),)
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, company: Company | None = None) -> None:
+        super().__init__(company)
         self._make = read_parameters(self, policy_stage)
-        self._run_id = ""
         self._policy: Policy
 
     def configure(self, info: RunInfo, scenario: Scenario) -> None:
         """See :meth:`StageNode.configure`."""
-        self._policy, self._run_id = self._make(info.policy, scenario), info.run_id
-
-    def read(self, topic: str, message: Any) -> Any:
-        """See :meth:`StageNode.read`."""
-        return received_agents(message) if topic == AGENTS.name else received_takeovers(message)
+        self._policy = self._make(info.policy, scenario)
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
         """See :meth:`StageNode.answer`."""
-        controls = self._policy.act(inputs[AGENTS.name], inputs[TAKEOVERS.name])
-        return [controls_to_message(controls, self._run_id)]
+        return [self._policy.act(inputs[AGENTS.name], inputs[TAKEOVERS.name])]
 
 
 def main() -> None:
     """Entry point of ``ros2 run litsim_policy policy``."""
-    run_node(PolicyNode)
+    run_stages(PolicyNode)
 
 
 if __name__ == "__main__":

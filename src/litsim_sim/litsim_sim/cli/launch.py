@@ -17,7 +17,7 @@ from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.middleware import check_security
-from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, nodes_of
+from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, in_company, nodes_of
 from litsim_sim.launch.output import check_output
 from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
@@ -39,6 +39,7 @@ def launch(arguments: argparse.Namespace) -> int:
     domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
     options = _options(arguments, plan)
     nodes = nodes_of(plan, options)
+    nodes = nodes if arguments.apart else in_company(nodes)
     paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
     check_output(options.out, options.overwrite)
     with domain as domain_id:
@@ -66,7 +67,7 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
         if arguments.command:  # first: it may take long to get ready
             graph.start_stack(arguments.command)
         for node in reversed(nodes):
-            graph.start(node.name, paths[node.name], dict(node.parameters), forked=True)
+            graph.start(node.name, paths[node.name], node.parameters, forked=True, several=node.several)
             if node.name == BRIDGE:  # it loads SUMO and looks for other runs meanwhile
                 prepare_nodes()
         graph.watch(arguments.quiet)
@@ -130,6 +131,7 @@ def parser() -> argparse.ArgumentParser:
         type=int,
         help="ROS_DOMAIN_ID; else the environment's, or else a free one (external ego that you start yourself: 0)",
     )
+    p.add_argument("--apart", action="store_true", help="a process for every node; else predictor to policy share one")
     p.add_argument("--no-analyze", dest="analyze", action="store_false", help="record only")
     p.add_argument("--quiet", action="store_true", help="no progress, no table")
     p.add_argument(

@@ -51,12 +51,14 @@ class Child:
     Attributes:
         name: of the node, or :data:`litsim_sim.launch.processes.STACK`.
         command: of a stack, as the user gave it; empty of a node.
+        nodes: names of its nodes, where these are several.
     """
 
     name: str
     process: Process
     log: Path
     command: Sequence[str] = ()
+    nodes: Sequence[str] = ()
 
     def signal(self, number: int) -> None:
         """Signal the whole group; `ros2 run`-like wrappers pass nothing on."""
@@ -100,7 +102,7 @@ class Child:
     def __str__(self) -> str:
         if self.command:
             return f"the stack ({textwrap.shorten(shlex.join(self.command), NAME_MAX, placeholder=' …')})"
-        return f"node {self.name}"
+        return f"process {self.name} ({', '.join(self.nodes)})" if self.nodes else f"node {self.name}"
 
     @property
     def _lines(self) -> list[str]:

@@ -18,6 +18,8 @@ EXECUTABLES = {
     BRIDGE: ("litsim_sim", "bridge"),
 }
 """Package and executable of every node but the ego."""
+POLICY_STAGES_PROGRAM = ("litsim_policy", "policy_stages")
+"""Package and executable of the stages of the policy in one process."""
 
 
 def find_executable(package: str, executable: str) -> Path:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stage_registry import configured, registered_name
-from litsim_sim.core.stages import BRIDGE, RECORDER
+from litsim_sim.core.stages import BRIDGE, POLICY_STAGES, RECORDER
 from litsim_sim.ego_port.answer import AUTO
-from litsim_sim.launch.executables import program_of
+from litsim_sim.launch.executables import POLICY_STAGES_PROGRAM, program_of
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 
 MODES = ("lockstep", "realtime")
@@ -48,18 +48,20 @@ class GraphOptions:
 
 @dataclass(frozen=True)
 class GraphNode:
-    """A node of a run.
+    """A node of a run, or several in one process.
 
     Attributes:
-        name: of its stage, the bridge or the recorder.
+        name: of its stage, the bridge or the recorder; of several, of their program.
         package, executable: of its program.
-        parameters: ROS parameters that are not left at the node's defaults.
+        parameters: ROS parameters that are not left at the node's defaults; of several, NODE:NAME.
+        several: names of the nodes, where these are several.
     """
 
     name: str
     package: str
     executable: str
     parameters: Mapping[str, Any]
+    several: Sequence[str] = ()
 
 
 def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
@@ -76,6 +78,19 @@ def nodes_of(plan: RunPlan, how: GraphOptions) -> list[GraphNode]:
     parameters = {name: own.get(name, {}) | dict(plan.parameters.get(name, {})) for name in (*own, *plan.parameters)}
     configured({name: registered_name(name, plan.ego) for name in names}, parameters)
     return [GraphNode(name, *program_of(name, plan.ego), parameters.get(name, {})) for name in names]
+
+
+def in_company(nodes: Sequence[GraphNode]) -> list[GraphNode]:
+    """The same nodes, those of the policy's stages in one process: they need not wait for messages of each other."""
+    together = {node.name: node for node in nodes if node.name in POLICY_STAGES}
+    if together.keys() != set(POLICY_STAGES):
+        return list(nodes)
+    parameters = {
+        f"{stage}:{name}": value for stage in POLICY_STAGES for name, value in together[stage].parameters.items()
+    }
+    one = GraphNode(POLICY_STAGES_PROGRAM[1], *POLICY_STAGES_PROGRAM, parameters, POLICY_STAGES)
+    first = min(nodes.index(node) for node in together.values())
+    return [one if k == first else node for k, node in enumerate(nodes) if k == first or node.name not in together]
 
 
 def _bridge(plan: RunPlan, how: GraphOptions) -> dict[str, Any]:

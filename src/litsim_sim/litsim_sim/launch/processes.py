@@ -52,14 +52,23 @@ class Graph:
         self.children: dict[str, Child] = {}
         self._progress: Progress | None = None
 
-    def start(self, name: str, path: Path, parameters: dict[str, object], *, forked: bool = False) -> None:
+    def start(
+        self,
+        name: str,
+        path: Path,
+        parameters: Mapping[str, object],
+        *,
+        forked: bool = False,
+        several: Sequence[str] = (),
+    ) -> None:
         """Start the executable at `path` as node `name`.
 
         Args:
             name: of the node.
             path: of its program, in Python.
-            parameters: ROS parameters by name.
+            parameters: ROS parameters by name, or by NODE:NAME.
             forked: in a copy of this process, see :mod:`litsim_sim.launch.forked`, which has to be fit for that.
+            several: names of the nodes, where the program is several.
         """
         words = [str(path), "--ros-args"]
         for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
@@ -71,7 +80,7 @@ class Graph:
                 process = ForkedProcess(words, self._environment, stdout=_stdout(name, log), stderr=log)
             else:
                 process = self._process(name, words, log)
-            self.children[name] = Child(name, process, Path(log.name))
+            self.children[name] = Child(name, process, Path(log.name), nodes=several)
 
     def start_stack(self, command: Sequence[str]) -> None:
         """Start the command of a user that is to drive the ego: in the domain of the graph, kept by a keeper.

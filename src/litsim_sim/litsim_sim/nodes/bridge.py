@@ -27,7 +27,7 @@ from litsim_sim.nodes.run_loop import Pulse, RunLoop
 from litsim_sim.ros import ego_port, messages
 from litsim_sim.ros.endpoints import Endpoints, node_of, publisher_on, subscribe
 from litsim_sim.ros.parameters import parameters, read_parameters
-from litsim_sim.ros.stage import executor_of, process, serve, spare_from_collection
+from litsim_sim.ros.process import executor_of, process, serve, spare_from_collection
 from litsim_sim.ros.topics import (
     CONTROLS,
     DIAGNOSTICS,

@@ -26,7 +26,7 @@ from litsim_sim.ros.definitions import definition, type_name
 from litsim_sim.ros.endpoints import Endpoints
 from litsim_sim.ros.markers import AgentLayer, ConflictLayer, ForecastLayer, handing_back
 from litsim_sim.ros.parameters import check_given, undeclare_given
-from litsim_sim.ros.stage import process, serve
+from litsim_sim.ros.process import process, serve
 from litsim_sim.ros.topics import (
     AGENTS,
     CLOCK,

@@ -27,7 +27,7 @@ from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
-from litsim_sim.ros.stage import SIGNAL_PERIOD, process, spin
+from litsim_sim.ros.process import SIGNAL_PERIOD, process, spin
 from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
@@ -227,9 +227,17 @@ def step_of(topic: Topic, data: bytes) -> int:
     return 0 if topic == LANES else round(stamp_ns(data) / STEP_NS)
 
 
+def give_way() -> None:
+    """Let others have the processor first; to be called before there are threads, which take it over."""
+    os.nice(NICENESS)
+    if os.getsid(0) == os.getpid():  # Linux shares processors between sessions first, each by a niceness of its own
+        with suppress(OSError):
+            Path("/proc/self/autogroup").write_text(str(NICENESS))
+
+
 def main() -> None:
     """Entry point of ``ros2 run litsim_sim recorder``."""
-    os.nice(NICENESS)  # before there are threads of DDS, which take it over
+    give_way()
     with process():
         node = RecorderNode()
         node.get_logger().info(f"waiting for a run on {RUN_INFO.name}")

@@ -23,7 +23,7 @@ from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.player import Player, checked_rate, is_latched, messages_of, offered_qos, selected
 from litsim_sim.ros.definitions import type_hash
 from litsim_sim.ros.parameters import check_given, undeclare_given
-from litsim_sim.ros.stage import process, serve
+from litsim_sim.ros.process import process, serve
 
 NAME = "replay"
 ATTENTION_S = 0.05  # after which a key is noticed at the latest
