@@ -7,6 +7,7 @@ nobody waits for a message between two of them: they publish once the last of th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 from litsim_msgs.msg import RunInfo
@@ -51,7 +52,7 @@ class Company:
         """Hand what a stage has answered, by topic, to those of this company that listen."""
         for topic, answer in answers.items():
             for _, receive in self._listeners.get(topic, ()):
-                receive(run_id, step, lambda answer=answer: answer)
+                receive(run_id, step, partial(_same, answer))
 
     def afterwards(self, do: Callable[[], None]) -> None:
         """Do what nobody waits for once the message at hand has been served."""
@@ -82,7 +83,7 @@ class Company:
         self._serving = True
         try:
             for read, receive in self._listeners[topic]:
-                receive(message.run_id, message.step, lambda read=read: reader(read))
+                receive(message.run_id, message.step, partial(reader, read))
         finally:
             self._serving = False
             self._catch_up()
@@ -90,3 +91,7 @@ class Company:
     def _catch_up(self) -> None:
         while self._afterwards:
             self._afterwards.pop(0)()
+
+
+def _same(answer: Any) -> Any:
+    return answer
