@@ -39,6 +39,7 @@ setup(
             "run = litsim_policy.cli.run:main",
             "rerun = litsim_policy.cli.rerun:main",
             "evaluate = litsim_policy.cli.evaluate:main",
+            "paper = litsim_policy.cli.paper:main",
             "bench = litsim_policy.cli.bench:main",
             "train = litsim_policy.learning.train:main",
             "train_simnet = litsim_policy.learning.simnet_train:main",

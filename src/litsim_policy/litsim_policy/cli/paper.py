@@ -1,0 +1,230 @@
+"""`paper`: the paper's experiments, each a campaign that is gone on with where it was, with its tables and figures."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+
+from litsim_policy.paper import tables
+from litsim_policy.paper.experiments import EXPERIMENTS, OURS, PAPER_EGO, PAPER_SETUP, SANITY, TABLE, Experiment
+from litsim_policy.paper.measures import Key, Metrics
+from litsim_policy.paper.page import fill
+from litsim_policy.paper.published import ABLATION as PUBLISHED_ABLATION
+from litsim_policy.paper.published import TABLE as PUBLISHED_TABLE
+from litsim_policy.paper.roads import REAL, SETS
+from litsim_policy.paper.running import Clock, carried_out
+from litsim_sim.campaign.results import Campaign, read_campaign
+from litsim_sim.campaign.suite import Suite
+from litsim_sim.cli.arguments import DefaultsFormatter
+from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
+from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.run_info import OWN_EGOS
+
+DEFAULT_OUT = "bags/paper"
+CASES = "cases"
+FIGURES = "figures"
+ALL = "all"
+CAPTIONS = {
+    "contacts_by_fault": "Contacts that the log has not, by whose fault they were; ego `bat`, all sets.",
+    "ade_over_time": "ADE up to each horizon, paired over the agents that any of the methods drives; ego `bat`.",
+    "takeovers": "Time off the log, and distance from the log at the release; all egos, all sets.",
+    "realism": "Realism of the agents near the ego's log, by set, with the spread over seeds; ego `bat`.",
+    "case_lane_change": "An ego changes lane where its log did not, on US-101: replay above, LitSim below.",
+    "case_left_turn": "An unprotected left turn on the generated street: replay above, LitSim below.",
+}
+PUBLISHED = {"table": PUBLISHED_TABLE, "ablation": PUBLISHED_ABLATION}
+EPILOG = (
+    "Interrupted, the same command goes on. 'figures' draws what 'table' has run; 'cases' runs and draws the two case "
+    "studies; 'all' does everything. The real window needs LITSIM_DATA; without it, it is left out, which is said."
+)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_policy paper``."""
+    p = argparse.ArgumentParser(prog="paper", description=__doc__, epilog=EPILOG, formatter_class=DefaultsFormatter)
+    p.add_argument("what", choices=(*EXPERIMENTS, FIGURES, CASES, ALL), help="experiment, or what is made of it")
+    p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="where")
+    p.add_argument("--ego", nargs="+", choices=OWN_EGOS, help="what drives the ego, instead of the experiment's own")
+    p.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), help="folder of campaigns, tables and figures")
+    p.add_argument("--processes", type=at_least_one, default=2, help="runs at a time")
+    p.add_argument("--quick", action="store_true", help="a few short runs, to see that it works")
+    p.add_argument("--overwrite", action="store_true", help="begin anew where other sources have run")
+    p.add_argument("--as-it-is", action="store_true", help="run nothing: tables and figures of what has been run")
+    p.add_argument("--page", type=Path, help="Markdown file whose marked parts are filled, such as docs/results.md")
+    p.add_argument("--images", type=Path, help="folder of the figures (default: figures in --out)")
+    return p
+
+
+class Work:
+    """What the arguments ask for, done part by part; wall times are kept."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._arguments = arguments
+        self._out: Path = arguments.out
+        self._images: Path = arguments.images or self._out / FIGURES
+        self._sets = _available(arguments.sets)
+        self.clocks: dict[str, Clock] = {}
+
+    def experiment(self, experiment: Experiment) -> None:
+        """Run `experiment`, and write its tables."""
+        with self._clock(experiment.name):
+            campaign = self._campaign(experiment)
+            lines = list(_tables(campaign, experiment, self._egos(experiment), self._sets))
+        self._write(experiment.name, lines)
+
+    def figures(self) -> None:
+        """Draw what the campaign of the table holds."""
+        from litsim_policy.paper import figures  # matplotlib takes half a second to load
+
+        with self._clock(FIGURES):
+            campaign = self._campaign(TABLE)
+            ego = self._egos(TABLE)[0]
+            everything = tables.methods_of(campaign, ego, None)
+            by_set = {name: tables.methods_of(campaign, ego, name) for name in self._sets}
+            every_ego = _merged(tables.methods_of(campaign, each, None) for each in self._egos(TABLE))
+            made = {
+                "contacts_by_fault": figures.contacts_by_fault(everything),
+                "ade_over_time": figures.ade_over_time(by_set),
+                "takeovers": figures.takeovers(every_ego, (OURS, PAPER_SETUP)),
+                "realism": figures.realism(by_set),
+            }
+            for name, canvas in made.items():
+                figures.save(canvas, self._images, name)
+        print(f"figures: {self._images}")
+        self._show()
+
+    def cases(self) -> None:
+        """Run and draw the case studies."""
+        from litsim_policy.paper import case_studies, figures
+
+        arguments = self._arguments
+        with self._clock(CASES):
+            quick = arguments.quick or REAL not in self._sets
+            for name, suite in case_studies.candidates(self._out / "roads", quick=quick).items():
+                where = f"cases_{name}"
+                as_it_is = arguments.as_it_is
+                campaign = read_campaign(self._out / where) if as_it_is else self._carried_out(suite, where)
+                study = case_studies.chosen(campaign)
+                if study is None:
+                    print(f"{name}: no case in which replay makes a contact of the ego and {OURS} does not")
+                    continue
+                figures.save(case_studies.drawn(name, study), self._images, f"case_{name}")
+                print(f"{name}: {study.ours.name}")
+        self._show()
+
+    def _show(self) -> None:
+        """Put the figures that there are into the page."""
+        page = self._arguments.page
+        if page is None:
+            return
+        there = [name for name in CAPTIONS if (self._images / f"{name}.png").is_file()]
+        folder = os.path.relpath(self._images, page.parent)
+        lines = [
+            line for name in there for line in (f"![{CAPTIONS[name]}]({folder}/{name}.png)", "", CAPTIONS[name], "")
+        ]
+        fill(page, FIGURES, lines)
+
+    def times(self) -> None:
+        """Write the wall times of the parts."""
+        lines = ["| part | wall time |", "| --- | ---: |"]
+        lines += [f"| {name} | {clock.seconds / 60:.1f} min |" for name, clock in self.clocks.items()]
+        lines.append(f"| together | {sum(clock.seconds for clock in self.clocks.values()) / 60:.1f} min |")
+        self._write("times", lines)
+
+    def _campaign(self, experiment: Experiment) -> Campaign:
+        if self._arguments.as_it_is:
+            return read_campaign(self._out / experiment.name)
+        quick = self._arguments.quick
+        suite = experiment.suite(self._sets, self._egos(experiment), self._out / "roads", quick=quick)
+        return self._carried_out(suite, experiment.name)
+
+    def _carried_out(self, suite: Suite, name: str) -> Campaign:
+        arguments = self._arguments
+        return carried_out(suite, self._out / name, arguments.processes, overwrite=arguments.overwrite)
+
+    def _egos(self, experiment: Experiment) -> tuple[str, ...]:
+        given: Sequence[str] | None = self._arguments.ego
+        if given and experiment is not SANITY:
+            return tuple(given)
+        return experiment.egos[:1] if self._arguments.quick else experiment.egos
+
+    def _clock(self, name: str) -> Clock:
+        return self.clocks.setdefault(name, Clock())
+
+    def _write(self, name: str, lines: Sequence[str]) -> None:
+        path = self._out / f"{name}.md"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        print("\n".join(lines))
+        if self._arguments.page is not None:
+            fill(self._arguments.page, name, lines)
+
+
+def _available(sets: Sequence[str]) -> tuple[str, ...]:
+    """Those of `sets` whose data are here.
+
+    Raises:
+        InputError: none is.
+    """
+    found = tuple(name for name in sets if name != REAL or os.environ.get("LITSIM_DATA"))
+    if not found:
+        raise InputError("--sets real: needs recorded data, and LITSIM_DATA names no folder of them")
+    if len(found) < len(sets):
+        print("real: left out, LITSIM_DATA names no folder of recorded data")
+    return found
+
+
+def _tables(campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets: Sequence[str]) -> Iterable[str]:
+    """Lines of all tables of an experiment: for each ego and set, as in the paper, beside it, counts, differences."""
+    published = PUBLISHED.get(experiment.name, {})
+    for ego in egos:
+        for tag in sets:
+            methods = tables.methods_of(campaign, ego, tag)
+            yield from (f"### {tables.titled(ego, tag)}", "")
+            as_paper = published if ego == PAPER_EGO else {}
+            yield from (*tables.table(methods, tables.OF_THE_PAPER, as_paper), "")
+            yield from (*tables.table(methods, tables.BESIDE), "")
+            yield from ("Contacts that the log has not, by whose fault:", "", *tables.counts(methods), "")
+            if experiment is TABLE:
+                yield from ("Differences, with 95 % intervals:", "")
+                yield from (*tables.differences(methods, tables.OF_THE_PAPER), "")
+                yield from _won(methods)
+
+
+def _won(methods: dict[str, dict[Key, Metrics | None]]) -> Iterable[str]:
+    """What others win, said."""
+    lines = tables.won(methods, (*tables.OF_THE_PAPER, *tables.BESIDE))
+    if lines:
+        yield from (f"Where another is better than `{OURS}`:", "", *lines, "")
+
+
+def _merged(found: Iterable[dict[str, dict[Key, Metrics | None]]]) -> dict[str, dict[Key, Metrics | None]]:
+    merged: dict[str, dict[Key, Metrics | None]] = {}
+    for methods in found:
+        for name, runs in methods.items():
+            merged.setdefault(name, {}).update(runs)
+    return merged
+
+
+@program
+def main(argv: list[str] | None = None) -> int:
+    """Entry point of ``ros2 run litsim_policy paper``."""
+    arguments = parser().parse_args(argv)
+    interrupt_on_signals()
+    work = Work(arguments)
+    parts: dict[str, Callable[[], None]] = {
+        name: partial(work.experiment, experiment) for name, experiment in EXPERIMENTS.items()
+    }
+    parts |= {FIGURES: work.figures, CASES: work.cases}
+    for part in parts.values() if arguments.what == ALL else (parts[arguments.what],):
+        part()
+    if arguments.what == ALL:
+        work.times()
+    return 0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,172 @@
+"""The paper's two case studies: a lane change on US-101, and an unprotected left turn in a street.
+
+In each an ego does what its log did not, and replay drives into it. Which ego is shown is found, not chosen: of the
+candidates, in their order, the first that replay makes a contact of, and ours none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure as Canvas
+from matplotlib.patches import Patch
+
+from litsim_policy.paper.experiments import JUDGED, OURS
+from litsim_policy.paper.measures import key_of
+from litsim_policy.paper.roads import REAL, roads
+from litsim_policy.run.case_run import plan_of
+from litsim_policy.run.runner import Runner, record
+from litsim_sim.campaign.case import Case
+from litsim_sim.campaign.results import Campaign, RunResult
+from litsim_sim.campaign.suite import CaseEntry, EgoSetup, Suite
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.record.run import Run
+from litsim_sim.scenario.run_info import REPLAY
+
+LANE_CHANGE, LEFT_TURN = "lane_change", "left_turn"
+STUDIES = {LANE_CHANGE: "Lane change, US-101", LEFT_TURN: "Unprotected left turn, generated street"}
+TURNS = "small"
+"""Packaged suite whose cases tagged with left turns are the candidates of the street."""
+BEFORE_S = (-3.0, -2.0, -1.0, 0.0)
+"""When the pictures are, from the contact under replay on [s]."""
+AFTER_S = 1.0
+VIEW_M = {LANE_CHANGE: (32.0, 11.0), LEFT_TURN: (26.0, 20.0)}
+"""Half of what is seen along and across the ego's heading, at the contact [m]."""
+COLOURS = {Controller.EGO: "#c62828", Controller.POLICY: "#2e8b3d", Controller.BASELINE: "#2e8b3d"}
+ON_LOG, ROAD = "#e7b416", "#e6e8eb"
+
+
+def candidates(folder: Path, *, quick: bool) -> dict[str, Suite]:
+    """The runs among which each case study is looked for, by its name; `quick` looks for the street's alone.
+
+    Raises:
+        InputError: the real window is not there.
+    """
+    changer = EgoSetup(name="lane_changer", kind="perturbed", parameters={"ego.kind": "lane_change"})
+    keeper = EgoSetup(name="keep_speed", kind="perturbed", parameters={"ego.kind": "keep_speed"})
+    turns = [entry for entry in Suite.load(TURNS).cases if LEFT_TURN in entry.tags]
+    found = {LEFT_TURN: _suite(LEFT_TURN, turns[:2] if quick else turns, [keeper, EgoSetup(name="bat", kind="bat")])}
+    if not quick:
+        found[LANE_CHANGE] = _suite(LANE_CHANGE, roads((REAL,), folder)[REAL], [changer])
+    return found
+
+
+def _suite(name: str, cases: list[CaseEntry], egos: list[EgoSetup]) -> Suite:
+    return Suite(name=name, cases=cases, egos=egos, policies=[REPLAY, OURS], criteria=JUDGED)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A case under replay and under ours.
+
+    Attributes:
+        replay, ours: its two cases.
+        contact: step of the ego's contact under replay.
+    """
+
+    replay: Case
+    ours: Case
+    contact: int
+
+
+def chosen(campaign: Campaign) -> Study | None:
+    """The first case of a campaign in which replay has a contact of the ego that the log has not, and ours has none.
+
+    Somebody is taken over in it. None where there is no such case.
+    """
+    by_policy: dict[str, dict[object, RunResult]] = {REPLAY: {}, OURS: {}}
+    for result in campaign.results:
+        by_policy[result.case.policy][key_of(result.case)] = result
+    for key, replayed in by_policy[REPLAY].items():
+        ours = by_policy[OURS].get(key)
+        if ours is None or ours.metrics is None or replayed.metrics is None:
+            continue
+        step = _ego_contact(replayed)
+        if step is not None and ours.metrics["reactive"] and ours.metrics["takeovers"]:
+            return Study(replayed.case, ours.case, step)
+    return None
+
+
+def _ego_contact(result: RunResult) -> int | None:
+    """Step of the first contact of the ego that the log has not; None where there is none."""
+    metrics = result.metrics or {}
+    ego = result.case.ego_id
+    steps = [each["step"] for each in metrics["collision"]["contacts"] if ego in each["pair"] and not each["in_log"]]
+    return min(steps, default=None)
+
+
+def drawn(name: str, study: Study) -> Canvas:
+    """The study `name` in time steps, replay above and ours below.
+
+    Raises:
+        InputError: a run cannot be run again.
+    """
+    runs = [record(Runner(plan_of(case))) for case in (study.replay, study.ours)]
+    lane_map = plan_of(study.ours).scenario.lane_map
+    times = [*BEFORE_S, AFTER_S]
+    steps = [max(runs[0].info.history_steps, study.contact + round(t / STEP_S)) for t in times]
+    wide, high = VIEW_M[name]
+    canvas = Canvas((9.5, 2 * (9.5 / len(steps)) * high / wide + 1.0), layout="constrained")
+    panels = canvas.subplots(2, len(steps), squeeze=False)
+    centre, heading = _view(runs[0], study.contact)
+    for row, (run, label) in enumerate(zip(runs, (REPLAY, OURS), strict=True)):
+        for axes, step in zip(panels[row], steps, strict=True):
+            _draw(axes, run, lane_map, step, (centre, heading, wide, high))
+            axes.set_title(f"{(step - study.contact) * STEP_S:+.1f} s", fontsize=8)
+        panels[row][0].set_ylabel(label, fontsize=9)
+    marks = [Patch(color=COLOURS[Controller.EGO], label="ego"), Patch(color=COLOURS[Controller.POLICY], label="driven")]
+    canvas.legend(
+        handles=[*marks, Patch(color=ON_LOG, label="log")], loc="outside lower center", ncols=3, frameon=False
+    )
+    where = f"{Path(study.ours.scenario).stem}, ego {study.ours.ego_id} ({study.ours.ego.name})"
+    canvas.suptitle(f"{STUDIES[name]}: {where}; times from the contact under replay", fontsize=9)
+    return canvas
+
+
+def _view(run: Run, step: int) -> tuple[FloatArray, float]:
+    """Where the ego is at `step`, and its heading there.
+
+    Raises:
+        InputError: it is not there.
+    """
+    table = next((t for t in run.tables if t.step == step), None)
+    row = -1 if table is None else table.row(run.info.ego_id)
+    if table is None or row < 0:
+        raise InputError(f"{run.info.run_id}: no ego at step {step}")
+    return np.array([table.x[row], table.y[row]]), float(table.yaw[row])
+
+
+def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatArray, float, float, float]) -> None:
+    """Lanes and boxes at `step`, seen along the heading of `view`: centre, heading, half length and half width."""
+    centre, heading, wide, high = view
+    turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    reach = 1.5 * (wide + high)
+    for lane in lane_map.lanes:
+        if np.hypot(*(lane.centerline - centre).T).min() < reach + lane.length:
+            axes.add_collection(PolyCollection([_strip(lane.centerline, lane.width, centre, turn)], color=ROAD, lw=0))
+    table = next((t for t in run.tables if t.step == step), None)
+    if table is not None:
+        axes.add_collection(_boxes(table, centre, turn))
+    axes.set(xlim=(-wide, wide), ylim=(-high, high), aspect="equal", xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+
+
+def _strip(centerline: FloatArray, width: float, centre: FloatArray, turn: FloatArray) -> FloatArray:
+    """Outline (2 k, 2) of a lane, seen from `centre`."""
+    along = np.gradient(centerline, axis=0)
+    aside = np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+    outline = np.concatenate([centerline + 0.48 * width * aside, (centerline - 0.48 * width * aside)[::-1]])
+    return np.asarray((outline - centre) @ turn)
+
+
+def _boxes(table: AgentTable, centre: FloatArray, turn: FloatArray) -> PolyCollection:
+    corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
+    colours = [COLOURS.get(Controller(each), ON_LOG) for each in table.controller.tolist()]
+    return PolyCollection(list((corners - centre) @ turn), facecolors=colours, edgecolors="#30343b", linewidths=0.4)

@@ -1,0 +1,112 @@
+"""Which runs each of the paper's experiments consists of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from litsim_policy.paper.roads import Roads, roads, shortened
+from litsim_sim.campaign.criteria import Criteria
+from litsim_sim.campaign.policy_setup import PolicySetup
+from litsim_sim.campaign.suite import EgoSetup, Suite
+from litsim_sim.scenario.run_info import BASELINES, REPLAY
+
+OURS = "litsim"
+PAPER_SETUP = "paper"
+PAPER_EGO = "bat"
+EGOS = (PAPER_EGO, "idm", "perturbed")
+SANITY_S = 10.0
+JUDGED = Criteria.model_validate({"runs": [{"name": "reactive", "field": "reactive", "equals": True}]})
+
+Policy = str | PolicySetup
+
+
+def _row(name: str, kind: str, **parameters: Any) -> PolicySetup:
+    return PolicySetup(name=name, kind=kind, parameters={k.replace("__", "."): v for k, v in parameters.items()})
+
+
+ABLATION: tuple[Policy, ...] = (
+    _row("M0", "yield", predictor__model="kinematic", predictor__roi_m=15.0, conflict__roi_m=15.0),
+    _row("M1", "yield", predictor__roi_m=15.0, conflict__roi_m=15.0),
+    _row("M2", OURS, predictor__roi_m=15.0, conflict__roi_m=15.0),
+    OURS,
+)
+"""The paper's ablation: without joint prediction a kinematic one, without policy C rules; M* is ours as it comes."""
+
+AT_ONCE = {"conflict.handback": "catch_up", "conflict.release_position": 1000.0}
+AT_ONCE |= {"conflict.release_speed": 1000.0, "conflict.release_yaw": 7.0}
+
+ORACLES: tuple[Policy, ...] = (
+    OURS,
+    PolicySetup(name="ideal hand-back", kind=OURS, parameters=AT_ONCE),
+)
+"""Ours, with each stage in turn done as well as can be."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Runs that one table is made of.
+
+    Attributes:
+        name: of the command, and of the campaign's folder.
+        description: what is asked.
+        policies: rows.
+        egos: who drives the ego: a table each.
+        prepare: makes the cases of the roads' own.
+    """
+
+    name: str
+    description: str
+    policies: tuple[Policy, ...]
+    egos: tuple[str, ...]
+    prepare: Callable[[Roads, Path], Roads] = lambda found, _: found
+
+    def suite(self, sets: tuple[str, ...], egos: tuple[str, ...], folder: Path, *, quick: bool) -> Suite:
+        """What is run on the `sets` of roads with `egos`; what is generated for it lies in `folder`.
+
+        Raises:
+            InputError: see :func:`.roads.roads`.
+        """
+        found = self.prepare(roads(sets, folder, quick=quick), folder)
+        return Suite(
+            name=self.name,
+            description=self.description,
+            cases=[entry for entries in found.values() for entry in entries],
+            egos=[EgoSetup(name=ego, kind=ego) for ego in egos],
+            policies=list(self.policies),
+            criteria=JUDGED,
+        )
+
+
+def _ten_seconds(found: Roads, folder: Path) -> Roads:
+    return {name: shortened(entries, SANITY_S, folder) for name, entries in found.items()}
+
+
+TABLE = Experiment(
+    name="table",
+    description="Table II: pure replay, the baselines, ours, and ours as the paper configures it.",
+    policies=(REPLAY, *BASELINES, OURS, PAPER_SETUP),
+    egos=EGOS,
+)
+ABLATIONS = Experiment(
+    name="ablation",
+    description="M0, M1, M2 and M* of the ablation study.",
+    policies=ABLATION,
+    egos=(PAPER_EGO, "idm"),
+)
+LOSSES = Experiment(
+    name="oracles",
+    description="Ours with stages in turn done as well as can be: what is lost in each.",
+    policies=ORACLES,
+    egos=(PAPER_EGO, "idm"),
+)
+SANITY = Experiment(
+    name="sanity",
+    description="Each baseline by itself: an ego that follows its log, 10 s.",
+    policies=(REPLAY, *BASELINES),
+    egos=("log",),
+    prepare=_ten_seconds,
+)
+EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, LOSSES, SANITY)}

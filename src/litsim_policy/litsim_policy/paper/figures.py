@@ -1,0 +1,142 @@
+"""Figures of the paper's experiments, made of campaigns: PNG and SVG of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Canvas
+
+from litsim_policy.paper.measures import ade_parts, count, figure, horizons, run_parts
+from litsim_policy.paper.tables import Methods
+from litsim_sim.io.files import replacing
+
+DPI = 110
+WIDTH = 7.5  # [in]
+FAULTS = {
+    "fault_background": ("of the background", "#7a8ca3"),
+    "fault_ego_avoidable": ("of the ego, avoidable by the other", "#e0a458"),
+    "fault_ego": ("of the ego alone", "#b5483f"),
+}
+COLOURS = ("#8a8f98", "#4c78a8", "#f58518", "#b279a2", "#72b7b2", "#2e8b3d", "#9ccc9c", "#d9692a")
+ENDINGS = ("png", "svg")
+
+
+def save(canvas: Canvas, folder: Path, name: str) -> list[Path]:
+    """Write `canvas` to `folder` as PNG and SVG; equal figures give equal files. Returns their paths.
+
+    Raises:
+        InputError: they cannot be written.
+    """
+    FigureCanvasAgg(canvas)
+    paths = []
+    with rc_context({"svg.hashsalt": name, "svg.fonttype": "none"}):
+        for ending in ENDINGS:
+            paths.append(folder / f"{name}.{ending}")
+            with replacing(paths[-1]) as new:
+                metadata = {"Date": None} if ending == "svg" else {"Software": None}
+                canvas.savefig(new, dpi=DPI, metadata=metadata)
+    return paths
+
+
+def contacts_by_fault(methods: Methods) -> Canvas:
+    """Contacts that the log has not, by whose fault they were, for each method."""
+    canvas = Canvas((WIDTH, 3.4), layout="constrained")
+    axes = canvas.add_subplot()
+    bottom = np.zeros(len(methods))
+    for key, (label, colour) in FAULTS.items():
+        values = np.array([count(runs, key) for runs in methods.values()])
+        axes.bar(range(len(methods)), values, bottom=bottom, color=colour, label=label)
+        bottom += values
+    for k, total in enumerate(bottom):
+        axes.annotate(f"{total:.0f}", (k, total), ha="center", va="bottom", fontsize=8)
+    axes.set_xticks(range(len(methods)), list(methods))
+    axes.set_ylabel("contacts that the log has not")
+    axes.legend(frameon=False, title="at the fault", fontsize=8, title_fontsize=8)
+    _plain(axes)
+    return canvas
+
+
+def ade_over_time(by_set: Mapping[str, Methods]) -> Canvas:
+    """ADE over the horizon, paired over the agents that any of the methods drives; a panel for each set."""
+    canvas = Canvas((WIDTH, 3.2), layout="constrained")
+    panels = canvas.subplots(1, len(by_set), sharey=True, squeeze=False)[0]
+    for axes, (name, methods) in zip(panels, by_set.items(), strict=True):
+        parts = {horizon: ade_parts(methods, horizon, "driven") for horizon in horizons()}
+        for k, method in enumerate(methods):
+            points = [(h, found.value) for h in horizons() if (found := figure(parts[h][method]))]
+            if points:
+                axes.plot(*zip(*points, strict=True), marker="o", ms=3, color=COLOURS[k % len(COLOURS)], label=method)
+        axes.set_title(name, fontsize=9)
+        axes.set_xlabel("up to, s")
+        axes.set_xticks(horizons())
+        _plain(axes)
+    panels[0].set_ylabel("ADE, m")
+    panels[0].legend(frameon=False, fontsize=7)
+    return canvas
+
+
+def takeovers(methods: Methods, names: Sequence[str]) -> Canvas:
+    """How long agents are off their logs, and how far from them they are at last, of the methods `names`."""
+    canvas = Canvas((WIDTH, 3.0), layout="constrained")
+    for axes, (field, label) in zip(
+        canvas.subplots(1, 2),
+        (("held_s", "time off the log, s"), ("residual_m", "distance from the log at the release, m")),
+        strict=True,
+    ):
+        found = {name: _ledger(methods[name], field) for name in names if name in methods}
+        longest = max((max(values, default=0.0) for values in found.values()), default=0.0)
+        edges = np.linspace(0.0, max(longest, 0.1), 21)
+        for name, values in found.items():
+            colour = COLOURS[list(methods).index(name) % len(COLOURS)]
+            axes.hist(values, edges, histtype="step", color=colour, label=f"{name} ({len(values)})")
+        axes.set_xlabel(label)
+        axes.legend(frameon=False, fontsize=7)
+        _plain(axes)
+    canvas.axes[0].set_ylabel("takeovers")
+    return canvas
+
+
+def realism(by_set: Mapping[str, Methods]) -> Canvas:
+    """Realism of the agents near the ego's log, with the spread over draws; bars for each method, by set."""
+    canvas = Canvas((WIDTH, 3.0), layout="constrained")
+    axes = canvas.add_subplot()
+    names = list(dict.fromkeys(name for methods in by_set.values() for name in methods))
+    width = 0.8 / max(1, len(names))
+    lowest = 1.0
+    for k, name in enumerate(names):
+        for at, methods in enumerate(by_set.values()):
+            found = figure(run_parts(methods.get(name, {}), "realism"))
+            if found is None:
+                continue
+            lowest = min(lowest, found.value - (found.spread or 0.0))
+            colour, label = COLOURS[k % len(COLOURS)], name if at == 0 else None
+            place = at + (k - (len(names) - 1) / 2) * width
+            axes.bar(place, found.value, width, yerr=found.spread, color=colour, label=label, error_kw={"lw": 0.8})
+    axes.set_ylim(max(0.0, lowest - 0.05), 1.0)
+    axes.set_xticks(range(len(by_set)), list(by_set))
+    axes.set_ylabel("realism score")
+    axes.legend(frameon=False, fontsize=7, ncols=4, loc="lower center")
+    _plain(axes)
+    return canvas
+
+
+def _ledger(runs: Mapping[Any, Any], field: str) -> list[float]:
+    """Values of a field of all takeovers of a method; of the residual, those of agents that were released."""
+    return [
+        entry[field]
+        for metrics in runs.values()
+        if metrics is not None
+        for entry in metrics["ledger"]
+        if entry[field] is not None and (field != "residual_m" or entry["released_step"] is not None)
+    ]
+
+
+def _plain(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)

@@ -1,0 +1,99 @@
+"""Where the paper's experiments take place: a real window, and generated motorway and street, in five draws each.
+
+The paper averages five runs, each of randomly chosen egos. Here a draw of the real window is a fifth of its usable
+egos, dealt by chance; a draw of generated traffic is traffic of a seed of its own. The number of the draw is the seed
+of everything random in its runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from litsim_sim.campaign.suite import CaseEntry
+from litsim_sim.io.files import replacing
+from litsim_sim.scenario.scenario import Scenario, packaged
+from litsim_sim.traffic.segment_set import write_segment_set
+
+REAL, HIGHWAY, URBAN = "real", "highway", "urban"
+SETS = (REAL, HIGHWAY, URBAN)
+WINDOW = "us101_0750"
+NETS = {HIGHWAY: "us101_like", URBAN: "urban_like"}
+DRAWS = 5
+MANIFEST_FILE = "manifest.yaml"  # of a folder of segments
+FIRST_SEED = 77000
+"""Seed of the first draw of generated traffic: nothing was trained, tuned or looked at on these seeds."""
+SEGMENTS = 3
+"""Segments of 28 s in a draw of generated traffic, at most; each with one ego."""
+QUICK_S = 6.0
+QUICK = {HIGHWAY: "demo", URBAN: "small/street_train_14"}
+"""Packaged scenarios that stand in where only the way is to be seen, for :data:`QUICK_S`."""
+
+Roads = dict[str, list[CaseEntry]]
+
+
+def roads(names: Sequence[str], folder: Path, *, quick: bool = False) -> Roads:
+    """Cases of the sets called `names`, tagged with the name of theirs; what is generated for them lies in `folder`.
+
+    Raises:
+        InputError: the real window is not there, or `folder` cannot be written.
+    """
+    makers: dict[str, Callable[[], list[CaseEntry]]] = {
+        REAL: lambda: _real(quick),
+        HIGHWAY: lambda: _quick(HIGHWAY, folder) if quick else _generated(HIGHWAY, folder),
+        URBAN: lambda: _quick(URBAN, folder) if quick else _generated(URBAN, folder),
+    }
+    return {name: makers[name]() for name in names}
+
+
+def shortened(entries: Sequence[CaseEntry], seconds: float, folder: Path) -> list[CaseEntry]:
+    """`entries` with scenarios of at most `seconds` after the history, whose files are written to `folder`."""
+    found = []
+    for entry in entries:
+        path = folder / f"{Path(entry.scenario).stem}_{seconds:g}s.yaml"
+        if not path.is_file():
+            _write(Scenario.load(entry.scenario, simulation_s=seconds), path)
+        found.append(entry.model_copy(update={"scenario": str(path.resolve())}))
+    return found
+
+
+def _write(scenario: Scenario, path: Path) -> None:
+    with replacing(path) as new:
+        new.write_text(scenario.to_yaml())
+
+
+def _entry(name: str, scenario: str, ego: int, draw: int) -> CaseEntry:
+    return CaseEntry(scenario=scenario, ego_id=ego, seed=draw, tags=[name])
+
+
+def _real(quick: bool) -> list[CaseEntry]:
+    """Every vehicle of the window that can be the ego, but those that parameters were tuned on."""
+    window = Scenario.load(WINDOW)
+    usable = np.array([ego for ego in window.possible_egos if ego not in window.tuning_egos])
+    dealt = np.random.default_rng(0).permutation(usable).tolist()
+    entries = [_entry(REAL, WINDOW, ego, k % DRAWS) for k, ego in enumerate(dealt)]
+    return entries[:2] if quick else entries
+
+
+def _generated(name: str, folder: Path) -> list[CaseEntry]:
+    entries = []
+    for draw in range(DRAWS):
+        mine = folder / f"{name}_{draw}"
+        if not (mine / MANIFEST_FILE).is_file():
+            write_segment_set(NETS[name], SEGMENTS, FIRST_SEED + draw, mine)
+        files = [path for path in sorted(mine.glob("*.yaml")) if path.name != MANIFEST_FILE]
+        entries += [_entry(name, str(path.resolve()), Scenario.load(path).ego_id, draw) for path in files]
+    return entries
+
+
+def _quick(name: str, folder: Path) -> list[CaseEntry]:
+    path = folder / f"quick_{name}.yaml"
+    scenario = Scenario.load(_packaged(QUICK[name]), simulation_s=QUICK_S)
+    _write(scenario, path)
+    return [_entry(name, str(path.resolve()), ego, draw) for draw, ego in enumerate(scenario.egos[:2])]
+
+
+def _packaged(name: str) -> str:
+    return str(packaged(f"suites/{name}.yaml")) if "/" in name else name

@@ -1,0 +1,220 @@
+"""The paper's tables in Markdown, made of campaigns: methods below each other, the paper's own figures among them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from litsim_policy.paper.experiments import OURS, PAPER_EGO
+from litsim_policy.paper.measures import (
+    Key,
+    Metrics,
+    Parts,
+    Whose,
+    ade_parts,
+    by_key,
+    count,
+    figure,
+    horizons,
+    interval,
+    run_parts,
+)
+from litsim_policy.paper.published import OTHER_DATA
+from litsim_sim.campaign.results import Campaign, RunResult
+from litsim_sim.scenario.run_info import REPLAY
+
+NOTHING = "-"
+CLEAR = "\\*"
+"""Follows what differs clearly from ours: the interval of the difference leaves out zero."""
+
+Methods = Mapping[str, Mapping[Key, Metrics | None]]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A column.
+
+    Attributes:
+        key: of :mod:`.measures`, and of :mod:`.published`.
+        heading: with the unit.
+        better: `min` or `max`; None where neither is.
+        scale: by which values are multiplied.
+        digits: after the point.
+    """
+
+    key: str
+    heading: str
+    better: Callable[[Sequence[float]], float] | None
+    scale: float = 1.0
+    digits: int = 2
+
+    def text(self, value: float) -> str:
+        """A value as it stands in a cell."""
+        return f"{self.scale * value:.{self.digits}f}"
+
+
+ADE = tuple(Measure(f"ade_{h}", f"ADE {h} s, m", min) for h in horizons())
+OF_THE_PAPER = (
+    *ADE,
+    Measure("collision", "collision %", min, 100.0),
+    Measure("reactivity", "reactivity %", max, 100.0, 1),
+    Measure("progress", "progress, m", None, digits=1),
+    Measure("relevant", "relevant %", min, 100.0),
+)
+"""Columns of Table II, by the paper's reading."""
+
+BESIDE = (
+    *(Measure(f"own_{h}", f"ADE of its own {h} s, m", None) for h in horizons()),
+    *(Measure(f"all_{h}", f"ADE of all {h} s, m", min) for h in horizons()),
+    Measure("collision_beyond", "collision %, without the log's", min, 100.0),
+    Measure("collision_driven", "collision %, of those driven", min, 100.0),
+    Measure("collision_driven_beyond", "the same without the log's", min, 100.0),
+    Measure("reactivity_beyond", "reactivity %, without the log's", max, 100.0, 1),
+    Measure("relevant_ours", "relevant %, all taken over", min, 100.0),
+    Measure("realism", "realism", max, digits=3),
+)
+"""Columns by our reading, where it differs."""
+
+COUNTED = {
+    "fault_background": "of the background",
+    "fault_ego_avoidable": "of the ego, avoidable",
+    "fault_ego": "of the ego alone",
+    "takeovers": "takeovers",
+    "hard_brakes": "hard brakes",
+}
+"""Counts by key."""
+
+
+def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[Key, Metrics | None]]:
+    """Measures of the runs of each method with `ego` on the set `tag`, or on all, in the order of the campaign."""
+    found: dict[str, list[RunResult]] = {}
+    for result in campaign.results:
+        if result.case.ego.name == ego and (tag is None or tag in result.case.tags):
+            found.setdefault(result.case.label or result.case.policy, []).append(result)
+    return {name: by_key(results) for name, results in found.items()}
+
+
+def parts_of(methods: Methods, measures: Sequence[Measure]) -> dict[str, dict[str, Parts]]:
+    """What the runs of each method add to each measure, by its key, then by the method."""
+    found: dict[str, dict[str, Parts]] = {}
+    for measure in measures:
+        kind, _, horizon = measure.key.rpartition("_")
+        if kind in ("ade", "all"):
+            whose: Whose = "driven" if kind == "ade" else "all"
+            found[measure.key] = ade_parts(methods, int(horizon), whose)
+        elif kind == "own":
+            alone = {name: ade_parts({name: runs}, int(horizon), "driven") for name, runs in methods.items()}
+            found[measure.key] = {name: parts[name] for name, parts in alone.items()}
+        else:
+            found[measure.key] = {name: run_parts(runs, measure.key) for name, runs in methods.items()}
+    return found
+
+
+def table(
+    methods: Methods, measures: Sequence[Measure], published: Mapping[str, Mapping[str, float]] | None = None
+) -> list[str]:
+    """Lines of a table: values, spreads over draws; the best of a column bold, clear differences from ours marked."""
+    parts = parts_of(methods, measures)
+    shown = [measure for measure in measures if any(figure(each) for each in parts[measure.key].values())]
+    lines = [_line(["", "runs", *(measure.heading for measure in shown)]), _line(["---", *["---:"] * (len(shown) + 1)])]
+    best = {measure.key: _best(measure, parts[measure.key]) for measure in shown}
+    for name, runs in methods.items():
+        cells = [_cell(measure, parts[measure.key], name, best[measure.key]) for measure in shown]
+        lines.append(_line([f"`{name}`", _runs(runs), *cells]))
+    for name, values in (published or {}).items():
+        cells = [measure.text(values[measure.key]) if measure.key in values else "" for measure in shown]
+        lines.append(_line([f"*{name}: {OTHER_DATA}*", "", *cells]))
+    return lines
+
+
+def differences(methods: Methods, measures: Sequence[Measure]) -> list[str]:
+    """Lines of a table of every other method minus ours, with the bounds of the paired bootstrap."""
+    parts = parts_of(methods, measures)
+    if OURS not in methods:
+        return []
+    shown = [measure for measure in measures if figure(parts[measure.key][OURS])]
+    lines = [
+        _line([f"minus `{OURS}`", *(measure.heading for measure in shown)]),
+        _line(["---", *["---:"] * len(shown)]),
+    ]
+    for name in methods:
+        if name in (OURS, REPLAY):
+            continue
+        cells = [_difference(measure, parts[measure.key][OURS], parts[measure.key][name]) for measure in shown]
+        lines.append(_line([f"`{name}`", *cells]))
+    return lines
+
+
+def counts(methods: Methods) -> list[str]:
+    """Lines of a table of contacts by fault that the log has not, takeovers and hard brakes."""
+    lines = [_line(["", *COUNTED.values()]), _line(["---", *["---:"] * len(COUNTED)])]
+    for name, runs in methods.items():
+        lines.append(_line([f"`{name}`", *(str(count(runs, key)) for key in COUNTED)]))
+    return lines
+
+
+def won(methods: Methods, measures: Sequence[Measure]) -> list[str]:
+    """What others are better at than ours, in a line each; replay, which reacts to nothing, is not asked."""
+    parts = parts_of(methods, measures)
+    found = []
+    for measure in measures:
+        mine = figure(parts[measure.key].get(OURS, {}))
+        if mine is None or measure.better is None:
+            continue
+        for name in methods:
+            theirs = figure(parts[measure.key][name])
+            if name in (OURS, REPLAY) or theirs is None or theirs.value == mine.value:
+                continue
+            if measure.better([theirs.value, mine.value]) == theirs.value:
+                clear = " clearly" if _clear(parts[measure.key][OURS], parts[measure.key][name]) else ""
+                found.append(
+                    f"- {measure.heading}: `{name}` is{clear} better, {measure.text(theirs.value)} "
+                    f"where `{OURS}` has {measure.text(mine.value)}."
+                )
+    return found
+
+
+def titled(ego: str, tag: str | None) -> str:
+    """Heading of the tables of an ego and a set."""
+    where = {"real": "real window us101_0750", "highway": "generated motorway", "urban": "generated street"}
+    as_paper = ", as in the paper" if ego == PAPER_EGO else ""
+    return f"Ego `{ego}`{as_paper}; {where.get(tag or '', 'all sets together')}"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _runs(runs: Mapping[Key, Metrics | None]) -> str:
+    failed = sum(metrics is None for metrics in runs.values())
+    return f"{len(runs)}, {failed} failed" if failed else str(len(runs))
+
+
+def _best(measure: Measure, parts: Mapping[str, Parts]) -> str | None:
+    """Text of the best value of a column, replay aside; None where nothing is best."""
+    values = [found.value for name, each in parts.items() if name != REPLAY and (found := figure(each))]
+    return measure.text(measure.better(values)) if measure.better and values else None
+
+
+def _cell(measure: Measure, parts: Mapping[str, Parts], name: str, best: str | None) -> str:
+    found = figure(parts[name])
+    if found is None:
+        return NOTHING
+    text = measure.text(found.value)
+    text = f"**{text}**" if text == best and name != REPLAY else text
+    spread = "" if found.spread is None else f" ± {measure.text(found.spread)}"
+    clear = OURS in parts and name not in (OURS, REPLAY) and _clear(parts[OURS], parts[name])
+    return f"{text}{spread}{CLEAR if clear else ''}"
+
+
+def _clear(ours: Parts, theirs: Parts) -> bool:
+    bounds = interval(ours, theirs)
+    return bounds is not None and (bounds[0] > 0.0 or bounds[1] < 0.0)
+
+
+def _difference(measure: Measure, ours: Parts, theirs: Parts) -> str:
+    bounds, mine, other = interval(ours, theirs), figure(ours), figure(theirs)
+    if bounds is None or mine is None or other is None:
+        return NOTHING
+    low, high = (measure.text(bound) for bound in bounds)
+    return f"{measure.text(other.value - mine.value)} [{low}, {high}]"

@@ -1,0 +1,86 @@
+"""`paper --quick`: every experiment from runs to tables, figures and page; what is there already is not run again."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from litsim_policy.cli.paper import CAPTIONS, main
+from litsim_policy.paper import running
+from litsim_sim.campaign.results import read_campaign
+from litsim_sim.scenario.run_info import BASELINES
+
+PAGE = Path(__file__).parents[3] / "docs/results.md"
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The table on the motorway, its figures, and a page of both."""
+    folder = tmp_path_factory.mktemp("paper")
+    shutil.copy(PAGE, folder / "results.md")
+    main(["table", *options(folder)])
+    return folder
+
+
+def options(folder: Path) -> list[str]:
+    return ["--quick", "--sets", "highway", "--out", str(folder / "out"), "--page", str(folder / "results.md")]
+
+
+def test_the_table_has_every_method_and_the_papers_figures(out: Path) -> None:
+    text = (out / "results.md").read_text()
+    assert text.count("Not made yet") == PAGE.read_text().count("Not made yet") - 1
+    made = (out / "out/table.md").read_text()
+    assert made.strip() in text
+    for name in ("replay", *BASELINES, "litsim", "paper"):
+        assert f"| `{name}` | 2 |" in made, name
+    assert "| *SimNet: paper, other data* |" in made
+    campaign = read_campaign(out / "out/table")
+    assert not campaign.missing and all(result.metrics is not None for result in campaign.results)
+
+
+def test_figures_are_of_what_has_been_run(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def nothing_left(_: object, cases: list[object]) -> list[object]:
+        assert not cases, "the table has run them"
+        yield from ()
+
+    monkeypatch.setattr(running.LocalRuns, "run", nothing_left)
+    main(["figures", *options(out)])
+    names = ("contacts_by_fault", "ade_over_time", "takeovers", "realism")
+    assert set(names) <= set(CAPTIONS)
+    for name in names:
+        assert (out / f"out/figures/{name}.svg").read_text().startswith("<?xml")
+        assert (out / f"out/figures/{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert f"](out/figures/{name}.png)" in (out / "results.md").read_text()
+    before = (out / "out/figures/realism.svg").read_bytes()
+    main(["figures", "--as-it-is", *options(out)])
+    assert (out / "out/figures/realism.svg").read_bytes() == before
+
+
+@pytest.mark.parametrize(("what", "rows"), [("ablation", ("M0", "M1", "M2")), ("sanity", ("replay", *BASELINES))])
+def test_the_other_experiments(out: Path, what: str, rows: tuple[str, ...]) -> None:
+    main([what, *options(out)])
+    made = (out / f"out/{what}.md").read_text()
+    for name in rows:
+        assert f"| `{name}` | 2 |" in made
+
+
+def test_the_case_study_of_the_street(out: Path) -> None:
+    main(["cases", *options(out)])
+    assert (out / "out/figures/case_left_turn.png").is_file()
+    (replayed, ours) = (
+        {result.case.ego_id: result for result in read_campaign(out / "out/cases_left_turn").results if wanted(result)}
+        for wanted in (lambda r: r.case.policy == "replay", lambda r: r.case.policy == "litsim")
+    )
+    assert any(not replayed[ego].metrics["reactive"] and ours[ego].metrics["reactive"] for ego in ours)
+
+
+def test_without_recorded_data_the_real_window_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("LITSIM_DATA", raising=False)
+    with pytest.raises(SystemExit) as status:
+        main(["table", "--quick", "--sets", "real", "--out", str(tmp_path)])
+    assert status.value.code == 2
+    assert "LITSIM_DATA names no folder" in capsys.readouterr().err
