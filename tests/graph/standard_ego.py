@@ -108,7 +108,9 @@ def main() -> None:
     rclpy.init()
     options = parser.parse_args(remove_ros_args()[1:])
     options.topic = options.topic or f"/litsim/ego/{options.interface}"
-    rclpy.spin(StandardEgo(options))
+    node = StandardEgo(options)
+    print("ready", flush=True)
+    rclpy.spin(node)
 
 
 if __name__ == "__main__":

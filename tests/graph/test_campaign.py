@@ -19,11 +19,11 @@ from litsim_sim.campaign.results import RunResult, read_campaign
 from litsim_sim.record.run import read_run
 
 STACK = [sys.executable, str(Path(__file__).with_name("external_ego.py"))]
-PATIENT = {"bridge.answer_timeout_s": 4.0}
+IMPATIENT = {"bridge.answer_timeout_s": 8.0}
 EGOS = [
     {"name": "good", "kind": "external", "command": STACK},
     {"name": "crashes", "kind": "external", "command": ["sh", "-c", "echo no licence; exit 4"]},
-    {"name": "hangs", "kind": "external", "command": [*STACK, "--skip", "12-99"], "parameters": PATIENT},
+    {"name": "hangs", "kind": "external", "command": [*STACK, "--skip", "12-99"], "parameters": IMPATIENT},
     {"name": "lies", "kind": "external", "command": [*STACK, "--nan-at", "12"]},
     "log",
 ]
@@ -61,7 +61,7 @@ def test_a_stack_that_is_broken_fails_its_run_with_the_reason_and_no_other(graph
     }
     reasons = {name: result.reason for name, result in found.items()}
     assert "the stack (sh -c 'echo no licence; exit 4') ended with exit status 4: no licence" in reasons["crashes"]
-    assert reasons["hangs"].startswith("no answer to step 12 on /litsim/ego/control within 4 s")
+    assert reasons["hangs"].startswith("no answer to step 12 on /litsim/ego/control within 8 s")
     assert "cannot be used: acceleration is nan" in reasons["lies"]
     assert f"error: short/13/crashes/replay: error: {reasons['crashes']}" in done.stderr
 

@@ -41,13 +41,13 @@ def test_the_ego_is_under_its_control(graph: Any) -> None:
 @pytest.mark.parametrize(
     ("ego", "error"),
     [
-        (("--die-at", 12), "no answer to step 12 on /litsim/ego/control within 4 s"),
+        (("--die-at", 12), "no answer to step 12 on /litsim/ego/control within 8 s"),
         (("--nan-at", 12), "the answer to step 12 on /litsim/ego/control cannot be used: acceleration is nan"),
         (("--control-mode", 7), "the answer to step 0 on /litsim/ego/control cannot be used: 7 is not a valid EgoMode"),
     ],
 )
 def test_a_stack_that_fails_is_named(graph: Any, ego: tuple[object, ...], error: str) -> None:
-    done = launch(graph, *ego, launcher=("--answer-timeout", 4))
+    done = launch(graph, *ego, launcher=("--answer-timeout", 8))
     assert done.returncode == 1
     assert f"error: {error}" in done.stderr
     assert "Traceback" not in done.stderr
@@ -55,7 +55,7 @@ def test_a_stack_that_fails_is_named(graph: Any, ego: tuple[object, ...], error:
 
 
 def test_missing_answers_are_held_where_the_user_says_so(graph: Any) -> None:
-    done = launch(graph, "--skip", "20-21", launcher=("--on-missing", "hold", "--answer-timeout", 4))
+    done = launch(graph, "--skip", "20-21", launcher=("--on-missing", "hold", "--answer-timeout", 8))
     assert done.returncode == 1
     assert "the run is not valid: 2 answers missed on /litsim/ego/control" in done.stderr
     metrics = json.loads((graph.folder / "run/metrics.json").read_text())

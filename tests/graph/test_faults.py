@@ -55,7 +55,7 @@ def remap(name: str, remapped: tuple[str, ...]) -> tuple[str, ...]:
 
 def start_bridge(graph: Any, *arguments: str, simulation_s: float = 3.0, **parameters: object) -> Any:
     scenario = graph.scenario(simulation_s=simulation_s)
-    given = {"scenario": scenario, "progress": "none", "handshake_timeout_s": "60.0"} | parameters
+    given = {"scenario": scenario, "progress": "none", "handshake_timeout_s": "200.0"} | parameters
     return graph.start_node("litsim_sim", "bridge", *arguments[1:], **given)
 
 
@@ -86,7 +86,7 @@ def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
     """Of the conflict stage and the recorder, see test_launcher.py and test_recording.py."""
     bag = graph.folder / "run"
     policy = "litsim" if name in ("predictor", "policy", "policy_stages") else "replay"
-    scenario = graph.scenario(simulation_s=8.0)
+    scenario = graph.scenario(simulation_s=24.0)
     words = ("--mode", "realtime", "--scenario", scenario, "--policy", policy, "--out", bag)
     launcher = graph.start_launch(*words, *(() if name == "policy_stages" else ("--apart",)))
     graph.wait_under_way(bag)
@@ -97,7 +97,7 @@ def test_a_node_that_is_killed_is_named(graph: Any, name: str) -> None:
     assert error.startswith(f"{named} was ended by SIGKILL (logs: ")
     assert not graph.running()
     assert read_run(bag).complete
-    assert 9 <= assert_whole_steps(bag) < 85
+    assert 9 <= assert_whole_steps(bag) < 245
 
 
 def test_messages_lost_late_twice_and_out_of_order_change_nothing(graph: Any, recorded: Any) -> None:
@@ -110,7 +110,7 @@ def test_messages_lost_late_twice_and_out_of_order_change_nothing(graph: Any, re
     assert graph.finish(recorder).returncode == 0
     assert_valid(graph.folder / "run", expected)
     _, said = graph.end(relay)
-    done = {tuple(line.split()) for line in said.splitlines()}
+    done = {tuple(line.split()) for line in said.splitlines() if line.startswith(DEEDS)}  # not how it was ended
     assert done == {(deed, topic) for deed in DEEDS for topic in HOPS.values()}
 
 
@@ -118,8 +118,8 @@ def test_messages_that_are_lost_for_good_end_the_run(graph: Any) -> None:
     graph.start_script("relay.py", HOPS["ego"], "--lost-from", 20)
     recorder = graph.start_node("litsim_sim", "recorder", output=graph.folder / "run")
     start(graph, "ego", remapped=("ego",))
-    bridge = start_bridge(graph, policy="replay", answer_timeout_s="3.0")
-    assert error_of(graph.finish(bridge)) == "no answer to step 20 on /litsim/ego/control within 3 s"
+    bridge = start_bridge(graph, policy="replay", answer_timeout_s="8.0")
+    assert error_of(graph.finish(bridge)) == "no answer to step 20 on /litsim/ego/control within 8 s"
     assert graph.finish(recorder).returncode == 0
     assert assert_whole_steps(graph.folder / "run") == 20
 

@@ -15,7 +15,7 @@ from ament_index_python.packages import get_package_prefix
 from litsim_sim.core.stages import StageState
 from litsim_sim.record.run import read_run
 
-LONG = {"simulation_s": 8.0}  # for runs that are ended before it is over
+LONG = {"simulation_s": 24.0}  # for runs that are ended before it is over
 AS_OTHERS = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"] if os.geteuid() == 0 else []
 """Runs a command as if root could write no more than the mode of a folder says."""
 

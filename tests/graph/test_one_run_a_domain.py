@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-EXTERNAL = ("--ego", "external", "--policy", "replay", "--answer-timeout", 60)
+EXTERNAL = ("--ego", "external", "--policy", "replay", "--set", "bridge.external_timeout_s=200.0")
 
 
 def start(graph: Any, out: Path, **environment: str) -> Any:

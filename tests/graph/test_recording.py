@@ -118,7 +118,7 @@ def test_every_stage_tells_its_parameters(recorded: Any) -> None:
 
 def test_killed_recorder_is_named_and_leaves_whole_chunks(graph: Any) -> None:
     bag = graph.folder / "run"
-    launcher = graph.start_launch("--mode", "realtime", "--scenario", graph.scenario(simulation_s=8.0), "--out", bag)
+    launcher = graph.start_launch("--mode", "realtime", "--scenario", graph.scenario(simulation_s=24.0), "--out", bag)
     graph.wait_under_way(bag)
     graph.signal("recorder", signal.SIGKILL)
     done = graph.finish(launcher)

@@ -48,10 +48,10 @@ def test_one_that_ends_before_the_run_fails_it(graph: Any, stack: tuple[object, 
 
 def test_one_that_hangs_is_named_beside_the_reason_of_the_bridge(graph: Any) -> None:
     script = f"print('tired', flush=True)\nimport runpy\nrunpy.run_path({STACK[1]!r}, run_name='__main__')"
-    done = launch(graph, sys.executable, "-c", script, "--skip", "12-99", options=("--answer-timeout", 4))
+    done = launch(graph, sys.executable, "-c", script, "--skip", "12-99", options=("--answer-timeout", 8))
     assert done.returncode == 1
     (error,) = done.stderr.splitlines()
-    assert error.startswith("error: no answer to step 12 on /litsim/ego/control within 4 s")
+    assert error.startswith("error: no answer to step 12 on /litsim/ego/control within 8 s")
     assert "; the stack (" in error and " still runs, and said last: tired" in error
     assert not graph.running()
 

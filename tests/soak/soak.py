@@ -1,8 +1,11 @@
 """Many short runs of the graph: each ends well, with the digest that is known of it, and leaves nothing.
 
 ``make soak``, or ``./litsim exec python tests/soak/soak.py --runs 100``. Results go to a file as they come, and a soak
-that was interrupted goes on from there; the page is written at the end. The digest that is known of a run is that of
-the same run in one process.
+that was interrupted goes on from there, as long as the commit is the same; the page is written whenever it ends. The
+digest that is known of a run is that of the same run in one process.
+
+A run that is not as it should be, and whose domain has nodes of others on this machine, is spoilt: that is said, and
+the run is done again.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -18,7 +22,6 @@ import uuid
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -27,7 +30,7 @@ from litsim_policy.run.benchmark import write_scenario
 from litsim_policy.run.memory_benchmark import children, resident_mb
 from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
+from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error
 from litsim_sim.core.parameters import by_stage
 from litsim_sim.io.files import replacing
 from litsim_sim.launch.executables import find_executable
@@ -40,6 +43,8 @@ LOOK_S = 0.25  # [s] between two looks at the memory of a run
 LOOKS_MIN = 400  # before which most of a run is its start, and its growth says nothing
 LIMIT_S = 3600.0  # [s] after which a run is ended
 LAUNCHER = "launch"
+ATTEMPTS = 3  # at a run that others spoil
+ANNOUNCED = re.compile(r"in ROS_DOMAIN_ID (\d+)")
 COLUMNS = (
     "case",
     "runs",
@@ -86,6 +91,7 @@ class Result:
         number: of the run, from 0.
         status: exit status of the launcher.
         wrong: in words, whatever is not as it should be; empty for nothing.
+        foreign: nodes of others in the domain, where anything is not as it should be: they may have spoilt the run.
         wall_s: that the run took [s].
         memory_mb: the largest resident memory by process [MB].
         growth_mb: by process, how much more that is in the last quarter of the run than in the second [MB].
@@ -96,9 +102,16 @@ class Result:
     status: int
     digest: str
     wrong: tuple[str, ...]
+    foreign: tuple[str, ...]
     wall_s: float
     memory_mb: dict[str, float]
     growth_mb: dict[str, float]
+    commit: str
+
+    @property
+    def spoilt(self) -> bool:
+        """Whether it says nothing, since others were there."""
+        return bool(self.wrong and self.foreign)
 
 
 def cases_in(folder: Path, *, long: bool) -> list[Case]:
@@ -182,7 +195,7 @@ def run_once(number: int, case: Case, folder: Path, known: str) -> Result:
     begin = time.monotonic()
     with subprocess.Popen(
         [str(program), *case.words, "--out", str(bag), "--overwrite", "--no-analyze"],
-        env=environment,
+        env=environment | {"PYTHONUNBUFFERED": "1"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -191,7 +204,7 @@ def run_once(number: int, case: Case, folder: Path, known: str) -> Result:
         watch = Watch(process.pid)
         watch.start()
         try:
-            _, err = process.communicate(timeout=LIMIT_S)
+            out, err = process.communicate(timeout=LIMIT_S)
         finally:
             process.terminate()
             watch.end()
@@ -204,9 +217,22 @@ def run_once(number: int, case: Case, folder: Path, known: str) -> Result:
         if digest != known:
             wrong.append(f"digest {digest[:12]}, expected {known[:12]}")
     wrong += left_over(mark, watch.shared)
-    return Result(
-        number, case.name, process.returncode, digest, tuple(wrong), round(wall_s, 2), watch.peaks, watch.growth
-    )
+    announced = ANNOUNCED.search(out)
+    others = tuple(foreign_nodes(announced[1], mark)) if wrong and announced else ()
+    figures = (round(wall_s, 2), watch.peaks, watch.growth)
+    return Result(number, case.name, process.returncode, digest, tuple(wrong), others, *figures, versions()["commit"])
+
+
+def foreign_nodes(domain: str, mark: str) -> Iterator[str]:
+    """Command lines of what has been started in a DDS domain of this machine, and not for the run with that `mark`."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            variables = (folder / "environ").read_bytes().split(b"\0")
+            in_domain = f"ROS_DOMAIN_ID={domain}".encode() in variables
+            if in_domain and f"{MARK}={mark}".encode() not in variables and b"librmw" in (folder / "maps").read_bytes():
+                yield (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode().strip()
+        except OSError:  # it has ended, or is somebody else's
+            continue
 
 
 def left_over(mark: str, shared: Iterable[str]) -> Iterator[str]:
@@ -239,33 +265,55 @@ def soak(folder: Path, runs: int, *, long: bool) -> list[Result]:
     """Do what is not done yet of `runs` runs; results are kept in `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     kept = folder / ("long.jsonl" if long else "runs.jsonl")
-    results = [Result(**json.loads(line)) for line in kept.read_text().splitlines()] if kept.is_file() else []
+    results = results_in(kept)
+    commit = versions()["commit"]
+    if others := {each.commit for each in results} - {commit}:
+        raise InputError(
+            f"{kept}: holds runs of commit {', '.join(others)}, expected {commit}: remove it to begin anew"
+        )
     cases = cases_in(folder, long=long)
     known = known_digests(cases, folder / "digests.json")
     files = open_files()
-    for number in tqdm(range(len(results), runs), desc="soak", unit="run", initial=len(results), total=runs):
+    done = {each.number for each in results if not each.spoilt}
+    for number in tqdm(sorted(set(range(runs)) - done), desc="soak", unit="run", initial=len(done), total=runs):
         case = cases[number % len(cases)]
-        result = run_once(number, case, folder, known[case.name])
-        if open_files() > files:
-            result = replace(result, wrong=(*result.wrong, f"{open_files() - files} files are left open"))
-        results.append(result)
-        with kept.open("a") as stream:
-            stream.write(json.dumps(asdict(result)) + "\n")
+        for _ in range(ATTEMPTS):
+            result = run_once(number, case, folder, known[case.name])
+            if open_files() > files:
+                result = replace(result, wrong=(*result.wrong, f"{open_files() - files} files are left open"))
+            results.append(result)
+            with kept.open("a") as stream:
+                stream.write(json.dumps(asdict(result)) + "\n")
+            if not result.spoilt:
+                break
     return results
+
+
+def results_in(kept: Path) -> list[Result]:
+    """What a soak has done so far; the last line may be cut short, where it was killed."""
+    if not kept.is_file():
+        return []
+    whole, _, rest = kept.read_text().rpartition("\n")
+    if rest:
+        kept.write_text(f"{whole}\n" if whole else "")
+    results = [Result(**json.loads(line)) for line in whole.splitlines()]
+    return [replace(each, wrong=tuple(each.wrong), foreign=tuple(each.foreign)) for each in results]
 
 
 def page(results: Sequence[Result], title: str) -> str:
     """Results as Markdown: a line of sums, a row for each case, and what went wrong."""
-    failed = [each for each in results if each.wrong]
     cores, minutes = os.cpu_count(), sum(each.wall_s for each in results) / 60.0
+    spoilt = [each for each in results if each.spoilt]
+    results = [each for each in results if not each.spoilt]
+    failed = [each for each in results if each.wrong]
+    again = f", and {len(spoilt)} more that nodes of others have spoilt" if spoilt else ""
     lines = [
         f"## {title}",
         "",
-        f"{len(results)} runs, {len(results) - len(failed)} of them as they should be: exit status 0, the known",
-        f"digest, no process, shared memory, domain or open file left. {minutes:.0f} minutes on {cores} cores, shared",
-        "with other work. Memory is the largest of a launcher and of a node; the growth of either from run to run is",
-        "that of a fitted line, the growth within a run that of whichever process grew most from its second quarter to",
-        "its last.",
+        f"{len(results)} runs, {len(results) - len(failed)} of them as they should be{again}: exit status 0, the known",
+        f"digest, no process, shared memory, domain or open file left. {minutes:.0f} minutes on {cores} cores.",
+        "Memory is the largest of a launcher and of a node; the growth of either from run to run is that of a fitted",
+        "line, the growth within a run that of whichever process grew most from its second quarter to its last.",
         "",
         f"| {' | '.join(COLUMNS)} |",
         "|---|---:|---|---:|---:|---:|---:|---:|---:|",
@@ -285,6 +333,7 @@ def page(results: Sequence[Result], title: str) -> str:
         wall = f"{np.median([each.wall_s for each in of]):.1f}"
         lines.append(f"| {case} | {len(of)} | `{of[0].digest[:12]}` | {wall} | {' | '.join(figures)} |")
     lines += ["", *(f"- run {each.number}, {each.case}: {'; '.join(each.wrong)}" for each in failed)]
+    lines += [f"- run {each.number} was spoilt: {'; '.join(each.wrong)}; {', '.join(each.foreign)}" for each in spoilt]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -302,21 +351,31 @@ def main() -> int:
     p.add_argument("--page", type=Path, default=Path("docs/soak.md"))
     arguments = p.parse_args()
     try:
-        results = soak(arguments.folder, 2 if arguments.long else arguments.runs, long=arguments.long)
+        runs = 2 if arguments.long else arguments.runs
+        results = [each for each in soak(arguments.folder, runs, long=arguments.long) if not each.spoilt]
     except InputError as error:
         print_error(error)
-        return EXIT_FAILED
-    found: dict[str, Any] = {"Many": arguments.folder / "runs.jsonl", "Large": arguments.folder / "long.jsonl"}
-    text = (
-        "# Soak\n\n`make soak` runs the graph 100 times, `make soak ARGS=--long` with a thousand agents and for ten\n"
-    )
-    text += "minutes of simulated time.\n"
-    for title, path in found.items():
-        if path.is_file():
-            text += "\n" + page([Result(**json.loads(line)) for line in path.read_text().splitlines()], title)
-    with replacing(arguments.page) as made:
-        made.write_text(f"{text}\nCommit {versions()['commit']}.\n")
-    return EXIT_FAILED if any(each.wrong for each in results) else 0
+        return EXIT_INPUT
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    finally:
+        write_page(arguments.folder, arguments.page)
+    return EXIT_FAILED if len(results) < runs or any(each.wrong for each in results) else 0
+
+
+def write_page(folder: Path, path: Path) -> None:
+    """Write what has been done so far, if anything."""
+    found = {"Many": results_in(folder / "runs.jsonl"), "Large": results_in(folder / "long.jsonl")}
+    if not any(found.values()):
+        return
+    text = "# Soak\n\n`make soak` runs the graph 100 times, `make soak ARGS=--long` with a thousand agents and for\n"
+    text += "ten minutes of simulated time.\n"
+    for title, results in found.items():
+        if results:
+            commits = ", ".join(dict.fromkeys(each.commit for each in results))
+            text += f"\n{page(results, title)}\nCommit {commits}.\n"
+    with replacing(path) as made:
+        made.write_text(text)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import pytest
 from packaging.requirements import Requirement
 
 FOLDER = Path(__file__).resolve().parents[2] / "requirements"
-MADE_FROM = {"base": ("ros", "run", "build")}
+MADE_FROM = {"base": ("ros", "run", "build"), "torch-cpu": ("torch",)}
 """What a file of locked packages was made from, where that is not one file of its name."""
 HASH = re.compile(r"--hash=sha256:[0-9a-f]{64}\b")
 
@@ -34,8 +34,8 @@ def asked_for(file: str) -> list[Requirement]:
 NAMES = sorted(path.stem for path in (FOLDER / "locked").glob("*.txt"))
 
 
-def test_all_but_torch_are_locked() -> None:
-    files = {path.stem for path in FOLDER.glob("*.txt")} - {"constraints", "torch"}
+def test_all_are_locked() -> None:
+    files = {path.stem for path in FOLDER.glob("*.txt")} - {"constraints"}
     assert {file for name in NAMES for file in MADE_FROM.get(name, (name,))} == files
 
 
@@ -64,3 +64,11 @@ def test_versions_are_those_of_the_constraints(name: str) -> None:
         if tried.get(package, str(requirement.specifier)) != str(requirement.specifier)
     }
     assert not differ, "make lock"
+
+
+def test_the_cpu_build_of_torch_has_a_hash_for_each_python_and_nothing_for_gpus() -> None:
+    packages = locked("torch-cpu")
+    torch, hashes = packages["torch"]
+    assert str(torch.specifier).endswith("+cpu")
+    assert hashes == 2  # CPython 3.11 and 3.12
+    assert not [name for name in packages if name.startswith(("nvidia-", "cuda-", "triton"))]

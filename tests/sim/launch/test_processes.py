@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -56,3 +58,28 @@ def test_a_stack_is_in_an_enclave_of_its_own_where_runs_are_secured(
         found[secured] = variables(graph.children[STACK].log)
     assert ENCLAVE not in found["false"]
     assert found["true"][ENCLAVE] == "/litsim/ads"
+
+
+HELD_BACK = """
+import os, signal, threading, time
+from litsim_sim.launch.processes import held_back
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+threading.Thread(target=time.sleep, args=(600,), daemon=True).start()  # takes what this thread does not
+try:
+    with held_back():
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.5)
+        print("started")
+    print("went on")
+except KeyboardInterrupt:
+    print("interrupted")
+os.kill(os.getpid(), signal.SIGINT)
+time.sleep(60)
+"""
+
+
+def test_an_interrupt_waits_until_what_is_being_started_is_known() -> None:
+    done = subprocess.run([sys.executable, "-c", HELD_BACK], capture_output=True, text=True, timeout=100, check=False)
+    assert done.stdout.splitlines() == ["started", "interrupted"]
+    assert done.stderr.splitlines()[-1] == "KeyboardInterrupt"

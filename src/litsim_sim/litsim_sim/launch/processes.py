@@ -74,7 +74,7 @@ class Graph:
         for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
             quoted = json.dumps(value, ensure_ascii=False) if isinstance(value, str | tuple) else value
             words += ["-p", f"{key}:={quoted}"]
-        with self._log(name) as log, _held_back():
+        with self._log(name) as log, held_back():
             process: Process
             if forked:
                 process = ForkedProcess(words, self._environment, stdout=_stdout(name, log), stderr=log)
@@ -89,7 +89,7 @@ class Graph:
             InputError: there is no such program.
         """
         check_program(command)
-        with self._log(STACK) as log, _held_back():
+        with self._log(STACK) as log, held_back():
             words = [sys.executable, "-I", "-S", keeper.__file__, *command]
             process = self._process(STACK, words, log, enclave_setting(self._environment, STACK, command))
             self.children[STACK] = Child(STACK, process, Path(log.name), tuple(command))
@@ -235,13 +235,27 @@ def _wait(children: list[Child], timeout: float) -> None:
 
 
 @contextlib.contextmanager
-def _held_back() -> Iterator[None]:
-    """Signals wait until this is over; Python swallows the exceptions of those that come amid a fork."""
+def held_back() -> Iterator[None]:
+    """Signals wait until this is over, so that what is being started is known to who is to end it.
+
+    They are blocked in this thread: Python swallows the exceptions of those that come amid a fork. Threads of libraries
+    take them all the same, upon which Python calls their handlers here: so these are put off, too.
+    """
+    came: list[int] = []
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    for number, handler in before.items():
+        if callable(handler):
+            signal.signal(number, lambda number, _: came.append(number))
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
     finally:
+        for number, handler in before.items():
+            if callable(handler):
+                signal.signal(number, handler)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+        for number in came[:1]:
+            signal.raise_signal(number)
 
 
 def check_program(command: Sequence[str]) -> None:
