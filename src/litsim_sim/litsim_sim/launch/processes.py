@@ -254,8 +254,8 @@ def held_back() -> Iterator[None]:
             if callable(handler):
                 signal.signal(number, handler)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
-        for number in came[:1]:
-            signal.raise_signal(number)
+        if came:
+            signal.raise_signal(came[0])
 
 
 def check_program(command: Sequence[str]) -> None:
