@@ -32,7 +32,7 @@ def test_the_loop_says_what_torch_says_whoever_is_beside(
 
     torch.manual_seed(0)
     trained = SimNet(backbone).eval()  # type: ignore[arg-type]
-    trained.scale_to(np.random.default_rng(1).normal(2.0, np.arange(1, OUTPUTS + 1), (50, OUTPUTS)))
+    trained.scale_to(np.random.default_rng(1).normal(2.0, np.arange(1, OUTPUTS + 1), (50, OUTPUTS)), np.ones(OUTPUTS))
     path = tmp_path / f"some{ending(backbone)}"  # type: ignore[arg-type]
     save(trained, path, {"seed": "0"})
     network = load_network(path)

@@ -9,7 +9,16 @@ import pytest
 
 from litsim_policy.driving.simnet_output import FUTURE, OUTPUTS
 from litsim_policy.driving.simnet_raster import CHANNELS, FRAMES, OWN, SMALL
-from litsim_policy.learning.simnet_data import FUTURE_S, PAST_S, Moments, PerturbationConfig, perturbed, relative
+from litsim_policy.learning.simnet_data import (
+    FUTURE_S,
+    PAST_S,
+    UNIT_MIN,
+    Moments,
+    PerturbationConfig,
+    Samples,
+    perturbed,
+    relative,
+)
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, Kind
 
@@ -39,7 +48,8 @@ def test_who_is_drawn_and_what_it_does(make_scenario: Any, track: Any) -> None:
         track(3, x=90.0, speed=SPEED, last=10),  # gone too soon
         track(4, x=60.0, speed=2.0, last=40, kind=Kind.BICYCLE),  # never driven
     )
-    rasters, futures = Moments([scenario], [1.0], SMALL).draw(40, 8, np.random.default_rng(0))
+    samples = Moments([scenario], [1.0], SMALL).draw(40, 8, np.random.default_rng(0))
+    rasters, futures = samples.rasters, samples.futures
     assert rasters.shape == (len(futures), CHANNELS, SMALL.rows, SMALL.columns) and futures.shape[1] == OUTPUTS
     assert len(futures) <= 80  # two at a moment at most
     ahead, left, turn = futures.reshape(-1, FUTURE, 3).transpose(2, 0, 1)
@@ -48,6 +58,21 @@ def test_who_is_drawn_and_what_it_does(make_scenario: Any, track: Any) -> None:
     assert rasters[:, OWN + FRAMES - 1].any(axis=(1, 2)).all()
     # at the first steps of the log there is no history
     assert 0.0 < (~rasters[:, OWN].any(axis=(1, 2))).mean() < 0.5
+    assert np.array_equal(samples.known, rasters[:, OWN + FRAMES - 2].any(axis=(1, 2)))
+    assert samples.way == pytest.approx(np.where(samples.known, SPEED * STEP_S, 0.0))
+    assert samples.units == pytest.approx(UNIT_MIN)  # nobody does anything
+
+
+def test_errors_are_counted_in_what_people_do() -> None:
+    """Of two, one speeds up by 1 m/s2 and turns by 0.1 rad/s; of the third it is not known how fast it was."""
+    futures = np.zeros((3, FUTURE, 3))
+    futures[0, :, 0] = SPEED * FUTURE_S + 0.5 * FUTURE_S**2
+    futures[0, :, 2] = 0.1 * FUTURE_S
+    futures[1:, :, 0] = SPEED * FUTURE_S
+    way, known = np.array([1.0, 1.0, 0.0]), np.array([True, True, False])
+    units = Samples(np.empty(0, np.float32), futures.reshape(3, OUTPUTS), way, known).units.reshape(FUTURE, 3)
+    assert units[:, 0] == pytest.approx(0.5 * FUTURE_S**2 / np.sqrt(2.0))
+    assert units[:, 2] == pytest.approx(0.1 * FUTURE_S / np.sqrt(2.0))
 
 
 def test_nobody_to_learn_from(make_scenario: Any, track: Any) -> None:
@@ -56,25 +81,29 @@ def test_nobody_to_learn_from(make_scenario: Any, track: Any) -> None:
 
 
 def test_the_displaced_come_back_smoothly() -> None:
-    config = PerturbationConfig(share=1.0, back_s=0.3, speed_back_s=0.5)
+    config = PerturbationConfig(share=1.0, back_s=0.25, along_back_s=0.25)
     past, future = straight(0.4, PAST_S, 500), straight(0.4, FUTURE_S, 500)
     own, then = perturbed(past, future, np.full(500, SPEED), config, np.random.default_rng(0))
 
     def across(pose: np.ndarray) -> np.ndarray:
         return pose[..., 1] * np.cos(0.4) - pose[..., 0] * np.sin(0.4)
 
-    offset = across(own)[:, -1]
-    assert offset.std() == pytest.approx(config.offset, rel=0.1)
+    def along(pose: np.ndarray) -> np.ndarray:
+        return pose[..., 0] * np.cos(0.4) + pose[..., 1] * np.sin(0.4)
+
+    offset, ahead = across(own)[:, -1], along(own)[:, -1]
+    assert offset.std() == pytest.approx(config.offset, rel=0.1) and ahead.std() == pytest.approx(config.ahead, rel=0.1)
+    assert np.abs(along(then)[:, -1] - SPEED * FUTURE_S[-1]).mean() < 0.2 * np.abs(ahead).mean()
     assert (own[:, -1, 2] - 0.4).std() == pytest.approx(config.turn, rel=0.1)
     assert np.abs(across(then)[:, -1]).mean() < 0.2 * np.abs(offset).mean()
     way = np.concatenate([own, then], axis=1)
     gone = np.hypot(*np.diff(way[..., :2], axis=1).transpose(2, 0, 1)) / STEP_S
     assert gone[:, 0].std() == pytest.approx(config.speed, rel=0.1)
-    assert np.abs(gone[:, -1] - SPEED).mean() < 0.3 * np.abs(gone[:, 0] - SPEED).mean()
+    assert np.abs(gone[:, -1] - SPEED).mean() < 0.5 * np.abs(gone[:, 0] - SPEED).mean()
     # it drives where it looks: the way of a step is along the mean of the headings at its ends
     course = np.arctan2(*np.diff(way[..., :2], axis=1).transpose(2, 0, 1)[::-1])
     heading = 0.5 * (way[:, 1:, 2] + way[:, :-1, 2])
-    assert np.quantile(np.abs(course - heading), 0.99) < 0.03
+    assert np.quantile(np.abs(course - heading), 0.99) < 0.05
 
 
 def test_the_slow_and_the_others_are_left_as_they_are() -> None:

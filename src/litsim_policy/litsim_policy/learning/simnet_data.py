@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -18,6 +18,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 PAST_S = np.arange(1 - FRAMES, 1) * STEP_S
 FUTURE_S = np.arange(1, FUTURE + 1) * STEP_S
+UNIT_MIN = 1e-3  # [m], [rad] for traffic of which nobody speeds up or turns
 
 
 class PerturbationConfig(BaseModel):
@@ -27,9 +28,10 @@ class PerturbationConfig(BaseModel):
         share: of the agents; of those only who drives at `speed_min` at least.
         offset: standard deviation, to the side [m].
         turn: likewise, of the heading [rad].
+        ahead: likewise, along the way [m].
         speed: likewise, of the speed [m/s].
         back_s: time constant of the way back to the log's path, critically damped [s].
-        speed_back_s: of the way back to its speed [s].
+        along_back_s: of the way back to its place and speed on it [s].
         speed_min: [m/s].
     """
 
@@ -38,10 +40,46 @@ class PerturbationConfig(BaseModel):
     share: float = Field(0.5, ge=0, le=1)
     offset: float = Field(0.4, ge=0)
     turn: float = Field(0.03, ge=0)
+    ahead: float = Field(1.5, ge=0)
     speed: float = Field(1.0, ge=0)
     back_s: float = Field(0.8, gt=0)
-    speed_back_s: float = Field(2.0, gt=0)
+    along_back_s: float = Field(2.0, gt=0)
     speed_min: float = Field(3.0, gt=0)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Some agents at some moments.
+
+    Attributes:
+        rasters: (b, CHANNELS, rows, columns).
+        futures: (b, OUTPUTS).
+        way: (b,) of the last step [m]; 0 where it is not known.
+        known: (b,) whether it is.
+    """
+
+    rasters: Rasters
+    futures: FloatArray
+    way: FloatArray
+    known: BoolArray
+
+    @classmethod
+    def joined(cls, parts: Sequence[Samples]) -> Samples:
+        """Return all of `parts` as one."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+
+    @property
+    def units(self) -> FloatArray:
+        """(OUTPUTS,) spread of how the futures deviate from straight on at the speed of the last step.
+
+        What is to be learned is when people speed up, slow down and turn: of the first step, on which everything hangs
+        in simulation, that is a hundredth of the way.
+        """
+        on = self.way[:, None] * np.arange(1, FUTURE + 1)
+        deviation = self.futures.reshape(-1, FUTURE, 3).copy()
+        deviation[..., 0] -= on
+        spread: FloatArray = np.sqrt((deviation[self.known] ** 2).mean(axis=0)).ravel()
+        return np.maximum(spread, UNIT_MIN)
 
 
 @dataclass(frozen=True)
@@ -101,16 +139,11 @@ class Moments:
         self._share: FloatArray = weight / weight.sum()
         self._perturbation = perturbation
 
-    def draw(self, moments: int, agents: int, random: np.random.Generator) -> tuple[Rasters, FloatArray]:
-        """Rasters (b, CHANNELS, rows, columns) of at most `agents` agents at each of some moments, and their futures.
+    def draw(self, moments: int, agents: int, random: np.random.Generator) -> Samples:
+        """At most `agents` agents at each of some moments."""
+        return Samples.joined([self._moment(agents, random) for _ in range(moments)])
 
-        Returns:
-            the rasters, and OUTPUTS for each (b, OUTPUTS).
-        """
-        found = [self._moment(agents, random) for _ in range(moments)]
-        return np.concatenate([rasters for rasters, _ in found]), np.concatenate([futures for _, futures in found])
-
-    def _moment(self, agents: int, random: np.random.Generator) -> tuple[Rasters, FloatArray]:
+    def _moment(self, agents: int, random: np.random.Generator) -> Samples:
         source = self._sources[random.choice(len(self._sources), p=self._share)]
         step = int(random.choice(source.steps, p=source.share))
         log = source.scenario.log
@@ -128,7 +161,9 @@ class Moments:
         own, future = everybody.pose[rows], _poses(source.scenario, chosen, step + np.arange(1, FUTURE + 1))
         if self._perturbation is not None:
             own, future = perturbed(own, future, log.speed[chosen, step], self._perturbation, random)
-        return source.painter.draw(step, everybody, rows, own).copy(), relative(own[:, -1], future)
+        known = everybody.there[rows][:, -2]
+        way = np.where(known, np.hypot(*(own[:, -1, :2] - own[:, -2, :2]).T), 0.0)
+        return Samples(source.painter.draw(step, everybody, rows, own).copy(), relative(own[:, -1], future), way, known)
 
 
 def relative(present: FloatArray, future: FloatArray) -> FloatArray:
@@ -153,25 +188,30 @@ def perturbed(
         random: draws.
 
     Returns:
-        both, displaced: up to now by a constant offset to the side, heading and speed, from then on on the way back.
+        both, displaced: up to now by constant offsets, heading and speed, from then on on the way back.
     """
     m = len(own)
-    draws = random.standard_normal((3, m)) * np.array([config.offset, config.turn, config.speed])[:, None]
-    offset, turn, faster = draws * ((random.random(m) < config.share) & (speed >= config.speed_min))
+    deviations = np.array([config.offset, config.turn, config.ahead, config.speed])
+    draws = random.standard_normal((4, m)) * deviations[:, None]
+    offset, turn, ahead, faster = draws * ((random.random(m) < config.share) & (speed >= config.speed_min))
     faster = np.maximum(faster, -0.5 * speed)  # nobody backwards
     drift = speed * np.tan(turn)
-    fade = np.exp(-FUTURE_S / config.back_s)
-    slope = drift[:, None] + offset[:, None] / config.back_s
-    side = (offset[:, None] + slope * FUTURE_S) * fade
-    side_rate = slope * fade - side / config.back_s
-    gain = faster[:, None] * config.speed_back_s * (1.0 - np.exp(-FUTURE_S / config.speed_back_s))
+    along, _ = _way_back(ahead, faster, config.along_back_s)
+    side, side_rate = _way_back(offset, drift, config.back_s)
     lead = np.maximum(speed, config.speed_min)[:, None]
+    past_along, past_side = ahead[:, None] + faster[:, None] * PAST_S, offset[:, None] + drift[:, None] * PAST_S
     return (
-        _moved(
-            own, faster[:, None] * PAST_S, offset[:, None] + drift[:, None] * PAST_S, np.arctan2(drift[:, None], lead)
-        ),
-        _moved(future, gain, side, np.arctan2(side_rate, lead)),
+        _moved(own, past_along, past_side, np.arctan2(drift[:, None], lead)),
+        _moved(future, along, side, np.arctan2(side_rate, lead)),
     )
+
+
+def _way_back(offset: FloatArray, rate: FloatArray, time_constant: float) -> tuple[FloatArray, FloatArray]:
+    """Offsets (m, FUTURE) that begin as `offset` and change at `rate` (m,), critically damped, and their rates."""
+    slope = (rate + offset / time_constant)[:, None]
+    fade = np.exp(-FUTURE_S / time_constant)
+    value = (offset[:, None] + slope * FUTURE_S) * fade
+    return value, slope * fade - value / time_constant
 
 
 def _moved(pose: FloatArray, ahead: FloatArray, left: FloatArray, turn: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from pathlib import Path
 from typing import Literal
@@ -26,10 +27,12 @@ class SimNet(nn.Module):
 
     Attributes:
         middle, spread: (OUTPUTS,) mean and standard deviation of what is learned.
+        unit: (OUTPUTS,) in which errors are counted [m], [rad].
     """
 
     middle: Tensor
     spread: Tensor
+    unit: Tensor
 
     def __init__(self, backbone: Backbone) -> None:
         super().__init__()
@@ -37,6 +40,7 @@ class SimNet(nn.Module):
         self.backbone: nn.Module = small() if backbone == "small" else ResNet50(CHANNELS, OUTPUTS)
         self.register_buffer("middle", torch.zeros(OUTPUTS))
         self.register_buffer("spread", torch.ones(OUTPUTS))
+        self.register_buffer("unit", torch.ones(OUTPUTS))
 
     def forward(self, rasters: Tensor) -> Tensor:
         """(b, OUTPUTS) of rasters (b, CHANNELS, rows, columns)."""
@@ -47,8 +51,9 @@ class SimNet(nn.Module):
         """The same in metres and radians."""
         return self(rasters) * self.spread + self.middle
 
-    def scale_to(self, futures: FloatArray) -> None:
-        """Take the units from OUTPUTS (k, OUTPUTS) of some agents."""
+    def scale_to(self, futures: FloatArray, units: FloatArray) -> None:
+        """Take mean and spread from `futures` (k, OUTPUTS) of some agents, and `units` (OUTPUTS,) for errors."""
+        self.unit.copy_(torch.from_numpy(units))
         self.middle.copy_(torch.from_numpy(futures.mean(axis=0)))
         self.spread.copy_(torch.from_numpy(np.maximum(futures.std(axis=0), 1e-6)))
 
@@ -74,7 +79,7 @@ def save(network: SimNet, path: Path, about: dict[str, str]) -> None:
         path: of the file; its ending is :func:`ending`'s.
         about: says where the weights come from.
     """
-    network.eval()
+    network = copy.deepcopy(network).cpu().eval()
     told = {"format": FORMAT, "backbone": network.backbone_name, **about}
     if network.backbone_name == "small":
         save_file(_small_tensors(network), str(path), told)
@@ -124,7 +129,7 @@ def _export(network: SimNet, path: Path, about: dict[str, str]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the exporter, about itself
         torch.onnx.export(
-            _Physical(network).eval(),
+            _Physical(network),
             (torch.zeros(1, CHANNELS, shape.rows, shape.columns),),
             str(path),
             input_names=("raster",),

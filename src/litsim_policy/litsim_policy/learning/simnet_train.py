@@ -2,7 +2,7 @@
 
 1. Scenarios: those that policy C is trained and validated on.
 2. Batches: some agents of some moments, half of them displaced, each with a raster and its poses of the next 1.2 s.
-3. Mean squared error of all outputs, each in units of its spread; Adam, with a rate that falls to zero along a cosine.
+3. Mean squared error of all outputs, each in a unit of its own; Adam, with a rate that falls to zero along a cosine.
 
 Every batch draws from a generator seeded by the run's seed and its number, so a run that is resumed goes on as if it
 had not been interrupted. `--out` gets checkpoint.pt, history.json, curves.png, and best.safetensors or best.onnx.
@@ -25,10 +25,10 @@ from torch import Tensor
 from tqdm import tqdm
 
 from litsim_policy.driving.simnet_output import FUTURE
-from litsim_policy.driving.simnet_raster import Rasters
 from litsim_policy.learning.data import DataConfig, prepare
-from litsim_policy.learning.simnet_data import Moments, PerturbationConfig
+from litsim_policy.learning.simnet_data import Moments, PerturbationConfig, Samples
 from litsim_policy.learning.simnet_network import SHAPES, Backbone, SimNet, ending, save
+from litsim_predictor.learned.device import check_device
 from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
@@ -37,7 +37,7 @@ from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import Scenario
 
 CHECKPOINT, HISTORY, CURVES = "checkpoint.pt", "history.json", "curves.png"
-SCALES = 64  # moments from which middle and spread of what is learned are taken
+SCALES = 256  # moments from which middle and spread of what is learned are taken
 MIDDLE, VALIDATION = 1, 2  # of the seeds of draws that are not a batch's
 
 
@@ -73,6 +73,10 @@ class SimnetConfig(BaseModel):
 class SimnetTraining:
     """Everything of a training that changes from batch to batch, and the files that it leaves.
 
+    Args:
+        config: of the training.
+        device: of torch.
+
     Attributes:
         config: of the training.
         network: that learns.
@@ -80,9 +84,9 @@ class SimnetTraining:
         done: batches made.
     """
 
-    def __init__(self, config: SimnetConfig) -> None:
+    def __init__(self, config: SimnetConfig, device: str = "cpu") -> None:
         torch.manual_seed(config.seed)
-        self.config, self.network = config, SimNet(config.backbone)
+        self.config, self.network, self._device = config, SimNet(config.backbone).to(device), device
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._optimiser = torch.optim.Adam(self.network.parameters(), config.learning_rate)
         self.history: list[dict[str, float]] = []
@@ -93,13 +97,14 @@ class SimnetTraining:
         """Lowest validation loss so far."""
         return min((entry["validation"] for entry in self.history), default=np.inf)
 
-    def update(self, rasters: Rasters, futures: FloatArray) -> float:
+    def update(self, samples: Samples) -> float:
         """Learn one batch; returns its loss."""
         rate = 0.5 * self.config.learning_rate * (1.0 + np.cos(np.pi * self.done / self.config.batches))
         for group in self._optimiser.param_groups:
             group["lr"] = float(rate)
         self.network.train()
-        loss = self._loss(rasters, futures)
+        errors = self._errors(torch.from_numpy(samples.rasters), samples.futures)
+        loss = ((errors / self.network.unit) ** 2).mean()
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()
         self._optimiser.step()
@@ -107,14 +112,15 @@ class SimnetTraining:
         return float(loss.detach())
 
     @torch.no_grad()
-    def validate(self, rasters: Rasters, futures: FloatArray) -> dict[str, float]:
+    def validate(self, samples: Samples) -> dict[str, float]:
         """Loss, and errors of the pose after the first and last step, of agents that are not learned."""
         self.network.eval()
-        parts = torch.from_numpy(rasters).split(self.config.moments * self.config.agents)
-        said = torch.cat([self.network(part) for part in parts])
-        truth = (torch.from_numpy(futures).float() - self.network.middle) / self.network.spread
-        loss = float(((said - truth) ** 2).mean())
-        off = ((said - truth) * self.network.spread).reshape(-1, FUTURE, 3).numpy()
+        part = self.config.moments * self.config.agents
+        begins = range(0, len(samples.rasters), part)
+        rasters, futures = torch.from_numpy(samples.rasters), samples.futures
+        errors = torch.cat([self._errors(rasters[k : k + part], futures[k : k + part]) for k in begins])
+        loss = float(((errors / self.network.unit) ** 2).mean())
+        off = errors.reshape(-1, FUTURE, 3).cpu().numpy()
         return {
             "validation": loss,
             "ahead_first": float(np.sqrt((off[:, 0, 0] ** 2).mean())),
@@ -122,9 +128,9 @@ class SimnetTraining:
             "away_last": float(np.hypot(off[:, -1, 0], off[:, -1, 1]).mean()),
         }
 
-    def _loss(self, rasters: Rasters, futures: FloatArray) -> Tensor:
-        truth = (torch.from_numpy(futures).float() - self.network.middle) / self.network.spread
-        return torch.nn.functional.mse_loss(self.network(torch.from_numpy(rasters)), truth)
+    def _errors(self, rasters: Tensor, futures: FloatArray) -> Tensor:
+        """(b, OUTPUTS) [m], [rad]: what the network says less what happened."""
+        return self.network.physical(rasters.to(self._device)) - torch.from_numpy(futures).float().to(self._device)
 
     def write(self, out: Path) -> None:
         """Write a checkpoint, the history and its curves; if the last validation was the best, the weights."""
@@ -141,7 +147,8 @@ class SimnetTraining:
         plot(self.history, out / CURVES)
         if self.history[-1]["validation"] <= self.best:
             about = {"config": self.config.model_dump_json(), "figures": json.dumps(self.history[-1])}
-            save(self.network, self.weights(out), about)
+            with replacing(self.weights(out)) as new:
+                save(self.network, new, about)
 
     def weights(self, out: Path) -> Path:
         """The file of the best weights."""
@@ -156,7 +163,7 @@ class SimnetTraining:
         if not path.is_file():
             raise InputError(f"{path}: no checkpoint to resume from")
         try:
-            state = torch.load(path, weights_only=True)
+            state = torch.load(path, map_location=self._device, weights_only=True)
         except Exception as error:
             raise InputError(f"{path}: not a readable checkpoint: {error}") from error
         then, now = json.loads(state["config"]), json.loads(self.config.model_dump_json())
@@ -167,22 +174,24 @@ class SimnetTraining:
         self.history, self.done = json.loads(state["history"]), state["done"]
 
 
-def run(config: SimnetConfig, out: Path, *, resume: bool = False, progress: bool = True) -> SimnetTraining:
-    """Train, from the start or from the checkpoint in `out`.
+def run(
+    config: SimnetConfig, out: Path, *, resume: bool = False, progress: bool = True, device: str = "cpu"
+) -> SimnetTraining:
+    """Train on a device of torch, from the start or from the checkpoint in `out`.
 
     Raises:
         InputError: the data or the checkpoint cannot be used.
     """
     out.mkdir(parents=True, exist_ok=True)
     data = prepare(config.data, out / "data")
-    training, shape = SimnetTraining(config), SHAPES[config.backbone]
+    training, shape = SimnetTraining(config, device), SHAPES[config.backbone]
     train = Moments(*_counted(data.train), shape, config.perturbation)
     held_out = Moments(*_counted(data.validation), shape)
     if resume:
         training.read(out / CHECKPOINT)
     else:
-        _, futures = train.draw(SCALES, config.agents, np.random.default_rng([config.seed, MIDDLE]))
-        training.network.scale_to(futures)
+        some = train.draw(SCALES, config.agents, np.random.default_rng([config.seed, MIDDLE]))
+        training.network.scale_to(some.futures, some.units)
     validation = held_out.draw(
         config.validation_moments, config.agents, np.random.default_rng([config.seed, VALIDATION])
     )
@@ -191,10 +200,10 @@ def run(config: SimnetConfig, out: Path, *, resume: bool = False, progress: bool
     with tqdm(total=config.batches, initial=training.done, unit="batch", disable=not progress) as bar:
         while training.done < config.batches:
             random = np.random.default_rng([config.seed, 0, training.done])
-            losses.append(training.update(*train.draw(config.moments, config.agents, random)))
+            losses.append(training.update(train.draw(config.moments, config.agents, random)))
             bar.update()
             if training.done % config.validate_every == 0 or training.done == config.batches:
-                found = training.validate(*validation)
+                found = training.validate(validation)
                 seconds = time.perf_counter() - begin
                 training.history.append(
                     {"batches": training.done, "training": float(np.mean(losses)), **found, "seconds": seconds}
@@ -211,7 +220,7 @@ def plot(history: list[dict[str, float]], path: Path) -> None:
     from matplotlib import pyplot as plt
 
     panels: dict[str, dict[str, str]] = {
-        "mean squared error, in units of the spread": {"training": "training", "validation": "validation"},
+        "mean squared error, in its units": {"training": "training", "validation": "validation"},
         "first step, RMSE": {"ahead_first": "ahead [m]", "turn_first": "turn [rad]"},
         "after 1.2 s, mean distance [m]": {"away_last": "validation"},
     }
@@ -239,6 +248,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--config", type=Path, required=True, help="YAML file, such as config/simnet.yaml")
     p.add_argument("--out", type=Path, required=True, help="folder of the results")
     p.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+    p.add_argument("--device", default="cpu", help="of torch: cpu, cuda, cuda:1; default %(default)s")
     p.add_argument("--threads", type=at_least_one, default=1, help="of torch; default %(default)s")
     return p
 
@@ -248,9 +258,10 @@ def main() -> None:
     """Entry point of ``ros2 run litsim_policy train_simnet``."""
     arguments: Any = parser().parse_args()
     torch.set_num_threads(arguments.threads)
+    check_device(arguments.device)
     config = read_yaml(arguments.config, SimnetConfig)
     try:
-        training = run(config, arguments.out, resume=arguments.resume)
+        training = run(config, arguments.out, resume=arguments.resume, device=arguments.device)
     except KeyboardInterrupt:
         print(f"\ninterrupted; to go on: --resume with --out {arguments.out}", file=sys.stderr)
         raise
