@@ -36,7 +36,7 @@ def scenario(make_scenario: Any, track: Any) -> Scenario:
 
 
 def ledger_of(scenario: Scenario, since: int, then: float, handback: str) -> tuple[Any, dict[str, Any]]:
-    plan = RunPlan(scenario, "log", "yield", {"conflict": {"handback": handback}})
+    plan = RunPlan(scenario, "log", "yield", {"conflict": {"handback": handback, "passing": False}})
     run = record(Runner(plan, ego=Driver(scenario, since, then)))
     (entry,) = compute_metrics(run)["ledger"]
     assert entry["agent"] == BEHIND

@@ -395,7 +395,8 @@ def test_an_entry_where_the_ego_stands_is_late_and_adopted(make_scenario, track,
 
 def test_an_agent_drives_on_under_control_when_its_log_is_over(make_scenario, track, drive) -> None:
     scenario = make_scenario(track(1, x=100.0, last=120), track(2, x=85.0, last=50))
-    run = drive(scenario, braking(until=0, to=3.0, back=False), parameters={"conflict": {"handback": "catch_up"}})
+    conflict = {"handback": "catch_up", "passing": False}
+    run = drive(scenario, braking(until=0, to=3.0, back=False), parameters={"conflict": conflict})
     records = run.takeovers(2)
     assert max(records) == scenario.total_steps
     over = [t for step, t in records.items() if step > 50]

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from litsim_policy.conflict.detection import Conflict
+from litsim_policy.motion.lane_lines import NO_LANE
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray, IntArray
@@ -39,6 +40,9 @@ class OffLog:
         logged: :class:`ReferencePath` where it went in the recording.
         source: :class:`PathSource` of `path`.
         goal_s: arc length of the goal on `path` [m].
+        slowed: steps in a row for which it has been slower than its log.
+        beside: position in `LaneMap.lanes` of the lane that it has taken to pass; NO_LANE for none.
+        changed_step: at which it changed lane last; -1 if it has not.
     """
 
     agent: IntArray
@@ -55,6 +59,9 @@ class OffLog:
     logged: ObjectArray
     source: ByteArray
     goal_s: FloatArray
+    slowed: IntArray
+    beside: IntArray
+    changed_step: IntArray
 
     def __len__(self) -> int:
         return len(self.agent)
@@ -64,9 +71,8 @@ class OffLog:
         """Return a table of nobody."""
         whole, real, byte = np.empty(0, np.int64), np.empty(0), np.empty(0, np.uint8)
         flags, paths = np.empty(0, np.bool_), np.empty(0, object)
-        return cls(
-            whole, whole, byte, byte, whole, real, real, np.empty((0, 3)), flags, whole, paths, paths, byte, real
-        )
+        poses, passing = np.empty((0, 3)), (whole, whole, whole)
+        return cls(whole, whole, byte, byte, whole, real, real, poses, flags, whole, paths, paths, byte, real, *passing)
 
     @classmethod
     def opened(
@@ -97,6 +103,9 @@ class OffLog:
             logged=recorded,
             source=np.array([source], np.uint8),
             goal_s=goal_s,
+            slowed=np.array([0]),
+            beside=np.array([NO_LANE]),
+            changed_step=np.array([-1]),
         )
 
     def take(self, which: BoolArray) -> OffLog:
@@ -123,7 +132,23 @@ class OffLog:
         """Let the agents of the mask `which` (r,) follow their logged paths from now on."""
         at = np.flatnonzero(which & (self.source != PathSource.LOGGED))
         if len(at):
+            self.beside[at] = NO_LANE
             self.path[at], self.source[at] = self.logged[at], PathSource.LOGGED
+            self.goal_s[at] = self.logged_paths.project(at, self.pose[at, 0], self.pose[at, 1]).s
+            self.__dict__.pop("paths", None)
+
+    def pass_along(self, at: int, path: ReferencePath, lane: int, step: int) -> None:
+        """Let the agent at position `at` follow `path` into `lane`, a position in `LaneMap.lanes`, from `step` on."""
+        self.path[at], self.source[at], self.state[at] = path, PathSource.LANE, TakeoverState.HELD
+        self.beside[at], self.changed_step[at], self.slowed[at], self.clear[at] = lane, step, 0, 0
+        self.goal_s[at] = path.project(self.pose[at, :1], self.pose[at, 1:2])[0][0]
+        self.__dict__.pop("paths", None)
+
+    def give_up(self, at: IntArray, step: int) -> None:
+        """Let the agents at positions `at` (k,), which have begun to change lane, follow their logged paths again."""
+        if len(at):
+            self.path[at], self.source[at], self.changed_step[at] = self.logged[at], PathSource.LOGGED, step
+            self.beside[at], self.slowed[at] = NO_LANE, 0
             self.goal_s[at] = self.logged_paths.project(at, self.pose[at, 0], self.pose[at, 1]).s
             self.__dict__.pop("paths", None)
 

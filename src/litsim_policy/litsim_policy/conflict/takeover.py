@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector
 from litsim_policy.conflict.life_cycle import Excuse, Residuals, review
 from litsim_policy.conflict.off_log import OffLog
+from litsim_policy.conflict.passing import Passing, PassingConfig
 from litsim_policy.conflict.scene import ConflictScene
 from litsim_policy.motion.reference_path import ReferencePath, logged_path
 from litsim_policy.motion.route import Router
@@ -17,6 +18,7 @@ from litsim_predictor.forecast import Forecast
 from litsim_sim.core.quantities import (
     Angle,
     Duration,
+    Flag,
     Length,
     NonNegative,
     Positive,
@@ -47,6 +49,8 @@ class TakeoverConfig:
         release_yaw: residual likewise.
         handback: how an agent comes back: catch_up, to where its log has it at the time; or time_shift, to where its
             log was nearest to it, the log being replayed with that lag from then on.
+        passing: whether agents that are held back for good pass.
+        lane_change: when, and how.
     """
 
     confirm_steps: Positive[Steps] = 3
@@ -58,6 +62,8 @@ class TakeoverConfig:
     release_speed: NonNegative[Speed] = 1.0
     release_yaw: NonNegative[Angle] = 0.1
     handback: Literal["catch_up", "time_shift"] = "time_shift"
+    passing: Flag = True
+    lane_change: PassingConfig = field(default_factory=PassingConfig)
 
 
 @dataclass
@@ -80,6 +86,9 @@ class TakeoverManager:
         roi_m = self.conflict_config.roi_m or self.scenario.roi_m
         self._detector = ConflictDetector(log, roi_m, self.conflict_config, self._overlaps)
         self._router = Router(self.scenario.lane_map)
+        self._passing: Passing | None = None
+        if self.config.passing:
+            self._passing = Passing(self.scenario.lane_map, log, self._router, self.config.lane_change)
         self._ego_ids = self.scenario.ego_ids
         self.iterations: IntArray = np.zeros(len(self._ego_ids), np.int64)
         self.converged: BoolArray = np.ones(len(self._ego_ids), np.bool_)
@@ -104,6 +113,8 @@ class TakeoverManager:
         rows, log_rows = self._rows(table, self._off)
         residuals = Residuals.of(log, log_rows, lag[rows], table, rows)
         self._review(table, scene, was_off[rows], rows, residuals, is_off | lagged | table.obstacle)
+        if self._passing is not None and len(self._off):
+            self._passing.look_for_lanes(table, self._off, rows, self._lags(self._off))
         takeovers = self._off.report(table.x[rows], table.y[rows], residuals.reported, lag[rows])
         self._off = self._off.take(self._off.state != TakeoverState.RELEASED)
         return TakeoverTable(table.step, takeovers, int(self.iterations.max()), bool(self.converged.all()))
@@ -152,6 +163,10 @@ class TakeoverManager:
     def _rows(self, table: AgentTable, off: OffLog) -> tuple[IntArray, IntArray]:
         """Rows (r,) of agents off their logs in `table`, and in the log."""
         return table.rows(off.agent), np.searchsorted(self.scenario.log.ids, off.agent)
+
+    def _lags(self, off: OffLog) -> IntArray:
+        """(r,) steps by which the logs lag that agents off their logs would go back to."""
+        return self._lag[np.searchsorted(self.scenario.log.ids, off.agent)]
 
     def _is_off(self, table: AgentTable) -> BoolArray:
         """(n,) the ego, and those that are driven."""
@@ -253,7 +268,11 @@ class TakeoverManager:
         mine[rows[known]] = True
         in_conflict = scene.still_in_conflict(mine, off_log)
         excuse, unneeded = self._excuse(table), self._unneeded(table, rows)[known]
-        review(self.config, off, table, rows[known], residuals.take(known), in_conflict[rows[known]], excuse, unneeded)
+        mine_now, residuals = rows[known], residuals.take(known)
+        if self._passing is not None:
+            returns = self._passing.may_return(table, off, mine_now, self._lags(off), residuals)
+            residuals = replace(residuals, known=residuals.known & returns)
+        review(self.config, off, table, mine_now, residuals, in_conflict[mine_now], excuse, unneeded)
         if off is not self._off:
             self._off = off.joined(self._off.take(~known))
 

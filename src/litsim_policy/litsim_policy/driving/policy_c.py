@@ -6,6 +6,7 @@ needs no torch. :mod:`litsim_policy.learning.network` is the same network as tor
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -22,7 +23,7 @@ from litsim_policy.driving.yield_policy import YieldPolicy
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
-from litsim_sim.core.takeover import TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState, TakeoverTable
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.setting import Setting
 from litsim_sim.scenario.signals import Signals
@@ -144,29 +145,51 @@ class Driver:
 
 def commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> ControlTable:
     """Controls of the m agents of `scene` from actions (m, 3) in [-1, 1]: what training and driving have in common."""
-    speed, wanted = scene.agents.speed, physical(action)
-    safe = safety.guard(scene, wanted[:, 0], executed_yaw_rate(wanted, speed))
+    wanted = physical(action)
+    return guarded(scene, wanted[:, 0], executed_yaw_rate(wanted, scene.agents.speed), safety)
+
+
+def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray, safety: SafetyLayer) -> ControlTable:
+    """Controls of the m agents of `scene` that ask for accelerations [m/s2] and yaw rates [rad/s] (m,)."""
+    speed, safe = scene.agents.speed, safety.guard(scene, acceleration, yaw_rate)
     source = np.where(safe.guarded, ControlSource.GUARDED, ControlSource.POLICY).astype(np.uint8)
     step = scene.agents.table.step
     return ControlTable(step, scene.id, safe.acceleration, speed * safe.yaw_rate, safe.yaw_rate, source)
 
 
 class PolicyC:
-    """The policy called `litsim`: the network drives whoever is held, `handback` whoever goes back to the log."""
+    """The policy called `litsim`: the network drives whoever is held, rules whoever goes back to the log or passes.
+
+    The network has learned to drive along its log among others; who passes is driven by the rules of policy `yield`,
+    behind the same safety layer.
+    """
 
     def __init__(
-        self, scenario: Setting, network: PolicyNetwork, handback: YieldPolicy, safety: SafetyConfig | None = None
+        self, scenario: Setting, network: PolicyNetwork, rules: YieldPolicy, safety: SafetyConfig | None = None
     ) -> None:
         self.driver = Driver(scenario.lane_map, network, safety, scenario.signals)
-        self._handback, self._lane_map = handback, scenario.lane_map
+        self._rules, self._lane_map = rules, scenario.lane_map
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Controls of every agent that is held or handed back."""
         held = [t for t in takeovers.takeovers if t.state == TakeoverState.HELD]
         others = tuple(t for t in takeovers.takeovers if t.state != TakeoverState.HELD)
-        driven = self.driver.drive_scene(DrivingScene.of_takeovers(self._lane_map, table, held))
-        returning = self._handback.act(table, TakeoverTable(takeovers.step, others))
-        return merged(driven, returning)
+        passing = [t for t in held if t.path_source == PathSource.LANE]
+        keeping = [t for t in held if t.path_source != PathSource.LANE]
+        driven = self.driver.drive_scene(DrivingScene.of_takeovers(self._lane_map, table, keeping))
+        returning = self._rules.act(table, TakeoverTable(takeovers.step, others))
+        controls = merged(driven, returning)
+        return merged(controls, self._pass(table, passing)) if passing else controls
+
+    def _pass(self, table: AgentTable, passing: Sequence[Takeover]) -> ControlTable:
+        """Controls of agents that pass: they brake no harder than is comfortable, unless the layer makes them.
+
+        The car following would have them brake hard for the one whose lane they are leaving.
+        """
+        asked = self._rules.act(table, TakeoverTable(table.step, tuple(passing)))
+        scene = DrivingScene.of_takeovers(self._lane_map, table, passing)
+        braking = np.maximum(asked.acceleration, -self._rules.comfortable_braking)
+        return guarded(scene, braking, asked.yaw_rate, self.driver.safety)
 
 
 def merged(first: ControlTable, second: ControlTable) -> ControlTable:

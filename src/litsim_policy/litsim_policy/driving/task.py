@@ -12,7 +12,7 @@ from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
-from litsim_sim.core.takeover import Takeover
+from litsim_sim.core.takeover import PathSource, Takeover
 from litsim_sim.maps.lane_map import LaneMap
 
 NOBODY = -1  # in place of an opponent's id
@@ -121,5 +121,7 @@ def due_step(takeover: Takeover) -> int:
 
 
 def opponent_of(takeover: Takeover) -> int:
-    """Id of the other agent of the conflict; NOBODY where an agent has entered late and alone."""
-    return takeover.opponent if takeover.opponent != takeover.agent else NOBODY
+    """Id of the other agent of the conflict; NOBODY where an agent has entered late and alone, or is passing."""
+    if takeover.path_source == PathSource.LANE or takeover.opponent == takeover.agent:
+        return NOBODY
+    return takeover.opponent

@@ -9,6 +9,7 @@ from dataclasses import field
 import numpy as np
 
 from litsim_policy.driving.handback import HandbackConfig, catch_up
+from litsim_policy.driving.task import opponent_of
 from litsim_policy.motion.car_following import IdmConfig, idm, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
@@ -88,6 +89,11 @@ class YieldPolicy:
         self._handback = handback
         self._stop_lines = StopLines(scenario.signals)
 
+    @property
+    def comfortable_braking(self) -> float:
+        """Braking [m/s2] that the car following takes to be comfortable."""
+        return self._config.idm.deceleration
+
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """Controls of every agent that is held or handed back, and of who is released to a log that lags."""
         listed = [t for t in takeovers.takeovers if t.state != TakeoverState.RELEASED or t.time_shift > 0.0]
@@ -132,7 +138,7 @@ class YieldPolicy:
             agents.rows,
             agents.speed,
             wanted,
-            np.array([t.opponent for t in takeovers]),
+            np.array([opponent_of(t) for t in takeovers]),
             self._config.courtesy_deceleration,
             *self._config.idm.of_model,
         )

@@ -114,12 +114,17 @@ def route_path(log: Log, lane_map: LaneMap, agent: int, pose: FloatArray) -> Ref
 
 def lane_change_path(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -> ReferencePath:
     """From `pose` (3,) onto the centre line of `lane`, beside it, within `reach` [m], and on along that lane."""
+    curve, beyond = lane_change(lane_map, pose, lane, reach)
+    return ReferencePath.through(np.concatenate([bezier.points(curve, SPACING), beyond]))
+
+
+def lane_change(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -> tuple[FloatArray, FloatArray]:
+    """The curve of a :func:`lane_change_path`, control points (4, 2), and the points (m, 2) of the lane beyond it."""
     beside, _ = ReferencePath.of(lane.centerline).project(pose[:1], pose[1:2])
     far = max(reach, CHANGE_MIN)
     guide = ReferencePath.through(lane_map.path_from(lane_map.row(lane.id), float(beside[0]), far + LANE_LENGTH))
     end = np.array([*guide.point(far), guide.heading(np.array([far]))[0]])
-    curve = bezier.points(bezier.between(pose, end), SPACING)
-    return ReferencePath.through(np.concatenate([curve, guide.points[guide.s > far + 0.5 * SPACING]]))
+    return bezier.between(pose, end), guide.points[guide.s > far + 0.5 * SPACING]
 
 
 def _shifted(points: FloatArray, left: float) -> FloatArray:

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from litsim_policy.motion import bezier
-from litsim_policy.motion.reference_path import SPACING, ReferencePath
+from litsim_policy.motion.reference_path import SPACING, ReferencePath, lane_change
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.lane_map import LaneMap
@@ -21,6 +21,7 @@ KNOT_SPACING = 15.0  # [m] between poses on a centre line that the curves pass t
 KNOT_MIN = 6.0  # [m] a curve shorter than this may have to bend too much
 DETOUR = 2.0  # times the straight distance that a way may be long, beyond CHANGE_LENGTH
 MERGE_TIME = 2.0  # [s] within which the agent is to be on the centre line
+BESIDE_SHARES = (1.0, 1.5, 2.5)  # of the road that a change of lane is to take, tried in this order
 MERGE_SHARES = (1.0, 0.5, 1.5, 2.5, 4.0)  # of that, tried in this order
 
 
@@ -83,6 +84,26 @@ class Router:
             found = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
             if not on_road or self._lanes.inside_road(found[:, 0], found[:, 1]).all():
                 return ReferencePath.of(found)
+        return None
+
+    def beside(self, pose: FloatArray, reach: float, lane: int) -> ReferencePath | None:
+        """Path from `pose` (3,) onto the centre line of a lane beside, and on along it; None where none can be driven.
+
+        It turns no tighter than the vehicle limits allow, and stays on the road if it starts there.
+
+        Args:
+            pose: of the agent now.
+            reach: road that the change is to take [m]; more, where it would have to bend too much.
+            lane: position of the lane.
+        """
+        on_road = bool(self._lanes.inside_road(pose[:1], pose[1:2])[0])
+        for share in BESIDE_SHARES:
+            curve, beyond = lane_change(self._lanes, pose, self._lanes.lanes[lane], share * reach)
+            if bezier.curvature_max(curve) > self._curvature_max:
+                continue
+            points = bezier.points(curve, SPACING)
+            if not on_road or self._lanes.inside_road(points[:, 0], points[:, 1]).all():
+                return ReferencePath.through(np.concatenate([points, beyond]))
         return None
 
     def _knots(self, way: list[int], s_start: float, s_goal: float) -> FloatArray:

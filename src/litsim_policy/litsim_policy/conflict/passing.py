@@ -1,0 +1,246 @@
+"""Passing: who is held behind somebody slow for good looks for the lane beside, takes it, and comes back from there."""
+
+from __future__ import annotations
+
+from dataclasses import field
+
+import numpy as np
+
+from litsim_policy.conflict.life_cycle import Residuals
+from litsim_policy.conflict.off_log import OffLog
+from litsim_policy.motion.car_following import along_paths
+from litsim_policy.motion.lane_change import LaneChangeConfig, LaneChanges, weigh_changes
+from litsim_policy.motion.lane_lines import NO_LANE, LaneLines
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.route import Router
+from litsim_sim.core.compiled import BOOLS, FLOATS, INTS, OUT_INTS, float64, kernel
+from litsim_sim.core.quantities import (
+    Acceleration,
+    Duration,
+    Length,
+    NonNegative,
+    Positive,
+    Speed,
+    Steps,
+    configuration,
+)
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.takeover import PathSource, TakeoverState
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scenario.log import Log
+
+IN_LANE = 1.0  # [m] from the middle of a lane within which somebody drives in it, rather than between two
+APART = 1.8  # [m] from the logged path beyond which somebody is not in the lane of the log: half a lane
+ABREAST = 40.0  # [m] within which only one agent begins to change lane at a step: the others see it at the next
+WAY_APART = 7.5  # [m] between two lanes' lines beyond which they no longer lead the same way: two lanes
+INTENT = 2.0  # [s] of an agent's path that tell which lane it is coming into
+
+
+@configuration
+class PassingConfig:
+    """Who passes, and how.
+
+    Attributes:
+        slower: than its log was here, from which on an agent is held back.
+        patience: steps in a row for which it is held back before it looks for another lane.
+        steady: braking of the opponent beyond which it is waited for what comes of it.
+        again: steps from one change of lane to the next, at least.
+        change_time: that a change of lane takes.
+        look: ahead, over which both lanes have to lead the same way.
+        mobil: criteria.
+    """
+
+    slower: Positive[Speed] = 0.5
+    patience: NonNegative[Steps] = 2
+    steady: NonNegative[Acceleration] = 1.0
+    again: NonNegative[Steps] = 40
+    change_time: Positive[Duration] = 3.5
+    look: NonNegative[Length] = 80.0
+    mobil: LaneChangeConfig = field(default_factory=LaneChangeConfig)
+
+
+class Passing:
+    """Looks at the agents off their logs once a step; holds nothing but the lines of the lanes."""
+
+    def __init__(self, lane_map: LaneMap, log: Log, router: Router, config: PassingConfig) -> None:
+        self._lane_map, self._log, self._router, self._config = lane_map, log, router, config
+        self._lines = LaneLines(lane_map)
+
+    def may_return(
+        self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray, residuals: Residuals
+    ) -> BoolArray:
+        """Mask (r,) of the agents that can go back to the lanes of their logs, if they have left them to pass.
+
+        Args:
+            table: everybody.
+            off: r agents.
+            rows: (r,) of the agents in `table`.
+            lag: (r,) steps by which their logs lag.
+            residuals: of the agents.
+        """
+        may = np.ones(len(off), np.bool_)
+        at = np.flatnonzero((off.beside != NO_LANE) & residuals.known)
+        if len(at):
+            me, log_rows = rows[at], np.searchsorted(self._log.ids, off.agent[at])
+            yaw = self._log.yaw[log_rows, self._clipped(table.step - lag[at])]
+            here = self._lane_map.nearest(table.x[me], table.y[me], table.yaw[me]).lane
+            there = self._lane_map.nearest(residuals.x[at], residuals.y[at], yaw).lane
+            other = here != there
+            at = at[other]
+            may[at] = self._weighed(table, off, rows, lag, at, here[other], there[other]).safe
+        return may
+
+    def look_for_lanes(self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray) -> None:
+        """Let agents change lane that have been held back for long enough and can; in place.
+
+        Args:
+            table: everybody.
+            off: r agents; who is handed back and begins to pass is HELD again.
+            rows: (r,) of the agents in `table`.
+            lag: (r,) steps by which their logs lag.
+        """
+        config = self._config
+        off.slowed[:] = np.where(table.speed[rows] < self._wanted(off, table, lag) - config.slower, off.slowed + 1, 0)
+        self._stay_beside(table, off, rows)
+        self._give_up(table, off, rows, lag)
+        waits = (off.slowed >= config.patience) & (table.step - off.changed_step >= config.again)
+        opponent = table.rows(off.opponent)
+        waits &= (opponent < 0) | (table.acceleration[opponent] >= -config.steady)
+        at = np.flatnonzero(waits & (off.state != TakeoverState.RELEASED))
+        if not len(at):
+            return
+        here = self._lane_map.nearest(table.x[rows[at]], table.y[rows[at]], table.yaw[rows[at]])
+        inside = np.abs(here.d) <= IN_LANE
+        at, lane = at[inside], here.lane[inside]
+        both, there = np.concatenate([at, at]), np.concatenate([self._lines.left[lane], self._lines.right[lane]])
+        exists = there != NO_LANE
+        both, here_lane, there = both[exists], np.concatenate([lane, lane])[exists], there[exists]
+        same_way = self._lead_same_way(table, rows[both], here_lane, there)
+        both, here_lane, there = both[same_way], here_lane[same_way], there[same_way]
+        if not len(both):
+            return
+        changes = self._weighed(table, off, rows, lag, both, here_lane, there)
+        worth = changes.safe & (changes.gain > config.mobil.threshold)
+        me = rows[both]
+        for k in _chosen(both, changes.gain, worth, table.scene[me], table.x[me], table.y[me], ABREAST).tolist():
+            self._change(table, off, int(both[k]), int(rows[both[k]]), int(there[k]))
+
+    def _change(self, table: AgentTable, off: OffLog, at: int, row: int, lane: int) -> None:
+        """Let the agent at position `at` of `off`, in `row` of the table, change to `lane`; not where it cannot."""
+        pose = np.array([table.x[row], table.y[row], table.yaw[row]])
+        path = self._router.beside(pose, self._config.change_time * float(table.speed[row]), lane)
+        if path is not None:
+            off.pass_along(at, path, lane, table.step)
+
+    def _give_up(self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray) -> None:
+        """Let agents go back to their logged paths that are not in their new lanes yet, and cannot change any more."""
+        at = np.flatnonzero(off.beside != NO_LANE)
+        if not len(at):
+            return
+        there, me = off.beside[at], rows[at]
+        apart = np.abs(self._lines.batch(there).project(np.arange(len(at)), table.x[me], table.y[me]).d)
+        outside = apart > 0.5 * self._lines.width(there)
+        at, there, me = at[outside], there[outside], me[outside]
+        here = self._lane_map.nearest(table.x[me], table.y[me], table.yaw[me]).lane
+        off.give_up(at[~self._weighed(table, off, rows, lag, at, here, there).room], table.step)
+
+    def _stay_beside(self, table: AgentTable, off: OffLog, rows: IntArray) -> None:
+        """Keep agents in their lanes that were on their way back into those of their logs, and are held again."""
+        held = (off.state == TakeoverState.HELD) & (off.source == PathSource.LOGGED) & (off.changed_step >= 0)
+        at = np.flatnonzero(held)
+        if not len(at):
+            return
+        me = rows[at]
+        apart = np.abs(off.logged_paths.project(at, table.x[me], table.y[me]).d) > APART
+        at, me = at[apart], me[apart]
+        lanes = self._lane_map.nearest(table.x[me], table.y[me], table.yaw[me]).lane
+        for k, row, lane in zip(at.tolist(), me.tolist(), lanes.tolist(), strict=True):
+            self._change(table, off, k, row, lane)
+
+    def _wanted(self, off: OffLog, table: AgentTable, lag: IntArray) -> FloatArray:
+        """(r,) speeds [m/s] at which the logs of agents went where the agents are."""
+        log_rows = np.searchsorted(self._log.ids, off.agent)
+        return self._log.speed[log_rows, self._clipped(table.step - lag)]
+
+    def _clipped(self, step: IntArray) -> IntArray:
+        """`step`, or the first or the last one of the log."""
+        return np.minimum(np.maximum(step, 0), self._log.steps - 1)
+
+    def _lead_same_way(self, table: AgentTable, me: IntArray, here: IntArray, there: IntArray) -> BoolArray:
+        """(k,) whether lanes `here` and `there` (k,) are still beside each other ahead of the agents in rows `me`."""
+        if not len(me):
+            return np.zeros(0, np.bool_)
+        ends = []
+        for lanes in (here, there):
+            lines = self._lines.batch(lanes)
+            s = lines.project(np.arange(len(me)), table.x[me], table.y[me]).s
+            ends.append(lines.point(s + self._config.look))
+        return np.asarray(np.hypot(*(ends[0] - ends[1]).T) <= WAY_APART)
+
+    def _weighed(
+        self,
+        table: AgentTable,
+        off: OffLog,
+        rows: IntArray,
+        lag: IntArray,
+        at: IntArray,
+        here: IntArray,
+        there: IntArray,
+    ) -> LaneChanges:
+        """What changes from lanes `here` to lanes `there` (k,) would bring the agents at positions `at` (k,)."""
+        if not len(at):
+            return LaneChanges(np.zeros(0), np.zeros(0, np.bool_), np.zeros(0, np.bool_))
+        me, views, lines = rows[at], [], self._lines.batch(there)
+        for batch in (self._lines.batch(here), lines):
+            s = batch.project(np.arange(len(at)), table.x[me], table.y[me]).s
+            x, y = np.ascontiguousarray(batch.point(s).T)
+            heading = batch.heading(np.arange(len(at)), batch.segment(s[:, None])[:, 0])
+            views.append(along_paths(batch, table, me, poses=(x, y, heading)))
+        wanted = self._wanted(off, table, lag)[at]
+        reach = self._config.change_time * table.speed[me]
+        claimed = self._claims(table, off, rows, lines, there)
+        return weigh_changes(self._config.mobil, table, me, wanted, views[0], views[1], claimed, reach)
+
+    def _claims(self, table: AgentTable, off: OffLog, rows: IntArray, lines: PathBatch, there: IntArray) -> BoolArray:
+        """(k, n) who is coming into the lanes `there` (k,), whose lines are `lines`, as their own paths tell."""
+        claimed = np.zeros((len(there), len(table)), np.bool_)
+        s = off.paths.project(np.arange(len(off)), table.x[rows], table.y[rows]).s
+        target = off.paths.point(s + INTENT * table.speed[rows])
+        path = np.repeat(np.arange(len(there)), len(off))
+        x, y = np.ascontiguousarray(np.tile(target, (len(there), 1)).T)
+        into = np.abs(lines.project(path, x, y).d) < 0.5 * self._lines.width(there)[path]
+        claimed[:, rows] = into.reshape(len(there), len(off))
+        return claimed
+
+
+@kernel(OUT_INTS(INTS, FLOATS, BOOLS, INTS, FLOATS, FLOATS, float64))
+def _chosen(
+    agent: IntArray, gain: FloatArray, worth: BoolArray, scene: IntArray, x: FloatArray, y: FloatArray, abreast: float
+) -> IntArray:
+    """Positions of the changes that are made, of k: of each agent the best, and of agents near each other one.
+
+    Args:
+        agent: (k,) positions of the agents.
+        gain, worth: (k,) [m/s2], and which changes can be made at all.
+        scene, x, y: (k,) of the agents.
+        abreast: distance [m] within which only the first agent changes.
+    """
+    best = np.full(len(agent), -1, np.int64)
+    count = 0
+    for k in range(len(agent)):
+        if not worth[k]:
+            continue
+        better = True
+        for other in range(len(agent)):
+            same = worth[other] and agent[other] == agent[k]
+            if same and (gain[other] > gain[k] or (gain[other] == gain[k] and other < k)):
+                better = False
+        for c in range(count):
+            other = best[c]
+            near = (x[other] - x[k]) ** 2 + (y[other] - y[k]) ** 2 < abreast**2
+            if scene[other] == scene[k] and near:
+                better = False
+        if better:
+            best[count] = k
+            count += 1
+    return best[:count].copy()

@@ -1,0 +1,244 @@
+"""MOBIL (Kesting, Treiber, Helbing 2007): what a change of lane gains its driver and costs others, and if it is safe.
+
+Accelerations are those of the Intelligent Driver Model, now and as if the change were made at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba.types import Tuple
+
+from litsim_policy.motion.car_following import AlongPath, idm
+from litsim_sim.core.compiled import BOOLS, BOOLS2, FLOATS, FLOATS2, INTS, OUT_BOOLS, OUT_FLOATS, float64, int64, kernel
+from litsim_sim.core.pair_geometry import within
+from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Share, configuration
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+
+NOBODY = -1
+BRAKING_MAX = 8.0  # [m/s2] no harder than this, whatever the model says
+LEVEL_SPEED = 1.0  # [m/s] below which speeds are taken as this where one is divided by another
+SWING = 0.57  # share of a change of lane after which the side of a car is clear of the lane that it leaves
+
+
+@configuration
+class LaneChangeConfig:
+    """Who changes lane.
+
+    Attributes:
+        politeness: weight of what others gain and lose, against the own gain.
+        threshold: gain from which on a change is worth it.
+        braking_safe: braking that the new follower, or the driver himself behind his new leader, may need at most.
+        gap_min: free road that is left at least before and behind, bumper to bumper.
+        headway, standstill_gap, acceleration, deceleration: T, s0, a_max and b of the car following; the headway is
+            the one that drivers accept while they change lane.
+    """
+
+    politeness: Share = 0.2
+    threshold: NonNegative[Acceleration] = 0.2
+    braking_safe: Positive[Acceleration] = 3.0
+    gap_min: NonNegative[Length] = 2.0
+    headway: NonNegative[Duration] = 0.5
+    standstill_gap: NonNegative[Length] = 1.5
+    acceleration: Positive[Acceleration] = 2.0
+    deceleration: Positive[Acceleration] = 2.5
+
+
+@dataclass(frozen=True)
+class LaneChanges:
+    """What k changes of lane would bring; arrays (k,).
+
+    Attributes:
+        gain: of the driver, less what others lose, by `politeness` [m/s2].
+        safe: whether the model has nobody brake harder than is safe, and nobody is alongside.
+        room: whether a change that has begun can go on: nobody alongside, and nobody comes nearer so fast that harder
+            braking than is safe is needed.
+    """
+
+    gain: FloatArray
+    safe: BoolArray
+    room: BoolArray
+
+
+def weigh_changes(
+    config: LaneChangeConfig,
+    table: AgentTable,
+    rows: IntArray,
+    wanted: FloatArray,
+    here: AlongPath,
+    there: AlongPath,
+    claimed: BoolArray,
+    reach: FloatArray,
+) -> LaneChanges:
+    """What changes of lane would bring, one for each of k agents.
+
+    Args:
+        config: criteria.
+        table: everybody, n agents.
+        rows: (k,) of the agents.
+        wanted: (k,) speeds that they would drive on a free road [m/s].
+        here: (k, n) everybody as seen along the line of the lane that each is on, from its middle.
+        there: (k, n) the same along the lane that each would change to, as if it were there.
+        claimed: mask (k, n) of those that are changing to that lane, and count as if they were there.
+        reach: (k,) of road that the change takes [m].
+    """
+    return LaneChanges(
+        *_weigh(
+            table.speed,
+            table.length,
+            rows,
+            wanted,
+            here.s,
+            here.gap,
+            here.speed,
+            here.ahead,
+            here.in_path,
+            there.s,
+            there.gap,
+            there.speed,
+            there.ahead,
+            there.in_path | claimed & (there.s > -np.inf),
+            reach,
+            config.politeness,
+            config.braking_safe,
+            config.gap_min,
+            config.headway,
+            config.standstill_gap,
+            config.acceleration,
+            config.deceleration,
+            BRAKING_MAX,
+        )
+    )
+
+
+@kernel(float64(*[float64] * 9))
+def _behind(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    speed: float,
+    desired_speed: float,
+    gap: float,
+    leader_speed: float,
+    headway: float,
+    standstill_gap: float,
+    acceleration: float,
+    deceleration: float,
+    braking_max: float,
+) -> float:
+    """Acceleration [m/s2] behind one leader, by the model; an infinite gap is a free road."""
+    gaps, speeds, leads = np.empty(1), np.empty(1), np.empty(1, np.bool_)
+    gaps[0], speeds[0], leads[0] = gap, leader_speed, gap < np.inf
+    return idm(
+        speed,
+        desired_speed,
+        gaps,
+        speeds,
+        leads,
+        headway,
+        standstill_gap,
+        acceleration,
+        deceleration,
+        braking_max,
+    )
+
+
+@kernel(Tuple((int64, float64))(FLOATS, FLOATS, BOOLS, BOOLS, int64))
+def _leader(s: FloatArray, gap: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> tuple[int, float]:
+    """The first ahead in a lane, of everybody (n,), and the gap to it [m]; NOBODY and infinity where there is none."""
+    first, least = NOBODY, np.inf
+    for j in range(len(s)):
+        if j != me and ahead[j] and in_lane[j] and gap[j] < least:
+            first, least = j, gap[j]
+    return first, least
+
+
+@kernel(Tuple((int64, float64))(FLOATS, FLOATS, BOOLS, BOOLS, int64))
+def _follower(s: FloatArray, length: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> tuple[int, float]:
+    """The first behind in a lane, likewise; its gap is negative where it is alongside."""
+    first, least = NOBODY, np.inf
+    for j in range(len(s)):
+        if j == me or ahead[j] or not in_lane[j] or s[j] == -np.inf:
+            continue
+        gap = s[me] - s[j] - 0.5 * (length[me] + length[j])
+        if gap < least:
+            first, least = j, gap
+    return first, least
+
+
+@kernel(
+    Tuple((OUT_FLOATS, OUT_BOOLS, OUT_BOOLS))(
+        *(FLOATS, FLOATS, INTS, FLOATS),
+        *(FLOATS2, FLOATS2, FLOATS2, BOOLS2, BOOLS2),
+        *(FLOATS2, FLOATS2, FLOATS2, BOOLS2, BOOLS2),
+        FLOATS,
+        *[float64] * 8,
+    )
+)
+def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    speed: FloatArray,
+    length: FloatArray,
+    rows: IntArray,
+    wanted: FloatArray,
+    here_s: FloatArray,
+    here_gap: FloatArray,
+    here_along: FloatArray,
+    here_ahead: BoolArray,
+    here_in: BoolArray,
+    there_s: FloatArray,
+    there_gap: FloatArray,
+    there_along: FloatArray,
+    there_ahead: BoolArray,
+    there_in: BoolArray,
+    reach: FloatArray,
+    politeness: float,
+    braking_safe: float,
+    gap_min: float,
+    headway: float,
+    standstill_gap: float,
+    acceleration: float,
+    deceleration: float,
+    braking_max: float,
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Return the fields of :class:`LaneChanges`.
+
+    Followers are taken to want the speed that they have.
+
+    Args:
+        speed, length: (n,) of everybody [m/s], [m].
+        rows, wanted, reach: (k,) as :func:`weigh_changes` has them.
+        here_s, here_gap, here_along, here_ahead, here_in: (k, n) of :class:`AlongPath`; `along` is the speed there,
+            `in` who is in the lane.
+        there_s, there_gap, there_along, there_ahead, there_in: (k, n) likewise.
+        politeness, braking_safe, gap_min: as in :class:`LaneChangeConfig`.
+        headway, standstill_gap, acceleration, deceleration, braking_max: of the car following.
+    """
+    gain, safe, room = np.empty(len(rows)), np.empty(len(rows), np.bool_), np.empty(len(rows), np.bool_)
+    model = (headway, standstill_gap, acceleration, deceleration, braking_max)
+    for i in range(len(rows)):
+        me, own = rows[i], speed[rows[i]]
+        old_leader, old_gap = _leader(here_s[i], here_gap[i], here_ahead[i], here_in[i], me)
+        new_leader, new_gap = _leader(there_s[i], there_gap[i], there_ahead[i], there_in[i], me)
+        old_follower, old_back = _follower(here_s[i], length, here_ahead[i], here_in[i], me)
+        follower, back = _follower(there_s[i], length, there_ahead[i], there_in[i], me)
+        old_speed = 0.0 if old_leader < 0 else here_along[i, old_leader]
+        new_speed = 0.0 if new_leader < 0 else there_along[i, new_leader]
+        now = _behind(own, wanted[i], old_gap, old_speed, *model)
+        then = _behind(own, wanted[i], new_gap, new_speed, *model)
+        others, braking = 0.0, 0.0
+        room[i] = new_gap > 0.0 and back > 0.0
+        room[i] = room[i] and max(own - new_speed, 0.0) ** 2 <= 2.0 * braking_safe * new_gap
+        if follower >= 0:
+            its = there_along[i, follower]
+            before = _behind(its, its, back + length[me] + new_gap, new_speed, *model)
+            braking = _behind(its, its, back, own, *model)
+            others += braking - before
+            room[i] = room[i] and max(its - own, 0.0) ** 2 <= 2.0 * braking_safe * back
+        if old_follower >= 0:
+            its = here_along[i, old_follower]
+            before = _behind(its, its, old_back, own, *model)
+            others += _behind(its, its, old_back + length[me] + old_gap, old_speed, *model) - before
+        gain[i] = then - now + politeness * others
+        safe[i] = braking >= -braking_safe and then >= -braking_safe and new_gap >= gap_min and back >= gap_min
+        if old_leader >= 0:  # it must be passed to the side before it is reached
+            share = within(old_speed / max(own, LEVEL_SPEED), 0.0, 1.0)
+            safe[i] = safe[i] and old_gap >= SWING * reach[i] * (1.0 - share)
+    return gain, safe, room

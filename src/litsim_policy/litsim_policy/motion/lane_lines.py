@@ -1,0 +1,78 @@
+"""The lines that lanes lead along, as paths of all who drive on them; each is made when it is first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+
+import numpy as np
+
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.reference_path import BEYOND, ReferencePath
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.net_lanes import Lane
+
+NO_LANE = -1  # in place of the position of a lane in `LaneMap.lanes`
+BEFORE = 150.0  # [m] by which the line of a lane begins before it: who comes from behind is on it, too
+
+
+class LaneLines:
+    """Centre lines of the lanes of a net, from before their beginnings on; holds nothing of a run."""
+
+    def __init__(self, lane_map: LaneMap) -> None:
+        self._lane_map = lane_map
+        self._points: dict[int, FloatArray] = {}
+        self.left = _neighbours(lane_map, (lane.left for lane in lane_map.lanes))
+        """(lanes,) position of the lane to the left in the same edge; NO_LANE where there is none."""
+        self.right = _neighbours(lane_map, (lane.right for lane in lane_map.lanes))
+        """(lanes,) likewise to the right."""
+
+    def batch(self, lanes: IntArray) -> PathBatch:
+        """The lines of `lanes` (k,), positions in `LaneMap.lanes`."""
+        return PathBatch([self._line(lane) for lane in lanes.tolist()])
+
+    def width(self, lanes: IntArray) -> FloatArray:
+        """Widths (k,) of `lanes` (k,) [m]."""
+        return self._widths[lanes]
+
+    @cached_property
+    def _widths(self) -> FloatArray:
+        return np.array([lane.width for lane in self._lane_map.lanes])
+
+    @cached_property
+    def _predecessor(self) -> dict[int, int]:
+        """For each lane that others lead into, the first of them that leads there rather than elsewhere."""
+        found: dict[int, int] = {}
+        for row, lane in enumerate(self._lane_map.lanes):
+            for name in lane.successors:
+                found.setdefault(self._lane_map.row(name), row)
+        return found
+
+    def _line(self, lane: int) -> FloatArray:
+        """Points (m, 2) [m]: BEFORE before the lane, the lane, and BEYOND more of where it leads."""
+        if lane not in self._points:
+            parts, first, left = [], lane, BEFORE
+            while left > 0.0 and first in self._predecessor:
+                first = self._predecessor[first]
+                before = self._lane_map.lanes[first]
+                begin = max(0.0, before.length - left)
+                start = np.stack(self._lane_map.pose_at(first, begin)[:2], axis=-1)[None]
+                parts.append(np.concatenate([start, before.centerline[before.s > begin]]))
+                left -= before.length
+            length = self._lane_map.lanes[lane].length + BEYOND
+            parts = [*parts[::-1], self._lane_map.path_from(lane, 0.0, length)]
+            self._points[lane] = ReferencePath.through(np.concatenate(parts)).points
+        return self._points[lane]
+
+
+def _neighbours(lane_map: LaneMap, names: Iterable[str | None]) -> IntArray:
+    """Positions of the lanes of `names`; NO_LANE for none, and for lanes inside junctions, where nobody changes."""
+    lanes: tuple[Lane, ...] = lane_map.lanes
+    return np.array(
+        [
+            NO_LANE if name is None or lane.is_internal else lane_map.row(name)
+            for name, lane in zip(names, lanes, strict=True)
+        ],
+        np.int64,
+    )

@@ -1,0 +1,109 @@
+"""Passing in closed loop: who is held behind a slow ego takes the lane beside, and comes back to its log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from litsim_policy.run.runner import Runner, record
+from litsim_policy.run.together import record_together
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.core.scene import Controller
+from litsim_sim.core.takeover import PathSource, TakeoverState
+from litsim_sim.record.run import Run
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import Scenario
+
+EGO, HELD = 1, 2
+SPEED = 16.0  # [m/s] of the log; the ego makes 10
+STEPS = 230
+KINEMATIC = {"predictor": {"model": "kinematic"}}
+
+
+@pytest.fixture
+def behind_slow_ego(make_scenario, track, lane_centres) -> Callable[..., Scenario]:
+    """The ego in the middle of three lanes, one 30 m behind it in the same lane, and others as they are given."""
+
+    def make(*others: dict[str, float]) -> Scenario:
+        tracks = [
+            track(EGO, x=60.0, y=lane_centres[1], speed=SPEED, last=STEPS),
+            track(HELD, x=30.0, y=lane_centres[1], speed=SPEED, last=STEPS),
+            *(track(**({"speed": SPEED, "last": STEPS} | other)) for other in others),
+        ]
+        return make_scenario(*tracks, history_steps=10, simulation_s=22.0, coverage_min=0.0)
+
+    return make
+
+
+def run(scenario: Scenario, policy: str, *, passing: bool = True, **conflict: Any) -> Run:
+    parameters = KINEMATIC | {"conflict": {"passing": passing} | conflict}
+    return record(Runner(RunPlan(scenario, "idm", policy, parameters=parameters)))
+
+
+def on_lane_paths(of: Run) -> set[int]:
+    return {t.agent for each in of.takeovers.values() for t in each if t.path_source == PathSource.LANE}
+
+
+def ahead_of_ego(of: Run) -> float:
+    """How far [m] the one who was held is ahead of the ego when it is last on the road."""
+    table = next(t for t in reversed(of.tables) if t.row(HELD) >= 0 and t.row(EGO) >= 0)
+    return float(table.x[table.row(HELD)] - table.x[table.row(EGO)])
+
+
+@pytest.mark.parametrize("policy", ["yield", "litsim"])
+def test_a_driver_held_behind_a_slow_ego_passes_and_is_handed_back(behind_slow_ego, policy, lane_centres) -> None:
+    scenario = behind_slow_ego()
+    passed, held = run(scenario, policy), run(scenario, policy, passing=False)
+    metrics = compute_metrics(passed)
+    assert metrics["collision"]["pairs"] == 0
+    assert on_lane_paths(passed) == {HELD} and not on_lane_paths(held)
+    assert ahead_of_ego(passed) > 10.0
+    assert ahead_of_ego(held) < 0.0
+    (entry,) = metrics["ledger"]
+    assert entry["agent"] == HELD and entry["released_step"] is not None and entry["residual_m"] <= 0.5
+    assert compute_metrics(held)["ledger"][0]["released_step"] is None
+    after = next(t for t in passed.tables if t.step == entry["released_step"] + 20)
+    row = after.row(HELD)
+    assert after.controller[row] == Controller.LOG and after.y[row] == pytest.approx(lane_centres[1], abs=0.2)
+
+
+@pytest.mark.parametrize("policy", ["yield", "litsim"])
+def test_nobody_passes_where_there_is_no_room(behind_slow_ego, policy, lane_centres) -> None:
+    beside = [
+        {"id": 10 + 20 * lane + k, "x": 20.0 + 11.0 * k - 88.0, "y": lane_centres[2 * lane], "speed": 12.0}
+        for lane in (0, 1)
+        for k in range(20)
+    ]
+    found = run(behind_slow_ego(*(each for each in beside if each["x"] > 0.0)), policy)
+    assert HELD in {t.agent for each in found.takeovers.values() for t in each}
+    assert HELD not in on_lane_paths(found)
+
+
+def test_who_comes_back_waits_for_room_in_its_own_lane(behind_slow_ego, lane_centres) -> None:
+    """Two pass one after the other; nobody is touched, and both are back on their logs."""
+    found = run(behind_slow_ego({"id": 3, "x": 10.0, "y": lane_centres[1]}), "yield")
+    metrics = compute_metrics(found)
+    assert metrics["collision"]["pairs"] == 0 and on_lane_paths(found) == {HELD, 3}
+    assert all(entry["released_step"] is not None for entry in metrics["ledger"])
+
+
+def test_a_change_of_lane_is_one_take_over(behind_slow_ego) -> None:
+    """While it passes it is HELD, with the way of a lane; then HANDBACK along its log."""
+    found = run(behind_slow_ego(), "yield")
+    states = [(t.state, t.path_source) for each in found.takeovers.values() for t in each if t.agent == HELD]
+    order = list(dict.fromkeys(states))
+    assert (TakeoverState.HELD, PathSource.LANE) in order
+    assert order.index((TakeoverState.HELD, PathSource.LANE)) < order.index((TakeoverState.HANDBACK, PathSource.LOGGED))
+    steps = sorted(step for step, each in found.takeovers.items() if any(t.agent == HELD for t in each))
+    assert np.diff(steps).max() == 1
+
+
+def test_scenes_that_are_joined_pass_as_alone(behind_slow_ego, lane_centres) -> None:
+    scenes = [behind_slow_ego(), behind_slow_ego({"id": 3, "x": 40.0, "y": lane_centres[2]})]
+    plans = [RunPlan(scene, "idm", "litsim", parameters=KINEMATIC) for scene in scenes]
+    alone, together = [record(Runner(plan)) for plan in plans], record_together(plans)
+    assert [compute_metrics(each)["digest"] for each in alone] == [compute_metrics(each)["digest"] for each in together]
+    assert all(on_lane_paths(each) for each in alone)
