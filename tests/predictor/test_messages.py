@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from litsim_msgs.msg import JointForecast
 from rclpy.serialization import deserialize_message, serialize_message
 
-from litsim_predictor.forecast import Forecast
+from litsim_predictor.forecast import Forecast, Modes
 from litsim_predictor.kinematic import KinematicPredictor
 from litsim_predictor.messages import forecast_from_message, forecast_to_message, received_forecast
 from litsim_sim.core.errors import InputError
@@ -27,10 +27,12 @@ def through_cdr(forecast: Forecast) -> Forecast:
 
 
 def assert_same(one: Forecast, other: Forecast, but: tuple[str, ...] = ()) -> None:
-    for field in fields(Forecast):
-        a, b = np.asarray(getattr(one, field.name)), np.asarray(getattr(other, field.name))
-        if field.name not in but:
-            assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), field.name
+    names = [f.name for f in fields(Forecast) if f.name not in ("modes", *but)]
+    pairs = [(name, getattr(one, name), getattr(other, name)) for name in names]
+    pairs += [(f.name, getattr(one.modes, f.name), getattr(other.modes, f.name)) for f in fields(Modes)]
+    for name, first, second in pairs:
+        a, b = np.asarray(first), np.asarray(second)
+        assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), name
 
 
 def made(count: int, steps: int, maneuvers: int, dt: float = 0.2, seed: int = 0) -> Forecast:
@@ -44,6 +46,33 @@ def made(count: int, steps: int, maneuvers: int, dt: float = 0.2, seed: int = 0)
         covariance=rng.random((count, steps, 3)).astype(np.float32),
         maneuver_probability=rng.random((count, maneuvers)).astype(np.float32),
         valid=rng.random(count) < 0.5,
+        modes=made_modes(count, steps, rng),
+    )
+
+
+def one_mode_each(count: int, steps: int) -> Modes:
+    """One further manoeuvre of each agent."""
+    shape = (count, steps)
+    zeros = np.zeros(shape, np.float32)
+    return Modes(
+        np.arange(count),
+        np.full(count, 0.2, np.float32),
+        np.zeros((*shape, 2)),
+        zeros,
+        np.zeros((*shape, 3), np.float32),
+    )
+
+
+def made_modes(count: int, steps: int, rng: np.random.Generator) -> Modes:
+    """Up to two further manoeuvres of each of `count` agents."""
+    row = np.repeat(np.arange(count), rng.integers(0, 3, count)) if count else np.empty(0, np.int64)
+    many = len(row)
+    return Modes(
+        row=row,
+        probability=rng.uniform(0.05, 0.3, many).astype(np.float32),
+        mean=rng.normal(0, 100, (many, steps, 2)),
+        yaw=rng.normal(0, 2, (many, steps)).astype(np.float32),
+        covariance=rng.random((many, steps, 3)).astype(np.float32),
     )
 
 
@@ -128,12 +157,19 @@ def test_a_forecast_that_came_is_sound_or_refused(message: JointForecast) -> Non
         ("yaw", [0.0], "yaw has 1 values, expected 12: of 3 agents at 4 steps 1 each"),
         ("valid", [True], "valid has 1 values, expected 3, as many as id"),
         ("maneuver_probability", [0.5] * 4, "maneuver_probability has 4 values, expected equally many of each of 3"),
+        ("mode_row", [0, 1], "mode_probability has 3 values, expected 2: 1 of each mode"),
+        ("mode_row", [2, 1, 0], "mode_row is [2, 1, 0], expected positions of the 3 agents, ascending"),
+        ("mode_row", [0, 1, 3], "mode_row is [0, 1, 3], expected positions of the 3 agents, ascending"),
+        ("mode_probability", [0.5, 0.0, 0.5], "mode_probability has values that are no shares of 1"),
+        ("mode_yaw", [0.0], "mode_yaw has 1 values, expected 12: 4 of each mode"),
+        ("mode_mean", [float("nan")] * 24, "mode_mean is not finite, expected finite numbers"),
         ("id", [1, 1, 2], "id 1 follows 1, expected ids that ascend"),
         ("mean", [float("inf")] * 24, "mean of agent "),
     ],
 )
 def test_what_is_wrong_with_a_forecast_is_named(field: str, value: object, expected: str) -> None:
-    message = forecast_to_message(replace(made(3, 4, 2), valid=np.ones(3, np.bool_)), "run-1")
+    good = replace(made(3, 4, 2), valid=np.ones(3, np.bool_), modes=one_mode_each(3, 4))
+    message = forecast_to_message(good, "run-1")
     setattr(message, field, value)
     with pytest.raises(InputError) as raised:
         received_forecast(message)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -14,8 +14,44 @@ Float32Array = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
+class Modes:
+    """What agents may do instead of what is most probable: q further futures over T steps, frame map.
+
+    Only manoeuvres that matter are among them: those that are probable enough, see
+    :class:`litsim_predictor.inference.contract.ModeChoice`.
+
+    Attributes:
+        row: (q,) of the agent in the forecast, ascending; an agent may have several, the most probable first, or none.
+        probability: (q,) of the manoeuvre.
+        mean, yaw, covariance: (q, T, 2), (q, T), (q, T, 3), each as in :class:`Forecast`.
+    """
+
+    row: IntArray
+    probability: Float32Array
+    mean: FloatArray
+    yaw: Float32Array
+    covariance: Float32Array
+
+    @classmethod
+    def none(cls, steps: int = 0) -> Modes:
+        """No further futures, of `steps` steps."""
+        return cls(
+            np.empty(0, np.int64),
+            np.empty(0, np.float32),
+            np.empty((0, steps, 2)),
+            np.empty((0, steps), np.float32),
+            np.empty((0, steps, 3), np.float32),
+        )
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+@dataclass(frozen=True)
 class Forecast:
     """Joint forecast of n agents over T future steps, frame map.
+
+    Mean, heading and covariance are those of each agent's most probable manoeuvre; what else it may do is in `modes`.
 
     Attributes:
         step: the step it starts from.
@@ -26,6 +62,7 @@ class Forecast:
         covariance: (n, T, 3) sigma_x [m], sigma_y [m], correlation of the Gaussian around `mean`.
         maneuver_probability: (n, K) of the latent manoeuvres; K = 0 where the predictor knows none.
         valid: (n,) whether the forecast may be used.
+        modes: what agents may do instead.
     """
 
     step: int
@@ -36,6 +73,14 @@ class Forecast:
     covariance: Float32Array
     maneuver_probability: Float32Array
     valid: BoolArray
+    modes: Modes = field(default_factory=Modes.none)
+
+    @property
+    def share(self) -> FloatArray:
+        """(n,) probability of the most probable manoeuvre; 1 where the predictor knows none."""
+        if not self.maneuver_probability.shape[1]:
+            return np.ones(len(self.id))
+        return self.maneuver_probability.max(axis=1).astype(np.float64)
 
     @classmethod
     def of_nobody(cls, step: int, dt: float = STEP_S, maneuvers: int = 0) -> Forecast:

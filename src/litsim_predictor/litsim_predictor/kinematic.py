@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_predictor.forecast import Forecast
+from litsim_predictor.forecast import Forecast, Modes
 from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.history import History
 from litsim_sim.core.quantities import (
@@ -81,6 +81,7 @@ class KinematicPredictor:
             covariance=spread(yaw, t, config).astype(np.float32),
             maneuver_probability=np.empty((len(agents), 0), np.float32),
             valid=np.ones(len(agents), np.bool_),
+            modes=Modes.none(steps),
         )
 
     def _turn_rate(self, agents: AgentTable) -> FloatArray:

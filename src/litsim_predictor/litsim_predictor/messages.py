@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from litsim_msgs.msg import JointForecast
 
-from litsim_predictor.forecast import Forecast
+from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core import topic_names
 from litsim_sim.core.columns import check_columns
 from litsim_sim.ros.messages import from_array, header, refused, to_array
@@ -27,12 +27,18 @@ def forecast_to_message(forecast: Forecast, run_id: str) -> JointForecast:
         covariance=to_array(forecast.covariance),
         maneuver_probability=to_array(forecast.maneuver_probability),
         valid=forecast.valid.tolist(),
+        mode_row=to_array(forecast.modes.row.astype(np.uint32)),
+        mode_probability=to_array(forecast.modes.probability),
+        mode_mean=to_array(forecast.modes.mean),
+        mode_yaw=to_array(forecast.modes.yaw),
+        mode_covariance=to_array(forecast.modes.covariance),
     )
 
 
 def forecast_from_message(message: JointForecast) -> Forecast:
     """The forecast that the message ``JointForecast`` carries."""
     count, steps = len(message.id), round(message.horizon / message.dt)
+    more = len(message.mode_row)
     return Forecast(
         step=message.step,
         dt=message.dt,
@@ -42,6 +48,13 @@ def forecast_from_message(message: JointForecast) -> Forecast:
         covariance=from_array(message.covariance, np.float32).reshape(count, steps, 3),
         maneuver_probability=from_array(message.maneuver_probability, np.float32).reshape(count, -1 if count else 0),
         valid=np.array(message.valid, np.bool_),
+        modes=Modes(
+            row=from_array(message.mode_row, np.uint32).astype(np.int64),
+            probability=from_array(message.mode_probability, np.float32),
+            mean=from_array(message.mode_mean, np.float64).reshape(more, steps, 2),
+            yaw=from_array(message.mode_yaw, np.float32).reshape(more, steps),
+            covariance=from_array(message.mode_covariance, np.float32).reshape(more, steps, 3),
+        ),
     )
 
 
@@ -71,8 +84,31 @@ def received_forecast(message: JointForecast) -> Forecast:
             )
         if len(message.valid) != count:
             raise ValueError(f"valid has {len(message.valid)} values, expected {count}, as many as id")
+        _check_modes(message, count, steps)
         forecast = forecast_from_message(message)
         check_columns({"id": forecast.id})
         used = {name: getattr(forecast, name)[forecast.valid] for name in ("id", "mean", "yaw", "covariance")}
         check_columns(used)
     return forecast
+
+
+def _check_modes(message: JointForecast, count: int, steps: int) -> None:
+    """Refuse further manoeuvres of agents that there are not, in disorder, or that are no numbers.
+
+    Raises:
+        ValueError: they are so; the text says what was expected.
+    """
+    row, probability = np.asarray(message.mode_row, np.int64), np.asarray(message.mode_probability, np.float64)
+    for name, size in (("probability", 1), ("mean", 2 * steps), ("yaw", steps), ("covariance", 3 * steps)):
+        values = np.asarray(getattr(message, f"mode_{name}"), np.float64)
+        if len(values) != len(row) * size:
+            raise ValueError(f"mode_{name} has {len(values)} values, expected {len(row) * size}: {size} of each mode")
+        if not np.isfinite(values).all():
+            raise ValueError(f"mode_{name} is not finite, expected finite numbers")
+    if (np.diff(row) < 0).any() or (row >= count).any():
+        raise ValueError(f"mode_row is {row.tolist()}, expected positions of the {count} agents, ascending")
+    total = np.bincount(row, probability, count) if len(row) else np.zeros(count)
+    if (probability <= 0.0).any() or (total > 1.0 + 1e-3).any():
+        raise ValueError(
+            "mode_probability has values that are no shares of 1, expected more than 0 and in all at most 1"
+        )

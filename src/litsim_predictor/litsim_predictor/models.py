@@ -12,7 +12,7 @@ from pydantic import AfterValidator
 
 from litsim_predictor.forecast import NoPredictor, Predictor
 from litsim_predictor.inference import SHIPPED
-from litsim_predictor.inference.contract import Network
+from litsim_predictor.inference.contract import NO_MODES, ModeChoice, Network
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
 from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
@@ -51,12 +51,14 @@ class PredictorConfig:
         model: see :func:`make_predictor`.
         roi_m: radius around agents off their log within which agents are looked at; 0 is the scenario's.
         forecast_all: whether all agents of interest are forecast, and not only those whose forecast is read.
+        modes: which manoeuvres of an agent are forecast beside the most probable one, by models run by kernels.
         kinematic: of the model of that name.
     """
 
     model: ModelName = DEFAULT_MODEL
     roi_m: NonNegative[Length] = 0.0
     forecast_all: bool = False
+    modes: ModeChoice = ModeChoice()
     kinematic: KinematicConfig = KinematicConfig()
 
 
@@ -68,7 +70,7 @@ def predictor_stage(read: ParameterReader) -> Callable[[str, Setting], Predictor
     def build(policy: str, scenario: Setting) -> Predictor:
         if policy in BASELINES and not config.forecast_all:
             return NoPredictor()
-        return make_predictor(config.model, scenario, config.kinematic, wanted, config.roi_m)
+        return make_predictor(config.model, scenario, config.kinematic, wanted, config.roi_m, config.modes)
 
     return build
 
@@ -79,6 +81,7 @@ def make_predictor(
     kinematic: KinematicConfig | None = None,
     wanted: Wanted = Wanted.READ,
     roi_m: float = 0.0,
+    modes: ModeChoice | None = None,
 ) -> Predictor:
     """The predictor called `model`, for a run of `scenario`.
 
@@ -88,6 +91,7 @@ def make_predictor(
         kinematic: parameters of that model.
         wanted: whom it forecasts.
         roi_m: in place of the scenario's, where it is not 0 [m].
+        modes: which of their manoeuvres matter; by default only the most probable one.
 
     Raises:
         InputError: there is none of that name, or its weights cannot be used.
@@ -103,7 +107,7 @@ def make_predictor(
     from litsim_predictor.inference.raster import raster_of_net
 
     net = raster_of_net(scenario.net_path)
-    return LearnedPredictor(network(model), scenario.ego_ids, roi_m, *net, wanted)
+    return LearnedPredictor(network(model), scenario.ego_ids, roi_m, *net, wanted, modes or NO_MODES)
 
 
 def network(model: str) -> Network:

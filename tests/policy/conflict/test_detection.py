@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector
 from litsim_policy.conflict.futures import PredictedMotion
-from litsim_predictor.forecast import Forecast
+from litsim_predictor.forecast import Forecast, Modes
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.parameters import ParameterOverrides
@@ -460,3 +460,53 @@ def test_the_broad_phase_loses_no_pair(agent_table, crowd: list[tuple], least: f
     exact = strips.probability(dx.ravel(), dy.ravel(), here.forecast.covariance[b].reshape(-1, 3).T)
     exact = exact.reshape(found.shape)
     assert found == pytest.approx(np.where(exact >= least, exact, 0.0), abs=1e-9)
+
+
+# Other manoeuvres, and what closes fast
+
+
+def with_mode(forecast: Forecast, row: int, velocity: tuple[float, float], probability: float) -> Forecast:
+    """`forecast`, in which the agent of `row` may also move at `velocity` [m/s] from where it is forecast to begin."""
+    steps = forecast.mean.shape[1]
+    begin = 2.0 * forecast.mean[row, 0] - forecast.mean[row, 1]
+    mean = begin + DT * np.arange(1, steps + 1)[:, None] * np.array(velocity)
+    yaw = np.full((1, steps), np.arctan2(velocity[1], velocity[0]), np.float32)
+    shares = np.zeros((len(forecast.id), 2), np.float32)
+    shares[:] = (1.0 - probability, probability)
+    chance = np.array([probability], np.float32)
+    return replace(
+        forecast,
+        maneuver_probability=shares,
+        modes=Modes(np.array([row]), chance, mean[None], yaw, forecast.covariance[row : row + 1]),
+    )
+
+
+def test_a_turn_that_is_less_probable_is_weighed(look, lane_centres) -> None:
+    """The ego goes on in its lane, or, by 0.35, to the side, where agent 2 drives beside it."""
+    scene = look({"id": 2, "x": 100.0, "y": lane_centres[2], "speed": 10.0})
+    row, aside = scene.table.row(1), 1.5 * np.sign(lane_centres[2] - lane_centres[1])
+    forecast = with_mode(straight_on(scene.table), row, (10.0, aside), 0.35)
+    expected = scene.detector.forecast_future(scene.table, forecast)
+    assert expected.others.row.tolist() == [row] and expected.others.weight == pytest.approx([0.35])
+    assert expected.others.states[0, 9, :2] == pytest.approx([110.0, lane_centres[1] + aside])
+    pair = np.array([[scene.table.row(2), row]])
+    chance = scene.detector.overlap_probability(scene.table, scene.logged, expected, pair, 0.2)
+    assert chance.max() == pytest.approx(0.35)
+    assert not scene.detector.overlap_probability(scene.table, scene.logged, scene.forecast, pair, 0.2).any()
+    others = scene.detector.forecast_future(scene.table, forecast, scene.table.id == 2).others
+    assert not len(others), "nobody asks for those of the ego"
+
+
+@pytest.mark.parametrize(("closing_time", "urgent"), [(1.0, True), (0.0, False)])
+def test_what_closes_fast_is_urgent_whatever_is_forecast(look, closing_time: float, urgent: bool) -> None:
+    """The ego brakes hard right before agent 2; its forecast does not see it."""
+    ego = {"speed": 10.0, "acceleration": -8.0}
+    scene = look({"id": 2, "x": 91.5, "speed": 14.0}, ego=ego, closing_time=closing_time)
+    away = np.array([500.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    elsewhere = PredictedMotion(scene.forecast.states + away, scene.forecast.valid)
+    found = scene.detector.detect(scene.table, ~scene.off, scene.off, scene.logged, elsewhere)
+    assert [(each.agent, each.urgent) for each in found] == ([(2, True)] if urgent else [])
+    still = scene.detector.still_in_conflict(scene.table, ~scene.off, scene.off, scene.logged, elsewhere)
+    assert still[scene.table.row(2)] == urgent
+    if urgent:
+        assert found[0].time_to_conflict <= 1.0 and found[0].overlap_probability == 1.0

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from litsim_predictor.inference.contract import AgentFutures, AgentInputs
+from litsim_predictor.inference.contract import AgentFutures, AgentInputs, ModeChoice
 from litsim_predictor.inference.joint_network import JointNetwork, runs, shapes
 from litsim_predictor.inference.weights import read_weights
 from made_agents import scene
@@ -28,8 +28,8 @@ def both(a: AgentInputs, b: AgentInputs) -> AgentInputs:
 
 
 def assert_rows_equal(some: AgentFutures, of: AgentFutures, which: list[int]) -> None:
-    for field in fields(some):
-        assert np.array_equal(getattr(some, field.name), getattr(of, field.name)[which]), field.name
+    for name in ("maneuver", "mean", "scale", "correlation"):
+        assert np.array_equal(getattr(some, name), getattr(of, name)[which]), name
 
 
 @pytest.mark.parametrize("which", [[0], [19], [3, 4, 11], [11, 3], list(range(19, -1, -1))])
@@ -53,6 +53,30 @@ def test_who_is_near_does(network: JointNetwork) -> None:
     everybody = scene(8)
     without = network(rows(everybody, list(range(7))), np.arange(7))
     assert not np.array_equal(without.mean, network(everybody, np.arange(7)).mean)
+
+
+def test_manoeuvres_that_matter_are_answered_beside_the_most_probable_one(network: JointNetwork) -> None:
+    inputs, asked = scene(20), np.arange(20)
+    one, several = network(inputs, asked), network(inputs, asked, ModeChoice(most=2, share=0.03))
+    assert_rows_equal(several, one, list(range(20)))
+    assert not len(one.further.row) and len(several.further.row) > 5
+    probability, best = one.maneuver, one.maneuver.argmax(axis=1)
+    expected = []
+    for row in range(20):
+        order = [k for k in np.argsort(-probability[row], kind="stable") if k != best[row]]
+        expected += [(row, k) for k in order[:2] if probability[row, k] >= 0.03]
+    assert list(zip(several.further.row.tolist(), several.further.maneuver.tolist(), strict=True)) == expected
+    apart = np.abs(several.further.mean - one.mean[several.further.row])[:, -1].max(axis=1)
+    assert (apart > 0.05).all(), "another manoeuvre leads elsewhere"
+
+
+def test_further_manoeuvres_do_not_depend_on_who_else_is_asked(network: JointNetwork) -> None:
+    inputs, modes = scene(20), ModeChoice(most=3, share=0.02)
+    everybody, some = network(inputs, np.arange(20), modes).further, network(inputs, np.array([4, 11]), modes).further
+    for position, row in enumerate((4, 11)):
+        mine, same = everybody.row == row, some.row == position
+        assert mine.any() and np.array_equal(everybody.mean[mine], some.mean[same])
+        assert np.array_equal(everybody.maneuver[mine], some.maneuver[same])
 
 
 def test_shapes_are_those_of_the_weights_and_odd_models_are_not_run() -> None:

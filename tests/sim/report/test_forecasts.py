@@ -39,6 +39,11 @@ def message(types: Any, run_id: str, step: int, **changes: Any) -> Any:
         "covariance": spread.ravel(),
         "maneuver_probability": np.empty(0, np.float32),
         "valid": np.ones(2, np.bool_),
+        "mode_row": np.empty(0, np.uint32),
+        "mode_probability": np.empty(0, np.float32),
+        "mode_mean": np.empty(0),
+        "mode_yaw": np.empty(0, np.float32),
+        "mode_covariance": np.empty(0, np.float32),
     }
     return types[KIND](**(usual | changes))
 

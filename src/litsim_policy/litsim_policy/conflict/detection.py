@@ -7,10 +7,11 @@ from typing import Literal
 
 import numpy as np
 from pydantic import model_validator
-from scipy.special import ndtri
 
-from litsim_policy.conflict.futures import PredictedMotion, follow_logs, hold_back, interpolate
-from litsim_policy.conflict.pairs import followed, near, overlap_chances
+from litsim_policy.conflict.futures import OtherMotions, PredictedMotion, follow_logs, go_on, hold_back, interpolate
+from litsim_policy.conflict.intended import IntentConfig, Intents, intended_motion
+from litsim_policy.conflict.pairs import followed, near
+from litsim_policy.conflict.weighed import weighed_chances
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.nearby import around
 from litsim_sim.core.quantities import (
@@ -27,6 +28,9 @@ from litsim_sim.core.quantities import (
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray, IntArray
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
+
+CERTAIN = 0.5
+"""Probability that motions without any spread have where they overlap, at least."""
 
 
 @configuration
@@ -51,6 +55,9 @@ class ConflictConfig:
         roi_m: radius around an agent off its log within which others are looked at; 0 is the scenario's.
         region: off_log: around everybody off the log; ego: of these, agents are taken over within `roi_m` of the ego
             alone.
+        closing_time: within which a conflict is certain and urgent, whatever the forecast says, if whoever is off its
+            log just keeps its acceleration and heading; 0 asks the forecast alone.
+        intent: how agents under control are taken to go on.
     """
 
     horizon: Horizon = 3.0
@@ -62,6 +69,8 @@ class ConflictConfig:
     braking_hard: NonNegative[Acceleration] = 2.0
     roi_m: NonNegative[Length] = 0.0
     region: Literal["off_log", "ego"] = "off_log"
+    closing_time: NonNegative[Duration] = 1.0
+    intent: IntentConfig = IntentConfig()
 
     @model_validator(mode="after")
     def _check(self) -> ConflictConfig:
@@ -79,6 +88,7 @@ class Conflict:
         time_to_conflict: [s] until the probability first reaches the threshold.
         pose: (3,) x, y, yaw of the agent then: the crossing point.
         overlap_probability: the largest within the horizon.
+        urgent: whether both close fast; see `ConflictConfig.closing_time`.
     """
 
     agent: int
@@ -86,6 +96,7 @@ class Conflict:
     time_to_conflict: float
     pose: FloatArray
     overlap_probability: float
+    urgent: bool = False
 
 
 class ConflictDetector:
@@ -128,26 +139,73 @@ class ConflictDetector:
             forecast: of the same step.
             of: mask (n,) of the agents that are asked for, all others being nowhere; None is all.
         """
-        config, rows = self._config, forecast.rows(table.id)
+        rows = forecast.rows(table.id)
         if of is not None:
             rows[~of] = -1
+        states, valid = self._interpolated(table, forecast, rows)
+        hard = self._brakes_hard(table) & (rows >= 0)
+        for row in np.flatnonzero(hard):
+            self._hold_back(states[row], table, int(row))
+        return PredictedMotion(states, valid, self._others(table, forecast, rows, hard))
+
+    def _others(self, table: AgentTable, forecast: Forecast, rows: IntArray, hard: BoolArray) -> OtherMotions:
+        """What agents may do instead, by `forecast`.
+
+        Args:
+            table: n agents.
+            forecast: of the same step.
+            rows: (n,) of the agents in it; -1 for those that are not asked for.
+            hard: mask (n,) of those that brake hard.
+        """
+        modes = forecast.modes
+        if not len(modes):
+            return OtherMotions.none(self._steps)
+        agent_of = np.full(len(forecast.id), -1, np.int64)
+        agent_of[rows[rows >= 0]] = np.flatnonzero(rows >= 0)
+        agent = agent_of[modes.row]
+        asked = agent >= 0
+        agent = agent[asked]
+        kept = modes.probability[asked].astype(np.float64)
+        total = forecast.share[modes.row[asked]] + np.bincount(agent, kept, len(table))[agent]
         states, valid = interpolate(
+            np.ascontiguousarray(modes.mean[asked]),
+            np.ascontiguousarray(modes.yaw[asked]),
+            np.ascontiguousarray(modes.covariance[asked]),
+            forecast.dt,
+            np.arange(len(agent)),
+            self._steps,
+            self._config.sigma_scale,
+            table.x[agent],
+            table.y[agent],
+            table.yaw[agent],
+        )
+        for k in np.flatnonzero(hard[agent]):
+            self._hold_back(states[k], table, int(agent[k]))
+        return OtherMotions(agent, kept / total, states, valid)
+
+    def _interpolated(self, table: AgentTable, forecast: Forecast, rows: IntArray) -> tuple[FloatArray, BoolArray]:
+        """States (n, T, 6) and validity (n, T) of the most probable motions; `rows` (n,) as in :meth:`_others`."""
+        return interpolate(
             np.ascontiguousarray(forecast.mean),
             np.ascontiguousarray(forecast.yaw),
             np.ascontiguousarray(forecast.covariance),
             forecast.dt,
             rows,
             self._steps,
-            config.sigma_scale,
+            self._config.sigma_scale,
             table.x,
             table.y,
             table.yaw,
         )
-        hard = (-table.acceleration >= config.braking_hard) & (table.controller == Controller.EGO) & (rows >= 0)
-        for row in np.flatnonzero(hard):
-            speed, braking = table.speed[row], -table.acceleration[row]
-            hold_back(states[row], table.x[row], table.y[row], speed, braking, config.braking_time)
-        return PredictedMotion(states, valid)
+
+    def _brakes_hard(self, table: AgentTable) -> BoolArray:
+        """(n,) egos that brake so hard that they are taken to go on; see `ConflictConfig.braking_time`."""
+        return (-table.acceleration >= self._config.braking_hard) & (table.controller == Controller.EGO)
+
+    def _hold_back(self, states: FloatArray, table: AgentTable, row: int) -> None:
+        """Move a motion `states` (T, 6) of the agent in `row` back to where its braking leads, in place."""
+        speed, braking = table.speed[row], -table.acceleration[row]
+        hold_back(states, table.x[row], table.y[row], speed, braking, self._config.braking_time)
 
     def overlap_probability(
         self,
@@ -161,23 +219,18 @@ class ConflictDetector:
     ) -> FloatArray:
         """Probability (m, T) that the boxes of each pair (m, 2) of rows overlap, a in `futures_a`, b in `futures_b`.
 
-        Probabilities that do not reach `least` are 0; with `first`, those after the first that does, too.
+        Of what agents of b may do instead, see :func:`.weighed.weighed_chances`. Probabilities that do not reach
+        `least` are 0; with `first`, those after the first that does may be, too.
         """
-        a, b = futures_a, futures_b
-        return overlap_chances(
-            pairs,
-            a.states,
-            a.valid,
-            a.bounds,
-            b.states,
-            b.valid,
-            b.bounds,
-            table.length + self._config.margin,
-            table.width,
-            least,
-            float(ndtri(least)),
-            first,
-        )
+        length = table.length + self._config.margin
+        return weighed_chances(pairs, futures_a, futures_b, length, table.width, least, first=first)
+
+    def chances(
+        self, table: AgentTable, logged: PredictedMotion, forecast: Forecast, pairs: IntArray, least: float
+    ) -> FloatArray:
+        """Probability (m, T) that the first of each pair, by its log, overlaps the second, by its forecast."""
+        expected = self.forecast_future(table, forecast)
+        return self.overlap_probability(table, logged, expected, pairs, least)
 
     def around(self, table: AgentTable, agents: BoolArray) -> BoolArray:
         """(n,) those no farther than the ROI from one of `agents` (n,), and these themselves."""
@@ -207,6 +260,8 @@ class ConflictDetector:
         pairs = pairs[~followed(pairs, table.x, table.y, table.yaw, table.length, table.width)]
         threshold = self._config.probability_threshold
         chance = self.overlap_probability(table, logged, expected, pairs, threshold)
+        closing = self._closing(table, logged, pairs)
+        np.maximum(chance, closing, out=chance)
         self._excuse(chance, table, pairs, expected, lag)
         reached = chance >= threshold
         first = np.argmax(reached, axis=1)
@@ -218,7 +273,8 @@ class ConflictDetector:
             if name not in found:
                 pose = np.array([logged.x[agent, at], logged.y[agent, at], logged.yaw[agent, at]])
                 likely = float(chance[k].max())
-                found[name] = Conflict(name, int(table.id[opponent]), (at + 1) * STEP_S, pose, likely)
+                urgent = bool((closing[k] * chance[k]).any())
+                found[name] = Conflict(name, int(table.id[opponent]), (at + 1) * STEP_S, pose, likely, urgent)
         return list(found.values())
 
     def still_in_conflict(
@@ -236,16 +292,37 @@ class ConflictDetector:
         """
         pairs, least = self.near(table, agents, off_log), self._config.probability_clear
         first = self.overlap_probability(table, logged, expected, pairs, least, first=True)
-        hit: BoolArray = np.asarray(first.any(axis=1))
+        closing = self._closing(table, logged, pairs)
+        hit: BoolArray = np.asarray(first.any(axis=1) | closing.any(axis=1))
         in_log = np.flatnonzero(hit)
         in_log = in_log[[len(self._logged_overlaps(table, *pairs[k])) > 0 for k in in_log]]
         if len(in_log):  # the first step may be excused, and a later one not
             chance = self.overlap_probability(table, logged, expected, pairs[in_log], least)
+            np.maximum(chance, closing[in_log], out=chance)
             self._excuse(chance, table, pairs[in_log], expected, lag)
             hit[in_log] = chance.any(axis=1)
         found = np.zeros(len(table), np.bool_)
         found[pairs[hit, 0]] = True
         return found
+
+    def _closing(self, table: AgentTable, logged: PredictedMotion, pairs: IntArray) -> FloatArray:
+        """(m, T) 1 where the first of `pairs` (m, 2), on its log, meets the second going on as it does now; else 0."""
+        count = round(self._config.closing_time / STEP_S)
+        if not count or not len(pairs):
+            return np.zeros((len(pairs), self._steps))
+        states = go_on(table.x, table.y, table.yaw, table.speed, table.acceleration, self._steps)
+        valid = np.zeros(states.shape[:2], np.bool_)
+        valid[:, :count] = True
+        return self.overlap_probability(table, logged, PredictedMotion(states, valid), pairs, CERTAIN)
+
+    def intended(self, table: AgentTable, expected: PredictedMotion, intents: Intents) -> PredictedMotion:
+        """`expected`, where the agents of `intents` go on by what their policies are doing."""
+        config = self._config
+        if not config.intent.used or not len(intents.rows):
+            return expected
+        forecast = expected.take(intents.rows)
+        motion = intended_motion(config.intent, intents, table, forecast, config.sigma_scale)
+        return expected.with_first(intents.rows, motion)
 
     def _logged_overlaps(self, table: AgentTable, i: int, j: int) -> IntArray:
         """Steps of the log at which the agents in rows `i` and `j` overlap, if neither is the ego."""

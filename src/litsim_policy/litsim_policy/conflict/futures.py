@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -36,16 +36,46 @@ _SINGLES2, _SINGLES3 = read_array(types.float32, 2), read_array(types.float32, 3
 
 
 @dataclass(frozen=True)
+class OtherMotions:
+    """What some of n agents may do instead: q further motions.
+
+    Attributes:
+        row: (q,) of the agent.
+        weight: (q,) of the motion; 1 less those of an agent is what its first motion weighs.
+        states, valid: (q, T, 6), (q, T), as in :class:`PredictedMotion`.
+    """
+
+    row: IntArray
+    weight: FloatArray
+    states: FloatArray
+    valid: BoolArray
+
+    @classmethod
+    def none(cls, steps: int = 0) -> OtherMotions:
+        """No further motions."""
+        return cls(np.empty(0, np.int64), np.empty(0), np.empty((0, steps, 6)), np.empty((0, steps), np.bool_))
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def take(self, which: BoolArray) -> OtherMotions:
+        """Those of the mask `which` (q,)."""
+        return OtherMotions(self.row[which], self.weight[which], self.states[which], self.valid[which])
+
+
+@dataclass(frozen=True)
 class PredictedMotion:
     """Boxes of n agents at T future steps of 0.1 s, the first of them 0.1 s ahead.
 
     Attributes:
         states: (n, T, 6) x, y [m], yaw [rad] and covariance xx, yy, xy [m2] of the centre, frame map.
         valid: (n, T) whether the agent is on the road then, as far as is known.
+        others: what agents may do instead.
     """
 
     states: FloatArray
     valid: BoolArray
+    others: OtherMotions = field(default_factory=OtherMotions.none)
 
     @property
     def x(self) -> FloatArray:
@@ -76,11 +106,34 @@ class PredictedMotion:
         return bounds(self.states, self.valid)
 
     def replaced(self, rows: BoolArray, other: PredictedMotion) -> PredictedMotion:
-        """These, with those of `other` for the agents of the mask `rows` (n,)."""
+        """These, with those of `other`, which knows but one motion of each, for the agents of the mask `rows` (n,)."""
         if not rows.any():
             return self
         return PredictedMotion(
-            np.where(rows[:, None, None], other.states, self.states), np.where(rows[:, None], other.valid, self.valid)
+            np.where(rows[:, None, None], other.states, self.states),
+            np.where(rows[:, None], other.valid, self.valid),
+            self.others.take(~rows[self.others.row]) if len(self.others) else self.others,
+        )
+
+    def take(self, rows: IntArray) -> PredictedMotion:
+        """The first motions of the agents in `rows` (k,)."""
+        return PredictedMotion(self.states[rows], self.valid[rows])
+
+    def with_first(self, rows: IntArray, other: PredictedMotion) -> PredictedMotion:
+        """These, where the agents in `rows` (k,) have but the motions (k,) in `other`."""
+        if not len(rows):
+            return self
+        states, valid = self.states.copy(), self.valid.copy()
+        states[rows], valid[rows] = other.states, other.valid
+        return PredictedMotion(states, valid, self.others.take(~np.isin(self.others.row, rows)))
+
+    @cached_property
+    def every(self) -> PredictedMotion:
+        """All n + q motions as if each were an agent's only one: those of `others` follow the agents."""
+        if not len(self.others):
+            return self
+        return PredictedMotion(
+            np.concatenate([self.states, self.others.states]), np.concatenate([self.valid, self.others.valid])
         )
 
 
@@ -195,6 +248,29 @@ def interpolate(  # noqa: PLR0917 - a kernel takes arrays and numbers
                 states[k, t, c] *= sigma_scale**2
             valid[k, t] = time <= instants + ROUNDING
     return states, valid
+
+
+@kernel(OUT_FLOATS3(*[FLOATS] * 5, int64))
+def go_on(
+    x: FloatArray, y: FloatArray, yaw: FloatArray, speed: FloatArray, acceleration: FloatArray, count: int
+) -> FloatArray:
+    """Return `states` (n, T, 6) of agents that go straight on and keep their acceleration until they stand.
+
+    Args:
+        x, y, yaw, speed, acceleration: (n,) now [m], [rad], [m/s], [m/s2].
+        count: number T of steps.
+    """
+    states = np.zeros((len(x), count, 6))
+    for k in range(len(x)):
+        for t in range(count):
+            time = (t + 1) * STEP_S
+            if acceleration[k] < 0.0:
+                time = min(time, -speed[k] / acceleration[k])
+            gone = speed[k] * time + 0.5 * acceleration[k] * time**2
+            states[k, t, X] = x[k] + gone * math.cos(yaw[k])
+            states[k, t, Y] = y[k] + gone * math.sin(yaw[k])
+            states[k, t, YAW] = yaw[k]
+    return states
 
 
 @kernel(void(OUT_FLOATS2, float64, float64, float64, float64, float64))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from litsim_policy.conflict.detection import Conflict, ConflictDetector
+from litsim_policy.conflict.intended import Intents
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
 
@@ -17,7 +20,13 @@ class ConflictScene:
     """
 
     def __init__(
-        self, detector: ConflictDetector, table: AgentTable, forecast: Forecast, lag: IntArray, lagged: BoolArray
+        self,
+        detector: ConflictDetector,
+        table: AgentTable,
+        forecast: Forecast,
+        lag: IntArray,
+        lagged: BoolArray,
+        intents: Callable[[], Intents] | None = None,
     ) -> None:
         """Make no futures yet.
 
@@ -28,9 +37,10 @@ class ConflictScene:
             lag: (n,) steps by which the replay of each log lags.
             lagged: mask of those whose log, lag included, is what is expected of them: that follow one that lags, or
                 follow theirs whatever happens.
+            intents: says who is under control by now, rows ascending, and along which paths; None is nobody.
         """
         self._detector, self._table, self._forecast = detector, table, forecast
-        self._lag, self._lagged = lag, lagged
+        self._lag, self._lagged, self._intents = lag, lagged, intents
         self._covered = np.zeros(len(table), np.bool_)
         self._foreseen = np.zeros(len(table), np.bool_)
         self._rows: IntArray = np.empty(0, np.int64)
@@ -69,4 +79,7 @@ class ConflictScene:
         self._foreseen |= off_log
         rows = self._rows
         expected = self._detector.forecast_future(self._near, self._forecast, self._foreseen[rows])
+        if self._intents is not None:
+            driven = self._intents().among(self._foreseen & self._covered)
+            expected = self._detector.intended(self._near, expected, driven.moved_to(rows))
         self._expected = expected.replaced(self._lagged[rows], self._logged)

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector
+from litsim_policy.conflict.intended import Intents
 from litsim_policy.conflict.life_cycle import Excuse, Residuals, review
 from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.conflict.passing import Passing, PassingConfig
@@ -108,7 +109,9 @@ class TakeoverManager:
         self._choose_lags(table)
         lag = self._lag[np.searchsorted(log.ids, table.id)]
         lagged, was_off = (lag > 0) & (table.controller == Controller.LOG), self._is_off(table)
-        scene = ConflictScene(self._detector, table, forecast, lag, lagged | table.obstacle)
+        scene = ConflictScene(
+            self._detector, table, forecast, lag, lagged | table.obstacle, lambda: self._intents(table)
+        )
         is_off = self._take_over(table, scene, was_off, lagged)
         rows, log_rows = self._rows(table, self._off)
         residuals = Residuals.of(log, log_rows, lag[rows], table, rows)
@@ -118,6 +121,11 @@ class TakeoverManager:
         takeovers = self._off.report(table.x[rows], table.y[rows], residuals.reported, lag[rows])
         self._off = self._off.take(self._off.state != TakeoverState.RELEASED)
         return TakeoverTable(table.step, takeovers, int(self.iterations.max()), bool(self.converged.all()))
+
+    def _intents(self, table: AgentTable) -> Intents:
+        """Who is under control at this step, by now, and along which path."""
+        off = self._off
+        return Intents(table.rows(off.agent), off.paths, off.detected_step == table.step)
 
     def _choose_lags(self, table: AgentTable) -> None:
         """Choose for each agent off its log the lag of the log that it would go back to at this step."""
@@ -205,7 +213,8 @@ class TakeoverManager:
             for conflict in found:
                 seen = self._suspected.get(conflict.agent, 0) + 1
                 suspected[conflict.agent] = seen
-                if seen >= self.config.confirm_steps or conflict.time_to_conflict <= self.config.urgent_time:
+                soon = conflict.urgent or conflict.time_to_conflict <= self.config.urgent_time
+                if soon or seen >= self.config.confirm_steps:
                     self._open(table, conflict)
                     off[table.row(conflict.agent)] = True
             fresh = off & ~before

@@ -14,7 +14,7 @@ import onnxruntime
 from onnxruntime.capi import onnxruntime_pybind11_state as failures
 
 from litsim_predictor.inference import SHIPPED
-from litsim_predictor.inference.contract import AgentFutures, AgentInputs
+from litsim_predictor.inference.contract import NO_MODES, AgentFutures, AgentInputs, ModeChoice
 from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.weights import Weights
 from litsim_sim.core.errors import InputError
@@ -76,7 +76,7 @@ class CompiledNetwork:
         self._outputs = list(answers)
         self._maps = MapMemory(answers[CODES][1]) if CODES in answers else None
 
-    def __call__(self, inputs: AgentInputs, asked: IntArray) -> AgentFutures:
+    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:  # noqa: ARG002 - of the protocol
         """See :class:`.contract.Network`."""
         place = inputs.frame[:, :2] - inputs.frame[:1, :2]
         given = {

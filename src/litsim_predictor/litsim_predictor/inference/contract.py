@@ -7,10 +7,13 @@ the earth a scene is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
+
 from litsim_predictor.forecast import Float32Array
+from litsim_sim.core.quantities import NonNegative, OpenShare, Whole, configuration
 from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray, IntArray
 
 DT = 0.2
@@ -54,25 +57,70 @@ class AgentInputs:
     raster: ByteArray
 
 
+@configuration
+class ModeChoice:
+    """Which manoeuvres of an agent matter, beside the most probable one.
+
+    Attributes:
+        most: of them, at most; 0 for none.
+        share: probability of each, at least.
+    """
+
+    most: NonNegative[Whole] = 3
+    share: OpenShare = 0.05
+
+
+NO_MODES = ModeChoice(most=0)
+
+
+@dataclass(frozen=True)
+class FurtherFutures:
+    """What a model answers beside the most probable manoeuvres of n agents: the Gaussians of q further ones.
+
+    Attributes:
+        row: (q,) of the agent, ascending; of one agent, the most probable first.
+        maneuver: (q,) number of the manoeuvre.
+        mean, scale, correlation: (q, HORIZON, 2), (q, HORIZON, 2), (q, HORIZON), as in :class:`AgentFutures`.
+    """
+
+    row: IntArray
+    maneuver: IntArray
+    mean: Float32Array
+    scale: Float32Array
+    correlation: Float32Array
+
+    @classmethod
+    def none(cls) -> FurtherFutures:
+        """Nothing further."""
+        whole, wide = np.empty(0, np.int64), np.empty((0, HORIZON, 2), np.float32)
+        return cls(whole, whole, wide, wide, np.empty((0, HORIZON), np.float32))
+
+
 @dataclass(frozen=True)
 class AgentFutures:
-    """What a model answers of n agents of a scene: the Gaussians of their most probable manoeuvres.
+    """What a model answers of n agents of a scene: the Gaussians of their most probable manoeuvres, and further ones.
 
     Attributes:
         maneuver: (n, K) probabilities.
         mean: (n, HORIZON, 2) in the agent frames [m].
         scale: (n, HORIZON, 2) standard deviations along x and y [m].
         correlation: (n, HORIZON).
+        further: what they may do instead.
     """
 
     maneuver: Float32Array
     mean: Float32Array
     scale: Float32Array
     correlation: Float32Array
+    further: FurtherFutures = field(default_factory=FurtherFutures.none)
 
 
 class Network(Protocol):
     """A trained model, whatever it is run by."""
 
-    def __call__(self, inputs: AgentInputs, asked: IntArray) -> AgentFutures:
-        """Answer for the agents of a scene in the rows `asked` (m,), in that order; one at least. All are seen."""
+    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:
+        """Answer for the agents of a scene in the rows `asked` (m,), in that order; one at least. All are seen.
+
+        Networks that are run by kernels answer with further manoeuvres by `modes`; graphs and eager models hold the
+        choice of the most probable one, and answer with no others.
+        """

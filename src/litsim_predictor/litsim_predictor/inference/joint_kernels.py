@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import types
 
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import linear, rectify, sigmoid, tanh
 from litsim_predictor.inference.joint_units import CORRELATION_LIMIT, SCALE_FLOOR
 from litsim_sim.core.compiled import (
     BOOLS2,
+    INTS,
     OUT_INTS,
     OUT_SINGLES2,
     OUT_SINGLES3,
@@ -19,6 +21,7 @@ from litsim_sim.core.compiled import (
     SINGLES3,
     float32,
     float64,
+    int64,
     kernel,
     void,
 )
@@ -92,6 +95,34 @@ def choose_maneuvers(logits: Float32Array, probability: Float32Array, best: IntA
             total += probability[i, k]
         for k in range(logits.shape[1]):
             probability[i, k] /= total
+
+
+@kernel(types.Tuple((OUT_INTS, OUT_INTS))(SINGLES2, INTS, int64, float64))
+def further_maneuvers(probability: Float32Array, best: IntArray, most: int, share: float) -> tuple[IntArray, IntArray]:
+    """Return the manoeuvres that matter beside the `best` (m,): rows (q,), ascending, and manoeuvres (q,).
+
+    Args:
+        probability: (m, K).
+        best: most probable ones.
+        most: further ones of each row, at most.
+        share: probability of each of them, at least.
+    """
+    row, other = np.empty(len(best) * most, np.int64), np.empty(len(best) * most, np.int64)
+    count = 0
+    for i in range(len(best)):
+        taken = np.zeros(probability.shape[1], np.bool_)
+        taken[best[i]] = True
+        for _ in range(most):
+            next_best = -1
+            for k in range(probability.shape[1]):
+                if not taken[k] and (next_best < 0 or probability[i, k] > probability[i, next_best]):
+                    next_best = k
+            if next_best < 0 or not probability[i, next_best] >= share:
+                break
+            taken[next_best] = True
+            row[count], other[count] = i, next_best
+            count += 1
+    return row[:count].copy(), other[:count].copy()
 
 
 @kernel(void(SINGLES3, SINGLES2, float64, OUT_SINGLES3, OUT_SINGLES3, OUT_SINGLES2))

@@ -15,12 +15,20 @@ from litsim_predictor.inference.contract import (
     HISTORY_CHANNELS,
     HORIZON,
     MANEUVERS,
+    NO_MODES,
     STATE_CHANNELS,
     AgentFutures,
     AgentInputs,
+    FurtherFutures,
+    ModeChoice,
 )
 from litsim_predictor.inference.dense_kernels import add_and_normalise, linear, rectify
-from litsim_predictor.inference.joint_kernels import choose_maneuvers, encode_histories, write_gaussians
+from litsim_predictor.inference.joint_kernels import (
+    choose_maneuvers,
+    encode_histories,
+    further_maneuvers,
+    write_gaussians,
+)
 from litsim_predictor.inference.joint_units import (
     GAUSSIAN_CHANNELS,
     HEADS,
@@ -221,7 +229,7 @@ class JointNetwork:
             for layer in (0, 2, 4)
         ]
 
-    def __call__(self, inputs: AgentInputs, asked: IntArray) -> AgentFutures:
+    def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:
         """See :class:`.contract.Network`."""
         agents = np.concatenate(
             [self._maps(inputs.raster), self._histories(inputs), self._states(inputs.state)], axis=1
@@ -230,7 +238,7 @@ class JointNetwork:
         everybody = np.arange(len(agents))
         for layer in self._layers[:-1]:
             agents = layer(agents, near, everybody)
-        return self._decoded(self._layers[-1](agents, near, asked), inputs.state[asked])
+        return self._decoded(self._layers[-1](agents, near, asked), inputs.state[asked], modes)
 
     def _near(self, inputs: AgentInputs) -> Neighbours:
         n = len(inputs.frame)
@@ -246,18 +254,21 @@ class JointNetwork:
         )
         return near
 
-    def _decoded(self, agents: Float32Array, state: Float32Array) -> AgentFutures:
-        """The futures of the most probable manoeuvres of agents (m, W), whose states are `state`."""
+    def _decoded(self, agents: Float32Array, state: Float32Array, modes: ModeChoice) -> AgentFutures:
+        """The futures of agents (m, W), whose states are `state`: of the most probable manoeuvres, and by `modes`."""
         m = len(agents)
         maneuver, best = np.empty((m, len(MANEUVERS)), np.float32), np.empty(m, np.int64)
         choose_maneuvers(self._logits(self._hidden(agents)), maneuver, best)
-        raw = agents + self._maneuvers[best]
+        row, other = further_maneuvers(maneuver, best, modes.most, modes.share)
+        rows, chosen = np.concatenate([np.arange(m), row]), np.concatenate([best, other])
+        raw = agents[rows] + self._maneuvers[chosen]
         for layer in self._decoder:
             raw = layer(raw)
-        mean, scale = np.empty((m, HORIZON, 2), np.float32), np.empty((m, HORIZON, 2), np.float32)
-        correlation = np.empty((m, HORIZON), np.float32)
-        write_gaussians(raw.reshape(m, HORIZON, GAUSSIAN_CHANNELS), state, DT, mean, scale, correlation)
-        return AgentFutures(maneuver, mean, scale, correlation)
+        mean, scale = np.empty((len(rows), HORIZON, 2), np.float32), np.empty((len(rows), HORIZON, 2), np.float32)
+        correlation = np.empty((len(rows), HORIZON), np.float32)
+        write_gaussians(raw.reshape(len(rows), HORIZON, GAUSSIAN_CHANNELS), state[rows], DT, mean, scale, correlation)
+        further = FurtherFutures(row, other, mean[m:], scale[m:], correlation[m:])
+        return AgentFutures(maneuver, mean[:m], scale[:m], correlation[:m], further)
 
 
 def shapes(parameters: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:

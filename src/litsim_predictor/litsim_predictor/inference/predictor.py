@@ -6,13 +6,24 @@ from dataclasses import fields
 
 import numpy as np
 
-from litsim_predictor.forecast import Forecast
-from litsim_predictor.inference.contract import DT, HISTORY, MANEUVERS, STRIDE, AgentFutures, AgentInputs, Network
+from litsim_predictor.forecast import Float32Array, Forecast, Modes
+from litsim_predictor.inference.contract import (
+    DT,
+    HISTORY,
+    MANEUVERS,
+    NO_MODES,
+    STRIDE,
+    AgentFutures,
+    AgentInputs,
+    FurtherFutures,
+    ModeChoice,
+    Network,
+)
 from litsim_predictor.inference.features import agent_inputs, frame_headings, in_map
 from litsim_predictor.inference.raster import MapRaster
 from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.history import History
-from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
 MOVED = 0.1  # [m] between two steps of the horizon: who moves less keeps the heading that he had
@@ -30,6 +41,7 @@ class LearnedPredictor:
         roi_m: distance from it [m] up to which they do; see :func:`.selection.agents_of_interest`.
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
         wanted: whom to forecast.
+        modes: which of their manoeuvres matter.
     """
 
     def __init__(
@@ -40,7 +52,9 @@ class LearnedPredictor:
         lane_map: LaneMap | None,
         raster: MapRaster,
         wanted: Wanted = Wanted.ALL,
+        modes: ModeChoice = NO_MODES,
     ) -> None:
+        self._modes = modes
         self._network, self._ego_id, self._roi_m, self._wanted = network, ego_id, roi_m, wanted
         self._lane_map, self._raster = lane_map, raster
         self._history = History(STRIDE * (HISTORY - 1) + 1, ("x", "y", "yaw", "speed"))
@@ -62,13 +76,13 @@ class LearnedPredictor:
         """What the network answers for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
         begins = np.flatnonzero(np.diff(scene[asked], prepend=-1))
         if len(begins) == 1 and scene[0] == scene[-1]:
-            return self._network(inputs, asked)
+            return self._network(inputs, asked, self._modes)
         answers = []
         for rows in np.split(asked, begins[1:]):
             begin, end = np.searchsorted(scene, scene[rows[0]]), np.searchsorted(scene, scene[rows[0]], "right")
             own = AgentInputs(*(getattr(inputs, field.name)[begin:end] for field in fields(AgentInputs)))
-            answers.append(self._network(own, rows - begin))
-        return AgentFutures(*(np.concatenate([getattr(a, f.name) for a in answers]) for f in fields(AgentFutures)))
+            answers.append(self._network(own, rows - begin, self._modes))
+        return _joined(answers)
 
     def _inputs(self, agents: AgentTable) -> AgentInputs:
         series, observed = self._history.window(agents.id, HISTORY, STRIDE)
@@ -76,10 +90,20 @@ class LearnedPredictor:
         return agent_inputs(series, observed, np.stack([agents.length, agents.width], axis=-1), heading, self._raster)
 
 
+def _joined(answers: list[AgentFutures]) -> AgentFutures:
+    """The answers for several scenes as one, in their order."""
+    own = [f.name for f in fields(AgentFutures) if f.name != "further"]
+    both = {name: np.concatenate([getattr(each, name) for each in answers]) for name in own}
+    before = np.cumsum([0, *(len(each.maneuver) for each in answers[:-1])])
+    more = {f.name: np.concatenate([getattr(each.further, f.name) for each in answers]) for f in fields(FurtherFutures)}
+    more["row"] = np.concatenate([each.further.row + first for each, first in zip(answers, before, strict=True)])
+    return AgentFutures(**both, further=FurtherFutures(**more))
+
+
 def _in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable) -> Forecast:
-    """The forecast of the most probable manoeuvres of `agents`, whose frames are `frame` (n, 3), in frame map."""
-    mean = in_map(futures.mean.astype(np.float64), frame)
-    covariance = _turned(futures.scale.astype(np.float64), futures.correlation.astype(np.float64), frame[:, 2:])
+    """The forecast of the manoeuvres of `agents`, whose frames are `frame` (n, 3), in frame map."""
+    mean, covariance = _gaussians(futures.mean, futures.scale, futures.correlation, frame)
+    valid = np.isfinite(np.concatenate([mean, covariance], axis=-1)).all(axis=(1, 2))
     return Forecast(
         step=agents.step,
         dt=DT,
@@ -88,8 +112,34 @@ def _in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable) -> For
         yaw=headings(mean, frame[:, :2], agents.yaw).astype(np.float32),
         covariance=covariance.astype(np.float32),
         maneuver_probability=futures.maneuver,
-        valid=np.isfinite(np.concatenate([mean, covariance], axis=-1)).all(axis=(1, 2)),
+        valid=valid,
+        modes=_modes_in_map(futures, frame, agents, valid),
     )
+
+
+def _modes_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable, valid: BoolArray) -> Modes:
+    """The further futures of those agents whose most probable one is `valid` (n,), in frame map."""
+    further = futures.further
+    if not len(further.row):
+        return Modes.none(futures.mean.shape[1])
+    own = frame[further.row]
+    mean, covariance = _gaussians(further.mean, further.scale, further.correlation, own)
+    usable = valid[further.row] & np.isfinite(np.concatenate([mean, covariance], axis=-1)).all(axis=(1, 2))
+    return Modes(
+        row=further.row[usable],
+        probability=futures.maneuver[further.row, further.maneuver][usable],
+        mean=mean[usable],
+        yaw=headings(mean, own[:, :2], agents.yaw[further.row]).astype(np.float32)[usable],
+        covariance=covariance.astype(np.float32)[usable],
+    )
+
+
+def _gaussians(
+    mean: Float32Array, scale: Float32Array, correlation: Float32Array, frame: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Means (n, T, 2) and sigmas with correlation (n, T, 3) in frame map, of Gaussians in frames (n, 3)."""
+    turned = _turned(scale.astype(np.float64), correlation.astype(np.float64), frame[:, 2:])
+    return in_map(mean.astype(np.float64), frame), turned
 
 
 def _turned(scale: FloatArray, correlation: FloatArray, angle: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from litsim_sim.core.signals import SignalTable
 from litsim_sim.scenario.signals import Signals
 
 FRAME = "map"
-_TYPECODES = {"f8": "d", "f4": "f", "i8": "q", "u1": "B"}
+_TYPECODES = {"f8": "d", "f4": "f", "i8": "q", "u4": "I", "u1": "B"}
 _CONTROL_FIELDS = ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source")
 
 

@@ -12,14 +12,8 @@ from torch import Tensor
 
 from litsim_predictor.inference.contract import HORIZON
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
-from litsim_predictor.learned.evaluation.conflicts import (
-    BRAKES,
-    ConflictCounts,
-    DriveKind,
-    along_path,
-    conflict_counts,
-    drives,
-)
+from litsim_predictor.learned.evaluation.conflicts import ConflictCounts, conflict_counts
+from litsim_predictor.learned.evaluation.drives import BRAKES, DriveKind, along_path, drives
 from litsim_predictor.learned.models.baselines import ConstantVelocity
 from litsim_predictor.learned.models.model import SceneModel
 from litsim_sim.core.errors import InputError

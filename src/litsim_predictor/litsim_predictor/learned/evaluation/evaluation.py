@@ -16,7 +16,8 @@ from litsim_predictor.learned.data.batch import SceneBatch
 from litsim_predictor.learned.data.sources import net_path, split
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.device import check_device
-from litsim_predictor.learned.evaluation.conflicts import ConflictCounts, DriveKind
+from litsim_predictor.learned.evaluation.conflicts import ConflictCounts
+from litsim_predictor.learned.evaluation.drives import DriveKind
 from litsim_predictor.learned.evaluation.scores import ScoreBoard, Scores, by_second
 from litsim_predictor.learned.models.baselines import ConstantTurnRate, ConstantVelocity
 from litsim_predictor.learned.models.model import SceneModel

@@ -1,0 +1,166 @@
+"""Where agents under control will be: along the paths that they were given, by what their policies are doing.
+
+Of a stranger, a predictor guesses where to and how fast. Of an agent under control the path is known, and so is what
+its policy has just begun to do. How far it gets after that is left to the forecast, which sees who is ahead.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_policy.conflict.futures import XX, XY, YAW, YY, PredictedMotion, X, Y
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, nearest, segment_at
+from litsim_sim.core.compiled import FLOATS, FLOATS2, FLOATS3, INTS, OUT_FLOATS3, float64, kernel
+from litsim_sim.core.quantities import Acceleration, Duration, Flag, Length, NonNegative, Positive, Speed, configuration
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+
+
+@configuration
+class IntentConfig:
+    """How an agent under control is taken to go on.
+
+    Attributes:
+        used: whether it is; else it is forecast as anybody else.
+        hold: for which it keeps its acceleration, and then its speed.
+        fade: from `hold` on, the time in which the forecast's progress along the path takes over from this.
+        settle: time constant with which it comes to its path.
+        sigma_along, sigma_across: growth of the standard deviations, linear and quadratic terms.
+        sigma_start: standard deviation at the start.
+    """
+
+    used: Flag = True
+    hold: NonNegative[Duration] = 1.0
+    fade: Positive[Duration] = 2.0
+    settle: Positive[Duration] = 1.0
+    sigma_along: tuple[NonNegative[Speed], NonNegative[Acceleration]] = (0.05, 0.25)
+    sigma_across: tuple[NonNegative[Speed], NonNegative[Acceleration]] = (0.03, 0.0)
+    sigma_start: NonNegative[Length] = 0.1
+
+
+@dataclass(frozen=True)
+class Intents:
+    """Who is under control at a step, in ascending order of rows, and along which paths; see :func:`intended_motion`.
+
+    Attributes:
+        rows: (r,) in the table.
+        paths: of these agents.
+        fresh: (r,) whether each was taken over in this very step, so that its policy has done nothing yet.
+    """
+
+    rows: IntArray
+    paths: PathBatch
+    fresh: BoolArray
+
+    def among(self, agents: BoolArray) -> Intents:
+        """Those whose rows are in the mask `agents` (n,)."""
+        kept = np.flatnonzero(agents[self.rows])
+        return Intents(self.rows[kept], self.paths.take(kept), self.fresh[kept])
+
+    def moved_to(self, rows: IntArray) -> Intents:
+        """The same of a table that is made of the `rows` (k,), ascending, which hold all of them."""
+        return Intents(np.searchsorted(rows, self.rows), self.paths, self.fresh)
+
+
+def intended_motion(
+    config: IntentConfig, intents: Intents, table: AgentTable, forecast: PredictedMotion, sigma_scale: float
+) -> PredictedMotion:
+    """The motion of the agents (r,) of `intents` along their reference paths; it has one mode.
+
+    Args:
+        config: how they go on.
+        intents: who, and along which paths.
+        table: everybody.
+        forecast: of the agents (r,), by a predictor; where it is not valid, it counts for nothing.
+        sigma_scale: by which standard deviations are multiplied.
+    """
+    rows, motion = intents.rows, forecast
+    x, y = table.x[rows], table.y[rows]
+    steps = np.hypot(np.diff(motion.x, axis=1, prepend=x[:, None]), np.diff(motion.y, axis=1, prepend=y[:, None]))
+    travelled = np.where(motion.valid, np.cumsum(steps, axis=1), np.nan)
+    states = _along(
+        intents.paths.segments,
+        intents.paths.circles,
+        intents.paths.count,
+        x,
+        y,
+        table.speed[rows],
+        table.acceleration[rows],
+        travelled,
+        np.where(intents.fresh, 0.0, config.hold),
+        np.where(intents.fresh, STEP_S, config.fade),
+        config.settle,
+        sigma_scale * config.sigma_start,
+        sigma_scale * config.sigma_along[0],
+        sigma_scale * config.sigma_along[1],
+        sigma_scale * config.sigma_across[0],
+        sigma_scale * config.sigma_across[1],
+    )
+    return PredictedMotion(states, np.ones(states.shape[:2], np.bool_))
+
+
+@kernel(OUT_FLOATS3(FLOATS3, FLOATS3, INTS, *[FLOATS] * 4, FLOATS2, FLOATS, FLOATS, *[float64] * 6))
+def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    segments: FloatArray,
+    circles: FloatArray,
+    count: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    travelled: FloatArray,
+    hold: FloatArray,
+    fade: FloatArray,
+    settle: float,
+    sigma_start: float,
+    along_1: float,
+    along_2: float,
+    across_1: float,
+    across_2: float,
+) -> FloatArray:
+    """Return `states` (r, T, 6); see :func:`intended_motion`.
+
+    Args:
+        segments, circles, count: of the paths; see :mod:`litsim_policy.motion.path_kernels`.
+        x, y, speed, acceleration: (r,) of the agents now.
+        travelled: (r, T) how far the forecast lets them get [m]; NaN where there is none.
+        hold, fade: (r,) as in :class:`IntentConfig`.
+        settle, sigma_start: likewise.
+        along_1, along_2, across_1, across_2: terms of the standard deviations.
+    """
+    states = np.zeros((len(count), travelled.shape[1], 6))
+    for k in range(len(count)):
+        _, s_now, d_now = nearest(segments[k], circles[k], count[k], x[k], y[k])
+        for t in range(travelled.shape[1]):
+            time = (t + 1) * STEP_S
+            gone = _gone(speed[k], acceleration[k], hold[k], time)
+            if not math.isnan(travelled[k, t]):
+                known = min(max(1.0 - (time - hold[k]) / fade[k], 0.0), 1.0)
+                gone = known * gone + (1.0 - known) * travelled[k, t]
+            s = s_now + gone
+            at = segment_at(segments, count[k], k, s)
+            ux, uy = segments[k, at, UNIT_X], segments[k, at, UNIT_Y]
+            forward, d = s - segments[k, at, S], d_now * math.exp(-time / settle)
+            states[k, t, X] = segments[k, at, 0] + forward * ux - d * uy
+            states[k, t, Y] = segments[k, at, 1] + forward * uy + d * ux
+            states[k, t, YAW] = math.atan2(uy, ux)
+            along = (sigma_start + along_1 * time + along_2 * time**2) ** 2
+            across = (sigma_start + across_1 * time + across_2 * time**2) ** 2
+            states[k, t, XX] = along * ux**2 + across * uy**2
+            states[k, t, YY] = along * uy**2 + across * ux**2
+            states[k, t, XY] = (along - across) * ux * uy
+    return states
+
+
+@kernel(float64(*[float64] * 4))
+def _gone(speed: float, acceleration: float, hold: float, time: float) -> float:
+    """Return how far [m] an agent gets in `time` [s] that keeps its acceleration for `hold` [s], and then its speed."""
+    until = min(hold, time)
+    if acceleration < 0.0:
+        until = min(until, -speed / acceleration)
+    later = max(speed + acceleration * until, 0.0)
+    rest = time - until if not (acceleration < 0.0 and later <= 0.0) else 0.0
+    return speed * until + 0.5 * acceleration * until**2 + later * rest

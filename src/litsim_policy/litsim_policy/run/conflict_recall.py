@@ -1,0 +1,155 @@
+"""How well detection sees conflicts ahead: what it says of every pair of a step, beside what came of it.
+
+An ego leaves its log on its logged path, once at a constant speed and twice braking
+(:mod:`litsim_predictor.learned.evaluation.drives`); everybody else follows the log. At every step the detector's
+probability of an overlap with each agent near the ego is noted, and whether the ego really meets it then. A pair counts
+until it first meets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from litsim_policy.conflict.detection import ConflictDetector
+from litsim_predictor.forecast import Forecast, Predictor
+from litsim_predictor.learned.evaluation.drives import Drive, drives
+from litsim_sim.core.geometry import boxes_overlap
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray
+from litsim_sim.scenario.scenario import Scenario
+
+EVERY = 2  # steps between two that are looked at: the rate of the models
+SECONDS = (1, 2, 3)
+"""Horizons for which pairs are judged [s]; detection compares no farther futures by default."""
+LEAST = 0.01  # probability below which none is told apart
+
+
+@dataclass(frozen=True)
+class PairScores:
+    """Pairs of a step and an agent; arrays (k, H) by the horizons :data:`SECONDS`.
+
+    Attributes:
+        chance: largest probability of an overlap up to the horizon; 0 below :data:`LEAST`.
+        real: whether the boxes meet by then.
+        known: whether the drive goes on as long.
+    """
+
+    chance: FloatArray
+    real: BoolArray
+    known: BoolArray
+
+    @classmethod
+    def joined(cls, parts: Sequence[PairScores]) -> PairScores:
+        """The pairs of all `parts`."""
+        empty = {"chance": np.empty((0, len(SECONDS)))}
+        flags = np.empty((0, len(SECONDS)), np.bool_)
+        return cls(
+            *(np.concatenate([empty.get(f.name, flags), *(getattr(p, f.name) for p in parts)]) for f in fields(cls))
+        )
+
+    def curve(self, second: int, thresholds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Precision and recall, each (t,), by threshold of the probability, for a horizon; NaN where there is nothing.
+
+        Args:
+            second: one of :data:`SECONDS`.
+            thresholds: (t,).
+        """
+        at = SECONDS.index(second)
+        known = self.known[:, at]
+        chance, real = self.chance[known, at], self.real[known, at]
+        predicted = chance[:, None] >= thresholds
+        hit = (predicted & real[:, None]).sum(axis=0).astype(np.float64)
+        said = predicted.sum(axis=0)
+        precision = np.divide(hit, said, out=np.full(len(thresholds), np.nan), where=said > 0)
+        recall = hit / real.sum() if real.any() else np.full(len(thresholds), np.nan)
+        return precision, recall
+
+
+def score_drives(
+    scenario: Scenario,
+    egos: Sequence[int],
+    predictor: Callable[[int], Predictor],
+    detector: ConflictDetector,
+    seed: int = 0,
+) -> PairScores:
+    """What `detector` says of the drives of `egos`, and what came of it.
+
+    Args:
+        scenario: its log is driven in.
+        egos: ids.
+        predictor: makes a fresh predictor for an ego.
+        detector: compares futures.
+        seed: of the times at which egos brake.
+    """
+    parts = []
+    for ego in egos:
+        for drive in drives(scenario, ego, np.random.default_rng([seed, ego])):
+            parts += list(_scores(scenario, drive, predictor(ego), detector))
+    return PairScores.joined(parts)
+
+
+def _scores(scenario: Scenario, drive: Drive, predictor: Predictor, detector: ConflictDetector) -> Iterator[PairScores]:
+    """Of each step of a drive after the history."""
+    tables = [_driven(scenario, drive, step) for step in range(len(drive.x))]
+    meets = [_meeting(table, drive.ego) for table in tables]
+    met: set[int] = set()
+    for step, table in enumerate(tables):
+        met |= meets[step]
+        if step < scenario.history_steps:
+            predictor.see(table)
+            continue
+        forecast = predictor.forecast(table)
+        if (step - scenario.history_steps) % EVERY == 0:
+            yield _judged(table, forecast, detector, meets, met, drive.ego)
+
+
+def _judged(
+    table: AgentTable,
+    forecast: Forecast,
+    detector: ConflictDetector,
+    meets: Sequence[set[int]],
+    met: set[int],
+    ego: int,
+) -> PairScores:
+    """The pairs of one step; `meets` has the ids that the ego meets at each step, `met` those until now."""
+    off = table.id == ego
+    pairs = detector.near(table, ~off & ~np.isin(table.id, list(met)), off)
+    chance = detector.chances(table, detector.logged_future(table), forecast, pairs, LEAST)
+    agents = table.id[pairs[:, 0]].tolist()
+    last = len(meets) - 1
+    steps = [round(second / STEP_S) for second in SECONDS]
+    upto = [set().union(*meets[table.step + 1 : table.step + 1 + count]) for count in steps]
+    return PairScores(
+        np.stack([chance[:, :count].max(axis=1, initial=0.0) for count in steps], axis=1).reshape(-1, len(SECONDS)),
+        np.array([[agent in ids for ids in upto] for agent in agents], np.bool_).reshape(-1, len(SECONDS)),
+        np.broadcast_to([table.step + count <= last for count in steps], (len(agents), len(SECONDS))),
+    )
+
+
+def _driven(scenario: Scenario, drive: Drive, step: int) -> AgentTable:
+    """The log at `step`, with the ego where it drives."""
+    table = scenario.log.table(step)
+    row = table.row(drive.ego)
+    changed = {name: getattr(table, name).copy() for name in ("x", "y", "yaw", "speed", "acceleration", "controller")}
+    for name in ("x", "y", "yaw", "speed"):
+        changed[name][row] = getattr(drive, name)[step]
+    if step >= scenario.history_steps:
+        changed["acceleration"][row] = (drive.speed[step] - drive.speed[max(step - 1, 0)]) / STEP_S
+        changed["controller"][row] = Controller.EGO
+    return replace(table, **changed)
+
+
+def _meeting(table: AgentTable, ego: int) -> set[int]:
+    """Ids of those whose boxes overlap the ego's."""
+    row = table.row(ego)
+    hit = boxes_overlap(
+        table.x - table.x[row],
+        table.y - table.y[row],
+        np.full(len(table), table.yaw[row]),
+        table.yaw,
+        (table.length[row], table.width[row]),
+        (table.length, table.width),
+    )
+    return set(table.id[hit & (table.id != ego)].tolist())
