@@ -88,4 +88,4 @@ def _motions_of(agents: IntArray, b: PredictedMotion) -> tuple[IntArray, IntArra
 
 def _first_weights(b: PredictedMotion) -> FloatArray:
     """(n,) weights of the first motions."""
-    return 1.0 - np.bincount(b.others.row, b.others.weight, len(b.states))
+    return np.asarray(1.0 - np.bincount(b.others.row, b.others.weight, len(b.states)), np.float64)

@@ -8,6 +8,7 @@ from typing import Protocol
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.idm_policy import IdmPolicy, IdmPolicyConfig
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
+from litsim_policy.driving.reaction import HumanReaction, ReactionConfig
 from litsim_policy.driving.simnet_config import SimnetConfig
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
 from litsim_sim.core.errors import InputError
@@ -35,8 +36,11 @@ def make_policy(
     policy_c: PolicyCConfig | None = None,
     idm: IdmPolicyConfig | None = None,
     simnet: SimnetConfig | None = None,
+    reaction: ReactionConfig | None = None,
 ) -> Policy:
     """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules, others are baselines.
+
+    Baselines drive as their papers have them; the others react as people do, by `reaction`; None is at once.
 
     Raises:
         InputError: there is none of that name, or its weights cannot be used.
@@ -51,14 +55,14 @@ def make_policy(
 
         return SimnetPolicy(scenario, load_network((simnet or SimnetConfig()).file()))
     rules = YieldPolicy(scenario, config or YieldConfig(), handback or HandbackConfig())
-    if name == "yield":
-        return rules
     policy_c = policy_c or PolicyCConfig()
-    return PolicyC(scenario, policy_c.network(), rules, policy_c.safety)
+    policy = rules if name == "yield" else PolicyC(scenario, policy_c.network(), rules, policy_c.safety)
+    return policy if reaction is None else HumanReaction(policy, scenario, reaction)
 
 
 def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
     """Read the parameters of the policy stage; what is returned builds the policy of a name once the run is known."""
     rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
     idm, simnet = read(IdmPolicyConfig(), "baseline."), read(SimnetConfig(), "simnet.")
-    return lambda name, scenario: make_policy(name, scenario, rules, handback, policy_c, idm, simnet)
+    reaction = read(ReactionConfig(), "reaction.")
+    return lambda name, scenario: make_policy(name, scenario, rules, handback, policy_c, idm, simnet, reaction)

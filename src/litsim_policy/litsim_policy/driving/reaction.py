@@ -1,0 +1,116 @@
+"""What people can do: they react after a time, and build up their braking. A layer around any policy.
+
+Who is taken over drives on as its log did until its reaction time is over; the conflict is perceivable from the step in
+which it was detected, since detection knows no more than what has been seen until then. After that, and as long as it
+is under control, it brakes no harder than people do, and not fully from one step to the next.
+
+The careful and competent driver of UN Regulation 157 takes 0.75 s, brakes up to 0.774 g, and builds that up with
+12.65 m/s3. Published reaction times lie around 0.70 to 0.75 s where an event is expected, and around 1.25 s where it is
+not (Green 2000); that they are spread log-normally is an assumption.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.quantities import Acceleration, Duration, Jerk, NonNegative, Number, Positive, configuration
+from litsim_sim.core.scene import STEP_S, AgentTable, ControlSource, ControlTable, FloatArray, IntArray
+from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.scenario.log import Log
+from litsim_sim.scenario.setting import Setting
+
+
+@configuration
+class ReactionConfig:
+    """How people react.
+
+    Attributes:
+        time: median reaction time of who is taken over; 0 is at once.
+        spread: standard deviation of its logarithm, over agents; 0 is the same for all.
+        braking_max: hardest braking of agents under control.
+        braking_jerk: with which it is built up; 0 is at once.
+    """
+
+    time: NonNegative[Duration] = 0.0
+    spread: NonNegative[Number] = 0.0
+    braking_max: Positive[Acceleration] = 8.0
+    braking_jerk: NonNegative[Jerk] = 0.0
+
+
+class Drives(Protocol):
+    """A policy, as :class:`litsim_policy.driving.registry.Policy`."""
+
+    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
+        """Controls of the agents that are off their log."""
+
+
+class HumanReaction:
+    """`policy`, as people could carry it out."""
+
+    def __init__(self, policy: Drives, scenario: Setting, config: ReactionConfig) -> None:
+        self.policy, self._config, self._log = policy, config, scenario.log
+        self._steps = reaction_steps(config, scenario.identities)
+
+    def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
+        """See :class:`Drives`."""
+        wanted = self.policy.act(table, takeovers)
+        if not len(wanted.id):
+            return wanted
+        by_agent = {t.agent: t for t in takeovers.takeovers}
+        acceleration, yaw_rate, source = wanted.acceleration.copy(), wanted.yaw_rate.copy(), wanted.source.copy()
+        rows = table.rows(wanted.id)
+        driven = source != ControlSource.LATE
+        eased = np.maximum(acceleration, self._hardest(table.acceleration[rows]))
+        acceleration = np.where(driven, eased, acceleration)
+        for k, agent in enumerate(wanted.id.tolist()):
+            takeover = by_agent[agent]
+            if self._unaware(takeover, table.step):
+                logged = self._as_logged(takeover, table.step)
+                if logged is not None:
+                    acceleration[k], yaw_rate[k] = logged
+                    source[k] = ControlSource.POLICY
+        lateral = table.speed[rows] * yaw_rate
+        return replace(
+            wanted, acceleration=acceleration, yaw_rate=yaw_rate, lateral_acceleration=lateral, source=source
+        )
+
+    def _hardest(self, before: FloatArray) -> FloatArray:
+        """(m,) accelerations [m/s2] of hardest braking now, by those of the step before (m,)."""
+        config = self._config
+        if not config.braking_jerk:
+            return np.full(len(before), -config.braking_max)
+        return np.maximum(-config.braking_max, np.minimum(before, 0.0) - config.braking_jerk * STEP_S)
+
+    def _unaware(self, takeover: Takeover, step: int) -> bool:
+        """Whether the driver has not reacted yet."""
+        if takeover.reason != TakeoverReason.CONFLICT or takeover.state != TakeoverState.HELD:
+            return False
+        row = int(np.searchsorted(self._log.ids, takeover.agent))
+        return step - takeover.detected_step < int(self._steps[row])
+
+    def _as_logged(self, takeover: Takeover, step: int) -> tuple[float, float] | None:
+        """Acceleration [m/s2] and yaw rate [rad/s] of the agent's log, with its lag; None where that is over."""
+        log: Log = self._log
+        row, now = int(np.searchsorted(log.ids, takeover.agent)), step - round(takeover.time_shift / STEP_S)
+        if now < 0 or now + 1 >= log.valid.shape[1] or not (log.valid[row, now] and log.valid[row, now + 1]):
+            return None
+        faster = (log.speed[row, now + 1] - log.speed[row, now]) / STEP_S
+        return float(faster), float(wrap_angle(log.yaw[row, now + 1] - log.yaw[row, now])) / STEP_S
+
+
+def reaction_steps(config: ReactionConfig, identities: IntArray) -> IntArray:
+    """(N,) steps until each agent reacts, drawn by its seed and id (N, 2), whoever else is there."""
+    if not config.spread or not config.time:
+        return np.full(len(identities), round(config.time / STEP_S))
+    drawn = [np.random.default_rng([*identity, DRAW]).standard_normal() for identity in identities.tolist()]
+    times = config.time * np.exp(config.spread * np.array(drawn))
+    return np.array([math.floor(t / STEP_S + 0.5) for t in times.tolist()], np.int64)
+
+
+DRAW = 715
+"""Tells these draws from others by the same seeds and ids."""
