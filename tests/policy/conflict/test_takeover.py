@@ -59,7 +59,9 @@ def stage(make_scenario, track, placed):
     def make(*tracks: Any, history_steps: int = FIRST, **config: Any) -> Stage:
         everybody = tracks or (track(1, x=300.0), track(2, x=60.0))
         scenario = make_scenario(*everybody, history_steps=history_steps, coverage_min=0.0)
-        conflict = ConflictConfig(**{name: config.pop(name) for name in ("region", "roi_m") if name in config})
+        conflict = ConflictConfig(
+            **{name: config.pop(name) for name in ("region", "roi_m", "closing_time") if name in config}
+        )
         manager = TakeoverManager(scenario, conflict, TakeoverConfig(**{"handback": "catch_up"} | config))
         return Stage(
             scenario, placed, manager, KinematicPredictor(1, scenario.roi_m, wanted=Wanted.READ), history_steps
@@ -460,8 +462,9 @@ def test_a_log_that_is_late_is_what_conflicts_are_looked_for_with(stage) -> None
 
 
 def test_who_follows_a_late_log_is_somebody_to_look_out_for(stage, track) -> None:
+    """Both touch: without `closing_time`, only the one behind is asked, whom the forecasts say something of."""
     tracks = track(1, x=300.0), track(2, x=90.0), track(3, x=78.0)
-    s = stage(*tracks, handback="time_shift", history_steps=20)
+    s = stage(*tracks, handback="time_shift", history_steps=20, closing_time=0.0)
     assert s.see({2: {"x": s.logged(2) - 6.0}}).takeovers == (), "on its log, whatever it is: theirs to sort out"
     s.manager._lag[1] = 6
     for _ in range(3):

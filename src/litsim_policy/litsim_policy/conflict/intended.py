@@ -74,7 +74,8 @@ def intended_motion(
         config: how they go on.
         intents: who, and along which paths.
         table: everybody.
-        forecast: of the agents (r,), by a predictor; where it is not valid, it counts for nothing.
+        forecast: of the agents (r,), by a predictor; where it is not valid, it counts for nothing, and whose policy has
+            done nothing yet is nowhere.
         sigma_scale: by which standard deviations are multiplied.
     """
     rows, motion = intents.rows, forecast
@@ -99,7 +100,7 @@ def intended_motion(
         sigma_scale * config.sigma_across[0],
         sigma_scale * config.sigma_across[1],
     )
-    return PredictedMotion(states, np.ones(states.shape[:2], np.bool_))
+    return PredictedMotion(states, motion.valid | ~intents.fresh[:, None])
 
 
 @kernel(OUT_FLOATS3(FLOATS3, FLOATS3, INTS, *[FLOATS] * 4, FLOATS2, FLOATS, FLOATS, *[float64] * 6))
