@@ -81,3 +81,29 @@ def test_who_waits_until_its_log_ends_never_enters(log: Log, standing: Callable[
     gone = entries.admit(standing(60.0), log.table(ENDS + 1))
     assert gone.row(NEW) < 0
     assert (entries.waiting, entries.late, entries.never_entered) == ({}, set(), {NEW})
+
+
+def test_who_is_on_a_late_log_is_in_the_way_as_well(log: Log, standing: Callable[[float], AgentTable]) -> None:
+    """OTHER follows its log, but not where the recording has it: only then does it hold an entry back."""
+    nobody = AgentTable.empty(BEGINS)
+    before = AgentTable.merged(BEGINS - 1, (log.table(BEGINS - 1).take(np.array([0])), standing(4.0)))
+    logged = log.table(BEGINS)
+    there = AgentTable.merged(BEGINS, (logged.take(logged.id != OTHER), standing(4.0)))
+    late = there.id == OTHER
+    for displaced, free in ((None, True), (~late, True), (late, False)):
+        entries = Entries(log, EntryConfig())
+        assert bool(entries.may_follow(there, before, nobody, displaced)[there.row(NEW)]) is free
+        assert entries.waiting == ({} if free else {NEW: BEGINS})
+
+
+def test_who_is_in_the_way_in_the_recording_holds_nobody_back(
+    make_scenario: Callable[..., Any], track: type, agent_table: Callable[..., AgentTable]
+) -> None:
+    """OTHER is recorded 4 m ahead of the entry, at its speed; with a residual of 0.1 m that is no reason to wait."""
+    entering = track(id=NEW, first=BEGINS, last=ENDS, **PLACE)
+    close = make_scenario(track(id=1, x=400.0), track(id=OTHER, x=PLACE["x"] + 4.0 - 20.0), entering).log
+    logged = close.table(BEGINS)
+    logged.x[logged.row(OTHER)] += 0.1
+    entries = Entries(close, EntryConfig())
+    may = entries.may_follow(logged, close.table(BEGINS - 1), AgentTable.empty(BEGINS), logged.id == OTHER)
+    assert may[logged.row(NEW)] and not entries.waiting

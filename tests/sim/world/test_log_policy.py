@@ -272,3 +272,15 @@ def test_who_is_late_leaves_late_and_a_release_on_time_ends_it(policy: Callable[
     assert [fresh.table(step).row(4) >= 0 for step in (20, 25, 26)] == [True, True, False]
     fresh.release(displaced(fresh.table(18), 4), 4)
     assert [fresh.table(step).row(4) >= 0 for step in (20, 21)] == [True, False]
+
+
+def test_who_is_displaced_is_off_the_time_or_off_the_place_of_its_log(make_scenario: Any, track: Any) -> None:
+    policy = LogPolicy(make_scenario(track(1, x=100.0), track(2, x=60.0), track(3, x=20.0)).log)
+    table = policy.table(10)
+    assert not policy.displaced(table).any()
+    table.x[table.row(2)] -= 0.3
+    table.x[table.row(3)] -= 5.0
+    policy.release(table, 2)
+    policy.release(table, 3, with_lag=True)
+    assert policy.displaced(policy.table(11)).tolist() == [False, True, True]
+    assert policy.displaced(policy.table(60)).tolist() == [False, False, True], "residuals fade, lags stay"

@@ -43,7 +43,9 @@ class Entries:
         self.late: set[int] = set()
         self.never_entered: set[int] = set()
 
-    def may_follow(self, logged: AgentTable, before: AgentTable, driven: AgentTable) -> BoolArray:
+    def may_follow(
+        self, logged: AgentTable, before: AgentTable, driven: AgentTable, displaced: BoolArray | None = None
+    ) -> BoolArray:
         """Which agents may be where their log has them; those that enter and may not, wait from now on.
 
         Pedestrians and cyclists may always.
@@ -52,16 +54,18 @@ class Entries:
             logged: the (n) agents of the log at the step that is made.
             before: the agents on the road one step earlier; they may follow.
             driven: the agents under control, one step on; an entry must not collide with them.
+            displaced: mask (n,) of those on their logs, but not at the time or at the place of the recording: with a
+                lag, or with a residual that fades. An entry must not collide with them either, unless it would where
+                the recording has them, too. None is nobody.
 
         Returns:
             mask (n,).
         """
         here = (before.rows(logged.id) >= 0) | logged.obstacle
+        off = np.zeros(len(logged), np.bool_) if displaced is None else displaced & (driven.rows(logged.id) < 0)
         begins = self._log.first_step[np.searchsorted(self._log.ids, logged.id)] == logged.step
         for row in np.flatnonzero(begins & ~here):
-            wanted = float(logged.speed[row])
-            speed = self._speed(logged, int(row), driven)
-            if speed is None or speed < wanted:
+            if self._blocked(logged, int(row), driven) or self._blocked_by_displaced(logged, int(row), off):
                 self.waiting[int(logged.id[row])] = logged.step
             else:
                 here[row] = True
@@ -95,6 +99,19 @@ class Entries:
             self.late.add(agent)
             table = type(table).merged(table.step, (table, entering))
         return table
+
+    def _blocked(self, entry: AgentTable, row: int, others: AgentTable) -> bool:
+        """Whether an agent cannot enter among `others` as it is logged."""
+        speed = self._speed(entry, row, others)
+        return speed is None or speed < float(entry.speed[row])
+
+    def _blocked_by_displaced(self, logged: AgentTable, row: int, off: BoolArray) -> bool:
+        """The same of those that the mask `off` (n,) has, where they would not block it in the recording."""
+        off = off & (np.arange(len(logged)) != row)
+        if not off.any() or not self._blocked(logged, row, logged.take(off)):
+            return False
+        recorded = self._log.table(logged.step)
+        return not self._blocked(logged, row, recorded.take(recorded.mask(logged.id[off])))
 
     def _speed(self, entry: AgentTable, row: int, others: AgentTable) -> float | None:
         """Speed [m/s], at most the logged one, at which an agent can enter among `others`; None where it cannot."""

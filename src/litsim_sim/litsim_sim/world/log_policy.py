@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import STEP_S, AgentTable
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray
 from litsim_sim.scenario.log import Log
 
 COMFORT_ACCELERATION = 1.5  # [m/s2] that fading a residual out may add to the logged motion
@@ -90,6 +90,11 @@ class LogPolicy:
         logged_row = logged.row(agent)
         if logged_row >= 0:
             self._residuals[agent] = Residual.between(table, row, logged, logged_row)
+
+    def displaced(self, table: AgentTable) -> BoolArray:
+        """(n,) which agents of `table`, one of :meth:`table`, are not where and when their logs had them."""
+        late = self._lag[np.searchsorted(self.log.ids, table.id)] > 0
+        return late | table.mask(np.array(sorted(self._residuals), np.int64))
 
     def table(self, step: int) -> AgentTable:
         """The agents, with controller LOG, where policy L puts them at `step`."""

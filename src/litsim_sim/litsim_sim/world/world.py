@@ -131,7 +131,9 @@ class World:
         logged = self._log_policy.table(step + 1)
         if self._gone.any():
             logged = logged.take(~self._gone[logged.scene])
-        following = logged.take((driven.rows(logged.id) < 0) & self.entries.may_follow(logged, table, driven))
+        displaced = self._log_policy.displaced(logged)
+        may_follow = self.entries.may_follow(logged, table, driven, displaced)
+        following = logged.take((driven.rows(logged.id) < 0) & may_follow)
         made = self._without_leavers(type(table).merged(step + 1, (driven, following)))
         self._table = self._finish(self.entries.admit(made, logged))
         return self._table
