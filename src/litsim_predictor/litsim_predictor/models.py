@@ -14,10 +14,12 @@ from litsim_predictor.forecast import NoPredictor, Predictor
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import NO_MODES, ModeChoice, Network
 from litsim_predictor.kinematic import KinematicConfig, KinematicPredictor
+from litsim_predictor.oracle import OraclePredictor
 from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
 from litsim_sim.core.quantities import Length, NonNegative, configuration
+from litsim_sim.scenario.happened import Happened
 from litsim_sim.scenario.run_info import BASELINES
 from litsim_sim.scenario.setting import Setting
 
@@ -50,6 +52,8 @@ class PredictorConfig:
     Attributes:
         model: see :func:`make_predictor`.
         roi_m: radius around agents off their log within which agents are looked at; 0 is the scenario's.
+        happened: folder of what happened in earlier runs, which is forecast instead of what a model expects
+            (:class:`litsim_sim.scenario.happened.Happened`): an oracle, for experiments; empty is none.
         forecast_all: whether all agents of interest are forecast, and not only those whose forecast is read.
         modes: which manoeuvres of an agent are forecast beside the most probable one, by models run by kernels.
         kinematic: of the model of that name.
@@ -57,6 +61,7 @@ class PredictorConfig:
 
     model: ModelName = DEFAULT_MODEL
     roi_m: NonNegative[Length] = 0.0
+    happened: str = ""
     forecast_all: bool = False
     modes: ModeChoice = ModeChoice()
     kinematic: KinematicConfig = KinematicConfig()
@@ -70,6 +75,10 @@ def predictor_stage(read: ParameterReader) -> Callable[[str, Setting], Predictor
     def build(policy: str, scenario: Setting) -> Predictor:
         if policy in BASELINES and not config.forecast_all:
             return NoPredictor()
+        if config.happened:
+            known = Happened.read(Path(config.happened), scenario)
+            roi_m = config.roi_m or scenario.roi_m
+            return OraclePredictor(known, scenario.log.ids, scenario.ego_ids, roi_m, wanted)
         return make_predictor(config.model, scenario, config.kinematic, wanted, config.roi_m, config.modes)
 
     return build

@@ -58,7 +58,14 @@ def test_figures_are_of_what_has_been_run(out: Path, monkeypatch: pytest.MonkeyP
     assert (out / "out/figures/realism.svg").read_bytes() == before
 
 
-@pytest.mark.parametrize(("what", "rows"), [("ablation", ("M0", "M1", "M2")), ("sanity", ("replay", *BASELINES))])
+@pytest.mark.parametrize(
+    ("what", "rows"),
+    [
+        ("ablation", ("M0", "M1", "M2")),
+        ("oracles", ("litsim", "true future", "conflicts by hindsight", "ideal hand-back")),
+        ("sanity", ("replay", *BASELINES)),
+    ],
+)
 def test_the_other_experiments(out: Path, what: str, rows: tuple[str, ...]) -> None:
     main([what, *options(out)])
     made = (out / f"out/{what}.md").read_text()

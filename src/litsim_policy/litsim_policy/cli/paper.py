@@ -5,17 +5,29 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from litsim_policy.paper import tables
-from litsim_policy.paper.experiments import EXPERIMENTS, OURS, PAPER_EGO, PAPER_SETUP, SANITY, TABLE, Experiment
+from litsim_policy.paper.experiments import (
+    EXPERIMENTS,
+    ORACLE_EGOS,
+    ORACLES,
+    OURS,
+    PAPER_EGO,
+    PAPER_SETUP,
+    SANITY,
+    TABLE,
+    Experiment,
+    of_oracles,
+)
 from litsim_policy.paper.measures import Key, Metrics
 from litsim_policy.paper.page import fill
 from litsim_policy.paper.published import ABLATION as PUBLISHED_ABLATION
 from litsim_policy.paper.published import TABLE as PUBLISHED_TABLE
 from litsim_policy.paper.roads import REAL, SETS
-from litsim_policy.paper.running import Clock, carried_out
+from litsim_policy.paper.running import Clock, carried_out, note_what_happened
 from litsim_sim.campaign.results import Campaign, read_campaign
 from litsim_sim.campaign.suite import Suite
 from litsim_sim.cli.arguments import DefaultsFormatter
@@ -45,7 +57,8 @@ EPILOG = (
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy paper``."""
     p = argparse.ArgumentParser(prog="paper", description=__doc__, epilog=EPILOG, formatter_class=DefaultsFormatter)
-    p.add_argument("what", choices=(*EXPERIMENTS, FIGURES, CASES, ALL), help="experiment, or what is made of it")
+    parts = (*EXPERIMENTS, ORACLES, FIGURES, CASES, ALL)
+    p.add_argument("what", choices=parts, help="experiment, or what is made of it")
     p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="where")
     p.add_argument("--ego", nargs="+", choices=OWN_EGOS, help="what drives the ego, instead of the experiment's own")
     p.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), help="folder of campaigns, tables and figures")
@@ -74,6 +87,19 @@ class Work:
             campaign = self._campaign(experiment)
             lines = list(_tables(campaign, experiment, self._egos(experiment), self._sets))
         self._write(experiment.name, lines)
+
+    def oracles(self) -> None:
+        """Run ours with each stage in turn done as well as can be, and write the tables."""
+        lines: list[str] = []
+        with self._clock(ORACLES):
+            for ego in self._arguments.ego or ORACLE_EGOS[: 1 if self._arguments.quick else None]:
+                happened = (self._out / "happened" / ego).resolve()
+                experiment = of_oracles(ego, happened)
+                if not self._arguments.as_it_is:
+                    first = replace(experiment, name=f"happened_{ego}", policies=(OURS,))
+                    note_what_happened(self._campaign(first, (ego,)), happened, self._arguments.processes)
+                lines += _tables(self._campaign(experiment, (ego,)), experiment, (ego,), self._sets)
+        self._write(ORACLES, lines)
 
     def figures(self) -> None:
         """Draw what the campaign of the table holds."""
@@ -134,11 +160,11 @@ class Work:
         lines.append(f"| together | {sum(clock.seconds for clock in self.clocks.values()) / 60:.1f} min |")
         self._write("times", lines)
 
-    def _campaign(self, experiment: Experiment) -> Campaign:
+    def _campaign(self, experiment: Experiment, egos: tuple[str, ...] | None = None) -> Campaign:
         if self._arguments.as_it_is:
             return read_campaign(self._out / experiment.name)
         quick = self._arguments.quick
-        suite = experiment.suite(self._sets, self._egos(experiment), self._out / "roads", quick=quick)
+        suite = experiment.suite(self._sets, egos or self._egos(experiment), self._out / "roads", quick=quick)
         return self._carried_out(suite, experiment.name)
 
     def _carried_out(self, suite: Suite, name: str) -> Campaign:
@@ -218,7 +244,7 @@ def main(argv: list[str] | None = None) -> int:
     parts: dict[str, Callable[[], None]] = {
         name: partial(work.experiment, experiment) for name, experiment in EXPERIMENTS.items()
     }
-    parts |= {FIGURES: work.figures, CASES: work.cases}
+    parts |= {ORACLES: work.oracles, FIGURES: work.figures, CASES: work.cases}
     for part in parts.values() if arguments.what == ALL else (parts[arguments.what],):
         part()
     if arguments.what == ALL:

@@ -58,6 +58,8 @@ class ConflictConfig:
         closing_time: within which a conflict is certain and urgent, whatever the forecast says, if whoever is off its
             log just keeps its acceleration and heading; 0 asks the forecast alone.
         intent: how agents under control are taken to go on.
+        happened: folder of what happened in earlier runs, whose contacts are the conflicts that are found: an oracle,
+            for experiments; empty is none.
     """
 
     horizon: Horizon = 3.0
@@ -71,6 +73,7 @@ class ConflictConfig:
     region: Literal["off_log", "ego"] = "off_log"
     closing_time: NonNegative[Duration] = 1.0
     intent: IntentConfig = IntentConfig()
+    happened: str = ""
 
     @model_validator(mode="after")
     def _check(self) -> ConflictConfig:

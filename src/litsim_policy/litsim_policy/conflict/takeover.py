@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector
+from litsim_policy.conflict.hindsight import Hindsight
 from litsim_policy.conflict.intended import Intents
 from litsim_policy.conflict.life_cycle import Excuse, Residuals, review
 from litsim_policy.conflict.off_log import OffLog
@@ -86,6 +88,9 @@ class TakeoverManager:
         self._overlaps = self.scenario.log_overlaps
         roi_m = self.conflict_config.roi_m or self.scenario.roi_m
         self._detector = ConflictDetector(log, roi_m, self.conflict_config, self._overlaps)
+        config = self.conflict_config
+        happened = Path(config.happened) if config.happened else None
+        self._hindsight = None if happened is None else Hindsight(self.scenario, happened, config.horizon)
         self._router = Router(self.scenario.lane_map)
         self._passing: Passing | None = None
         if self.config.passing:
@@ -207,7 +212,9 @@ class TakeoverManager:
             done += 1
             self.iterations[table.scene[fresh]] = done
             before, off = off, off.copy()
-            found = scene.detect(~before & ~barred, fresh)
+            candidates = ~before & ~barred
+            known = self._hindsight
+            found = scene.detect(candidates, fresh) if known is None else known.detect(table, candidates)
             if done == 1 and walking.any() and lagged.any():
                 found = _soonest(found, scene.detect(lagged & ~before, walking))
             for conflict in found:

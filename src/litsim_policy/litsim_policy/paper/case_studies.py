@@ -37,8 +37,8 @@ TURNS = "small"
 BEFORE_S = (-3.0, -2.0, -1.0, 0.0)
 """When the pictures are, from the contact under replay on [s]."""
 AFTER_S = 1.0
-VIEW_M = {LANE_CHANGE: (32.0, 11.0), LEFT_TURN: (26.0, 20.0)}
-"""Half of what is seen along and across the ego's heading, at the contact [m]."""
+VIEW_M = {LANE_CHANGE: (24.0, 12.0), LEFT_TURN: (26.0, 20.0)}
+"""Half of what is seen around the ego, along and across the heading that it has at the contact [m]."""
 COLOURS = {Controller.EGO: "#c62828", Controller.POLICY: "#2e8b3d", Controller.BASELINE: "#2e8b3d"}
 ON_LOG, ROAD = "#e7b416", "#e6e8eb"
 
@@ -116,9 +116,10 @@ def drawn(name: str, study: Study) -> Canvas:
     canvas = Canvas((9.5, 2 * (9.5 / len(steps)) * high / wide + 1.0), layout="constrained")
     panels = canvas.subplots(2, len(steps), squeeze=False)
     centre, heading = _view(runs[0], study.contact)
+    centres = [_place(runs[0], step, centre) for step in steps]
     for row, (run, label) in enumerate(zip(runs, (REPLAY, OURS), strict=True)):
-        for axes, step in zip(panels[row], steps, strict=True):
-            _draw(axes, run, lane_map, step, (centre, heading, wide, high))
+        for axes, step, middle in zip(panels[row], steps, centres, strict=True):
+            _draw(axes, run, lane_map, step, (middle, heading, wide, high))
             axes.set_title(f"{(step - study.contact) * STEP_S:+.1f} s", fontsize=8)
         panels[row][0].set_ylabel(label, fontsize=9)
     marks = [Patch(color=COLOURS[Controller.EGO], label="ego"), Patch(color=COLOURS[Controller.POLICY], label="driven")]
@@ -141,6 +142,13 @@ def _view(run: Run, step: int) -> tuple[FloatArray, float]:
     if table is None or row < 0:
         raise InputError(f"{run.info.run_id}: no ego at step {step}")
     return np.array([table.x[row], table.y[row]]), float(table.yaw[row])
+
+
+def _place(run: Run, step: int, otherwise: FloatArray) -> FloatArray:
+    """Where the ego is at `step`; `otherwise` where it is gone."""
+    table = next((t for t in run.tables if t.step == step), None)
+    row = -1 if table is None else table.row(run.info.ego_id)
+    return otherwise if table is None or row < 0 else np.array([table.x[row], table.y[row]])
 
 
 def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatArray, float, float, float]) -> None:

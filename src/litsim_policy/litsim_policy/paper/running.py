@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import time
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
 from tqdm import tqdm
 
 from litsim_policy.run.campaign import LocalRuns
-from litsim_policy.run.case_run import check_cases
-from litsim_sim.campaign.case import cases_of, code_versions
+from litsim_policy.run.case_run import check_cases, plan_of
+from litsim_policy.run.runner import Runner, record
+from litsim_sim.campaign.case import Case, cases_of, code_versions
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.results import Campaign, read_campaign
 from litsim_sim.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
+from litsim_sim.scenario.happened import Happened, file_of
 
 
 def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = False) -> Campaign:
@@ -48,6 +52,28 @@ def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = Fa
             for _ in results:
                 bar.update()
     return read_campaign(out)
+
+
+def note_what_happened(campaign: Campaign, folder: Path, processes: int) -> None:
+    """Run the cases of `campaign` again and write to `folder` what happens, where it is not there yet.
+
+    Raises:
+        InputError: a case cannot be run, or `folder` not be written.
+    """
+    missing = [case for case in campaign.cases if not file_of(folder, plan_of(case).scenario).is_file()]
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        for _ in tqdm(
+            pool.map(_note, missing, [folder] * len(missing)), total=len(missing), unit="run", desc="what happens"
+        ):
+            pass
+
+
+def _note(case: Case, folder: Path) -> None:
+    plan = plan_of(case)
+    run = record(Runner(plan))
+    Happened.of_run(plan.scenario.log.ids, run.tables, run.log, plan.scenario.ego_id).write(
+        file_of(folder, plan.scenario)
+    )
 
 
 class Clock:

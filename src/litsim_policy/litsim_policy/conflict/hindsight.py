@@ -1,0 +1,41 @@
+"""Conflicts by hindsight: whose log met somebody off his log in an earlier run of the same case, and when."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from litsim_policy.conflict.detection import Conflict
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray
+from litsim_sim.scenario.happened import Happened
+from litsim_sim.scenario.setting import Setting
+
+
+class Hindsight:
+    """Knows every contact that a log would have had, as soon as it is no further off than the horizon."""
+
+    def __init__(self, scenario: Setting, folder: Path, horizon: float) -> None:
+        """Read what happened to the agents of `scenario` from `folder`; `horizon` [s].
+
+        Raises:
+            InputError: see :meth:`Happened.read`.
+        """
+        self._log = scenario.log
+        self._steps = int(horizon / STEP_S + 1e-9)
+        self._meetings = Happened.read(folder, scenario).meetings
+
+    def detect(self, table: AgentTable, on_log: BoolArray) -> list[Conflict]:
+        """Conflicts of agents `on_log` (mask (n,)), soonest first, one for each agent."""
+        ids, log = self._log.ids, self._log
+        row, step, other = self._meetings.T
+        near = (step > table.step) & (step <= table.step + self._steps)
+        near &= np.isin(row, np.searchsorted(ids, table.id[on_log]))
+        found: dict[int, Conflict] = {}
+        for k in np.flatnonzero(near)[np.argsort(step[near], kind="stable")].tolist():
+            at = row[k], step[k]
+            pose = np.array([log.x[at], log.y[at], log.yaw[at]])
+            ahead = float(step[k] - table.step) * STEP_S
+            agent = int(ids[row[k]])
+            found.setdefault(agent, Conflict(agent, int(ids[other[k]]), ahead, pose, 1.0))
+        return list(found.values())

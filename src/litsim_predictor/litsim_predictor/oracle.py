@@ -1,0 +1,61 @@
+"""The forecast that comes true: where everybody went in an earlier run of the same case."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_predictor.forecast import Forecast
+from litsim_predictor.selection import Egos, Wanted, selected
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+from litsim_sim.scenario.happened import Happened
+
+STEPS = 50
+"""Of a forecast, 0.1 s each; beyond the end of what is known, agents go on at their last velocity."""
+SIGMA_M = 0.01
+
+
+class OraclePredictor:
+    """Forecasts agents as they went on in the earlier run, from where they are now.
+
+    Who was not on the road then has no forecast.
+    """
+
+    def __init__(self, happened: Happened, ids: np.ndarray, ego_id: Egos, roi_m: float, wanted: Wanted) -> None:
+        """Know what happened to the agents `ids` (N,) of the log; the others as of other predictors."""
+        self._happened, self._ids = happened, ids
+        self._ego_id, self._roi_m, self._wanted = ego_id, roi_m, wanted
+
+    def see(self, table: AgentTable) -> None:
+        """Nothing is remembered."""
+
+    def forecast(self, table: AgentTable) -> Forecast:
+        """See :class:`litsim_predictor.forecast.Predictor`."""
+        agents, rows = selected(table, self._ego_id, self._roi_m, self._wanted)
+        asked = agents.take(rows)
+        if not len(asked):
+            return Forecast.of_nobody(table.step)
+        poses, valid = self._futures(asked)
+        spread = np.zeros((len(asked), STEPS, 3), np.float32)
+        spread[..., :2] = SIGMA_M
+        nothing = np.empty((len(asked), 0), np.float32)
+        yaw = poses[..., 2].astype(np.float32)
+        return Forecast(table.step, STEP_S, asked.id, np.ascontiguousarray(poses[..., :2]), yaw, spread, nothing, valid)
+
+    def _futures(self, agents: AgentTable) -> tuple[FloatArray, np.ndarray]:
+        """(n, T, 3) poses from the next step on, and (n,) of whom they are known."""
+        there, pose = self._happened.there, self._happened.pose
+        poses, valid = np.zeros((len(agents), STEPS, 3)), np.zeros(len(agents), np.bool_)
+        for k, row in enumerate(np.searchsorted(self._ids, agents.id).tolist()):
+            now = agents.step
+            if now >= there.shape[1] or not there[row, now]:
+                continue
+            known = int(np.argmin(np.append(there[row, now:], False)))  # steps in a row, this one included
+            ahead = np.minimum(np.arange(1, STEPS + 1), known - 1)
+            beyond = np.arange(1, STEPS + 1) - ahead
+            last = pose[row, now + known - 1]
+            velocity = last - pose[row, now + known - 2] if known > 1 else np.zeros(3)
+            velocity[2] = 0.0
+            offset = np.array([agents.x[k], agents.y[k], agents.yaw[k]]) - pose[row, now]
+            poses[k] = pose[row, now + ahead] + beyond[:, None] * velocity + offset
+            valid[k] = True
+        return poses, valid

@@ -1,0 +1,107 @@
+"""What happened in an earlier run of the same case, for stages that are to know the future: oracles of experiments.
+
+The earlier run is not the one that is looked into: as soon as somebody does otherwise in this one, others may, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.geometry import boxes_overlap
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.io.files import replacing
+from litsim_sim.scenario.joined import JoinedScenario
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.scenario.setting import Setting
+
+
+@dataclass(frozen=True, eq=False)
+class Happened:
+    """The motion of the N agents of a log, in its order, over S steps.
+
+    Attributes:
+        pose: (N, S, 3) box centre x, y [m] and heading [rad], frame map.
+        there: (N, S) whether the agent was on the road.
+        meetings: (m, 3) row of an agent whose logged box met that of somebody off his log, step, row of that one.
+    """
+
+    pose: FloatArray
+    there: BoolArray
+    meetings: IntArray
+
+    @classmethod
+    def of_run(cls, ids: IntArray, tables: Sequence[AgentTable], log: Sequence[AgentTable], ego_id: int) -> Happened:
+        """Return what happened in a run.
+
+        Args:
+            ids: (N,) of the agents of the log, ascending.
+            tables, log: of all steps from 0 on, of the run and of the log.
+            ego_id: which is off its log wherever it drives.
+        """
+        pose, there = np.zeros((len(ids), len(tables), 3)), np.zeros((len(ids), len(tables)), np.bool_)
+        meetings = []
+        for table, logged in zip(tables, log, strict=True):
+            rows = np.searchsorted(ids, table.id)
+            pose[rows, table.step] = np.column_stack([table.x, table.y, table.yaw])
+            there[rows, table.step] = True
+            meetings += _meetings(ids, table.take(table.off_log | (table.id == ego_id)), logged)
+        return cls(pose, there, np.array(meetings, np.int64).reshape(-1, 3))
+
+    @classmethod
+    def read(cls, folder: Path, scenario: Setting) -> Happened:
+        """Read what happened in the runs of the scene or the scenes of `scenario`; rows are those of its log.
+
+        Raises:
+            InputError: there is no file of a scene in `folder`, or it is of another log.
+        """
+        scenes = scenario.scenes if isinstance(scenario, JoinedScenario) else (scenario,)
+        parts = [_read(file_of(folder, scene), len(scene.log.ids)) for scene in scenes if isinstance(scene, Scenario)]
+        steps = max(part.there.shape[1] for part in parts)
+        first = np.cumsum([0, *(len(part.there) for part in parts)])
+        shifts = [part.meetings + np.array([at, 0, at]) for part, at in zip(parts, first[:-1], strict=True)]
+        padded = [steps - part.there.shape[1] for part in parts]
+        return cls(
+            np.concatenate([np.pad(p.pose, ((0, 0), (0, n), (0, 0))) for p, n in zip(parts, padded, strict=True)]),
+            np.concatenate([np.pad(p.there, ((0, 0), (0, n))) for p, n in zip(parts, padded, strict=True)]),
+            np.concatenate(shifts),
+        )
+
+    def write(self, path: Path) -> None:
+        """Write the file of a scene, whole.
+
+        Raises:
+            Unwritable: it cannot be written.
+        """
+        with replacing(path) as new:
+            np.savez_compressed(new, pose=self.pose, there=self.there, meetings=self.meetings)
+
+
+def file_of(folder: Path, scenario: Scenario) -> Path:
+    """Where what happened in a run of `scenario` lies."""
+    return folder / f"{scenario.name}_{scenario.ego_id}_{scenario.seed}.npz"
+
+
+def _read(path: Path, agents: int) -> Happened:
+    try:
+        with np.load(path) as values:
+            found = Happened(values["pose"], values["there"], values["meetings"])
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: cannot be read as what happened in a run: {error}") from error
+    if len(found.there) != agents:
+        raise InputError(f"{path}: {len(found.there)} agents, expected the {agents} of the log")
+    return found
+
+
+def _meetings(ids: IntArray, movers: AgentTable, logged: AgentTable) -> list[tuple[int, int, int]]:
+    """Whose logged box overlaps that of one of `movers`, but for himself: rows in `ids`, and the step."""
+    dx, dy = movers.x[None] - logged.x[:, None], movers.y[None] - logged.y[:, None]
+    size = (logged.length[:, None], logged.width[:, None])
+    hit = boxes_overlap(dx, dy, logged.yaw[:, None], movers.yaw[None], size, (movers.length, movers.width))
+    hit &= logged.id[:, None] != movers.id[None]
+    rows, others = np.searchsorted(ids, logged.id), np.searchsorted(ids, movers.id)
+    return [(int(rows[i]), movers.step, int(others[j])) for i, j in np.argwhere(hit)]
