@@ -43,6 +43,7 @@ setup(
             "bench = litsim_policy.cli.bench:main",
             "train = litsim_policy.learning.train:main",
             "train_simnet = litsim_policy.learning.simnet_train:main",
+            "train_imitation = litsim_policy.learning.imitation.train:main",
             "check_ads = litsim_policy.cli.check_ads:main",
             "security = litsim_policy.cli.security:main",
         ],

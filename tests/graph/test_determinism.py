@@ -35,7 +35,9 @@ def per_step_messages(bag: Path) -> list[tuple[str, int, bytes]]:
     return [(m.topic, m.log_time_ns, m.data.replace(name, nameless)) for m in BagReader(bag).messages(info.topics)]
 
 
-@pytest.mark.parametrize(("ego", "policy"), [("idm", "litsim"), ("idm", "idm"), ("idm", "simnet"), ("idm", "replay")])
+@pytest.mark.parametrize(
+    ("ego", "policy"), [("idm", "litsim"), ("idm", "idm"), ("idm", "gail"), ("idm", "simnet"), ("idm", "replay")]
+)
 def test_two_launches_and_the_runner_agree(recorded: Any, ego: str, policy: str) -> None:
     first, second = recorded(ego, policy), recorded(ego, policy, "second")
     metrics = metrics_of(first)

@@ -30,6 +30,7 @@ FILES = {
 TRAININGS = (
     *SOURCES.glob("litsim_policy/config/policy_c*.yaml"),
     *SOURCES.glob("litsim_policy/config/simnet*.yaml"),
+    *SOURCES.glob("litsim_policy/config/?ail.yaml"),
     *SOURCES.glob("litsim_predictor/*/configs/*.yaml"),
 )
 

@@ -76,6 +76,7 @@ def assert_same(together: Run, alone: Run) -> None:
         ("litsim", {}),
         ("idm", {"policy": {"baseline.drivers": "drawn"}}),
         ("simnet", {}),
+        ("rail", {"policy": {"imitation.actions": "drawn"}}),
     ],
 )
 def test_every_run_is_what_it_is_alone(scenes: Scenes, policy: str, parameters: dict[str, dict[str, str]]) -> None:

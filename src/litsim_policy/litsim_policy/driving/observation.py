@@ -22,6 +22,7 @@ from numba.types import Tuple, UniTuple
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.car_following import Poses
 from litsim_policy.motion.followers import PathFollowers
+from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, segment_at
 from litsim_sim.core.compiled import (
     BOOLS2,
@@ -96,16 +97,30 @@ class ObservationConfig:
         return CORE + SLOT * self.slots + ROAD + WAY
 
 
-class Observer:
-    """Observes agents on a net; holds nothing of a run."""
+class LaneFeatures:
+    """The ROAD features of agents: markings, edges, where in the lane they are, and how it bends."""
 
-    def __init__(self, lane_map: LaneMap, config: ObservationConfig | None = None) -> None:
-        self.config = config or ObservationConfig()
+    def __init__(self, lane_map: LaneMap) -> None:
         self._lane_map = lane_map
         lanes = lane_map.lanes
         self._half_width = 0.5 * np.array([lane.width for lane in lanes])
         self._to_left = np.array([_beyond(lane_map, row, "left") for row in range(len(lanes))])
         self._to_right = np.array([_beyond(lane_map, row, "right") for row in range(len(lanes))])
+
+    def write(self, agents: PathFollowers, first: int, features: FloatArray) -> None:
+        """Write those of `agents` into `features` (m, size), from the position `first` on."""
+        at = agents.lane
+        around = self._lane_map.headings_around(at.lane, at.s, 0.5 * CURVE_LENGTH)
+        sides = self._half_width, self._to_left, self._to_right
+        _see_road(at.lane, at.d, at.heading, around, agents.yaw, *sides, first, features)
+
+
+class Observer:
+    """Observes agents on a net; holds nothing of a run."""
+
+    def __init__(self, lane_map: LaneMap, config: ObservationConfig | None = None) -> None:
+        self.config = config or ObservationConfig()
+        self._lane_map, self._road = lane_map, LaneFeatures(lane_map)
 
     def observe(self, table: AgentTable, tasks: Sequence[DrivingTask], poses: Poses | None = None) -> FloatArray:
         """Features (m, size) of the agents with `tasks` (m), all of which are in `table`.
@@ -121,7 +136,7 @@ class Observer:
             table, rows = scene.agents.table, scene.agents.rows
             _see_core(table.length, table.width, table.speed, table.acceleration, rows, features)
             self._see_surrounding(scene.agents, features)
-            self._see_road(scene.agents, features)
+            self._road.write(scene.agents, CORE + SLOT * self.config.slots, features)
             self._see_way(scene, features)
             np.minimum(np.maximum(features, -LIMIT, out=features), LIMIT, out=features)
         return features
@@ -148,18 +163,10 @@ class Observer:
             features,
         )
 
-    def _see_road(self, agents: PathFollowers, features: FloatArray) -> None:
-        """Write the features of the road under the agents."""
-        at = agents.lane
-        around = self._lane_map.headings_around(at.lane, at.s, 0.5 * CURVE_LENGTH)
-        sides = self._half_width, self._to_left, self._to_right
-        first = CORE + SLOT * self.config.slots
-        _see_road(at.lane, at.d, at.heading, around, agents.yaw, *sides, first, features)
-
     def _see_way(self, scene: DrivingScene, features: FloatArray) -> None:
         """Write the features of the ways to the goals, in the order of WAY_FEATURES."""
         agents, table, view = scene.agents, scene.agents.table, scene.agents.view
-        unit_x, unit_y = _directions(agents.paths.segments, agents.paths.count, agents.s, agents.reach)
+        unit_x, unit_y = path_directions(agents.paths, agents.s, agents.reach)
         _see_path(
             agents.d,
             np.arctan2(unit_y, unit_x),
@@ -331,6 +338,11 @@ def _see_road(  # noqa: PLR0917 - a kernel takes arrays and numbers
         features[i, first + 4] = d[i] / LATERAL
         features[i, first + 5] = wrapped(around[i, 1] - around[i, 0]) / CURVE_LENGTH / CURVATURE
         features[i, first + 6] = wrapped(yaw[i] - lane_heading[i]) / HEADING
+
+
+def path_directions(paths: PathBatch, s: FloatArray, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Directions of `paths` at `s` (m,), and half a `reach` (m,) and one and a half ahead: x and y (m, 3) of units."""
+    return _directions(paths.segments, paths.count, s, reach)
 
 
 @kernel(UniTuple(OUT_FLOATS2, 2)(FLOATS3, INTS, FLOATS, FLOATS))

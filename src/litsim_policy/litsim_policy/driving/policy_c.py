@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Literal, cast
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
 
 from litsim_policy.driving.action import ACTIONS, executed_yaw_rate, physical
+from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
 from litsim_policy.driving.observation import ObservationConfig, Observer
 from litsim_policy.driving.safety import SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingScene, DrivingTask
@@ -54,30 +54,10 @@ class PolicyNetwork:
         Raises:
             InputError: the file is missing, damaged, or holds another network than this version drives with.
         """
-        if not path.is_file():
-            raise InputError(f"{path}: no such weights of policy C")
-        try:
-            with safe_open(str(path), framework="numpy") as file:
-                metadata = dict(file.metadata() or {})
-                tensors = {name: file.get_tensor(name).astype(np.float64) for name in file.keys()}  # noqa: SIM118
-        except (SafetensorError, OSError, ValueError, TypeError) as error:
-            raise InputError(f"{path}: not a readable safetensors file: {error}") from error
-        if metadata.get("format") != FORMAT:
-            raise InputError(f"{path}: metadata format is {metadata.get('format')!r}, expected {FORMAT!r}")
+        metadata, tensors = read_network(path, "policy C", FORMAT)
         observation = _observation(metadata, path)
         sizes = (observation.size, HIDDEN, HIDDEN, len(ACTIONS))
-        expected: dict[str, tuple[int, ...]] = {
-            f"{layer}.weight": (sizes[i + 1], sizes[i]) for i, layer in enumerate(LAYERS)
-        }
-        expected |= {f"{layer}.bias": (sizes[i + 1],) for i, layer in enumerate(LAYERS)}
-        found = {name: tensor.shape for name, tensor in tensors.items()}
-        for name, shape in expected.items():
-            if found.get(name) != shape:
-                raise InputError(f"{path}: tensor {name} has shape {found.get(name, 'none')}, expected {shape}")
-            if not np.isfinite(tensors[name]).all():
-                raise InputError(f"{path}: tensor {name} holds non-finite numbers, expected finite ones")
-        weights = tuple(np.ascontiguousarray(tensors[f"{layer}.weight"].T) for layer in LAYERS)
-        return cls(weights, tuple(tensors[f"{layer}.bias"] for layer in LAYERS), observation)
+        return cls(*layer_arrays(path, tensors, LAYERS, sizes), observation)
 
     def mean(self, observation: FloatArray) -> FloatArray:
         """Mean actions (m, 3) in [-1, 1] for observations (m, size)."""
@@ -85,11 +65,7 @@ class PolicyNetwork:
 
     def before_tanh(self, observation: FloatArray) -> FloatArray:
         """The same (m, 3) before the last tanh; what is said of an agent does not depend on the others."""
-        values = observation
-        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            # a stack of single rows: the blocking of a matrix product must not let agents change each other's last bits
-            values = np.matmul(np.tanh(values)[:, None, :] if layer else values[:, None, :], weight)[:, 0] + bias
-        return values
+        return perceptron(observation, self.weights, self.biases)
 
 
 def shipped_weights() -> Path:

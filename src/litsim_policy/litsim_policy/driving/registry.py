@@ -7,6 +7,7 @@ from typing import Protocol
 
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.idm_policy import IdmPolicy, IdmPolicyConfig
+from litsim_policy.driving.imitation_policy import IMITATIONS, ImitationConfig, ImitationPolicy
 from litsim_policy.driving.policy_c import PolicyC, PolicyCConfig
 from litsim_policy.driving.reaction import HumanReaction, ReactionConfig
 from litsim_policy.driving.simnet_config import SimnetConfig
@@ -37,6 +38,7 @@ def make_policy(
     idm: IdmPolicyConfig | None = None,
     simnet: SimnetConfig | None = None,
     reaction: ReactionConfig | None = None,
+    imitation: ImitationConfig | None = None,
 ) -> Policy:
     """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules, others are baselines.
 
@@ -54,6 +56,9 @@ def make_policy(
         from litsim_policy.driving.simnet_policy import SimnetPolicy
 
         return SimnetPolicy(scenario, load_network((simnet or SimnetConfig()).file()))
+    if name in IMITATIONS:
+        imitation = imitation or ImitationConfig()
+        return ImitationPolicy(scenario, imitation.network(name), imitation)
     rules = YieldPolicy(scenario, config or YieldConfig(), handback or HandbackConfig())
     policy_c = policy_c or PolicyCConfig()
     policy = rules if name == "yield" else PolicyC(scenario, policy_c.network(), rules, policy_c.safety)
@@ -64,5 +69,7 @@ def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
     """Read the parameters of the policy stage; what is returned builds the policy of a name once the run is known."""
     rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
     idm, simnet = read(IdmPolicyConfig(), "baseline."), read(SimnetConfig(), "simnet.")
-    reaction = read(ReactionConfig(), "reaction.")
-    return lambda name, scenario: make_policy(name, scenario, rules, handback, policy_c, idm, simnet, reaction)
+    reaction, imitation = read(ReactionConfig(), "reaction."), read(ImitationConfig(), "imitation.")
+    return lambda name, scenario: make_policy(
+        name, scenario, rules, handback, policy_c, idm, simnet, reaction, imitation
+    )

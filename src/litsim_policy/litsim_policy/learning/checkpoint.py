@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from pydantic import BaseModel
 
 from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.critic import Critic
@@ -53,11 +55,7 @@ class Training:
 
     def keep(self, out: Path) -> None:
         """Write a checkpoint, to go on from here."""
-        state = {name: part.state_dict() for name, part in self._parts.items()}
-        described = json.dumps(self.config.model_dump(mode="json"))
-        fresh = out / f"{CHECKPOINT}.new"
-        torch.save({**state, "history": self.history, "best": float(self.best), "config": described}, fresh)
-        fresh.replace(out / CHECKPOINT)  # a run that is killed while it writes leaves the checkpoint before
+        keep_state(out / CHECKPOINT, self.config, self._parts, {"history": self.history, "best": float(self.best)})
 
     def write(self, out: Path) -> None:
         """Write what is there so far to `out`: the history, its curves, and the weights of the last iteration."""
@@ -71,18 +69,7 @@ class Training:
         Raises:
             InputError: there is none, or it is of a run with another configuration.
         """
-        if not path.is_file():
-            raise InputError(f"{path}: no checkpoint to resume from")
-        try:
-            state = torch.load(path, weights_only=True)
-        except Exception as error:
-            raise InputError(f"{path}: not a readable checkpoint: {error}") from error
-        then, now = json.loads(state["config"]), self.config.model_dump(mode="json")
-        changed = [key for key in now if key != "iterations" and then.get(key) != now[key]]
-        if changed:
-            raise InputError(f"{path}: fields {', '.join(changed)} of the configuration have changed since")
-        for name, part in self._parts.items():
-            part.load_state_dict(state[name])
+        state = read_state(path, self.config, self._parts)
         self.history, self.best = state["history"], state["best"]
 
     @property
@@ -90,3 +77,32 @@ class Training:
         """Metadata of weights, which say where they come from: seed, iterations made and the whole configuration."""
         config = self.config.model_dump_json()
         return {"seed": str(self.config.seed), "iterations": str(len(self.history)), "config": config}
+
+
+def keep_state(path: Path, config: BaseModel, parts: Mapping[str, Any], more: Mapping[str, Any]) -> None:
+    """Write the states of `parts` (networks and optimisers), and `more`, of a training by `config`."""
+    described = json.dumps(config.model_dump(mode="json"))
+    fresh = path.with_name(f"{path.name}.new")
+    torch.save({name: part.state_dict() for name, part in parts.items()} | dict(more) | {"config": described}, fresh)
+    fresh.replace(path)  # a run that is killed while it writes leaves the checkpoint before
+
+
+def read_state(path: Path, config: BaseModel, parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Bring `parts` to the states in the checkpoint `path`, and return all that is in it.
+
+    Raises:
+        InputError: there is none, or it is of a run with another configuration; only `iterations` may differ.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no checkpoint to resume from")
+    try:
+        state: dict[str, Any] = torch.load(path, weights_only=True)
+    except Exception as error:
+        raise InputError(f"{path}: not a readable checkpoint: {error}") from error
+    then, now = json.loads(state["config"]), config.model_dump(mode="json")
+    changed = [key for key in now if key != "iterations" and then.get(key) != now[key]]
+    if changed:
+        raise InputError(f"{path}: fields {', '.join(changed)} of the configuration have changed since")
+    for name, part in parts.items():
+        part.load_state_dict(state[name])
+    return state

@@ -5,6 +5,7 @@ The drivers of NGSIM are people, those of generated segments are SUMO's models: 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -107,7 +108,9 @@ def update_critic(
     return CriticStep(losses / config.updates, right / config.updates)
 
 
-def gradient_penalty(critic: Critic, real: Tensor, made: Tensor, generator: torch.Generator) -> Tensor:
+def gradient_penalty(
+    critic: Callable[[Tensor], Tensor], real: Tensor, made: Tensor, generator: torch.Generator
+) -> Tensor:
     """Mean squared distance from 1 of the critic's gradient norm at random points between the two sides."""
     share = torch.rand((len(real), 1), generator=generator)
     between = (share * real + (1.0 - share) * made).detach().requires_grad_()

@@ -70,10 +70,7 @@ class ExpertPairs:
 
     def weights(self, real_share: float) -> FloatArray:
         """(n,) weights of sum 1: pairs of people count `real_share` together, where there are both kinds."""
-        people = int(self.real.sum())
-        if people in {0, len(self.real)}:
-            return np.full(len(self.real), 1.0 / max(len(self.real), 1))
-        return np.where(self.real, real_share / people, (1.0 - real_share) / (len(self.real) - people))
+        return share_weights(self.real, real_share)
 
 
 def expert_pairs(
@@ -120,7 +117,7 @@ def _of_scenario(
                 paths[agent] = logged_path(log, scenario.lane_map, agent)
             path = window(paths[agent], float(table.x[row]), float(table.y[row]))
             tasks.append(recorded_task(log, path, table, row, task, random))
-        acceleration, yaw_rate = _inverse_dynamics(log, rows[chosen], step, config.smooth)
+        acceleration, yaw_rate = inverse_dynamics(log, rows[chosen], step, config.smooth)
         speed = table.speed[chosen]
         seen.append(observer.observe(table, tasks))
         done.append(normalised(consistent(acceleration, yaw_rate, speed)))
@@ -144,7 +141,7 @@ def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
     return np.asarray((leads | beside).any(axis=1) & (table.speed >= config.speed_min))
 
 
-def _inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tuple[FloatArray, FloatArray]:
+def inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tuple[FloatArray, FloatArray]:
     """Acceleration [m/s2] and yaw rate [rad/s] (m,) that lead from `step` to where the log is `smooth` steps later."""
     span = smooth * STEP_S
     turn = log.yaw[rows, step + smooth] - log.yaw[rows, step]
@@ -167,3 +164,11 @@ def _displaced(
     columns = (values.tolist() for values in (*poses, table.speed[chosen]))
     steering = [pursuit_yaw_rate(task.path, *own) for task, *own in zip(tasks, *columns, strict=True)]
     return poses, np.array(steering)
+
+
+def share_weights(real: BoolArray, real_share: float) -> FloatArray:
+    """(n,) weights of sum 1: those that are `real` (n,) count `real_share` together, where there are both kinds."""
+    people = int(real.sum())
+    if people in {0, len(real)}:
+        return np.full(len(real), 1.0 / max(len(real), 1))
+    return np.where(real, real_share / people, (1.0 - real_share) / (len(real) - people))

@@ -40,6 +40,10 @@ class GaussianPolicy(nn.Module):
         values: Tensor = self.mean(hidden)
         return values
 
+    def said(self, observation: Tensor) -> Tensor:
+        """Actions (m, 3) in [-1, 1] by which it drives, for observations (m, size)."""
+        return torch.tanh(self(observation))
+
     def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Draw actions for observations (m, size).
 

@@ -1,7 +1,8 @@
-"""The learning curves of policy C as a picture."""
+"""Learning curves of policy C and of the baselines that learn, as pictures."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +17,30 @@ PANELS = {
     "critic: mean logit of the policy": ("critic_reward",),
     "share of agent-steps that a guard would have changed": ("guard", "validation_guard"),
 }
+IMITATION_PANELS = {
+    "share of agents that touched somebody": ("contact", "validation_contact"),
+    "share of agents that left the road": ("off_road", "validation_off_road"),
+    "error at the end of an episode [m]": ("error", "validation_error"),
+    "critic: distance of the sides": ("critic_distance",),
+    "what RAIL punishes, mean of a step": ("fault",),
+    "deviation of the actions": ("deviation",),
+}
 STYLE: dict[str, dict[str, Any]] = {
     "validation": {"marker": "o", "markersize": 3},
     "training": {"alpha": 0.7, "linewidth": 1.0},
 }
 
 
-def plot_curves(history: list[dict[str, float]], path: Path) -> None:
-    """Write a PNG of `history`, one entry an iteration; validations are among them where they were made."""
+def plot_curves(history: list[dict[str, float]], path: Path, panels: Mapping[str, tuple[str, ...]] = PANELS) -> None:
+    """Write a PNG of `history`, one entry an iteration; validations are among them where they were made.
+
+    `panels` (six) say which entries are drawn together under which title.
+    """
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(2, 3, figsize=(13, 6.5), sharex=True, layout="constrained")
-    for axis, (title, names) in zip(axes.ravel(), PANELS.items(), strict=True):
+    for axis, (title, names) in zip(axes.ravel(), panels.items(), strict=True):
         for name in names:
             at = [i for i, entry in enumerate(history) if name in entry]
             kind = "validation" if name.startswith("validation") else "training"

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from litsim_policy.learning.network import GaussianPolicy
 from litsim_sim.core.quantities import NonNegative, Number, Positive, Share, Whole, configuration
 from litsim_sim.core.scene import BoolArray, FloatArray
+
+
+class Learner(Protocol):
+    """A policy that draws actions from a density; what :func:`update_policy` improves."""
+
+    def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
+        """Logarithm of the density (m,) of actions, given as they were drawn, at observations (m, size)."""
+
+    def entropy(self) -> Tensor:
+        """Entropy of the density, a scalar in nats."""
+
+    def said(self, observation: Tensor) -> Tensor:
+        """Actions in the middle of the density, at observations (m, size)."""
+
+    def parameters(self) -> Iterator[nn.Parameter]:
+        """What is to be learned."""
 
 
 @configuration
@@ -120,10 +137,10 @@ class Demonstrations:
         assert self.weight is not None
         return torch.cumsum(self.weight.double(), 0)
 
-    def error(self, policy: GaussianPolicy, chosen: Tensor) -> Tensor:
+    def error(self, policy: Learner, chosen: Tensor) -> Tensor:
         """Mean squared error on the pairs `chosen` (m,), each action in units of its spread; a scalar."""
         scale = self.action.std(dim=0) + 1e-3
-        said = torch.tanh(policy(self.observation[chosen]))
+        said = policy.said(self.observation[chosen])
         return nn.functional.mse_loss(said / scale, self.action[chosen] / scale)
 
 
@@ -193,7 +210,7 @@ def make_batch(tracks: list[Track], rewards: list[FloatArray], value: nn.Module,
 
 
 def update_policy(
-    policy: GaussianPolicy,
+    policy: Learner,
     value: nn.Module,
     optimiser: torch.optim.Optimizer,
     batch: Batch,

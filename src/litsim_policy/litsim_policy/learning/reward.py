@@ -89,17 +89,17 @@ def penalties(
     outside = clearance <= EDGE_FULL
     if outside.any():
         outside &= edge_clearance(before, rows_before, lane_map) > EDGE_FULL
-    touching, near = _others(after, rows)
+    touching, near = others_near(after, rows)
     if touching.any():
         known = before.rows(after.id)
-        was_touching, _ = _others(before, rows_before)
+        was_touching, _ = others_near(before, rows_before)
         touching &= (known < 0) | ~was_touching[:, known]
     return Penalties(
         collision=np.asarray(touching.any(axis=1)),
         off_road=outside,
-        edge=_ramp(clearance, EDGE_FROM, EDGE_FULL),
+        edge=ramp(clearance, EDGE_FROM, EDGE_FULL),
         proximity=near,
-        hard_brake=_ramp(-after.acceleration[rows], BRAKE_FROM, BRAKE_FULL),
+        hard_brake=ramp(-after.acceleration[rows], BRAKE_FROM, BRAKE_FULL),
         guard=guarded,
     )
 
@@ -111,7 +111,7 @@ def edge_clearance(table: AgentTable, rows: IntArray, lane_map: LaneMap) -> Floa
     return np.where(inside.any(axis=1), PROBES[np.argmax(inside, axis=1)], EDGE_FULL)
 
 
-def _others(table: AgentTable, rows: IntArray) -> tuple[BoolArray, FloatArray]:
+def others_near(table: AgentTable, rows: IntArray) -> tuple[BoolArray, FloatArray]:
     """Whom the agents touch that is not behind them (m, n), and how near the nearest of those is, in [0, 1] (m,)."""
     return _contacts(table.scene, table.x, table.y, table.yaw, table.length, table.width, rows)
 
@@ -143,7 +143,7 @@ def _contacts(
     width: FloatArray,
     rows: IntArray,
 ) -> tuple[BoolArray, FloatArray]:
-    """See :func:`_others`; the first six arrays (n,) are columns of the table."""
+    """See :func:`others_near`; the first six arrays (n,) are columns of the table."""
     touching, near = np.zeros((len(rows), len(x)), np.bool_), np.empty(len(rows))
     for i in range(len(rows)):
         own, least = rows[i], np.inf
@@ -162,6 +162,6 @@ def _contacts(
     return touching, near
 
 
-def _ramp(value: FloatArray, start: float, full: float) -> FloatArray:
+def ramp(value: FloatArray, start: float, full: float) -> FloatArray:
     """0 up to `start`, 1 from `full` on, linear between."""
     return np.clip((value - start) / (full - start), 0.0, 1.0)

@@ -26,7 +26,7 @@ EGOS = (*OWN_EGOS, EXTERNAL)
 """What may drive the ego; `external` is any stack that answers on the ego port."""
 
 REPLAY = "replay"  # the recording alone: no stage of the policy takes part
-BASELINES = ("idm", "simnet")
+BASELINES = ("idm", "gail", "rail", "simnet")
 """Policies that drive whoever comes near the ego, for good, and ask for no forecasts."""
 
 POLICIES = ("litsim", "yield", *BASELINES, REPLAY)

@@ -1,0 +1,62 @@
+"""Files of small networks that drive without torch: safetensors with a format, and layers of known shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+
+from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import FloatArray
+
+
+def read_network(path: Path, what: str, format_name: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
+    """Metadata and tensors, float64, of the file `path`, which should be of `what`.
+
+    Raises:
+        InputError: the file is missing or damaged, or its metadata name another format than `format_name`.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such weights of {what}")
+    try:
+        with safe_open(str(path), framework="numpy") as file:
+            metadata = dict(file.metadata() or {})
+            tensors = {name: file.get_tensor(name).astype(np.float64) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: not a readable safetensors file: {error}") from error
+    if metadata.get("format") != format_name:
+        raise InputError(f"{path}: metadata format is {metadata.get('format')!r}, expected {format_name!r}")
+    return metadata, tensors
+
+
+def layer_arrays(
+    path: Path, tensors: Mapping[str, FloatArray], layers: Sequence[str], sizes: Sequence[int]
+) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+    """Weights (inputs, outputs) and biases (outputs,) of the `layers` of a network of `sizes`, one more than layers.
+
+    Raises:
+        InputError: one of them is missing, has another shape, or is not finite.
+    """
+    expected: dict[str, tuple[int, ...]] = {
+        f"{layer}.weight": (sizes[i + 1], sizes[i]) for i, layer in enumerate(layers)
+    }
+    expected |= {f"{layer}.bias": (sizes[i + 1],) for i, layer in enumerate(layers)}
+    found = {name: tensor.shape for name, tensor in tensors.items()}
+    for name, shape in expected.items():
+        if found.get(name) != shape:
+            raise InputError(f"{path}: tensor {name} has shape {found.get(name, 'none')}, expected {shape}")
+        if not np.isfinite(tensors[name]).all():
+            raise InputError(f"{path}: tensor {name} holds non-finite numbers, expected finite ones")
+    weights = tuple(np.ascontiguousarray(tensors[f"{layer}.weight"].T) for layer in layers)
+    return weights, tuple(tensors[f"{layer}.bias"] for layer in layers)
+
+
+def perceptron(observation: FloatArray, weights: Sequence[FloatArray], biases: Sequence[FloatArray]) -> FloatArray:
+    """Outputs (m, outputs) of the last layer, tanh between layers; what is said of a row does not depend on others."""
+    values = observation
+    for layer, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        # a stack of single rows: the blocking of a matrix product must not let agents change each other's last bits
+        values = np.matmul(np.tanh(values)[:, None, :] if layer else values[:, None, :], weight)[:, 0] + bias
+    return values

@@ -1,0 +1,121 @@
+"""What the baselines `gail` and `rail` see: the own vehicle, the lane, the way ahead, and beams to the boxes around.
+
+After Kuefler 2017 and Bhattacharyya 2019 (sisl/ngsim_env), as far as a scene here has it. Of their features those are
+left out that never differ here (going backwards) or that others imply (collision, off the road). To them come the
+distances to the edges of the road, and where the route turns, since not every road here is a highway. There is nothing
+of a log in it, nor of a conflict.
+
+Everything is seen from the agents' box centres, divided by fixed scales and cut to +-LIMIT, float64. The groups:
+
+- own (3): length, width, speed.
+- road (7): as policy C has them, see :mod:`.observation`.
+- way (2): heading of the reference path half a pursuit reach ahead, and one and a half.
+- beams (2 for each): distance to the nearest box in that direction, 1 where there is none within BEAM, and how fast it
+  comes nearer or goes away along the beam; the first beam points ahead, then counter-clockwise.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba.types import Tuple
+
+from litsim_policy.driving.observation import (
+    HEADING,
+    LENGTH,
+    LIMIT,
+    ROAD,
+    SPEED,
+    WIDTH,
+    LaneFeatures,
+    path_directions,
+)
+from litsim_policy.motion.followers import PathFollowers
+from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS2, kernel
+from litsim_sim.core.pair_geometry import within_scenes
+from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_sim.maps.lane_map import LaneMap
+
+BEAMS = 20
+BEAM = 50.0  # [m] reach of a beam
+RATE = 10.0  # [m/s] along a beam
+OWN, WAY = 3, 2
+SIZE = OWN + ROAD + WAY + 2 * BEAMS
+
+
+class TrafficObserver:
+    """Observes agents on a net; holds nothing of a run."""
+
+    def __init__(self, lane_map: LaneMap) -> None:
+        self._road = LaneFeatures(lane_map)
+
+    def observe(self, agents: PathFollowers) -> FloatArray:
+        """Features (m, SIZE) of `agents`, whose paths tell where their routes lead."""
+        features = np.zeros((len(agents), SIZE))
+        if not len(agents):
+            return features
+        table, rows = agents.table, agents.rows
+        features[:, 0], features[:, 1] = table.length[rows] / LENGTH, table.width[rows] / WIDTH
+        features[:, 2] = agents.speed / SPEED
+        self._road.write(agents, OWN, features)
+        here = agents.paths.project(np.arange(len(agents)), agents.x, agents.y).s
+        unit_x, unit_y = path_directions(agents.paths, here, agents.reach)
+        turn = np.arctan2(unit_y, unit_x)[:, 1:] - agents.yaw[:, None]
+        features[:, OWN + ROAD : OWN + ROAD + WAY] = np.arctan2(np.sin(turn), np.cos(turn)) / HEADING
+        distance, rate = _beams(table.scene, table.x, table.y, table.yaw, table.speed, table.length, table.width, rows)
+        features[:, OWN + ROAD + WAY : OWN + ROAD + WAY + BEAMS] = distance / BEAM
+        features[:, OWN + ROAD + WAY + BEAMS :] = rate / RATE
+        return np.minimum(np.maximum(features, -LIMIT, out=features), LIMIT, out=features)
+
+
+@kernel(Tuple((OUT_FLOATS2, OUT_FLOATS2))(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
+def _beams(
+    scene: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    rows: IntArray,
+) -> tuple[FloatArray, FloatArray]:
+    """What the beams of the agents in `rows` (m,) of a table (n,) meet.
+
+    Returns:
+        distances (m, BEAMS) [m] from the box centres, BEAM where nothing is met, and how they change (m, BEAMS) [m/s],
+        negative where what is met comes nearer, 0 where nothing is met.
+    """
+    distance, rate = np.full((len(rows), BEAMS), BEAM), np.zeros((len(rows), BEAMS))
+    begin, end = within_scenes(scene, rows)
+    for i in range(len(rows)):
+        own = rows[i]
+        own_x, own_y = speed[own] * math.cos(yaw[own]), speed[own] * math.sin(yaw[own])
+        for j in range(begin[i], end[i]):
+            dx, dy = x[own] - x[j], y[own] - y[j]
+            half_length, half_width = 0.5 * length[j], 0.5 * width[j]
+            if j == own or math.hypot(dx, dy) > BEAM + half_length + half_width:
+                continue
+            cos, sin = math.cos(yaw[j]), math.sin(yaw[j])
+            along, left = dx * cos + dy * sin, dy * cos - dx * sin  # the viewer as that agent sees it
+            for k in range(BEAMS):
+                turn = yaw[own] - yaw[j] + 2.0 * math.pi * k / BEAMS
+                ray_x, ray_y = math.cos(turn), math.sin(turn)
+                enter, leave = 0.0, BEAM
+                # the ray is within the box where it is between the sides of both pairs
+                if abs(ray_x) > 1e-9:
+                    one, other = (-half_length - along) / ray_x, (half_length - along) / ray_x
+                    enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+                elif abs(along) > half_length:
+                    leave = -1.0
+                if abs(ray_y) > 1e-9:
+                    one, other = (-half_width - left) / ray_y, (half_width - left) / ray_y
+                    enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+                elif abs(left) > half_width:
+                    leave = -1.0
+                if enter <= leave and enter < distance[i, k]:
+                    heading = yaw[own] + 2.0 * math.pi * k / BEAMS
+                    towards_x, towards_y = math.cos(heading), math.sin(heading)
+                    distance[i, k] = enter
+                    rate[i, k] = (speed[j] * cos - own_x) * towards_x + (speed[j] * sin - own_y) * towards_y
+    return distance, rate

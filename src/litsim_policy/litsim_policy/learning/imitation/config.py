@@ -1,0 +1,61 @@
+"""The configuration of a training of the baselines `gail` and `rail`: one YAML file, a section for each part."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from litsim_policy.learning.data import DataConfig
+from litsim_policy.learning.imitation.critic import WassersteinConfig
+from litsim_policy.learning.imitation.expert import DriversConfig
+from litsim_policy.learning.ppo import PpoConfig
+
+
+class WarmStart(BaseModel):
+    """Behaviour cloning before the first iteration, by likelihood; no epochs leave it out."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    epochs: int = Field(25, ge=0)
+    batch: int = Field(256, gt=0)
+    learning_rate: float = Field(1e-3, gt=0)
+
+
+class ImitationTraining(BaseModel):
+    """A training run; the YAML file has these fields, and those of the parts in sections of their names.
+
+    Attributes:
+        seed: of everything random.
+        iterations: updates of the policy.
+        transitions: agent-steps that an iteration drives at least.
+        horizon: steps of an episode, fewer where a scenario ends before.
+        together: scenes that are stepped together at most.
+        agents: driven in a scene at most: the first number in the first part of the iterations, and so on.
+        radius: around the ego within which they are [m].
+        augmentation: of a step in contact, off the road, or braking twice as hard as is bad, in standard deviations of
+            the critic's reward; 0 is GAIL, more is RAIL.
+        validate_every: iterations between validations.
+        validation_scenes: scenes of one.
+        error_weight: share of agents at fault that counts as much as a mean error of 1 m [1/m]; the weights with the
+            lowest sum of both are kept.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    seed: int = Field(0, ge=0)
+    iterations: int = Field(50, gt=0)
+    transitions: int = Field(16_000, gt=0)
+    horizon: int = Field(100, gt=0)
+    together: int = Field(8, gt=0)
+    agents: tuple[int, ...] = Field((10, 20, 40), min_length=1)
+    radius: float = Field(60.0, gt=0)
+    augmentation: float = Field(0.0, ge=0)
+    validate_every: int = Field(5, gt=0)
+    validation_scenes: int = Field(12, gt=0)
+    error_weight: float = Field(0.05, ge=0)
+    data: DataConfig
+    drivers: DriversConfig = DriversConfig()
+    warm_start: WarmStart = WarmStart()  # type: ignore[call-arg]
+    critic: WassersteinConfig = WassersteinConfig()
+    ppo: PpoConfig = PpoConfig(
+        learning_rate=1e-4, batch=1000, discount=0.95, imitation_weight=0.0, divergence_limit=0.015, value_first=5
+    )

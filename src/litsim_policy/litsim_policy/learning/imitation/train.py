@@ -1,0 +1,217 @@
+"""`train_imitation`: the baselines `gail` and `rail` from recorded drivers, by a critic and PPO. Read it top to bottom.
+
+1. Scenarios: those of policy C, see :mod:`litsim_policy.learning.data`.
+2. Experts: observations and actions of all recorded drivers in them.
+3. Warm start: behaviour cloning.
+4. Iterations: drive traffic; teach the critic to tell drivers from policy; reward the policy for passing as a driver,
+   in RAIL less what it does wrong; PPO.
+
+Every iteration draws from generators seeded by the run's seed and its number, so a run that is resumed goes on as if it
+had not been interrupted. `--out` gets checkpoint.pt, history.json, curves.png, last.safetensors and best.safetensors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from litsim_policy.driving.imitation_policy import BOUNDS
+from litsim_policy.driving.traffic_observation import SIZE
+from litsim_policy.learning.checkpoint import BEST, CHECKPOINT, CURVES, HISTORY, LAST, keep_state, read_state
+from litsim_policy.learning.data import TrainingData, prepare
+from litsim_policy.learning.imitation.config import ImitationTraining
+from litsim_policy.learning.imitation.critic import update_wasserstein
+from litsim_policy.learning.imitation.expert import traffic_pairs
+from litsim_policy.learning.imitation.network import TrafficPolicy, perceptron, save
+from litsim_policy.learning.imitation.rollout import collect, validate
+from litsim_policy.learning.plots import IMITATION_PANELS, plot_curves
+from litsim_policy.learning.ppo import Demonstrations, Track, make_batch, tensor, update_policy
+from litsim_sim.cli.program import program
+from litsim_sim.io.yaml_input import read_yaml
+
+
+class Imitation:
+    """Everything of a training that changes from iteration to iteration.
+
+    Attributes:
+        config: of the training.
+        policy, value, critic: the networks that learn.
+        replay: pairs of the policy of the last iterations, which the critic is shown.
+        history: one entry an iteration, of what was measured in it; the first is that of the warm start.
+        best: highest validation score so far.
+    """
+
+    def __init__(self, config: ImitationTraining) -> None:
+        torch.manual_seed(config.seed)
+        self.config = config
+        self.policy, self.value = TrafficPolicy(), perceptron(SIZE)
+        self.critic = perceptron(SIZE + len(BOUNDS), config.critic.dropout)
+        parameters = [*self.policy.parameters(), *self.value.parameters()]
+        self.policy_optimiser = torch.optim.Adam(parameters, config.ppo.learning_rate)
+        self.critic_optimiser = torch.optim.RMSprop(self.critic.parameters(), config.critic.learning_rate)
+        self.replay: list[Tensor] = []
+        self.history: list[dict[str, float]] = []
+        self.best = -np.inf
+
+    @property
+    def _parts(self) -> dict[str, Any]:
+        names = ("policy", "value", "critic", "policy_optimiser", "critic_optimiser")
+        return {name: getattr(self, name) for name in names}
+
+    def keep(self, out: Path) -> None:
+        """Write a checkpoint, to go on from here."""
+        more = {"history": self.history, "best": float(self.best), "replay": self.replay}
+        keep_state(out / CHECKPOINT, self.config, self._parts, more)
+
+    def read(self, path: Path) -> None:
+        """Go on from a checkpoint.
+
+        Raises:
+            InputError: see :func:`litsim_policy.learning.checkpoint.read_state`.
+        """
+        state = read_state(path, self.config, self._parts)
+        self.history, self.best, self.replay = state["history"], state["best"], state["replay"]
+
+    def write(self, out: Path) -> None:
+        """Write what is there so far to `out`: the history, its curves, and the weights of the last iteration."""
+        (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
+        save(self.policy, out / LAST, self.about)
+        plot_curves(self.history, out / CURVES, IMITATION_PANELS)
+
+    @property
+    def about(self) -> dict[str, str]:
+        """Metadata of weights, which say where they come from: seed, iterations made and the whole configuration."""
+        config = self.config.model_dump_json()
+        return {"seed": str(self.config.seed), "iterations": str(len(self.history) - 1), "config": config}
+
+
+def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress: bool = True) -> Imitation:
+    """Train, from the start or from the checkpoint in `out`.
+
+    Raises:
+        InputError: the data or the checkpoint cannot be used.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    data = prepare(config.data, out / "data")
+    training = Imitation(config)
+    if resume:
+        training.read(out / CHECKPOINT)
+    each_once = list({scenario.name: scenario for scenario in data.train}.values())
+    recorded = traffic_pairs(each_once, config.drivers, data.real)
+    if not training.history:
+        _warm_start(training.policy, recorded, config)
+        _note(training, data, out, {}, last=False)
+    done = len(training.history) - 1
+    with tqdm(total=config.iterations, initial=done, unit="iteration", disable=not progress) as bar:
+        for iteration in range(done, config.iterations):
+            begin = time.perf_counter()
+            found = _iterate(training, data, recorded, iteration)
+            found["seconds"] = time.perf_counter() - begin
+            _note(training, data, out, found, last=iteration == config.iterations - 1)
+            bar.set_postfix({name: f"{found[name]:.3f}" for name in ("contact", "off_road", "error")})
+            bar.update()
+    return training
+
+
+def _note(training: Imitation, data: TrainingData, out: Path, found: dict[str, float], *, last: bool) -> None:
+    """Add what was `found` in an iteration to the history, with a validation where one is due, and write files."""
+    due = last or len(training.history) % training.config.validate_every == 0
+    if due:
+        found = found | validate(data.validation, training.policy, training.config)
+    training.history.append(found)
+    if due and found["validation_score"] > training.best:
+        training.best = found["validation_score"]
+        save(training.policy, out / BEST, training.about)
+    training.keep(out)
+    if due:
+        training.write(out)
+
+
+def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, iteration: int) -> dict[str, float]:
+    """Make one iteration; returns its entry of the history."""
+    config = training.config
+    generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
+    tracks, found = collect(data.train, training.policy, config, iteration)
+    pairs = driven_pairs(tracks)
+    training.replay = [*training.replay, pairs][-config.critic.replay :]
+    driven = torch.cat(training.replay)
+    distance = update_wasserstein(
+        training.critic, training.critic_optimiser, recorded, driven, config.critic, generator
+    )
+    with torch.no_grad():
+        passing = training.critic(pairs)[:, 0].double().numpy()
+    scaled = (passing - passing.mean()) / (passing.std() + 1e-6)
+    ends = np.cumsum([len(track) for track in tracks])
+    rewards = [
+        part + config.augmentation * track.penalty
+        for part, track in zip(np.split(scaled, ends[:-1]), tracks, strict=True)
+    ]
+    batch = make_batch(tracks, rewards, training.value, config.ppo)
+    optimiser, value_only = training.policy_optimiser, iteration < config.ppo.value_first
+    step = update_policy(
+        training.policy, training.value, optimiser, batch, config.ppo, generator, value_only=value_only
+    )
+    faults = -np.concatenate([track.penalty for track in tracks])
+    return found | {
+        "fault": float(faults.mean()),
+        "critic_distance": distance,
+        "value_loss": step.value_loss,
+        "divergence": step.divergence,
+        "clipped": step.clipped,
+        "deviation": float(training.policy.std().detach().mean()),
+    }
+
+
+def driven_pairs(tracks: list[Track]) -> Tensor:
+    """Observations and executed actions side by side (m, SIZE + 2), as the critic sees them."""
+    rows = [np.concatenate([track.observation[:-1], track.executed], axis=1) for track in tracks]
+    return tensor(np.concatenate(rows))
+
+
+def _warm_start(policy: TrafficPolicy, recorded: Demonstrations, config: ImitationTraining) -> None:
+    """Teach `policy` what was `recorded`, by its likelihood; changes it in place."""
+    generator = torch.Generator().manual_seed(config.seed)
+    optimiser = torch.optim.Adam(policy.parameters(), config.warm_start.learning_rate)
+    for _ in range(config.warm_start.epochs):
+        for chosen in recorded.draw(len(recorded.action), generator).split(config.warm_start.batch):
+            loss = -policy.log_probability(recorded.observation[chosen], recorded.action[chosen]).mean()
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of ``ros2 run litsim_policy train_imitation``."""
+    p = argparse.ArgumentParser(prog="train_imitation", description=(__doc__ or "").splitlines()[0])
+    p.add_argument("--config", type=Path, required=True, help="YAML file, such as config/gail.yaml")
+    p.add_argument("--out", type=Path, required=True, help="folder of the results")
+    p.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+    p.add_argument("--threads", type=int, default=1, help="of torch; default %(default)s")
+    return p
+
+
+@program
+def main() -> None:
+    """Entry point of ``ros2 run litsim_policy train_imitation``."""
+    arguments = parser().parse_args()
+    torch.set_num_threads(arguments.threads)
+    config = read_yaml(arguments.config, ImitationTraining)
+    try:
+        training = run(config, arguments.out, resume=arguments.resume)
+    except KeyboardInterrupt:
+        print(f"\ninterrupted; to go on: --resume with --out {arguments.out}", file=sys.stderr)
+        raise
+    print(f"best validation score {training.best:.4f}: {arguments.out / BEST}; curves: {arguments.out / CURVES}")
+
+
+if __name__ == "__main__":
+    main()
