@@ -63,14 +63,15 @@ class TrafficObserver:
         unit_x, unit_y = path_directions(agents.paths, here, agents.reach)
         turn = np.arctan2(unit_y, unit_x)[:, 1:] - agents.yaw[:, None]
         features[:, OWN + ROAD : OWN + ROAD + WAY] = np.arctan2(np.sin(turn), np.cos(turn)) / HEADING
-        distance, rate = _beams(table.scene, table.x, table.y, table.yaw, table.speed, table.length, table.width, rows)
+        everybody = table.scene, table.x, table.y, table.yaw, table.speed, table.length, table.width
+        distance, rate = _beams(*everybody, rows, agents.x, agents.y, agents.yaw)
         features[:, OWN + ROAD + WAY : OWN + ROAD + WAY + BEAMS] = distance / BEAM
         features[:, OWN + ROAD + WAY + BEAMS :] = rate / RATE
         return np.minimum(np.maximum(features, -LIMIT, out=features), LIMIT, out=features)
 
 
-@kernel(Tuple((OUT_FLOATS2, OUT_FLOATS2))(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS))
-def _beams(
+@kernel(Tuple((OUT_FLOATS2, OUT_FLOATS2))(INTS, *[FLOATS] * 6, INTS, FLOATS, FLOATS, FLOATS))
+def _beams(  # noqa: PLR0917 - a kernel takes arrays and numbers
     scene: IntArray,
     x: FloatArray,
     y: FloatArray,
@@ -79,8 +80,11 @@ def _beams(
     length: FloatArray,
     width: FloatArray,
     rows: IntArray,
+    own_x: FloatArray,
+    own_y: FloatArray,
+    own_yaw: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """What the beams of the agents in `rows` (m,) of a table (n,) meet.
+    """What the beams of the agents in `rows` (m,) of a table (n,) meet, who look from their `own` poses (m,).
 
     Returns:
         distances (m, BEAMS) [m] from the box centres, BEAM where nothing is met, and how they change (m, BEAMS) [m/s],
@@ -90,16 +94,16 @@ def _beams(
     begin, end = within_scenes(scene, rows)
     for i in range(len(rows)):
         own = rows[i]
-        own_x, own_y = speed[own] * math.cos(yaw[own]), speed[own] * math.sin(yaw[own])
+        rush_x, rush_y = speed[own] * math.cos(own_yaw[i]), speed[own] * math.sin(own_yaw[i])
         for j in range(begin[i], end[i]):
-            dx, dy = x[own] - x[j], y[own] - y[j]
+            dx, dy = own_x[i] - x[j], own_y[i] - y[j]
             half_length, half_width = 0.5 * length[j], 0.5 * width[j]
             if j == own or math.hypot(dx, dy) > BEAM + half_length + half_width:
                 continue
             cos, sin = math.cos(yaw[j]), math.sin(yaw[j])
             along, left = dx * cos + dy * sin, dy * cos - dx * sin  # the viewer as that agent sees it
             for k in range(BEAMS):
-                turn = yaw[own] - yaw[j] + 2.0 * math.pi * k / BEAMS
+                turn = own_yaw[i] - yaw[j] + 2.0 * math.pi * k / BEAMS
                 ray_x, ray_y = math.cos(turn), math.sin(turn)
                 enter, leave = 0.0, BEAM
                 # the ray is within the box where it is between the sides of both pairs
@@ -114,8 +118,8 @@ def _beams(
                 elif abs(left) > half_width:
                     leave = -1.0
                 if enter <= leave and enter < distance[i, k]:
-                    heading = yaw[own] + 2.0 * math.pi * k / BEAMS
+                    heading = own_yaw[i] + 2.0 * math.pi * k / BEAMS
                     towards_x, towards_y = math.cos(heading), math.sin(heading)
                     distance[i, k] = enter
-                    rate[i, k] = (speed[j] * cos - own_x) * towards_x + (speed[j] * sin - own_y) * towards_y
+                    rate[i, k] = (speed[j] * cos - rush_x) * towards_x + (speed[j] * sin - rush_y) * towards_y
     return distance, rate

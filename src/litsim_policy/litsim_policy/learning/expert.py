@@ -12,10 +12,9 @@ import numpy as np
 
 from litsim_policy.driving.action import consistent, normalised
 from litsim_policy.driving.observation import ObservationConfig, Observer
-from litsim_policy.driving.task import DrivingTask
 from litsim_policy.learning.task import TaskConfig, recorded_task
 from litsim_policy.motion.car_following import Poses
-from litsim_policy.motion.reference_path import logged_path, pursuit_yaw_rate, window
+from litsim_policy.motion.reference_path import ReferencePath, logged_path, pursuit_yaw_rate, window
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.quantities import Angle, Length, NonNegative, Positive, Share, Speed, Steps, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray
@@ -121,15 +120,15 @@ def _of_scenario(
         speed = table.speed[chosen]
         seen.append(observer.observe(table, tasks))
         done.append(normalised(consistent(acceleration, yaw_rate, speed)))
-        poses, steering = _displaced(table, chosen, tasks, config, random)
+        poses, steering = displaced(table, chosen, [task.path for task in tasks], config.offset, config.turn, random)
         moved.append(observer.observe(table, tasks, poses))
         back.append(normalised(consistent(acceleration, steering, speed)))
     size = observation.size
     if not seen:
         nothing, none = np.empty((0, size)), np.empty((0, 3))
         return ExpertPairs(nothing, none, nothing, none, np.empty(0, np.bool_))
-    looked, action, displaced, correction = (np.concatenate(part) for part in (seen, done, moved, back))
-    return ExpertPairs(looked, action, displaced, correction, np.full(len(looked), real))
+    looked, action, elsewhere, correction = (np.concatenate(part) for part in (seen, done, moved, back))
+    return ExpertPairs(looked, action, elsewhere, correction, np.full(len(looked), real))
 
 
 def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
@@ -149,20 +148,27 @@ def inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tupl
     return (log.speed[rows, step + smooth] - log.speed[rows, step]) / span, turn / span
 
 
-def _displaced(
-    table: AgentTable, chosen: np.ndarray, tasks: list[DrivingTask], config: ExpertConfig, random: np.random.Generator
+def displaced(
+    table: AgentTable,
+    chosen: np.ndarray,
+    paths: Sequence[ReferencePath],
+    offset: float,
+    turn: float,
+    random: np.random.Generator,
 ) -> tuple[Poses, FloatArray]:
-    """Displace the vehicles in the rows `chosen` (m,), each alone.
+    """Displace the vehicles in the rows `chosen` (m,), each alone, who follow `paths` (m).
+
+    Drawn are the distance to the left, with the standard deviation `offset` [m], and the heading, with `turn` [rad].
 
     Returns:
         their poses (m,), and the yaw rates (m,) [rad/s] of a pursuit of their paths from there.
     """
-    draws = [(random.normal(0.0, config.offset), random.normal(0.0, config.turn)) for _ in tasks]
-    offset, turn = np.array(draws).reshape(-1, 2).T
+    draws = [(random.normal(0.0, offset), random.normal(0.0, turn)) for _ in paths]
+    left, turned = np.array(draws).reshape(-1, 2).T
     yaw = table.yaw[chosen]
-    poses = table.x[chosen] - offset * np.sin(yaw), table.y[chosen] + offset * np.cos(yaw), yaw + turn
+    poses = table.x[chosen] - left * np.sin(yaw), table.y[chosen] + left * np.cos(yaw), yaw + turned
     columns = (values.tolist() for values in (*poses, table.speed[chosen]))
-    steering = [pursuit_yaw_rate(task.path, *own) for task, *own in zip(tasks, *columns, strict=True)]
+    steering = [pursuit_yaw_rate(path, *own) for path, *own in zip(paths, *columns, strict=True)]
     return poses, np.array(steering)
 
 

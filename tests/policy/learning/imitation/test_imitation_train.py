@@ -97,7 +97,7 @@ def test_more_agents_are_driven_from_stage_to_stage(file: Path, tmp_path: Path) 
 def test_drivers_are_imitated(file: Path, tmp_path: Path) -> None:
     config = changed(file)
     data = prepare(config.data, tmp_path)
-    recorded = traffic_pairs(data.train, config.drivers, data.real)
+    recorded = traffic_pairs(data.train, config.drivers, np.random.default_rng(0), data.real).shown
     policy = train.Imitation(config).policy
 
     def likelihood() -> float:

@@ -15,7 +15,7 @@ class WarmStart(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    epochs: int = Field(25, ge=0)
+    epochs: int = Field(15, ge=0)
     batch: int = Field(256, gt=0)
     learning_rate: float = Field(1e-3, gt=0)
 
@@ -42,7 +42,7 @@ class ImitationTraining(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     seed: int = Field(0, ge=0)
-    iterations: int = Field(50, gt=0)
+    iterations: int = Field(30, gt=0)
     transitions: int = Field(16_000, gt=0)
     horizon: int = Field(100, gt=0)
     together: int = Field(8, gt=0)

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from litsim_policy.driving.imitation_policy import BOUNDS
 from litsim_policy.driving.traffic_observation import SIZE, TrafficObserver
-from litsim_policy.learning.expert import inverse_dynamics, share_weights
+from litsim_policy.learning.expert import displaced, inverse_dynamics, share_weights
 from litsim_policy.learning.ppo import Demonstrations, tensor
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
-from litsim_policy.motion.reference_path import ReferencePath, route_path
-from litsim_sim.core.quantities import Positive, Share, Steps, configuration
+from litsim_policy.motion.reference_path import ReferencePath, logged_path, route_path, window
+from litsim_sim.core.quantities import Angle, Length, NonNegative, Positive, Share, Steps, configuration
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.scenario.scenario import Scenario
 
@@ -27,42 +28,88 @@ class DriversConfig:
         every: steps between the pairs of a vehicle.
         smooth: steps over which motion is averaged: recorded accelerations jitter from frame to frame.
         real_share: of the pairs that are shown, those of people, where there are any; the others are of SUMO's drivers.
+        offset, turn: standard deviations by which vehicles are displaced for pairs that show how to come back to the
+            path; only the warm start learns from those.
     """
 
     every: Positive[Steps] = 5
     smooth: Positive[Steps] = 3
     real_share: Share = 0.5
+    offset: NonNegative[Length] = 0.4
+    turn: NonNegative[Angle] = 0.03
 
 
-def traffic_pairs(scenarios: Sequence[Scenario], config: DriversConfig, real: Collection[str] = ()) -> Demonstrations:
-    """Observations (n, SIZE) and actions (n, 2) in [-1, 1] of all vehicles of `scenarios`.
+@dataclass(frozen=True)
+class TrafficPairs:
+    """Observations (n, SIZE) and actions (n, 2) in [-1, 1], twice.
+
+    Attributes:
+        recorded: what drivers did.
+        corrected: the same moments with the vehicle displaced, and how it comes back to its path.
+    """
+
+    recorded: Demonstrations
+    corrected: Demonstrations
+
+    @property
+    def shown(self) -> Demonstrations:
+        """Both, each as often."""
+        sides = self.recorded, self.corrected
+        weights = [side.weight for side in sides if side.weight is not None]
+        return Demonstrations(
+            torch.cat([side.observation for side in sides]),
+            torch.cat([side.action for side in sides]),
+            torch.cat(weights),
+        )
+
+
+def traffic_pairs(
+    scenarios: Sequence[Scenario], config: DriversConfig, random: np.random.Generator, real: Collection[str] = ()
+) -> TrafficPairs:
+    """Pairs of all vehicles of `scenarios`.
 
     Routes are those of the logs, as a takeover would find them when a vehicle is first seen. In the scenarios named in
     `real` people drove.
     """
-    found = [_of_scenario(scenario, config) for scenario in scenarios]
-    people = np.concatenate([np.full(len(s), each.name in real) for each, (s, _) in zip(scenarios, found, strict=True)])
-    observation, action = (np.concatenate([pair[side] for pair in found]) for side in (0, 1))
+    found = [_of_scenario(scenario, config, random) for scenario in scenarios]
+    people = np.concatenate(
+        [np.full(len(pairs[0]), each.name in real) for each, pairs in zip(scenarios, found, strict=True)]
+    )
+    seen, done, moved, back = (tensor(np.concatenate(column)) for column in zip(*found, strict=True))
     weight = torch.as_tensor(share_weights(people, config.real_share))
-    return Demonstrations(tensor(observation), tensor(action), weight)
+    return TrafficPairs(Demonstrations(seen, done, weight), Demonstrations(moved, back, weight))
 
 
-def _of_scenario(scenario: Scenario, config: DriversConfig) -> tuple[FloatArray, FloatArray]:
+def _of_scenario(scenario: Scenario, config: DriversConfig, random: np.random.Generator) -> tuple[FloatArray, ...]:
+    """Observations and actions as recorded, then those of displaced vehicles."""
     log, observer = scenario.log, TrafficObserver(scenario.lane_map)
-    paths: dict[int, ReferencePath] = {}
-    seen, done = [np.empty((0, SIZE))], [np.empty((0, len(BOUNDS)))]
+    routes: dict[int, ReferencePath] = {}
+    logged: dict[int, ReferencePath] = {}
+    nothing = np.empty((0, SIZE)), np.empty((0, len(BOUNDS)))
+    found: list[tuple[FloatArray, ...]] = [(*nothing, *nothing)]
     for step in range(0, log.steps - config.smooth, config.every):
         table = log.table(step)
         rows = np.searchsorted(log.ids, table.id)
         chosen = np.flatnonzero((log.last_step[rows] - step >= config.smooth) & ~table.obstacle)
-        for row in chosen.tolist():
-            agent = int(table.id[row])
-            if agent not in paths:
-                pose = np.array([table.x[row], table.y[row], table.yaw[row]])
-                paths[agent] = route_path(log, scenario.lane_map, agent, pose)
         if not len(chosen):
             continue
-        batch = PathBatch([paths[agent].points for agent in table.id[chosen].tolist()])
-        seen.append(observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch)))
-        done.append(np.column_stack(inverse_dynamics(log, rows[chosen], step, config.smooth)) / BOUNDS)
-    return np.concatenate(seen), np.clip(np.concatenate(done), -1.0, 1.0)
+        agents = table.id[chosen].tolist()
+        for agent, row in zip(agents, chosen.tolist(), strict=True):
+            if agent not in routes:
+                pose = np.array([table.x[row], table.y[row], table.yaw[row]])
+                routes[agent] = route_path(log, scenario.lane_map, agent, pose)
+                logged[agent] = logged_path(log, scenario.lane_map, agent)
+        batch = PathBatch([routes[agent].points for agent in agents])
+        ways = [
+            window(logged[agent], float(table.x[row]), float(table.y[row]))
+            for agent, row in zip(agents, chosen.tolist(), strict=True)
+        ]
+        poses, steering = displaced(table, chosen, ways, config.offset, config.turn, random)
+        acceleration, yaw_rate = inverse_dynamics(log, rows[chosen], step, config.smooth)
+        seen = observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch))
+        moved = observer.observe(PathFollowers(scenario.lane_map, table, chosen, batch, poses))
+        done, back = (
+            np.clip(np.column_stack([acceleration, turn]) / BOUNDS, -1.0, 1.0) for turn in (yaw_rate, steering)
+        )
+        found.append((seen, done, moved, back))
+    return tuple(np.concatenate(column) for column in zip(*found, strict=True))

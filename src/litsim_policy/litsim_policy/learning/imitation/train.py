@@ -2,7 +2,7 @@
 
 1. Scenarios: those of policy C, see :mod:`litsim_policy.learning.data`.
 2. Experts: observations and actions of all recorded drivers in them.
-3. Warm start: behaviour cloning.
+3. Warm start: behaviour cloning, also of how displaced vehicles come back to their paths.
 4. Iterations: drive traffic; teach the critic to tell drivers from policy; reward the policy for passing as a driver,
    in RAIL less what it does wrong; PPO.
 
@@ -106,15 +106,15 @@ def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress:
     if resume:
         training.read(out / CHECKPOINT)
     each_once = list({scenario.name: scenario for scenario in data.train}.values())
-    recorded = traffic_pairs(each_once, config.drivers, data.real)
+    pairs = traffic_pairs(each_once, config.drivers, np.random.default_rng([config.seed, 1]), data.real)
     if not training.history:
-        _warm_start(training.policy, recorded, config)
+        _warm_start(training.policy, pairs.shown, config)
         _note(training, data, out, {}, last=False)
     done = len(training.history) - 1
     with tqdm(total=config.iterations, initial=done, unit="iteration", disable=not progress) as bar:
         for iteration in range(done, config.iterations):
             begin = time.perf_counter()
-            found = _iterate(training, data, recorded, iteration)
+            found = _iterate(training, data, pairs.recorded, iteration)
             found["seconds"] = time.perf_counter() - begin
             _note(training, data, out, found, last=iteration == config.iterations - 1)
             bar.set_postfix({name: f"{found[name]:.3f}" for name in ("contact", "off_road", "error")})
@@ -177,13 +177,13 @@ def driven_pairs(tracks: list[Track]) -> Tensor:
     return tensor(np.concatenate(rows))
 
 
-def _warm_start(policy: TrafficPolicy, recorded: Demonstrations, config: ImitationTraining) -> None:
-    """Teach `policy` what was `recorded`, by its likelihood; changes it in place."""
+def _warm_start(policy: TrafficPolicy, shown: Demonstrations, config: ImitationTraining) -> None:
+    """Teach `policy` what it is `shown`, by its likelihood; changes it in place."""
     generator = torch.Generator().manual_seed(config.seed)
     optimiser = torch.optim.Adam(policy.parameters(), config.warm_start.learning_rate)
     for _ in range(config.warm_start.epochs):
-        for chosen in recorded.draw(len(recorded.action), generator).split(config.warm_start.batch):
-            loss = -policy.log_probability(recorded.observation[chosen], recorded.action[chosen]).mean()
+        for chosen in shown.draw(len(shown.action), generator).split(config.warm_start.batch):
+            loss = -policy.log_probability(shown.observation[chosen], shown.action[chosen]).mean()
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
