@@ -123,12 +123,17 @@ def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress:
 
 
 def _note(training: Imitation, data: TrainingData, out: Path, found: dict[str, float], *, last: bool) -> None:
-    """Add what was `found` in an iteration to the history, with a validation where one is due, and write files."""
-    due = last or len(training.history) % training.config.validate_every == 0
+    """Add what was `found` in an iteration to the history, with a validation where one is due, and write files.
+
+    The warm start is validated to compare with, and is not kept as the best: it has seen no critic.
+    """
+    before = len(training.history)
+    due = last or before % training.config.validate_every == 0
     if due:
         found = found | validate(data.validation, training.policy, training.config)
     training.history.append(found)
-    if due and found["validation_score"] > training.best:
+    taught = last or before > training.config.ppo.value_first
+    if due and taught and found["validation_score"] > training.best:
         training.best = found["validation_score"]
         save(training.policy, out / BEST, training.about)
     training.keep(out)
