@@ -38,6 +38,7 @@ def make_policy(
     idm: IdmPolicyConfig | None = None,
     simnet: SimnetConfig | None = None,
     reaction: ReactionConfig | None = None,
+    *,
     imitation: ImitationConfig | None = None,
 ) -> Policy:
     """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules, others are baselines.
@@ -71,5 +72,5 @@ def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
     idm, simnet = read(IdmPolicyConfig(), "baseline."), read(SimnetConfig(), "simnet.")
     reaction, imitation = read(ReactionConfig(), "reaction."), read(ImitationConfig(), "imitation.")
     return lambda name, scenario: make_policy(
-        name, scenario, rules, handback, policy_c, idm, simnet, reaction, imitation
+        name, scenario, rules, handback, policy_c, idm, simnet, reaction, imitation=imitation
     )
