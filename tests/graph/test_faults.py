@@ -17,8 +17,13 @@ from typing import Any
 
 import pytest
 
+from litsim_policy.run.benchmark import write_scenario
+from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.analyze import analyze
+from litsim_sim.analysis.metrics import digest
 from litsim_sim.record.run import read_run
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import Scenario
 
 PROGRAMS = {
     "predictor": ("litsim_predictor", "predictor"),
@@ -202,3 +207,16 @@ def wall_clock(environment: dict[str, str]) -> float:
     """What a process sees [s]."""
     words = [sys.executable, "-c", "import time; print(time.time())"]
     return float(subprocess.run(words, env=os.environ | environment, capture_output=True, check=True).stdout)
+
+
+@pytest.mark.parametrize(("agents", "seconds"), [(1000, 3.5), (20, 60.0)])
+def test_a_thousand_agents_and_a_minute_are_nothing_special(graph: Any, agents: int, seconds: float) -> None:
+    """For ten minutes, and the memory that they take, see docs/soak.md."""
+    scenario, bag = write_scenario(graph.folder, agents, seconds), graph.folder / "run"
+    done = graph.launch("--scenario", scenario, "--ego", "idm", "--policy", "litsim", "--out", bag, "--no-analyze")
+    assert done.returncode == 0, done.stderr
+    run, plan = read_run(bag), RunPlan(Scenario.load(scenario), "idm", "litsim")
+    assert run.complete and not any(run.gaps.values())
+    assert assert_whole_steps(bag) == plan.scenario.total_steps
+    assert max(len(table.id) for table in run.tables) == agents
+    assert digest(run) == digest(record(Runner(plan)))

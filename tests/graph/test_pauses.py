@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import time
 from typing import Any
 
 import pytest
 
+from litsim_sim.analysis.analyze import analyze
 from litsim_sim.record.run import read_run
 
 AT = 20  # step at which the run waits for its ego while somebody is stopped
@@ -65,3 +67,40 @@ def test_who_is_stopped_for_good_is_named(graph: Any, executable: str, error: st
         assert f"; stopped, by a signal or a debugger: {named} {executable}" in line
     assert not [line for line in graph.running().values() if "external_ego.py" not in line]
     assert read_run(graph.folder / "run").complete
+
+
+def stop_own_ego(graph: Any, timeout: float) -> tuple[Any, Any, Any]:
+    """Bridge, recorder and ego, node by node, whose run goes on while the ego is stopped.
+
+    The recorder holds the run up until then: the bridge is as far ahead of it as it may be.
+    """
+    go = graph.folder / "go"
+    recorder = graph.start_script("slow_recorder.py", go, "--ros-args", "-p", f"output:={graph.folder / 'run'}")
+    ego = graph.start_node("litsim_policy", "ego_idm")
+    given = {"scenario": graph.scenario(simulation_s=8.0), "policy": "replay", "progress": "none"}
+    bridge = graph.start_node("litsim_sim", "bridge", **given, answer_timeout_s=timeout)
+    assert any("waiting for /litsim/recorded of the recorder" in line for line in bridge.stderr)
+    ego.send_signal(signal.SIGSTOP)
+    go.touch()
+    return bridge, recorder, ego
+
+
+def test_an_ego_of_its_own_that_is_stopped_and_goes_on_in_time_does_not_end_the_run(graph: Any) -> None:
+    bridge, recorder, ego = stop_own_ego(graph, PATIENT)
+    time.sleep(PAUSE_S)
+    ego.send_signal(signal.SIGCONT)
+    done = graph.finish(bridge)
+    assert done.returncode == 0, done.stderr
+    assert graph.finish(recorder).returncode == 0
+    assert analyze(graph.folder / "run")["valid"]
+
+
+def test_an_ego_of_its_own_that_is_stopped_for_good_ends_the_run(graph: Any) -> None:
+    bridge, recorder, ego = stop_own_ego(graph, IMPATIENT)
+    done = graph.finish(bridge)
+    assert done.returncode == 1
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("error: "))
+    assert re.fullmatch(r"error: no answer to step \d+ on /litsim/ego/control within 10 s(; silent: ego)?", line), line
+    assert graph.finish(recorder).returncode == 0
+    assert read_run(graph.folder / "run").complete
+    ego.send_signal(signal.SIGCONT)

@@ -40,7 +40,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 MARK = "LITSIM_SOAK"  # variable by which the processes of a run are known
 LOOK_S = 0.25  # [s] between two looks at the memory of a run
-LOOKS_MIN = 400  # before which most of a run is its start, and its growth says nothing
+LOOKS_MIN = 200  # before which most of a run is its start, and its growth says nothing
 LIMIT_S = 3600.0  # [s] after which a run is ended
 LAUNCHER = "launch"
 ATTEMPTS = 3  # at a run that others spoil
@@ -187,8 +187,8 @@ class Watch(threading.Thread):
         return {name: round(float(np.median(q[3]) - np.median(q[1])), 1) for name, q in sorted(quarters.items())}
 
 
-def run_once(number: int, case: Case, folder: Path, known: str) -> Result:
-    """One run of the graph, whose digest should be `known`, and what is left when it has ended."""
+def run_once(number: int, case: Case, folder: Path, known: str, commit: str) -> Result:
+    """One run of the graph of `commit`, whose digest should be `known`, and what is left when it has ended."""
     mark, bag = uuid.uuid4().hex, folder / "run"
     program = find_executable("litsim_sim", LAUNCHER)
     environment = {k: v for k, v in os.environ.items() if k != "ROS_DOMAIN_ID"} | {MARK: mark}
@@ -220,7 +220,7 @@ def run_once(number: int, case: Case, folder: Path, known: str) -> Result:
     announced = ANNOUNCED.search(out)
     others = tuple(foreign_nodes(announced[1], mark)) if wrong and announced else ()
     figures = (round(wall_s, 2), watch.peaks, watch.growth)
-    return Result(number, case.name, process.returncode, digest, tuple(wrong), others, *figures, versions()["commit"])
+    return Result(number, case.name, process.returncode, digest, tuple(wrong), others, *figures, commit)
 
 
 def foreign_nodes(domain: str, mark: str) -> Iterator[str]:
@@ -278,7 +278,7 @@ def soak(folder: Path, runs: int, *, long: bool) -> list[Result]:
     for number in tqdm(sorted(set(range(runs)) - done), desc="soak", unit="run", initial=len(done), total=runs):
         case = cases[number % len(cases)]
         for _ in range(ATTEMPTS):
-            result = run_once(number, case, folder, known[case.name])
+            result = run_once(number, case, folder, known[case.name], commit)
             if open_files() > files:
                 result = replace(result, wrong=(*result.wrong, f"{open_files() - files} files are left open"))
             results.append(result)

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import yaml
 
-from campaigns import told
+from campaigns import scenario_file, told
 from litsim_policy.cli import evaluate, run
 from litsim_sim.campaign.results import read_campaign
 
@@ -200,11 +200,26 @@ def test_another_campaign_in_the_folder_is_kept_unless_it_may_go(capsys, tmp_pat
     assert [each["case"]["ego_id"] for each in results(tmp_path / "out")["runs"]] == [2]
 
 
-DEMO = ("--scenario", "demo", "--egos", "3,7,24", "--ego", "idm", "perturbed", "--policy", "replay", "--processes", "2")
+DEMO = ("--egos", "3,7,24", "--ego", "idm", "perturbed", "--policy", "replay", "--processes", "2")
 
 
-def start(out: Path) -> subprocess.Popen[str]:
-    words = [sys.executable, "-m", "litsim_policy.cli.evaluate", *DEMO, "--out", str(out)]
+@pytest.fixture(scope="module")
+def short_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first seconds of the demo: six of its runs take a while, which is enough to end them midway."""
+    return Path(scenario_file(tmp_path_factory.mktemp("short_demo"), "demo", simulation_s=6.0))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, short_demo: Path) -> tuple[int, list[Any]]:
+    """Exit status and results of the campaign that nothing ends."""
+    out = tmp_path_factory.mktemp("whole")
+    process = start(short_demo, out)
+    process.communicate(timeout=2 * PATIENCE_S)
+    return process.returncode, told(out)
+
+
+def start(scenario: Path, out: Path) -> subprocess.Popen[str]:
+    words = [sys.executable, "-m", "litsim_policy.cli.evaluate", "--scenario", str(scenario), *DEMO, "--out", str(out)]
     return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
@@ -228,8 +243,10 @@ def children(of: int) -> list[int]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_what_was_ended_midway_goes_on_to_the_result_of_one_that_was_not(tmp_path, number: signal.Signals) -> None:
-    ended = start(tmp_path / "ended")
+def test_what_was_ended_midway_goes_on_to_the_result_of_one_that_was_not(
+    tmp_path, short_demo: Path, whole: tuple[int, list[Any]], number: signal.Signals
+) -> None:
+    ended = start(short_demo, tmp_path / "ended")
     wait_for_a_result(tmp_path / "ended")
     workers = children(ended.pid)
     os.kill(ended.pid, number)
@@ -244,12 +261,10 @@ def test_what_was_ended_midway_goes_on_to_the_result_of_one_that_was_not(tmp_pat
     while any(Path(f"/proc/{worker}").exists() for worker in workers):
         assert time.monotonic() < end, "processes are left behind"
         time.sleep(0.05)
-    went_on, whole = start(tmp_path / "ended"), start(tmp_path / "whole")
-    for process in (went_on, whole):
-        process.communicate(timeout=2 * PATIENCE_S)
-    assert went_on.returncode == whole.returncode
-    assert told(tmp_path / "ended") == told(tmp_path / "whole")
-    assert len(told(tmp_path / "whole")) == 6
+    went_on = start(short_demo, tmp_path / "ended")
+    went_on.communicate(timeout=2 * PATIENCE_S)
+    assert (went_on.returncode, told(tmp_path / "ended")) == whole
+    assert len(whole[1]) == 6 and len(before) < 6
     assert all(path.stat().st_mtime_ns == when for path, when in before.items()), "no run twice"
 
 

@@ -22,7 +22,7 @@ from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.core.errors import InputError
 
 PATIENCE_S = 300.0  # a cluster takes its time to begin on a busy machine
-WORDS = ("--scenario", "demo", "--egos", "3,7,24", "--ego", "idm", "--policy", "litsim", "yield", "--processes", "2")
+WORDS = ("--egos", "3,7,24", "--ego", "idm", "--policy", "litsim", "yield", "--processes", "2")
 
 
 def runs(folder: Path) -> RayRuns:
@@ -68,8 +68,9 @@ def test_files_on_another_nodes_disk_are_not_named(tmp_path: Path) -> None:
     assert (found.recording, found.report, found.log) == ("run", None, None)
 
 
-def start(out: Path, *words: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "litsim_policy.cli.evaluate", *WORDS, *words, "--out", str(out)]
+def start(scenario: str, out: Path, *words: str) -> subprocess.Popen[str]:
+    given = ("--scenario", scenario, *WORDS, *words, "--out", str(out))
+    command = [sys.executable, "-m", "litsim_policy.cli.evaluate", *given]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
@@ -103,19 +104,20 @@ def kill_a_worker(of: int) -> str:
 
 def test_runs_of_a_worker_that_is_lost_are_done_again_and_none_twice(tmp_path: Path) -> None:
     pytest.importorskip("ray", reason="Ray is not installed (requirements/ray.txt)")
-    on_ray = start(tmp_path / "ray", "--ray", "local")
+    demo = campaigns.scenario_file(tmp_path, "demo", simulation_s=6.0)
+    on_ray = start(demo, tmp_path / "ray", "--ray", "local")
     try:
         assert kill_a_worker(on_ray.pid)
         said = on_ray.communicate(timeout=PATIENCE_S)[1]
     finally:
         on_ray.kill()
-    here = start(tmp_path / "here")
+    here = start(demo, tmp_path / "here")
     here.communicate(timeout=PATIENCE_S)
     assert on_ray.returncode == here.returncode, said
     assert told(tmp_path / "ray") == told(tmp_path / "here") and len(told(tmp_path / "ray")) == 6
 
     before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("ray/runs/*/result.json")}
-    again = start(tmp_path / "ray")
+    again = start(demo, tmp_path / "ray")
     again.communicate(timeout=PATIENCE_S)
     assert again.returncode == here.returncode
     assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("ray/runs/*/result.json")} == before
