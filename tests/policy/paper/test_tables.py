@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from litsim_policy.paper.published import TABLE
-from litsim_policy.paper.tables import Measure, counts, differences, table, won
+from litsim_policy.paper.tables import Measure, counts, differences, goals, table, won
 
 COLLISION = Measure("collision", "collision %", min, 100.0)
 PROGRESS = Measure("progress", "progress, m", None, digits=1)
@@ -70,3 +70,31 @@ def test_what_another_wins_is_said(methods: dict[str, Any]) -> None:
         "- collision %: `idm` is clearly better, 1.00 where `litsim` has 2.45."
     ]
     assert won({"idm": method(0.05, 1.0), "litsim": method(0.02, 1.0)}, [COLLISION]) == []
+
+
+@pytest.mark.parametrize(("ours", "reactive", "met"), [(0.02, 1.0, "yes"), (0.021, 0.96, "no")])
+def test_goals_are_held_against_the_better_of_the_baselines(ours: float, reactive: float, met: str) -> None:
+    def judged(rate: float, *, free: bool, relevant: float) -> dict[Any, Any]:
+        displacement = {"agent_steps": {"5": 100}, "agents": []}
+        return {
+            key(k): {
+                "collision": {"rate_all": rate},
+                "collision_free": free if k else True,
+                "relevant_ratio_roi": relevant,
+                "realism_near": 0.5 + relevant,
+                "displacement": displacement,
+            }
+            for k in range(20)
+        }
+
+    methods = {
+        "idm": judged(0.05, free=False, relevant=0.12),
+        "simnet": judged(0.04, free=False, relevant=0.18),
+        "litsim": judged(ours, free=reactive == 1.0, relevant=ours),
+    }
+    lines = {line.strip("| ").split(" | ")[0]: line.strip("| ").split(" | ") for line in goals(methods)[2:]}
+    assert lines["collision rate at most half"][1:] == [f"{100 * ours:.2f}", "4.00", met]
+    assert lines["reactivity at least 97 %"][3] == met
+    assert lines["relevant ratio at most a sixth"][2:] == ["12.00", met]
+    assert lines["realism highest"][3] == "no"
+    assert lines["ADE at 25 s lower than all"][3] == "not measured"

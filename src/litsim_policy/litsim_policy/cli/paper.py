@@ -218,6 +218,9 @@ def _tables(campaign: Campaign, experiment: Experiment, egos: Sequence[str], set
                 yield from ("Differences, with 95 % intervals:", "")
                 yield from (*tables.differences(methods, tables.OF_THE_PAPER), "")
                 yield from _won(methods)
+        if experiment is TABLE:
+            yield from (f"### {tables.titled(ego, None)}: what was aimed at", "")
+            yield from (*tables.goals(tables.methods_of(campaign, ego, None)), "")
 
 
 def _won(methods: dict[str, dict[Key, Metrics | None]]) -> Iterable[str]:

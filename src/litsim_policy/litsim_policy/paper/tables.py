@@ -21,7 +21,7 @@ from litsim_policy.paper.measures import (
 )
 from litsim_policy.paper.published import OTHER_DATA
 from litsim_sim.campaign.results import Campaign, RunResult
-from litsim_sim.scenario.run_info import REPLAY
+from litsim_sim.scenario.run_info import BASELINES, REPLAY
 
 NOTHING = "-"
 CLEAR = "\\*"
@@ -74,6 +74,31 @@ BESIDE = (
     Measure("realism", "realism", max, digits=3),
 )
 """Columns by our reading, where it differs."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What was aimed at.
+
+    Attributes:
+        text: in words.
+        measure: of which.
+        met: by our value and the best of the baselines.
+    """
+
+    text: str
+    measure: Measure
+    met: Callable[[float, float], bool]
+
+
+GOALS = (
+    Goal("collision rate at most half", OF_THE_PAPER[len(ADE)], lambda ours, best: ours <= best / 2),
+    Goal("reactivity at least 97 %", OF_THE_PAPER[len(ADE) + 1], lambda ours, _: ours >= 0.97),
+    Goal("relevant ratio at most a sixth", OF_THE_PAPER[-1], lambda ours, best: ours <= best / 6),
+    Goal("ADE at 25 s lower than all", ADE[-1], lambda ours, best: ours < best),
+    Goal("realism highest", BESIDE[-1], lambda ours, best: ours > best),
+)
+"""Of LitSim against the better of the baselines, on the same cases."""
 
 COUNTED = {
     "fault_background": "of the background",
@@ -172,6 +197,25 @@ def won(methods: Methods, measures: Sequence[Measure]) -> list[str]:
                     f"where `{OURS}` has {measure.text(mine.value)}."
                 )
     return found
+
+
+def goals(methods: Methods) -> list[str]:
+    """Lines of a table of what was aimed at: ours beside the better of the baselines, and whether it is met."""
+    rivals = [name for name in BASELINES if name in methods]
+    if OURS not in methods or not rivals:
+        return []
+    lines = [_line(["goal", f"`{OURS}`", "better of the baselines", "met"]), _line(["---", "---:", "---:", "---"])]
+    parts = parts_of({name: methods[name] for name in (OURS, *rivals)}, [goal.measure for goal in GOALS])
+    for goal in GOALS:
+        mine = figure(parts[goal.measure.key][OURS])
+        theirs = [found.value for name in rivals if (found := figure(parts[goal.measure.key][name]))]
+        if mine is None or not theirs or goal.measure.better is None:
+            lines.append(_line([goal.text, NOTHING, NOTHING, "not measured"]))
+            continue
+        best = goal.measure.better(theirs)
+        met = "yes" if goal.met(mine.value, best) else "no"
+        lines.append(_line([goal.text, goal.measure.text(mine.value), goal.measure.text(best), met]))
+    return lines
 
 
 def titled(ego: str, tag: str | None) -> str:
