@@ -87,3 +87,16 @@ def test_shapes_are_those_of_the_weights_and_odd_models_are_not_run() -> None:
     for parameters in ({"relative": False}, {"decoder": "recurrent"}):
         assert not runs(replace(provenance, parameters=parameters))
     assert not runs(read_weights("paper").provenance) and not runs(read_weights("bat").provenance)
+
+
+def test_scenes_that_are_answered_together_are_answered_as_alone(network: JointNetwork) -> None:
+    """Though they lie in one place; of one, nobody is asked."""
+    scenes = [scene(20), scene(9, seed=1), scene(30, seed=2)]
+    asked = [np.array([3, 7]), np.empty(0, np.int64), np.array([0, 29, 5])]
+    begins = np.array([0, 20, 29])
+    joined = both(both(*scenes[:2]), scenes[2])
+    together = network.of_scenes(
+        joined, np.concatenate([own + begin for own, begin in zip(asked, begins, strict=True)]), begins
+    )
+    assert_rows_equal(network(scenes[0], asked[0]), together, [0, 1])
+    assert_rows_equal(network(scenes[2], asked[2]), together, [2, 3, 4])

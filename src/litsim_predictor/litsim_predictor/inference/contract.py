@@ -8,7 +8,7 @@ the earth a scene is.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -124,3 +124,13 @@ class Network(Protocol):
         Networks that are run by kernels answer with further manoeuvres by `modes`; graphs and eager models hold the
         choice of the most probable one, and answer with no others.
         """
+
+
+@runtime_checkable
+class NetworkOfScenes(Network, Protocol):
+    """One that answers for several scenes at once, for each as if it were alone, to the last bit."""
+
+    def of_scenes(
+        self, inputs: AgentInputs, asked: IntArray, begins: IntArray, modes: ModeChoice = NO_MODES
+    ) -> AgentFutures:
+        """As :class:`Network`, of agents of several scenes, which begin at the rows `begins` (S,), first 0."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -231,24 +232,33 @@ class JointNetwork:
 
     def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:
         """See :class:`.contract.Network`."""
+        return self.of_scenes(inputs, asked, np.zeros(1, np.int64), modes)
+
+    def of_scenes(
+        self, inputs: AgentInputs, asked: IntArray, begins: IntArray, modes: ModeChoice = NO_MODES
+    ) -> AgentFutures:
+        """See :class:`.contract.NetworkOfScenes`."""
         agents = np.concatenate(
             [self._maps(inputs.raster), self._histories(inputs), self._states(inputs.state)], axis=1
         )
-        near = self._near(inputs)
+        near = self._near(inputs, begins)
         everybody = np.arange(len(agents))
         for layer in self._layers[:-1]:
             agents = layer(agents, near, everybody)
         return self._decoded(self._layers[-1](agents, near, asked), inputs.state[asked], modes)
 
-    def _near(self, inputs: AgentInputs) -> Neighbours:
-        n = len(inputs.frame)
-        position = (inputs.frame[:, :2] - inputs.frame[:1, :2]).astype(np.float32)
+    def _near(self, inputs: AgentInputs, begins: IntArray) -> Neighbours:
+        n, scenes = len(inputs.frame), [*begins.tolist(), len(inputs.frame)]
+        origin = np.repeat(inputs.frame[begins, :2], np.diff(scenes), axis=0)
+        position = (inputs.frame[:, :2] - origin).astype(np.float32)
         near = Neighbours(
             np.empty((n, self._neighbours + 1), np.int64),
             np.empty(n, np.int64),
             np.empty((n, self._neighbours + 1, RELATION_CHANNELS), np.float32),
         )
-        find_neighbours(position, self._reach, near.index, near.many)
+        for begin, end in pairwise(scenes):
+            find_neighbours(position[begin:end], self._reach, near.index[begin:end], near.many[begin:end])
+            near.index[begin:end] += begin
         relate(
             position, inputs.frame[:, 2].astype(np.float32), inputs.state[:, 2], near.index, near.many, near.relation
         )

@@ -18,6 +18,7 @@ from litsim_predictor.inference.contract import (
     FurtherFutures,
     ModeChoice,
     Network,
+    NetworkOfScenes,
 )
 from litsim_predictor.inference.features import agent_inputs, frame_headings, in_map
 from litsim_predictor.inference.raster import MapRaster
@@ -77,11 +78,15 @@ class LearnedPredictor:
         begins = np.flatnonzero(np.diff(scene[asked], prepend=-1))
         if len(begins) == 1 and scene[0] == scene[-1]:
             return self._network(inputs, asked, self._modes)
+        if isinstance(self._network, NetworkOfScenes):
+            rows = np.flatnonzero(np.isin(scene, scene[asked]))
+            seen = inputs if len(rows) == len(scene) else _of(inputs, rows)
+            first = np.flatnonzero(np.diff(scene[rows], prepend=-1))
+            return self._network.of_scenes(seen, np.searchsorted(rows, asked), first, self._modes)
         answers = []
         for rows in np.split(asked, begins[1:]):
             begin, end = np.searchsorted(scene, scene[rows[0]]), np.searchsorted(scene, scene[rows[0]], "right")
-            own = AgentInputs(*(getattr(inputs, field.name)[begin:end] for field in fields(AgentInputs)))
-            answers.append(self._network(own, rows - begin, self._modes))
+            answers.append(self._network(_of(inputs, slice(begin, end)), rows - begin, self._modes))
         return _joined(answers)
 
     def _inputs(self, agents: AgentTable) -> AgentInputs:
@@ -98,6 +103,11 @@ def _joined(answers: list[AgentFutures]) -> AgentFutures:
     more = {f.name: np.concatenate([getattr(each.further, f.name) for each in answers]) for f in fields(FurtherFutures)}
     more["row"] = np.concatenate([each.further.row + first for each, first in zip(answers, before, strict=True)])
     return AgentFutures(**both, further=FurtherFutures(**more))
+
+
+def _of(inputs: AgentInputs, rows: IntArray | slice) -> AgentInputs:
+    """Those of the agents in `rows`."""
+    return AgentInputs(*(getattr(inputs, field.name)[rows] for field in fields(AgentInputs)))
 
 
 def _in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable) -> Forecast:

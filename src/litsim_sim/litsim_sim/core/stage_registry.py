@@ -9,7 +9,8 @@ with the functions that the nodes and the in-process runner use.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from litsim_sim.core.errors import InputError
@@ -38,10 +39,16 @@ def configured(stages: Mapping[str, str], parameters: Parameters) -> dict[str, A
         raise InputError(f"no stage of this run: {not_among(absent, stages)}")
     made = {}
     for stage, name in stages.items():
-        found = tuple(entry_points(group=GROUP, name=name))
-        if not found:
+        found = _registered().get(name)
+        if found is None:
             raise InputError(f"no installed package has a stage {name}; build the workspace (make build)")
         read = ParameterOverrides(stage, parameters.get(stage, {}))
-        made[stage] = found[0].load()(read)
+        made[stage] = found.load()(read)
         read.check()
     return made
+
+
+@cache
+def _registered() -> dict[str, EntryPoint]:
+    """The stages of the installed packages by name; to find them, the metadata of all packages are read."""
+    return {each.name: each for each in reversed(tuple(entry_points(group=GROUP)))}  # of two, the first
