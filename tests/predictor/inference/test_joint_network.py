@@ -95,8 +95,7 @@ def test_scenes_that_are_answered_together_are_answered_as_alone(network: JointN
     asked = [np.array([3, 7]), np.empty(0, np.int64), np.array([0, 29, 5])]
     begins = np.array([0, 20, 29])
     joined = both(both(*scenes[:2]), scenes[2])
-    together = network.of_scenes(
-        joined, np.concatenate([own + begin for own, begin in zip(asked, begins, strict=True)]), begins
-    )
+    rows = np.concatenate([own + begin for own, begin in zip(asked, begins, strict=True)])
+    together = network.of_scenes(joined, rows, begins)
     assert_rows_equal(network(scenes[0], asked[0]), together, [0, 1])
     assert_rows_equal(network(scenes[2], asked[2]), together, [2, 3, 4])

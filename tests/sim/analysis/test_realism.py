@@ -7,12 +7,16 @@ from typing import Any
 
 import pytest
 
-from litsim_sim.analysis.realism import FEATURES, realism
+from litsim_sim.analysis.realism import FEATURES, Naturalness, Realism
 from litsim_sim.analysis.signals import Passage
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.signals import SignalState
 
 Make = Callable[..., Any]
+
+
+def realism(tables: Any, log: Any, agents: set[int], *given: Any) -> Realism | None:
+    return Naturalness(tables, log, agents, *given).of(agents)
 
 
 def traffic(table: Make, speed: float = 10.0, second: float = 20.0) -> list[Any]:
@@ -70,3 +74,10 @@ def test_where_nobody_who_is_judged_passes_a_stop_line_there_is_no_such_term(tab
         found = realism(log, log, {2}, None, 0.1, passed, heeded)
         assert found is not None
         assert "traffic_light_violation" not in found.features
+
+
+def test_some_of_those_that_were_looked_at_are_judged_as_if_they_were_all(table: Make) -> None:
+    log, run = traffic(table), traffic(table, speed=12.0, second=8.0)
+    everybody = Naturalness(run, log, {1, 2, 3}, None, 0.1)
+    assert everybody.of({2}) == realism(run, log, {2}, None, 0.1)
+    assert everybody.of({2}) != everybody.of({1, 2, 3})

@@ -7,10 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba.types import UniTuple
 from scipy.spatial import KDTree
 
+from litsim_sim.core.compiled import FLOATS2, INTS, float64, int64, kernel
 from litsim_sim.core.geometry import boxes_overlap
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.pair_geometry import overlap
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
 
 PET_HORIZON_S = 5.0  # between leaving and entering; longer is no encounter
 
@@ -78,19 +81,32 @@ def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray
         Index into the first track, index into the second, and the steps between; None where no place is used by both
         within 5 s.
     """
-    dx, dy = b[None, :, 0] - a[:, None, 0], b[None, :, 1] - a[:, None, 1]
+    if not (len(a) and len(b)):
+        return None
     reach = 0.5 * (np.hypot(a[0, 3], a[0, 4]) + np.hypot(b[0, 3], b[0, 4]))
-    apart = np.abs(step_b[None, :] - step_a[:, None])
-    close: BoolArray = (dx**2 + dy**2 < reach**2) & (apart * STEP_S <= PET_HORIZON_S)
-    i, j = np.nonzero(close)
-    if not len(i):
-        return None
-    hit = boxes_overlap(dx[i, j], dy[i, j], a[i, 2], b[j, 2], (a[i, 3], a[i, 4]), (b[j, 3], b[j, 4]))
-    if not hit.any():
-        return None
-    i, j = i[hit], j[hit]
-    best = int(np.argmin(apart[i, j]))
-    return int(i[best]), int(j[best]), int(apart[i[best], j[best]])
+    steps = (np.asarray(step, np.int64) for step in (step_a, step_b))
+    boxes = (np.ascontiguousarray(box, np.float64) for box in (a, b))
+    i, j, apart = _closest_use(*steps, *boxes, float(reach))
+    return (i, j, apart) if i >= 0 else None
+
+
+@kernel(UniTuple(int64, 3)(INTS, INTS, FLOATS2, FLOATS2, float64))
+def _closest_use(
+    step_a: IntArray, step_b: IntArray, a: FloatArray, b: FloatArray, reach: float
+) -> tuple[int, int, int]:
+    """See :func:`closest_use`: of equally close ones the first, -1 where there are none; centres are in `reach` [m]."""
+    best = -1, -1, round(PET_HORIZON_S / STEP_S) + 1
+    for i in range(len(a)):
+        for j in range(len(b)):
+            apart = abs(step_b[j] - step_a[i])
+            if apart >= best[2]:
+                continue
+            dx, dy = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1]
+            if dx * dx + dy * dy < reach * reach and overlap(
+                dx, dy, a[i, 2], b[j, 2], a[i, 3], a[i, 4], b[j, 3], b[j, 4]
+            ):
+                best = i, j, apart
+    return best
 
 
 def times_since_others(tables: Sequence[AgentTable]) -> Iterator[tuple[FloatArray, IntArray]]:

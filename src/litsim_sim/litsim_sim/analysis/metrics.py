@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Set
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ from litsim_sim.analysis.metrics_tree import (
     TimingMetrics,
 )
 from litsim_sim.analysis.progress import mean_progress
-from litsim_sim.analysis.realism import realism
+from litsim_sim.analysis.realism import Naturalness
 from litsim_sim.analysis.safety import TTC_CRITICAL_S, safety_series, shortest_own_ttc
 from litsim_sim.analysis.signals import log_passages, run_passages
 from litsim_sim.analysis.tables import ledger_row
@@ -66,6 +67,8 @@ def compute_metrics(run: Run) -> dict[str, Any]:
     background = hits.agents - {run.info.ego_id}
     taken = {entry.agent for entry in entries}
     near = {entry.agent for entry in entries if entry.ego_distance is not None and entry.ego_distance <= roi_of(run)}
+    beside = _near_ego_in_log(run)
+    natural = _naturalness(run, hits.controlled | beside)
     problems = [*lock.problems, *_unusable(run)]
     metrics: Metrics = {
         "run_id": run.info.run_id,
@@ -104,8 +107,8 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         "handback": _handback(back),
         "safety": _safety(run, hits, verdicts),
         "comfort": _comfort(run, hits),
-        "realism": _realism(run, hits),
-        "realism_near": _realism_near(run),
+        "realism": _realism(natural, hits.controlled, signals=run.signals is not None),
+        "realism_near": None if (found := natural.of(beside)) is None else found.score,
         "signals": _signals(run),
         "lockstep": _lockstep(lock),
         "timing": _timing(timing(run)),
@@ -122,7 +125,12 @@ def compute_metrics(run: Run) -> dict[str, Any]:
 
 def roi_of(run: Run) -> float:
     """Region of interest of the scenario of a run, a radius [m]."""
-    said = load_yaml(run.scenario_yaml or run.info.scenario_yaml, "scenario")
+    return _roi_in(run.scenario_yaml or run.info.scenario_yaml)
+
+
+@lru_cache(maxsize=16)
+def _roi_in(scenario_yaml: str) -> float:
+    said = load_yaml(scenario_yaml, "scenario")
     return float(said.get("roi_m", ROI_M) if isinstance(said, dict) else ROI_M)
 
 
@@ -287,35 +295,35 @@ def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:
     }
 
 
-def _realism(run: Run, hits: Collisions) -> RealismMetrics | None:
+def _naturalness(run: Run, agents: Set[int]) -> Naturalness:
+    """How natural `agents` drive, by the log's histograms."""
+    lines = run_passages(run) or (), log_passages(run)
+    return Naturalness(run.simulated, run.simulated_log, agents, lane_map_of(run), run.info.dt, *lines)
+
+
+def _realism(natural: Naturalness, controlled: Set[int], *, signals: bool) -> RealismMetrics | None:
     """Likelihood of the agents ever under control under the log's histograms."""
-    passed, logged = run_passages(run), log_passages(run)
-    found = realism(
-        run.simulated, run.simulated_log, hits.controlled, lane_map_of(run), run.info.dt, passed or (), logged
-    )
+    found = natural.of(controlled)
     if found is None:
         return None
     lights = "judged" if "traffic_light_violation" in found.features else "no stop line passed"
     return {
         "score": found.score,
         "features": found.features,
-        "traffic_lights": "no signals" if passed is None else lights,
+        "traffic_lights": lights if signals else "no signals",
         "agent_steps": found.steps,
     }
 
 
-def _realism_near(run: Run) -> float | None:
-    """Score of the agents whose logs come within the region of interest of the ego's log: the same for every policy."""
+def _near_ego_in_log(run: Run) -> set[int]:
+    """The agents whose logs come within the region of interest of the ego's log: the same for every policy."""
     near: set[int] = set()
     for logged in run.simulated_log:
         row = logged.row(run.info.ego_id)
         if row >= 0:
             apart = np.hypot(logged.x - logged.x[row], logged.y - logged.y[row])
             near.update(logged.id[apart <= roi_of(run)].tolist())
-    near.discard(run.info.ego_id)
-    passed, logged_too = run_passages(run), log_passages(run)
-    found = realism(run.simulated, run.simulated_log, near, lane_map_of(run), run.info.dt, passed or (), logged_too)
-    return None if found is None else found.score
+    return near - {run.info.ego_id}
 
 
 def _signals(run: Run) -> SignalMetrics | None:

@@ -8,7 +8,7 @@ signals and an agent that is judged has passed a stop line.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from litsim_sim.analysis.safety import TTC_HORIZON_S, times_to_collision
 from litsim_sim.analysis.signals import Passage
 from litsim_sim.core.geometry import box_corners, overlapping_pairs
-from litsim_sim.core.scene import AgentTable, FloatArray
+from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
 
@@ -67,36 +67,45 @@ class Realism:
     steps: int
 
 
-def realism(
-    tables: Sequence[AgentTable],
-    log: Sequence[AgentTable],
-    agents: Iterable[int],
-    lane_map: LaneMap | None,
-    dt: float,
-    passed: Sequence[Passage] = (),
-    passed_in_log: Sequence[Passage] = (),
-) -> Realism | None:
-    """Realism of `agents` in `tables` under the histograms of all agents in `log`; None where nothing can be judged.
+class Naturalness:
+    """Judges agents of a run under the histograms of all agents in its log."""
 
-    Args:
-        tables, log: the same steps of the run and of the log.
-        agents: ids to judge.
-        lane_map: for the road edge; without it the two features of the road are left out.
-        dt: of a step [s].
-        passed, passed_in_log: stop lines that were passed in the run and in the log, by anybody.
-    """
-    chosen = frozenset(agents)
-    judged = _values(tables, chosen, lane_map, dt)
-    logged = _values(log, None, lane_map, dt)
-    judged["traffic_light_violation"] = _at_red(each for each in passed if each.agent in chosen)
-    logged["traffic_light_violation"] = _at_red(passed_in_log)
-    count = len(judged["linear_speed"])
-    if not count or not len(logged["linear_speed"]):
-        return None
-    names = [n for n in FEATURES if len(judged[n]) and len(logged[n])]
-    found = {name: _relative_likelihood(FEATURES[name], judged[name], logged[name]) for name in names}
-    total = sum(FEATURES[name].weight for name in names)
-    return Realism(sum(FEATURES[n].weight * found[n] for n in names) / total, found, count)
+    def __init__(
+        self,
+        tables: Sequence[AgentTable],
+        log: Sequence[AgentTable],
+        agents: Iterable[int],
+        lane_map: LaneMap | None,
+        dt: float,
+        passed: Sequence[Passage] = (),
+        passed_in_log: Sequence[Passage] = (),
+    ) -> None:
+        """Get ready to judge `agents` or some of them.
+
+        Args:
+            tables, log: the same steps of the run and of the log.
+            agents: ids.
+            lane_map: for the road edge; without it the two features of the road are left out.
+            dt: of a step [s].
+            passed, passed_in_log: stop lines that were passed in the run and in the log, by anybody.
+        """
+        self._ids, self._judged = _values(tables, frozenset(agents), lane_map, dt)
+        _, self._logged = _values(log, None, lane_map, dt)
+        self._logged["traffic_light_violation"] = _at_red(passed_in_log)
+        self._passed = passed
+
+    def of(self, agents: Set[int]) -> Realism | None:
+        """Realism of `agents`, of those that are judged; None where nothing can be."""
+        whose = np.isin(self._ids, sorted(agents))
+        judged = {name: values[whose] if len(values) else values for name, values in self._judged.items()}
+        judged["traffic_light_violation"] = _at_red(each for each in self._passed if each.agent in agents)
+        logged, count = self._logged, len(judged["linear_speed"])
+        if not count or not len(logged["linear_speed"]):
+            return None
+        names = [n for n in FEATURES if len(judged[n]) and len(logged[n])]
+        found = {name: _relative_likelihood(FEATURES[name], judged[name], logged[name]) for name in names}
+        total = sum(FEATURES[name].weight for name in names)
+        return Realism(sum(FEATURES[n].weight * found[n] for n in names) / total, found, count)
 
 
 def _at_red(passed: Iterable[Passage]) -> FloatArray:
@@ -116,9 +125,10 @@ def _relative_likelihood(feature: Feature, judged: FloatArray, logged: FloatArra
 
 def _values(
     tables: Sequence[AgentTable], agents: frozenset[int] | None, lane_map: LaneMap | None, dt: float
-) -> dict[str, FloatArray]:
-    """Every feature of `agents` (None: all) at every fifth of `tables`, concatenated."""
+) -> tuple[IntArray, dict[str, FloatArray]]:
+    """Every feature of `agents` (None: all) at every fifth of `tables`, concatenated; before them, whose they are."""
     parts: dict[str, list[FloatArray]] = {name: [] for name in FEATURES}
+    ids = [np.empty(0, np.int64)]
     for k in range(SAMPLE, len(tables), SAMPLE):
         table, before = tables[k], tables[k - 1]
         which = np.ones(len(table), np.bool_) if agents is None else np.isin(table.id, sorted(agents))
@@ -127,6 +137,7 @@ def _values(
         if not len(rows):
             continue
         turn = np.angle(np.exp(1j * (table.yaw[rows] - before.yaw[earlier[rows]]))) / dt
+        ids.append(table.id[rows])
         parts["linear_speed"].append(table.speed[rows])
         parts["linear_acceleration"].append((table.speed[rows] - before.speed[earlier[rows]]) / dt)
         parts["angular_speed"].append(turn)
@@ -138,7 +149,8 @@ def _values(
             edge = _distance_to_edge(table, rows, lane_map)
             parts["distance_to_road_edge"].append(edge)
             parts["off_road"].append((edge < 0.0).astype(np.float64))
-    return {name: np.concatenate(values) if values else np.empty(0) for name, values in parts.items()}
+    found = {name: np.concatenate(values) if values else np.empty(0) for name, values in parts.items()}
+    return np.concatenate(ids), found
 
 
 def _turn_change(tables: Sequence[AgentTable], k: int, ids: np.ndarray, turn: FloatArray, dt: float) -> FloatArray:

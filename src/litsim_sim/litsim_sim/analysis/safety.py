@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.core.geometry import boxes_overlap, to_body
+from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS, kernel
+from litsim_sim.core.geometry import to_body
+from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 
 TTC_HORIZON_S = 3.0  # nuPlan
@@ -110,29 +113,43 @@ def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:
     0 in contact. What is behind counts only while it is in contact, as in nuPlan's measure: being run into is not the
     agent's.
     """
-    speed_x, speed_y = table.speed * np.cos(table.yaw), table.speed * np.sin(table.yaw)
-    half = 0.5 * np.hypot(table.length, table.width)
-    dx, dy = table.x - table.x[rows, None], table.y - table.y[rows, None]
-    closing = np.hypot(speed_x - speed_x[rows, None], speed_y - speed_y[rows, None])
-    near = np.hypot(dx, dy) <= half + half[rows, None] + closing * TTC_HORIZON_S
-    near[np.arange(len(rows)), rows] = False
-    own, b = np.nonzero(near)
-    a, dx, dy = rows[own], dx[own, b], dy[own, b]
-    times = np.arange(0.0, TTC_HORIZON_S + 0.5 * TTC_STEP_S, TTC_STEP_S)[:, None]
-    hit = boxes_overlap(
-        dx + times * (speed_x[b] - speed_x[a]),
-        dy + times * (speed_y[b] - speed_y[a]),
-        table.yaw[a],
-        table.yaw[b],
-        (table.length[a], table.width[a]),
-        (table.length[b], table.width[b]),
-    )
-    ahead, _ = to_body(dx, dy, table.yaw[a])
-    hit &= (ahead > 0.0) | (times == 0.0)
-    ttc = np.full(len(rows), np.inf)
-    meets = hit.any(axis=0)
-    np.minimum.at(ttc, own[meets], times[np.argmax(hit[:, meets], axis=0), 0])
-    return ttc
+    boxes = table.x, table.y, table.yaw, table.length, table.width
+    velocity = table.speed * np.cos(table.yaw), table.speed * np.sin(table.yaw)
+    return _first_meetings(rows.astype(np.int64), *boxes, *velocity)
+
+
+@kernel(OUT_FLOATS(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
+def _first_meetings(
+    rows: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    speed_x: FloatArray,
+    speed_y: FloatArray,
+) -> FloatArray:
+    """:func:`times_to_collision` (m,) of the boxes in `rows` (m,) among all (n,), whose velocities are given, too."""
+    found = np.full(len(rows), math.inf)
+    steps = round(TTC_HORIZON_S / TTC_STEP_S)
+    for m in range(len(rows)):
+        a = rows[m]
+        half, cos, sin = 0.5 * math.hypot(length[a], width[a]), math.cos(yaw[a]), math.sin(yaw[a])
+        for b in range(len(x)):
+            dx, dy = x[b] - x[a], y[b] - y[a]
+            fast_x, fast_y = speed_x[b] - speed_x[a], speed_y[b] - speed_y[a]
+            reach = 0.5 * math.hypot(length[b], width[b]) + half + math.hypot(fast_x, fast_y) * TTC_HORIZON_S
+            if b == a or not math.hypot(dx, dy) <= reach:
+                continue
+            last = steps if dx * cos + dy * sin > 0.0 else 0
+            for k in range(last + 1):
+                t = k * TTC_STEP_S
+                if t >= found[m]:
+                    break
+                if overlap(dx + t * fast_x, dy + t * fast_y, yaw[a], yaw[b], length[a], width[a], length[b], width[b]):
+                    found[m] = t
+                    break
+    return found
 
 
 def following(table: AgentTable, rows: IntArray) -> Following:

@@ -6,6 +6,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -177,12 +178,12 @@ class Run:
     problem: str = ""
     metadata: dict[str, str] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def simulated(self) -> list[AgentTable]:
         """Tables of the steps after the history: those that the run decided."""
         return [table for table in self.tables if table.step > self.info.history_steps]
 
-    @property
+    @cached_property
     def simulated_log(self) -> list[AgentTable]:
         """Logged agents of the steps of :attr:`simulated`."""
         return [table for table in self.log if table.step > self.info.history_steps]
@@ -198,7 +199,7 @@ class Run:
         ended = self.ended
         return self.info.total_steps if ended is None else ended.step
 
-    @property
+    @cached_property
     def summary(self) -> dict[str, Any]:
         """What the bridge said at the end of the run, beside its wall time in `wall_s`; empty if it said nothing."""
         for status in reversed(self.statuses):
