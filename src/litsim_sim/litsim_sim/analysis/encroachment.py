@@ -84,9 +84,8 @@ def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray
     if not (len(a) and len(b)):
         return None
     reach = 0.5 * (np.hypot(a[0, 3], a[0, 4]) + np.hypot(b[0, 3], b[0, 4]))
-    steps = (np.asarray(step, np.int64) for step in (step_a, step_b))
-    boxes = (np.ascontiguousarray(box, np.float64) for box in (a, b))
-    i, j, apart = _closest_use(*steps, *boxes, float(reach))
+    at_a, at_b = np.asarray(step_a, np.int64), np.asarray(step_b, np.int64)
+    i, j, apart = _closest_use(at_a, at_b, np.ascontiguousarray(a), np.ascontiguousarray(b), float(reach))
     return (i, j, apart) if i >= 0 else None
 
 
