@@ -68,6 +68,8 @@ def test_it_learns_and_a_run_that_is_resumed_ends_where_a_whole_one_does(
     assert drop(history) == drop(whole.history)
     assert (tmp_path / "parts" / simnet_train.CURVES).read_bytes().startswith(b"\x89PNG")
     assert load_network(resumed.weights(tmp_path / "parts"))
+    more = simnet_train.run(config.model_copy(update={"batches": 40}), tmp_path / "parts", resume=True, progress=False)
+    assert [entry["batches"] for entry in more.history] == [10, 20, 30, 40]
 
 
 def test_the_paper_backbone_is_trained_likewise(file: Path, tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ class SimnetTraining:
 
     @torch.no_grad()
     def validate(self, samples: Samples) -> dict[str, float]:
-        """Loss, and errors of the pose after the first and last step, of agents that are not learned."""
+        """Loss, and errors of the pose after the first and last step, of agents that nothing is learned from."""
         self.network.eval()
         part = self.config.moments * self.config.agents
         begins = range(0, len(samples.rasters), part)
@@ -155,10 +155,10 @@ class SimnetTraining:
         return out / f"best{ending(self.config.backbone)}"
 
     def read(self, path: Path) -> None:
-        """Go on from a checkpoint.
+        """Go on from a checkpoint, be it for more batches: the rate then rises to where that cosine has it.
 
         Raises:
-            InputError: there is none, or it is of a run with another configuration.
+            InputError: there is none, or its run differs in more than the number of batches.
         """
         if not path.is_file():
             raise InputError(f"{path}: no checkpoint to resume from")
@@ -167,7 +167,7 @@ class SimnetTraining:
         except Exception as error:
             raise InputError(f"{path}: not a readable checkpoint: {error}") from error
         then, now = json.loads(state["config"]), json.loads(self.config.model_dump_json())
-        if changed := [key for key in now if then.get(key) != now[key]]:
+        if changed := [key for key in now if key != "batches" and then.get(key) != now[key]]:
             raise InputError(f"{path}: fields {', '.join(changed)} of the configuration have changed since")
         self.network.load_state_dict(state["network"])
         self._optimiser.load_state_dict(state["optimiser"])
@@ -186,7 +186,7 @@ def run(
     data = prepare(config.data, out / "data")
     training, shape = SimnetTraining(config, device), SHAPES[config.backbone]
     train = Moments(*_counted(data.train), shape, config.perturbation)
-    held_out = Moments(*_counted(data.validation), shape)
+    held_out = Moments(*_counted(data.validation), shape, config.perturbation)
     if resume:
         training.read(out / CHECKPOINT)
     else:
