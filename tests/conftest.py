@@ -41,7 +41,7 @@ settings.load_profile("litsim")
 LANE_CENTRES = tuple(-3.66 * (lane + 0.5) for lane in range(5))
 """y of the through lanes of the packaged net us101_like, leftmost first [m]; they run along +x from 0 to 640 m."""
 
-PATIENCE_S = 60.0  # for what takes a moment
+PATIENCE_S = 120.0  # for what takes a moment
 FOXGLOVE_MESSAGE, FOXGLOVE_TIME = 1, 2  # first byte of binary messages to a client
 
 USUAL_AGENT: dict[str, Any] = {

@@ -117,6 +117,6 @@ def test_read_only_folder_is_refused(graph: Any, tmp_path: Path) -> None:
     (tmp_path / "shut").mkdir(mode=0o500)
     program = Path(get_package_prefix("litsim_sim")) / "lib/litsim_sim/launch"
     command = [*AS_OTHERS, program, "--scenario", graph.scenario(), "--out", tmp_path / "shut/run"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 2
     assert done.stderr == f"error: {tmp_path}/shut/run: cannot be written: Permission denied\n"

@@ -58,7 +58,7 @@ def test_it_drives_the_demo(graph: Any, example: str, interface: str) -> None:
             options = ("--ego", "external", "--policy", "litsim", "--out", bag, "--domain-id", graph.domain)
             done = graph.launch("--scenario", "demo", *options)
             assert done.returncode == 0, done.stderr
-            assert ads.wait(timeout=60) == 0  # it has heard that the run is over
+            assert ads.wait(timeout=120) == 0  # it has heard that the run is over
         finally:
             ads.kill()
     metrics = json.loads((bag / "metrics.json").read_text())

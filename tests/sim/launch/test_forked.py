@@ -16,7 +16,7 @@ import pytest
 from litsim_sim.launch.child import Child
 from litsim_sim.launch.processes import Graph
 
-PATIENCE_S = 60.0  # for what takes a moment
+PATIENCE_S = 120.0  # for what takes a moment
 
 TELL = """
 import json, os, signal, sys

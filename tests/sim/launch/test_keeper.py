@@ -14,7 +14,7 @@ import pytest
 
 from litsim_sim.launch import keeper
 
-PATIENCE_S = 60.0  # for what takes a moment
+PATIENCE_S = 120.0  # for what takes a moment
 
 
 @pytest.fixture
@@ -62,12 +62,15 @@ def test_what_cannot_be_started_is_said(keep: Callable[..., subprocess.Popen[str
     assert said == f"error: {tmp_path}/no_stack: cannot be started: No such file or directory\n"
 
 
-def test_what_the_command_has_left_behind_is_ended(keep: Callable[..., subprocess.Popen[str]]) -> None:
+def test_what_the_command_has_left_behind_is_ended(keep: Callable[..., subprocess.Popen[str]], tmp_path: Path) -> None:
     """One in a session of its own, as daemons are, and one that does not listen to SIGTERM."""
-    process = keep("sh", "-c", "setsid sleep 600 & (trap '' TERM; sleep 600) & sleep 0.3; echo $!; exit 4")
+    deaf, go = tmp_path / "deaf", tmp_path / "go"
+    leave = f"setsid sleep 600 & (trap '' TERM; touch {deaf}; sleep 600) & echo $!"
+    process = keep("sh", "-c", f"{leave}; until [ -e {deaf} ] && [ -e {go} ]; do sleep 0.05; done; exit 4")
     assert process.stdout is not None
     left = int(process.stdout.readline())
     assert lives(left)
+    go.touch()
     assert process.wait(PATIENCE_S) == 4
     assert not lives(left) and not keeper.descendants(process.pid)
 

@@ -29,6 +29,7 @@ from litsim_sim.core.takeover import Takeover, TakeoverState
 from litsim_sim.record.run import Run, RunInfo, Status
 from takeovers import takeover
 
+PATIENCE_S = 120.0  # for what takes a moment
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NET = Path(__file__).resolve().parents[3] / "src/litsim_sim/litsim_sim/nets/us101_like.net.xml"
 FLAGS = (
@@ -74,7 +75,7 @@ class Chromium:
 
     def close(self) -> None:
         self._process.terminate()
-        self._process.wait(10)
+        self._process.wait(PATIENCE_S)
         os.close(self._out)
         os.close(self._in)
 
@@ -86,7 +87,7 @@ class Chromium:
             message["sessionId"] = self._session
         os.write(self._out, json.dumps(message).encode() + b"\0")
         while True:
-            found = self._receive(30.0)
+            found = self._receive(PATIENCE_S)
             if found.get("id") == self._number:
                 assert "error" not in found, found
                 result: dict[str, Any] = found["result"]
@@ -133,7 +134,7 @@ class Chromium:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def wait(self, expression: str, patience: float = 15.0) -> None:
+    def wait(self, expression: str, patience: float = PATIENCE_S) -> None:
         """Wait until an expression holds."""
         end = time.monotonic() + patience
         while not self.run(expression):
