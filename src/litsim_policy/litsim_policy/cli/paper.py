@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from litsim_policy.paper import tables
 from litsim_policy.paper.experiments import (
+    ABLATIONS,
     EXPERIMENTS,
     ORACLE_EGOS,
     ORACLES,
@@ -27,8 +27,9 @@ from litsim_policy.paper.page import fill
 from litsim_policy.paper.published import ABLATION as PUBLISHED_ABLATION
 from litsim_policy.paper.published import TABLE as PUBLISHED_TABLE
 from litsim_policy.paper.roads import REAL, SETS
-from litsim_policy.paper.running import Clock, carried_out, note_what_happened
-from litsim_sim.campaign.results import Campaign, read_campaign
+from litsim_policy.paper.running import carried_out, note_what_happened
+from litsim_sim.campaign.case import code_versions
+from litsim_sim.campaign.results import CAMPAIGN_FILE, Campaign, read_campaign
 from litsim_sim.campaign.suite import Suite
 from litsim_sim.cli.arguments import DefaultsFormatter
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
@@ -72,53 +73,48 @@ def parser() -> argparse.ArgumentParser:
 
 
 class Work:
-    """What the arguments ask for, done part by part; wall times are kept."""
+    """What the arguments ask for, done part by part."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
         self._out: Path = arguments.out
         self._images: Path = arguments.images or self._out / FIGURES
         self._sets = _available(arguments.sets)
-        self.clocks: dict[str, Clock] = {}
 
     def experiment(self, experiment: Experiment) -> None:
         """Run `experiment`, and write its tables."""
-        with self._clock(experiment.name):
-            campaign = self._campaign(experiment)
-            lines = list(_tables(campaign, experiment, self._egos(experiment), self._sets))
+        campaign = self._campaign(experiment)
+        lines = list(_tables(campaign, experiment, self._egos(experiment), self._sets))
         self._write(experiment.name, lines)
 
     def oracles(self) -> None:
         """Run ours with each stage in turn done as well as can be, and write the tables."""
         lines: list[str] = []
-        with self._clock(ORACLES):
-            for ego in self._arguments.ego or ORACLE_EGOS[: 1 if self._arguments.quick else None]:
-                happened = (self._out / "happened" / ego).resolve()
-                experiment = of_oracles(ego, happened)
-                if not self._arguments.as_it_is:
-                    first = replace(experiment, name=f"happened_{ego}", policies=(OURS,))
-                    note_what_happened(self._campaign(first, (ego,)), happened, self._arguments.processes)
-                lines += _tables(self._campaign(experiment, (ego,)), experiment, (ego,), self._sets)
+        for ego in self._arguments.ego or ORACLE_EGOS[: 1 if self._arguments.quick else None]:
+            happened = (self._out / "happened" / f"{ego}_{code_versions()['sources']}").resolve()
+            experiment = of_oracles(ego, happened)
+            if not self._arguments.as_it_is:
+                note_what_happened(self._suite(experiment, (ego,)), happened, self._arguments.processes)
+            lines += _tables(self._campaign(experiment, (ego,)), experiment, (ego,), self._sets)
         self._write(ORACLES, lines)
 
     def figures(self) -> None:
         """Draw what the campaign of the table holds."""
         from litsim_policy.paper import figures  # matplotlib takes half a second to load
 
-        with self._clock(FIGURES):
-            campaign = self._campaign(TABLE)
-            ego = self._egos(TABLE)[0]
-            everything = tables.methods_of(campaign, ego, None)
-            by_set = {name: tables.methods_of(campaign, ego, name) for name in self._sets}
-            every_ego = _merged(tables.methods_of(campaign, each, None) for each in self._egos(TABLE))
-            made = {
-                "contacts_by_fault": figures.contacts_by_fault(everything),
-                "ade_over_time": figures.ade_over_time(by_set),
-                "takeovers": figures.takeovers(every_ego, (OURS, PAPER_SETUP)),
-                "realism": figures.realism(by_set),
-            }
-            for name, canvas in made.items():
-                figures.save(canvas, self._images, name)
+        campaign = self._campaign(TABLE)
+        ego = self._egos(TABLE)[0]
+        everything = tables.methods_of(campaign, ego, None)
+        by_set = {name: tables.methods_of(campaign, ego, name) for name in self._sets}
+        every_ego = _merged(tables.methods_of(campaign, each, None) for each in self._egos(TABLE))
+        made = {
+            "contacts_by_fault": figures.contacts_by_fault(everything),
+            "ade_over_time": figures.ade_over_time(by_set),
+            "takeovers": figures.takeovers(every_ego, (OURS, PAPER_SETUP)),
+            "realism": figures.realism(by_set),
+        }
+        for name, canvas in made.items():
+            figures.save(canvas, self._images, name)
         print(f"figures: {self._images}")
         self._show()
 
@@ -127,18 +123,17 @@ class Work:
         from litsim_policy.paper import case_studies, figures
 
         arguments = self._arguments
-        with self._clock(CASES):
-            quick = arguments.quick or REAL not in self._sets
-            for name, suite in case_studies.candidates(self._out / "roads", quick=quick).items():
-                where = f"cases_{name}"
-                as_it_is = arguments.as_it_is
-                campaign = read_campaign(self._out / where) if as_it_is else self._carried_out(suite, where)
-                study = case_studies.chosen(campaign)
-                if study is None:
-                    print(f"{name}: no case in which replay makes a contact of the ego and {OURS} does not")
-                    continue
-                figures.save(case_studies.drawn(name, study), self._images, f"case_{name}")
-                print(f"{name}: {study.ours.name}")
+        quick = arguments.quick or REAL not in self._sets
+        for name, suite in case_studies.candidates(self._out / "roads", quick=quick).items():
+            where = f"cases_{name}"
+            as_it_is = arguments.as_it_is
+            campaign = read_campaign(self._out / where) if as_it_is else self._carried_out(suite, where)
+            study = case_studies.chosen(campaign)
+            if study is None:
+                print(f"{name}: no case in which replay makes a contact of the ego and {OURS} does not")
+                continue
+            figures.save(case_studies.drawn(name, study), self._images, f"case_{name}")
+            print(f"{name}: {study.ours.name}")
         self._show()
 
     def _show(self) -> None:
@@ -154,18 +149,24 @@ class Work:
         fill(page, FIGURES, lines)
 
     def times(self) -> None:
-        """Write the wall times of the parts."""
-        lines = ["| part | wall time |", "| --- | ---: |"]
-        lines += [f"| {name} | {clock.seconds / 60:.1f} min |" for name, clock in self.clocks.items()]
-        lines.append(f"| together | {sum(clock.seconds for clock in self.clocks.values()) / 60:.1f} min |")
+        """Write how long the runs of each campaign took that lies in the folder."""
+        lines = ["| campaign | runs | minutes of a process |", "| --- | ---: | ---: |"]
+        every = 0.0
+        for folder in sorted(path.parent for path in self._out.glob(f"*/{CAMPAIGN_FILE}")):
+            results = read_campaign(folder).results
+            minutes = sum(result.wall_s or 0.0 for result in results) / 60
+            every += minutes
+            lines.append(f"| {folder.name} | {len(results)} | {minutes:.1f} |")
+        lines.append(f"| together | | {every:.1f} |")
         self._write("times", lines)
 
     def _campaign(self, experiment: Experiment, egos: tuple[str, ...] | None = None) -> Campaign:
         if self._arguments.as_it_is:
             return read_campaign(self._out / experiment.name)
-        quick = self._arguments.quick
-        suite = experiment.suite(self._sets, egos or self._egos(experiment), self._out / "roads", quick=quick)
-        return self._carried_out(suite, experiment.name)
+        return self._carried_out(self._suite(experiment, egos or self._egos(experiment)), experiment.name)
+
+    def _suite(self, experiment: Experiment, egos: tuple[str, ...]) -> Suite:
+        return experiment.suite(self._sets, egos, self._out / "roads", quick=self._arguments.quick)
 
     def _carried_out(self, suite: Suite, name: str) -> Campaign:
         arguments = self._arguments
@@ -176,9 +177,6 @@ class Work:
         if given and experiment is not SANITY:
             return tuple(given)
         return experiment.egos[:1] if self._arguments.quick else experiment.egos
-
-    def _clock(self, name: str) -> Clock:
-        return self.clocks.setdefault(name, Clock())
 
     def _write(self, name: str, lines: Sequence[str]) -> None:
         path = self._out / f"{name}.md"
@@ -245,13 +243,16 @@ def main(argv: list[str] | None = None) -> int:
     interrupt_on_signals()
     work = Work(arguments)
     parts: dict[str, Callable[[], None]] = {
-        name: partial(work.experiment, experiment) for name, experiment in EXPERIMENTS.items()
+        TABLE.name: partial(work.experiment, TABLE),
+        FIGURES: work.figures,
+        CASES: work.cases,
+        ABLATIONS.name: partial(work.experiment, ABLATIONS),
+        SANITY.name: partial(work.experiment, SANITY),
+        ORACLES: work.oracles,
     }
-    parts |= {ORACLES: work.oracles, FIGURES: work.figures, CASES: work.cases}
     for part in parts.values() if arguments.what == ALL else (parts[arguments.what],):
         part()
-    if arguments.what == ALL:
-        work.times()
+    work.times()
     return 0
 
 

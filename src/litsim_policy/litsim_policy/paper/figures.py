@@ -103,25 +103,27 @@ def takeovers(methods: Methods, names: Sequence[str]) -> Canvas:
 
 
 def realism(by_set: Mapping[str, Methods]) -> Canvas:
-    """Realism of the agents near the ego's log, with the spread over draws; bars for each method, by set."""
+    """Realism of the agents near the ego's log, with the spread over draws; a mark for each method, by set."""
     canvas = Canvas((WIDTH, 3.0), layout="constrained")
     axes = canvas.add_subplot()
     names = list(dict.fromkeys(name for methods in by_set.values() for name in methods))
-    width = 0.8 / max(1, len(names))
-    lowest = 1.0
     for k, name in enumerate(names):
-        for at, methods in enumerate(by_set.values()):
-            found = figure(run_parts(methods.get(name, {}), "realism"))
-            if found is None:
-                continue
-            lowest = min(lowest, found.value - (found.spread or 0.0))
-            colour, label = COLOURS[k % len(COLOURS)], name if at == 0 else None
-            place = at + (k - (len(names) - 1) / 2) * width
-            axes.bar(place, found.value, width, yerr=found.spread, color=colour, label=label, error_kw={"lw": 0.8})
-    axes.set_ylim(max(0.0, lowest - 0.05), 1.0)
+        found = [figure(run_parts(methods.get(name, {}), "realism")) for methods in by_set.values()]
+        marks = [(at + 0.7 * ((k + 0.5) / len(names) - 0.5), each) for at, each in enumerate(found) if each is not None]
+        axes.errorbar(
+            [place for place, _ in marks],
+            [each.value for _, each in marks],
+            [each.spread or 0.0 for _, each in marks],
+            fmt="o",
+            ms=5,
+            lw=1.2,
+            color=COLOURS[k % len(COLOURS)],
+            label=name,
+        )
     axes.set_xticks(range(len(by_set)), list(by_set))
+    axes.set_xlim(-0.5, len(by_set) - 0.5)
     axes.set_ylabel("realism score")
-    axes.legend(frameon=False, fontsize=7, ncols=4, loc="lower center")
+    canvas.legend(frameon=False, fontsize=8, ncols=len(names), loc="outside upper center")
     _plain(axes)
     return canvas
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import multiprocessing
-import time
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
 from tqdm import tqdm
 
+from litsim_policy.paper.experiments import OURS
 from litsim_policy.run.campaign import LocalRuns
 from litsim_policy.run.case_run import check_cases, plan_of
 from litsim_policy.run.runner import Runner, record
@@ -54,13 +54,14 @@ def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = Fa
     return read_campaign(out)
 
 
-def note_what_happened(campaign: Campaign, folder: Path, processes: int) -> None:
-    """Run the cases of `campaign` again and write to `folder` what happens, where it is not there yet.
+def note_what_happened(suite: Suite, folder: Path, processes: int) -> None:
+    """Run the cases of `suite` with our policy as it comes, and write to `folder` what happens; what is there is kept.
 
     Raises:
         InputError: a case cannot be run, or `folder` not be written.
     """
-    missing = [case for case in campaign.cases if not file_of(folder, plan_of(case).scenario).is_file()]
+    ours = suite.model_copy(update={"policies": [OURS]})
+    missing = [case for case in cases_of(ours) if not file_of(folder, plan_of(case).scenario).is_file()]
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
         for _ in tqdm(
             pool.map(_note, missing, [folder] * len(missing)), total=len(missing), unit="run", desc="what happens"
@@ -74,17 +75,3 @@ def _note(case: Case, folder: Path) -> None:
     Happened.of_run(plan.scenario.log.ids, run.tables, run.log, plan.scenario.ego_id).write(
         file_of(folder, plan.scenario)
     )
-
-
-class Clock:
-    """Wall time of what is done within it [s]."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def __enter__(self) -> Clock:
-        self._begin = time.monotonic()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.seconds += time.monotonic() - self._begin
