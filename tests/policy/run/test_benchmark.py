@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from litsim_policy.run import benchmark
 from litsim_policy.run.benchmark import (
     execute,
     graph_sample,
     straight_road,
     table_rows,
+    time_graph,
     time_highway_env,
     time_in_process,
     time_recording,
@@ -144,3 +146,16 @@ def test_conflict_detection_is_timed_on_traffic_in_which_there_are_conflicts() -
     assert len(timing.wall) == len(timing.cpu) == 2 and min(timing.wall) > 0.0
     said = list(detection_rows(timing))
     assert said[:2] == ["60", "6"] and "to" in said[-1] and len(said) == 6
+
+
+def test_what_the_launcher_is_told_beside_the_run_is_up_to_who_asks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(benchmark, "find_executable", lambda *_: tmp_path)
+    monkeypatch.setattr(benchmark, "execute", lambda *words: told.append(words))
+    monkeypatch.setattr(benchmark, "read_run", lambda bag: bag)
+    monkeypatch.setattr(benchmark, "graph_sample", lambda run: {"of": run})
+    assert time_graph(tmp_path / "150.yaml", tmp_path / "bag") == {"of": tmp_path / "bag"}
+    time_graph(tmp_path / "150.yaml", tmp_path / "bag", ["--apart"])
+    assert told[1] == (*told[0], "--apart") and str(tmp_path / "150.yaml") in told[0]

@@ -35,6 +35,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--agents", type=int, nargs="+", default=[50, 150, 250, 1000], help="numbers of agents")
     p.add_argument("--seconds", type=float, default=13.0, help="simulated time of a run, 3 s of history included")
     p.add_argument("--repeats", type=int, default=5, help="of every run, one shell after the other")
+    p.add_argument("--apart", action="store_true", help="over the graph a process for every node")
     p.add_argument("--markdown", type=Path, metavar="FILE", help="write the table to this file as well")
     p.add_argument(
         "--highway-env",
@@ -111,7 +112,8 @@ def run_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[
             if arguments.highway_env is not None and agents <= HIGHWAY_ENV_MOST:
                 python, script = arguments.highway_env / ".venv/bin/python", arguments.highway_env / "step_time.py"
                 beside = partial(time_highway_env, python.absolute(), script, steps=HIGHWAY_ENV_STEPS)
-            found[agents] = measure(Path(folder), agents, arguments.seconds, arguments.repeats, beside, bar.update)
+            given = (Path(folder), agents, arguments.seconds, arguments.repeats, beside, bar.update)
+            found[agents] = measure(*given, ["--apart"] if arguments.apart else [])
     title = f"a step, median (minimum to maximum) of {arguments.repeats} repetitions, {_machine()}"
     return title, ["", *(f"{agents} agents" for agents in found)], [list(row) for row in table_rows(found)]
 

@@ -141,14 +141,16 @@ def time_in_process(scenario_file: Path) -> Sample:
     return {name: statistics.median(values) for name, values in parts.items() if name in PARTS} | {IN_PROCESS: whole}
 
 
-def time_graph(scenario_file: Path, bag: Path) -> Sample:
+def time_graph(scenario_file: Path, bag: Path, options: Sequence[str] = ()) -> Sample:
     """Run a scenario over DDS, recorded to `bag`; the steps after the history, as :func:`time_in_process`.
+
+    `options` are further ones of the launcher.
 
     Raises:
         InputError: the run failed.
     """
     command = ["--quiet", "--overwrite", "--out", str(bag), "--scenario", str(scenario_file)]
-    execute(find_executable("litsim_sim", "launch"), *command, "--ego", EGO, "--policy", POLICY)
+    execute(find_executable("litsim_sim", "launch"), *command, "--ego", EGO, "--policy", POLICY, *options)
     return graph_sample(read_run(bag))
 
 
@@ -196,8 +198,11 @@ def measure(
     repeats: int,
     highway_env: Callable[[int], Sample] | None,
     done: Callable[[], object],
+    options: Sequence[str] = (),
 ) -> list[Sample]:
     """Repetitions of everything with one number of agents; `highway_env` is called with it, where it is given.
+
+    `options` are further ones of the launcher, for the runs over DDS.
 
     Raises:
         InputError: a run failed.
@@ -208,7 +213,7 @@ def measure(
         context = multiprocessing.get_context("spawn")  # libsumo holds one simulation per process
         with ProcessPoolExecutor(1, mp_context=context) as process:
             sample = process.submit(time_in_process, scenario).result()
-        sample |= time_graph(scenario, folder / "bag")
+        sample |= time_graph(scenario, folder / "bag", options)
         sample |= time_recording(folder / "bag", folder / "again")
         sample |= highway_env(agents) if highway_env else {}
         samples.append(sample | {name: sample[a] / sample[b] for name, (a, b) in RATIOS.items() if a in sample})
