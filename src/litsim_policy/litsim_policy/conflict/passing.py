@@ -15,7 +15,6 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.route import Router
 from litsim_sim.core.compiled import BOOLS, FLOATS, INTS, OUT_INTS, float64, kernel
 from litsim_sim.core.quantities import (
-    Acceleration,
     Duration,
     Length,
     NonNegative,
@@ -43,7 +42,6 @@ class PassingConfig:
     Attributes:
         slower: than its log was here, from which on an agent is held back.
         patience: steps in a row for which it is held back before it looks for another lane.
-        steady: braking of the opponent beyond which it is waited for what comes of it.
         again: steps from one change of lane to the next, at least.
         change_time: that a change of lane takes.
         look: ahead, over which both lanes have to lead the same way.
@@ -51,8 +49,7 @@ class PassingConfig:
     """
 
     slower: Positive[Speed] = 0.5
-    patience: NonNegative[Steps] = 2
-    steady: NonNegative[Acceleration] = 1.0
+    patience: Positive[Steps] = 1
     again: NonNegative[Steps] = 40
     change_time: Positive[Duration] = 3.5
     look: NonNegative[Length] = 80.0
@@ -104,8 +101,6 @@ class Passing:
         self._stay_beside(table, off, rows)
         self._give_up(table, off, rows, lag)
         waits = (off.slowed >= config.patience) & (table.step - off.changed_step >= config.again)
-        opponent = table.rows(off.opponent)
-        waits &= (opponent < 0) | (table.acceleration[opponent] >= -config.steady)
         at = np.flatnonzero(waits & (off.state != TakeoverState.RELEASED))
         if not len(at):
             return

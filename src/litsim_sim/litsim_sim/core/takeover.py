@@ -28,7 +28,10 @@ class TakeoverReason(IntEnum):
 
 
 class PathSource(IntEnum):
-    """Where a reference path comes from; numbered as in ``litsim_msgs/Takeover``."""
+    """Where a reference path comes from; numbered as in ``litsim_msgs/Takeover``.
+
+    A LANE is the one that an agent of a baseline keeps to, or the one beside that an agent takes to pass.
+    """
 
     ROUTE = 0
     LOGGED = 1
