@@ -8,11 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from litsim_policy.conflict.detection import Conflict
+from litsim_policy.conflict.off_log import OffLog
+from litsim_policy.conflict.passing import Passing, PassingConfig
+from litsim_policy.motion.reference_path import logged_path
+from litsim_policy.motion.route import Router
 from litsim_policy.run.runner import Runner, record
 from litsim_policy.run.together import record_together
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.core.scene import Controller
-from litsim_sim.core.takeover import PathSource, TakeoverState
+from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -107,3 +112,28 @@ def test_scenes_that_are_joined_pass_as_alone(behind_slow_ego, lane_centres) -> 
     alone, together = [record(Runner(plan)) for plan in plans], record_together(plans)
     assert [compute_metrics(each)["digest"] for each in alone] == [compute_metrics(each)["digest"] for each in together]
     assert all(on_lane_paths(each) for each in alone)
+
+
+@pytest.mark.parametrize(
+    ("beside", "goes_on"), [({"x": 90.0}, True), ({"x": 31.0}, False), ({"x": 18.0, "speed": 26.0}, False)]
+)
+def test_a_change_that_has_begun_is_given_up_where_somebody_is_or_closes_in(
+    behind_slow_ego, placed, lane_centres, beside, goes_on
+) -> None:
+    scenario = behind_slow_ego({"id": 3, "y": lane_centres[0]} | beside)
+    lane_map = scenario.lane_map
+    table = placed(scenario.log.table(0), HELD, speed=SPEED)
+    row = table.row(HELD)
+    pose = np.array([table.x[row], table.y[row], table.yaw[row]])
+    lane = lane_map.row(str(lane_map.lanes[int(lane_map.nearest(*pose[:, None]).lane[0])].left))
+    router, config = Router(lane_map), PassingConfig()
+    logged = logged_path(scenario.log, lane_map, HELD)
+    conflict = Conflict(HELD, EGO, 2.0, pose, 1.0)
+    off = OffLog.opened(conflict, 0, TakeoverReason.CONFLICT, logged, PathSource.ROUTE, logged)
+    path = router.beside(pose, 50.0, lane)
+    assert path is not None and path.points[0] == pytest.approx(pose[:2])
+    off.pass_along(0, path, lane, 0)
+    assert (off.beside[0], off.source[0], off.changed_step[0]) == (lane, PathSource.LANE, 0)
+    Passing(lane_map, scenario.log, router, config).look_for_lanes(table, off, np.array([row]), np.array([0]))
+    assert (off.source[0] == PathSource.LANE) == goes_on
+    assert (off.beside[0] == lane) == goes_on and (off.path[0] is logged) != goes_on
