@@ -31,7 +31,8 @@ class TrainConfig(BaseModel):
         seed: of everything random.
         iterations: updates of the policy.
         transitions: agent-steps that an iteration collects at least.
-        critic_reward: weight of the critic's reward, which is brought to mean 0 and standard deviation 1.
+        critic_reward: weight of the critic's reward, which is brought to mean 0, and to standard deviation 1 where
+            it is more.
         validate_every: iterations between validations.
         validation_episodes: episodes of one.
     """

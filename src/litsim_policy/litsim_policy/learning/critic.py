@@ -22,7 +22,9 @@ class CriticConfig:
 
     Attributes:
         learning_rate: of Adam.
-        gradient_penalty: weight; pulls the norm of the gradient between expert and policy to 1 (Gulrajani 2017).
+        gradient_penalty: weight; keeps the norm of the gradient between expert and policy from exceeding 1. Where the
+            sides are alike the critic is flat: pulled to 1 from below as well (Gulrajani 2017), it would be steep
+            there along whatever direction, and reward the policy for where it is.
         updates: steps of the optimiser per iteration.
         batch: pairs of each side in a step.
         noise: standard deviation added to all inputs: recorded accelerations jitter, and a critic that may look for
@@ -99,7 +101,8 @@ def update_critic(
         )
         real_logits, made_logits = critic(real), critic(made)
         loss = entropy(real_logits, torch.ones_like(real_logits)) + entropy(made_logits, torch.zeros_like(made_logits))
-        loss = loss + config.gradient_penalty * gradient_penalty(critic, real, made, generator)
+        excess = torch.relu(gradient_norm(critic, real, made, generator) - 1.0)
+        loss = loss + config.gradient_penalty * (excess**2).mean()
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -108,15 +111,13 @@ def update_critic(
     return CriticStep(losses / config.updates, right / config.updates)
 
 
-def gradient_penalty(
-    critic: Callable[[Tensor], Tensor], real: Tensor, made: Tensor, generator: torch.Generator
-) -> Tensor:
-    """Mean squared distance from 1 of the critic's gradient norm at random points between the two sides."""
+def gradient_norm(critic: Callable[[Tensor], Tensor], real: Tensor, made: Tensor, generator: torch.Generator) -> Tensor:
+    """Norms (m,) of the critic's gradient at random points between the two sides (m, inputs)."""
     share = torch.rand((len(real), 1), generator=generator)
     between = (share * real + (1.0 - share) * made).detach().requires_grad_()
     (slope,) = torch.autograd.grad(critic(between).sum(), between, create_graph=True)
-    penalty: Tensor = ((slope.norm(dim=1) - 1.0) ** 2).mean()
-    return penalty
+    norm: Tensor = slope.norm(dim=1)
+    return norm
 
 
 def _jittered(pairs: Tensor, noise: float, generator: torch.Generator) -> Tensor:

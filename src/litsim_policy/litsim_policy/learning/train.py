@@ -101,7 +101,7 @@ def _iterate(
     expert, drawn = critic_sides(training.policy, recorded, len(pairs), generator)
     critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
     passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
-    scaled = config.critic_reward * (passing - passing.mean()) / (passing.std() + 1e-6)
+    scaled = config.critic_reward * (passing - passing.mean()) / max(passing.std(), 1.0)  # noise is not made louder
     ends = np.cumsum([len(track) for track in tracks])
     rewards = [part + track.penalty for part, track in zip(np.split(scaled, ends[:-1]), tracks, strict=True)]
     batch = make_batch(tracks, rewards, training.value, config.ppo)

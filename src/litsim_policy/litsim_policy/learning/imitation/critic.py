@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from litsim_policy.learning.critic import gradient_penalty
+from litsim_policy.learning.critic import gradient_norm
 from litsim_policy.learning.ppo import Demonstrations
 from litsim_sim.core.quantities import NonNegative, Number, OpenShare, Positive, Whole, configuration
 
@@ -57,7 +57,7 @@ def update_wasserstein(
         real = torch.cat([recorded.observation[chosen], recorded.action[chosen]], dim=1)
         made = driven[torch.randint(len(driven), (config.batch,), generator=generator)]
         distance = critic(real).mean() - critic(made).mean()
-        penalty = gradient_penalty(lambda pairs: critic(pairs)[:, 0], real, made, generator)
+        penalty = ((gradient_norm(critic, real, made, generator) - 1.0) ** 2).mean()
         optimiser.zero_grad()
         (config.gradient_penalty * penalty - distance).backward()
         optimiser.step()
