@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure as Canvas
@@ -155,26 +156,30 @@ def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatA
     """Lanes and boxes at `step`, seen along the heading of `view`: centre, heading, half length and half width."""
     centre, heading, wide, high = view
     turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
-    reach = 1.5 * (wide + high)
+    seen = shapely.box(-wide, -high, wide, high)
     for lane in lane_map.lanes:
-        if np.hypot(*(lane.centerline - centre).T).min() < reach + lane.length:
-            axes.add_collection(PolyCollection([_strip(lane.centerline, lane.width, centre, turn)], color=ROAD, lw=0))
+        outlines = _outlines((lane.centerline - centre) @ turn, lane.width, seen)
+        axes.add_collection(PolyCollection(outlines, color=ROAD, lw=0))
     table = next((t for t in run.tables if t.step == step), None)
     if table is not None:
-        axes.add_collection(_boxes(table, centre, turn))
+        axes.add_collection(_boxes(table, centre, turn, (wide, high)))
     axes.set(xlim=(-wide, wide), ylim=(-high, high), aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
 
 
-def _strip(centerline: FloatArray, width: float, centre: FloatArray, turn: FloatArray) -> FloatArray:
-    """Outline (2 k, 2) of a lane, seen from `centre`."""
-    along = np.gradient(centerline, axis=0)
-    aside = np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
-    outline = np.concatenate([centerline + 0.48 * width * aside, (centerline - 0.48 * width * aside)[::-1]])
-    return np.asarray((outline - centre) @ turn)
+def _outlines(centerline: FloatArray, width: float, seen: shapely.Polygon) -> list[FloatArray]:
+    """What is `seen` of a lane: outlines, with a little between neighbours."""
+    part = shapely.LineString(centerline).intersection(seen.buffer(width))
+    strip = part.buffer(0.48 * width, cap_style="flat").intersection(seen)
+    return [
+        shapely.get_coordinates(each.exterior) for each in shapely.get_parts(strip) if isinstance(each, shapely.Polygon)
+    ]
 
 
-def _boxes(table: AgentTable, centre: FloatArray, turn: FloatArray) -> PolyCollection:
+def _boxes(table: AgentTable, centre: FloatArray, turn: FloatArray, limits: tuple[float, float]) -> PolyCollection:
+    """Everybody who may be seen."""
     corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
-    colours = [COLOURS.get(Controller(each), ON_LOG) for each in table.controller.tolist()]
-    return PolyCollection(list((corners - centre) @ turn), facecolors=colours, edgecolors="#30343b", linewidths=0.4)
+    seen = (corners - centre) @ turn
+    near = np.abs(seen).max(axis=(1, 2)) < 2.0 * max(limits)
+    colours = [COLOURS.get(Controller(each), ON_LOG) for each in table.controller[near].tolist()]
+    return PolyCollection(list(seen[near]), facecolors=colours, edgecolors="#30343b", linewidths=0.4)
