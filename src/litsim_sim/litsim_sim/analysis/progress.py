@@ -37,9 +37,11 @@ def mean_progress(
     if agents is not None:
         ids = ids[np.isin(ids, list(agents))]
     length = np.zeros(len(ids))
-    for (before, after), (logged_before, logged_after) in zip(pairwise(tables), pairwise(log), strict=False):
-        rows, then, own = (table.rows(ids) for table in (after, before, logged_after))
-        counts = np.flatnonzero((rows >= 0) & (then >= 0) & (own >= 0) & (logged_before.rows(ids) >= 0))
-        rows, then = rows[counts], then[counts]
-        length[counts] += np.hypot(after.x[rows] - before.x[then], after.y[rows] - before.y[then])
+    found = [table.rows(ids) for table in tables]
+    known = [table.rows(ids) >= 0 for table in log]
+    steps = zip(pairwise(tables), pairwise(found), pairwise(known), strict=False)
+    for (before, after), (rows_before, rows_after), (known_before, known_after) in steps:
+        counts = np.flatnonzero((rows_after >= 0) & (rows_before >= 0) & known_after & known_before)
+        j, i = rows_after[counts], rows_before[counts]
+        length[counts] += np.hypot(after.x[j] - before.x[i], after.y[j] - before.y[i])
     return float(np.mean(length)) if len(ids) else None
