@@ -171,9 +171,8 @@ def _outlines(centerline: FloatArray, width: float, seen: shapely.Polygon) -> li
     """What is `seen` of a lane: outlines, with a little between neighbours."""
     part = shapely.LineString(centerline).intersection(seen.buffer(width))
     strip = part.buffer(0.48 * width, cap_style="flat").intersection(seen)
-    return [
-        shapely.get_coordinates(each.exterior) for each in shapely.get_parts(strip) if isinstance(each, shapely.Polygon)
-    ]
+    parts = [each for each in shapely.get_parts(strip) if isinstance(each, shapely.Polygon) and not each.is_empty]
+    return [shapely.get_coordinates(each.exterior) for each in parts]
 
 
 def _boxes(table: AgentTable, centre: FloatArray, turn: FloatArray, limits: tuple[float, float]) -> PolyCollection:
