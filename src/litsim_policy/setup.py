@@ -41,6 +41,7 @@ setup(
             "evaluate = litsim_policy.cli.evaluate:main",
             "paper = litsim_policy.cli.paper:main",
             "bench = litsim_policy.cli.bench:main",
+            "calibrate = litsim_policy.cli.calibrate:main",
             "train = litsim_policy.learning.train:main",
             "train_simnet = litsim_policy.learning.simnet_train:main",
             "train_imitation = litsim_policy.learning.imitation.train:main",

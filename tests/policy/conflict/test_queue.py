@@ -69,9 +69,13 @@ class Braking:
 
 @pytest.mark.parametrize("policy", ["yield", "litsim"])
 def test_an_overlap_of_the_log_holds_nobody_while_the_queue_stands(queue, policy: str) -> None:
-    """They had been held for 20 s and longer: each waited for the other to leave its place in the log."""
+    """They had been held for 20 s and longer: each waited for the other to leave its place in the log.
+
+    Nobody passes: who does has left the queue.
+    """
     scenario = queue(-0.5)
-    metrics = compute_metrics(record(Runner(RunPlan(scenario, "log", policy), ego=Braking(scenario))))
+    plan = RunPlan(scenario, "log", policy, parameters={"conflict": {"passing": False}})
+    metrics = compute_metrics(record(Runner(plan, ego=Braking(scenario))))
     ledger = {entry["agent"]: entry for entry in metrics["ledger"]}
     assert set(ledger) == {2, 3, 4, 5}, "all of them have to brake"
     released = [entry["released_step"] for entry in ledger.values()]

@@ -132,8 +132,8 @@ def test_a_takeover_says_what_was_predicted(stage) -> None:
     s = stage(confirm_steps=1)
     x, y = s.logged(2), s.logged(2, "y")
     takeover = only(s.see(s.slow_ego(2, 2.0)))
-    assert takeover.time_to_conflict == pytest.approx(2.0)
-    assert takeover.conflict_pose == pytest.approx([x + 20.0, y, 0.0])
+    assert takeover.time_to_conflict == pytest.approx(1.9), "a step before the forecast is centred on a touch"
+    assert takeover.conflict_pose == pytest.approx([x + 19.0, y, 0.0])
     assert takeover.goal_pose == pytest.approx(takeover.conflict_pose)
     assert 0.2 < takeover.overlap_probability < 0.9, "the boxes just touch where the forecast is centred"
     assert takeover.log_collision_predicted

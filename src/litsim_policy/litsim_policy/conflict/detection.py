@@ -64,11 +64,11 @@ class ConflictConfig:
 
     horizon: Horizon = 3.0
     margin: Length = 0.0
-    probability_threshold: OpenShare = 0.4
+    probability_threshold: OpenShare = 0.3
     probability_clear: OpenShare = 0.2
     sigma_scale: NonNegative[Number] = 1.0
     braking_time: NonNegative[Duration] = 1.0
-    braking_hard: NonNegative[Acceleration] = 2.0
+    braking_hard: NonNegative[Acceleration] = 1.0
     roi_m: NonNegative[Length] = 0.0
     region: Literal["off_log", "ego"] = "off_log"
     closing_time: NonNegative[Duration] = 1.0

@@ -1,0 +1,22 @@
+"""What generated traffic is used for, by the seeds of :func:`.segment_set.write_segment_set`: nothing twice.
+
+What is reported on is seen by no training, no calibration and no choice. A test reads the manifests of all weights that
+come with LitSim and says whether it is so.
+"""
+
+from __future__ import annotations
+
+TRAINING = frozenset({4000, 4100})
+"""Policies are trained on these."""
+
+CALIBRATION = frozenset({5000})
+"""Thresholds and other parameters are chosen on these, beside the tuning egos of scenarios."""
+
+REPORTED = frozenset({9000})
+"""Results are reported on these, and nothing else is done with them."""
+
+DEMO_RECORDING = "us101_like"
+"""Name of the recording of scenario demo, which the shipped predictors were trained on.
+
+What is reported on the demo with one of them is no test of it.
+"""

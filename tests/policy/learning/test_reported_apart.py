@@ -1,0 +1,79 @@
+"""Nothing is reported on what was trained on: read from the manifests of the weights themselves."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from safetensors import safe_open
+
+import litsim_policy
+import litsim_sim
+from litsim_predictor.inference import SHIPPED
+from litsim_predictor.inference.weights import read_weights
+from litsim_sim.traffic.seeds import CALIBRATION, DEMO_RECORDING, REPORTED, TRAINING
+
+ROOT = Path(__file__).resolve().parents[3]
+POLICIES = sorted((Path(litsim_policy.__file__).parent / "weights").glob("*.safetensors"))
+REAL = yaml.safe_load((Path(litsim_sim.__file__).parent / "scenarios/us101_0750.yaml").read_text())
+
+
+def trained_on(weights: Path) -> dict[str, Any]:
+    """The `data` of the configuration that policy weights were trained with."""
+    with safe_open(str(weights), framework="numpy") as file:
+        return dict(json.loads(file.metadata()["config"])["data"])
+
+
+def test_seeds_have_one_use() -> None:
+    assert len(TRAINING | CALIBRATION | REPORTED) == len(TRAINING) + len(CALIBRATION) + len(REPORTED)
+    assert POLICIES and SHIPPED
+
+
+@pytest.mark.parametrize("weights", POLICIES, ids=lambda path: path.stem)
+def test_policies_were_trained_on_generated_segments_of_seeds_for_training(weights: Path) -> None:
+    data = trained_on(weights)
+    seeds = {each["seed"] for each in data["generated"]}
+    assert seeds <= TRAINING and not seeds & (CALIBRATION | REPORTED)
+    assert "demo" not in data["scenarios"]
+
+
+@pytest.mark.parametrize("weights", POLICIES, ids=lambda path: path.stem)
+def test_policies_were_trained_on_windows_beside_the_reported_one(weights: Path) -> None:
+    first, last = REAL["crop"]["frame"]
+    for window in trained_on(weights)["real"]:
+        begin, end = window["frames"]
+        assert end < first or begin > last, f"{window} lies in the window of {REAL['name']}"
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_predictors_left_the_reported_window_out(name: str) -> None:
+    """Sources that could hold it say which frames they have kept for tests; the others are of another road."""
+    provenance = read_weights(name).provenance
+    kept = [source["test_frames"] for source in provenance.training["data"] if source["kind"].startswith("us101")]
+    assert kept and all(frames == REAL["crop"]["frame"] for frames in kept)
+    assert provenance.manifest["rows"]["test"]["us101_windows"] > 0
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_predictors_saw_no_generated_segments_that_are_reported(name: str) -> None:
+    sources = {each for part in provenance_rows(name).values() for each in part}
+    assert not {source for source in sources for seed in REPORTED | CALIBRATION if f"_{seed}_" in source}
+
+
+def provenance_rows(name: str) -> dict[str, dict[str, int]]:
+    """Rows by part and source that a predictor was made with."""
+    return dict(read_weights(name).provenance.manifest["rows"])
+
+
+def test_whoever_was_trained_on_the_demo_is_named_where_it_is_reported() -> None:
+    seen = {name for name in SHIPPED if DEMO_RECORDING in provenance_rows(name).get("train", {})}
+    rows = provenance_rows("default")
+    share = rows["train"][DEMO_RECORDING] / sum(part.get(DEMO_RECORDING, 0) for part in rows.values())
+    assert round(100 * share) == 82
+    for page in ("README.md", "docs/experiments.md"):
+        text = " ".join((ROOT / page).read_text(encoding="utf-8").split())
+        for name in seen:
+            assert f"`{name}`" in text.split("trained on 82 % of the demo's rows")[0].rsplit(".", 1)[-1], (page, name)
