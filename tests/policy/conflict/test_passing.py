@@ -70,7 +70,7 @@ def test_a_driver_held_behind_a_slow_ego_passes_and_is_handed_back(behind_slow_e
     (entry,) = metrics["ledger"]
     assert entry["agent"] == HELD and entry["released_step"] is not None and entry["residual_m"] <= 0.5
     assert compute_metrics(held)["ledger"][0]["released_step"] is None
-    after = next(t for t in passed.tables if t.step == entry["released_step"] + 20)
+    after = next(t for t in passed.tables if t.step == entry["released_step"] + 40)
     row = after.row(HELD)
     assert after.controller[row] == Controller.LOG and after.y[row] == pytest.approx(lane_centres[1], abs=0.2)
 
