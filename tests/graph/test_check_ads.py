@@ -27,7 +27,8 @@ CLAUSES = (
 def start(graph: Any, *arguments: object, command: tuple[object, ...] = ()) -> Any:
     """Start `check_ads` on the short scenario, with patience."""
     scenario, result = graph.scenario(), graph.folder / "result.json"
-    usual = ("--scenario", scenario, "--seconds", 3, "--answer-timeout", 8, "--end-wait", 2, "--json", result)
+    usual = ("--scenario", scenario, "--seconds", 3, "--answer-timeout", 8, "--end-wait", 2, "--wait", 60)
+    usual += ("--json", result)
     stack = ("--", sys.executable, *command) if command else ()
     return graph.start_node("litsim_policy", "check_ads", *map(str, (*usual, *arguments, *stack)))
 
@@ -96,8 +97,8 @@ def test_an_example_passes(graph: Any, example: str, interface: str) -> None:
     ],
 )
 def test_a_fault_fails_its_clause_alone(graph: Any, options: tuple[str, ...], clause: str, words: str) -> None:
-    wait = 20 if "best_effort" in options else 60  # to be found; the one is found, and then not heard
-    done = graph.finish(start(graph, "--wait", wait, command=(HERE / "standard_ego.py", *options)))
+    wait = ("--wait", 30) if "best_effort" in options else ()  # it is found, and then waited for as long
+    done = graph.finish(start(graph, *wait, command=(HERE / "standard_ego.py", *options)))
     assert done.returncode == 1, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     found = verdicts(graph)

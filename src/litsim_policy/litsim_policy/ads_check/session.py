@@ -28,7 +28,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 TICK_S = 0.1  # [s] between two looks at the graph
 LEASE_S = 25.0  # [s] after which DDS has noticed at the latest that a process died without a word
-MEETING_S = 15.0  # [s] for the bystander to find the bridge
+MEETING_S = 60.0  # [s] for the bystander to find the bridge, which takes its time to start on a busy machine
 LAZY_S = 5.0  # [s] for a stack that makes its publisher when it first has something to answer
 GRACE_S = 3.0  # [s] that a process gets to end after each signal
 STACK = "stack"

@@ -17,7 +17,7 @@ from typing import IO, Any, Protocol
 
 from litsim_sim.launch import keeper
 
-GRACE_S = 8.0  # [s] that the bridge and the recorder get to end a run in good order
+GRACE_S = 20.0  # [s] that the bridge and the recorder get to end a run in good order
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 STATE = re.compile(r"\) ")  # in /proc/PID/stat the state follows the name, which may hold anything else
 NAME_MAX = 60  # characters of a command by which a stack is named

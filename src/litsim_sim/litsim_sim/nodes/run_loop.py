@@ -30,7 +30,7 @@ RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, 
 LAST_CALL_S = 1.0
 """[s] that the answers to a step get once the time for them is over: the step is published again, and what had come
 while the bridge itself had no processor is taken, so that a pause within the time does not end a run."""
-FAREWELL_S = 5.0  # [s] that the recorder gets to close its file
+FAREWELL_S = 10.0  # [s] that the recorder gets to close its file
 
 
 class Graph(Protocol):
