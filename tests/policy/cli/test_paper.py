@@ -92,3 +92,14 @@ def test_without_recorded_data_the_real_window_is_left_out(
         main(["table", "--quick", "--sets", "real", "--out", str(tmp_path)])
     assert status.value.code == 2
     assert "LITSIM_DATA names no folder" in capsys.readouterr().err
+
+
+def test_a_page_that_is_not_there_is_said_before_anything_is_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as status:
+        main(
+            ["table", "--quick", "--sets", "highway", "--out", str(tmp_path / "out"), "--page", str(tmp_path / "no.md")]
+        )
+    assert status.value.code == 2
+    assert "no.md" in capsys.readouterr().err and not (tmp_path / "out").exists()

@@ -34,6 +34,7 @@ from litsim_sim.campaign.suite import Suite
 from litsim_sim.cli.arguments import DefaultsFormatter
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import read_text
 from litsim_sim.scenario.run_info import OWN_EGOS
 
 DEFAULT_OUT = "bags/paper"
@@ -80,6 +81,8 @@ class Work:
         self._out: Path = arguments.out
         self._images: Path = arguments.images or self._out / FIGURES
         self._sets = _available(arguments.sets)
+        if arguments.page is not None:
+            read_text(arguments.page)  # before anything is run
 
     def experiment(self, experiment: Experiment) -> None:
         """Run `experiment`, and write its tables."""

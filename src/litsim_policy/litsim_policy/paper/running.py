@@ -20,6 +20,8 @@ from litsim_sim.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.happened import Happened, file_of
 
+SOURCES = "sources"
+
 
 def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = False) -> Campaign:
     """The campaign of `suite` in the folder `out`, gone on with where it was.
@@ -28,8 +30,7 @@ def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = Fa
         suite: what is run.
         out: folder of the campaign.
         processes: runs at a time.
-        overwrite: whether another campaign there, or one of other sources, is removed; what has been run of this one
-            is kept.
+        overwrite: whether a campaign there that other sources have run is removed; one of these sources never is.
 
     Raises:
         InputError: a run cannot be set up, or another campaign lies there.
@@ -43,7 +44,7 @@ def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = Fa
         try:
             done = folder.begin(suite, cases, versions)
         except InputError:
-            if not overwrite:
+            if not overwrite or read_campaign(out).versions.get(SOURCES) == versions[SOURCES]:
                 raise
             done = folder.begin(suite, cases, versions, overwrite=True)
         to_run = [case for case in cases if case.id not in done]
