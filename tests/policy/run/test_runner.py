@@ -232,7 +232,7 @@ def test_agents_do_not_flicker_between_holding_and_handing_back(litsim, demo: Sc
 
 
 def test_how_eagerly_is_taken_over_can_be_chosen(demo: Scenario, recorded: Run) -> None:
-    blind = {"conflict": {"confirm_steps": 1000, "urgent_time": 0.0}}
+    blind = {"conflict": {"confirm_steps": 1000, "urgent_time": 0.0, "closing_time": 0.0}}
     never = record(Runner(RunPlan(demo, "idm", "litsim", blind)))
     metrics = compute_metrics(never)
     assert metrics["takeovers"] == 0 and metrics["collision"]["excess"] > 0
