@@ -103,6 +103,17 @@ def intended_motion(
     return PredictedMotion(states, motion.valid | ~intents.fresh[:, None])
 
 
+@kernel(float64(*[float64] * 4))
+def _gone(speed: float, acceleration: float, hold: float, time: float) -> float:
+    """Return how far [m] an agent gets in `time` [s] that keeps its acceleration for `hold` [s], and then its speed."""
+    until = min(hold, time)
+    if acceleration < 0.0:
+        until = min(until, -speed / acceleration)
+    later = max(speed + acceleration * until, 0.0)
+    rest = time - until if not (acceleration < 0.0 and later <= 0.0) else 0.0
+    return speed * until + 0.5 * acceleration * until**2 + later * rest
+
+
 @kernel(OUT_FLOATS3(FLOATS3, FLOATS3, INTS, *[FLOATS] * 4, FLOATS2, FLOATS, FLOATS, *[float64] * 6))
 def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     segments: FloatArray,
@@ -154,14 +165,3 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
             states[k, t, YY] = along * uy**2 + across * ux**2
             states[k, t, XY] = (along - across) * ux * uy
     return states
-
-
-@kernel(float64(*[float64] * 4))
-def _gone(speed: float, acceleration: float, hold: float, time: float) -> float:
-    """Return how far [m] an agent gets in `time` [s] that keeps its acceleration for `hold` [s], and then its speed."""
-    until = min(hold, time)
-    if acceleration < 0.0:
-        until = min(until, -speed / acceleration)
-    later = max(speed + acceleration * until, 0.0)
-    rest = time - until if not (acceleration < 0.0 and later <= 0.0) else 0.0
-    return speed * until + 0.5 * acceleration * until**2 + later * rest
