@@ -59,7 +59,8 @@ def assert_answers_agree(a: Network, b: Network, scenario: Scenario, apart: floa
         n = len(asked)
         differs = np.zeros(n, np.bool_)
         for name, values in vars(one).items():
-            differs |= (np.abs(values - getattr(other, name)).reshape(n, -1) >= WITHIN_M).any(axis=1)
+            if name != "further":  # of which torch and graphs answer none
+                differs |= (np.abs(values - getattr(other, name)).reshape(n, -1) >= WITHIN_M).any(axis=1)
         assert differs.sum() <= apart * n, np.flatnonzero(differs)
 
 

@@ -35,6 +35,7 @@ HEARING_S = 10.0  # for every stage to be heard before the run begins: its READY
 SETTLE_S = 0.05  # between two looks at whether all has come in
 REST_S = 0.02  # between two looks at what has come in: the bridge is ahead by many steps
 NICENESS = 5  # where processors are scarce, the loop comes first; the bridge does not run far ahead of the record
+WAITING = 2000  # messages of a topic that may wait to be written: others may speak on it, too, and push out the run's
 LINGER_S = 1.0  # for which a recorder that failed answers the bridge, which may not have heard it
 
 
@@ -63,7 +64,7 @@ class RecorderNode(Node):
         self._status = publisher_on(self, STATUS)
         self._recorded = publisher_on(self, RECORDED)
         for topic in RECORDED_TOPICS:
-            subscribe(self, topic, self._receiver(topic), raw=True)
+            subscribe(self, topic, self._receiver(topic), raw=True, depth=WAITING)
             add_topic(self._writer, topic)
         subscribe(self, HELLO, self._on_hello)
 

@@ -44,10 +44,17 @@ def publisher_on(node: Node, topic: Topic) -> Publisher:
     return node.create_publisher(topic.type, topic.name, topic.qos, event_callbacks=silent)
 
 
-def subscribe(node: Node, topic: Topic, receive: Callable[[Any], None], *, raw: bool = False) -> None:
-    """Have `node` call `receive` with what comes on `topic`: messages, or their serialised form where it is `raw`."""
-    silent = SubscriptionEventCallbacks(use_default_callbacks=False)
-    node.create_subscription(topic.type, topic.name, receive, topic.qos, raw=raw, event_callbacks=silent)
+def subscribe(
+    node: Node, topic: Topic, receive: Callable[[Any], None], *, raw: bool = False, depth: int | None = None
+) -> None:
+    """Have `node` call `receive` with what comes on `topic`: messages, or their serialised form where it is `raw`.
+
+    Of a topic that is not latched, up to `depth` messages wait to be served, else as many as the topic says.
+    """
+    silent, qos = SubscriptionEventCallbacks(use_default_callbacks=False), topic.qos
+    if depth is not None and not topic.latched:
+        qos.depth = depth
+    node.create_subscription(topic.type, topic.name, receive, qos, raw=raw, event_callbacks=silent)
 
 
 def node_of(endpoint: Any) -> str:
