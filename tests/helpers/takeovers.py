@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
+from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
 
 
 def takeover(agent: int, opponent: int = 1, **values: Any) -> Takeover:
@@ -25,3 +25,11 @@ def takeover(agent: int, opponent: int = 1, **values: Any) -> Takeover:
         "residual_speed": 0.0,
     }
     return Takeover(agent, opponent, **(usual | values))
+
+
+def takeovers_in_region(step: int, *agents: int) -> TakeoverTable:
+    """Takeovers as those of the baselines, along the middle lane of ``us101_like``."""
+    path = np.array([[50.0, -5.49], [600.0, -5.49]])
+    return TakeoverTable(
+        step, tuple(takeover(each, reason=TakeoverReason.REGION, reference_path=path) for each in agents)
+    )

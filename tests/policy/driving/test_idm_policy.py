@@ -10,10 +10,10 @@ import pytest
 from litsim_policy.driving.idm_policy import IdmPolicy, IdmPolicyConfig
 from litsim_policy.driving.registry import make_policy
 from litsim_sim.core.scene import ControlSource
-from litsim_sim.core.takeover import TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import TakeoverState, TakeoverTable
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.traffic.drivers import calibrated
-from takeovers import takeover
+from takeovers import takeovers_in_region
 
 SPEED, GAP, LENGTH = 10.0, 15.0, 4.5
 
@@ -24,13 +24,8 @@ def scenario(make_scenario: Any, track: Any) -> Scenario:
     return make_scenario(track(1, x=200.0), track(2, x=200.0 - GAP - LENGTH), roi_m=30.0)
 
 
-def takeovers(step: int, *ids: int) -> TakeoverTable:
-    path = np.array([[100.0, -5.49], [600.0, -5.49]])
-    return TakeoverTable(step, tuple(takeover(each, reason=TakeoverReason.REGION, reference_path=path) for each in ids))
-
-
 def acceleration(scenario: Scenario, **config: Any) -> float:
-    controls = IdmPolicy(scenario, IdmPolicyConfig(**config)).act(scenario.log.table(5), takeovers(5, 2))
+    controls = IdmPolicy(scenario, IdmPolicyConfig(**config)).act(scenario.log.table(5), takeovers_in_region(5, 2))
     assert controls.id.tolist() == [2] and controls.source.tolist() == [ControlSource.POLICY]
     assert controls.yaw_rate[0] == pytest.approx(0.0, abs=1e-6)
     return float(controls.acceleration[0])
@@ -58,8 +53,8 @@ def test_drawn_drivers_differ_from_each_other_and_not_from_run_to_run(make_scena
     for seed in (0, 0, 1):
         scenario = make_scenario(track(1, x=200.0), *behind, seed=seed)
         policy = IdmPolicy(scenario, IdmPolicyConfig(drivers="drawn"))
-        policy.act(scenario.log.table(5), takeovers(5, 3))  # who was driven before does not matter
-        found.append(policy.act(scenario.log.table(5), takeovers(5, 2, 3, 4, 5)).acceleration.tolist())
+        policy.act(scenario.log.table(5), takeovers_in_region(5, 3))  # who was driven before does not matter
+        found.append(policy.act(scenario.log.table(5), takeovers_in_region(5, 2, 3, 4, 5)).acceleration.tolist())
     assert found[0] == found[1] != found[2]
     assert len(set(found[0])) == 4
     possible = [every[:, 3] * (1 - (SPEED / every[:, 0]) ** 4 - ((every[:, 2] + SPEED * every[:, 1]) / 15.5) ** 2)]

@@ -23,8 +23,9 @@ from litsim_policy.driving.traffic_observation import SIZE
 from litsim_policy.learning.imitation.network import TrafficPolicy, save
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ControlSource
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.scenario.scenario import Scenario
+from takeovers import takeovers_in_region
 
 
 @pytest.fixture
@@ -48,38 +49,18 @@ def network(*bias: float, deviation: float = 0.5) -> ImitationNetwork:
     )
 
 
-def takeovers(step: int, *ids: int) -> TakeoverTable:
-    made = [
-        Takeover(
-            agent=agent,
-            opponent=1,
-            state=TakeoverState.HELD,
-            reason=TakeoverReason.REGION,
-            detected_step=0,
-            time_to_conflict=0.0,
-            overlap_probability=0.0,
-            conflict_pose=(0.0, 0.0, 0.0),
-            goal_pose=(0.0, 0.0, 0.0),
-            reference_path=np.array([[50.0, -5.49], [600.0, -5.49]]),
-            log_collision_predicted=False,
-            residual_position=0.0,
-            residual_speed=0.0,
-        )
-        for agent in ids
-    ]
-    return TakeoverTable(step, tuple(made))
-
-
 def test_what_the_network_says_is_done_within_its_bounds(scenario: Scenario) -> None:
     table = scenario.log.table(5)
-    controls = ImitationPolicy(scenario, network(-0.5, 0.2), ImitationConfig()).act(table, takeovers(5, 2, 3))
+    controls = ImitationPolicy(scenario, network(-0.5, 0.2), ImitationConfig()).act(table, takeovers_in_region(5, 2, 3))
     assert controls.id.tolist() == [2, 3] and controls.source.tolist() == [ControlSource.POLICY] * 2
     assert controls.acceleration == pytest.approx([-2.0, -2.0]) and controls.yaw_rate == pytest.approx([0.03, 0.03])
     speed = table.speed[table.rows(np.array([2, 3]))]
     assert controls.lateral_acceleration == pytest.approx(0.03 * speed)
-    beyond = ImitationPolicy(scenario, network(-7.0, 7.0), ImitationConfig()).act(table, takeovers(5, 2))
+    beyond = ImitationPolicy(scenario, network(-7.0, 7.0), ImitationConfig()).act(table, takeovers_in_region(5, 2))
     assert (beyond.acceleration[0], beyond.yaw_rate[0]) == (-BOUNDS[0], BOUNDS[1])
-    assert len(ImitationPolicy(scenario, network(0.0, 0.0), ImitationConfig()).act(table, takeovers(5)).id) == 0
+    assert (
+        len(ImitationPolicy(scenario, network(0.0, 0.0), ImitationConfig()).act(table, takeovers_in_region(5)).id) == 0
+    )
 
 
 def test_drawn_actions_are_the_agents_own(make_scenario: Any, track: Any) -> None:
@@ -87,11 +68,11 @@ def test_drawn_actions_are_the_agents_own(make_scenario: Any, track: Any) -> Non
     for seed in (0, 1):
         scenario = make_scenario(*(track(k, x=220.0 - 20.0 * k) for k in range(1, 5)), seed=seed)
         policy = ImitationPolicy(scenario, network(0.0, 0.0), config)
-        alone = policy.act(scenario.log.table(5), takeovers(5, 3)).acceleration
-        together = policy.act(scenario.log.table(5), takeovers(5, 2, 3, 4)).acceleration
+        alone = policy.act(scenario.log.table(5), takeovers_in_region(5, 3)).acceleration
+        together = policy.act(scenario.log.table(5), takeovers_in_region(5, 2, 3, 4)).acceleration
         assert together[1] == alone[0], "whoever else is driven"
         assert len(set(together.tolist())) == 3
-        assert policy.act(scenario.log.table(6), takeovers(6, 3)).acceleration[0] != alone[0]
+        assert policy.act(scenario.log.table(6), takeovers_in_region(6, 3)).acceleration[0] != alone[0]
         found[seed] = alone[0]
     assert found[0] != found[1]
 

@@ -11,6 +11,7 @@ from litsim_policy.driving.reaction import HumanReaction, ReactionConfig, reacti
 from litsim_policy.driving.registry import make_policy
 from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from takeovers import takeover
 
 AGENT, DETECTED = 2, 20
 AT_ONCE = ReactionConfig(time=0.0, braking_max=8.0, braking_jerk=0.0)
@@ -31,23 +32,9 @@ class Brakes:
         return ControlTable(table.step, agents, np.full(count, self.acceleration), speed * yaw_rate, yaw_rate, sources)
 
 
-def takeover(state: TakeoverState = TakeoverState.HELD, reason: TakeoverReason = TakeoverReason.CONFLICT) -> Takeover:
-    nowhere, path = (0.0, 0.0, 0.0), np.array([[0.0, 0.0], [100.0, 0.0]])
-    return Takeover(
-        agent=AGENT,
-        opponent=1,
-        state=state,
-        reason=reason,
-        detected_step=DETECTED,
-        time_to_conflict=1.0,
-        overlap_probability=0.5,
-        conflict_pose=nowhere,
-        goal_pose=nowhere,
-        reference_path=path,
-        log_collision_predicted=True,
-        residual_position=0.0,
-        residual_speed=0.0,
-    )
+def taken(state: TakeoverState = TakeoverState.HELD, reason: TakeoverReason = TakeoverReason.CONFLICT) -> Takeover:
+    path = np.array([[0.0, 0.0], [100.0, 0.0]])
+    return takeover(AGENT, state=state, reason=reason, detected_step=DETECTED, reference_path=path)
 
 
 @pytest.fixture
@@ -73,37 +60,37 @@ def test_until_it_reacts_it_drives_on_as_its_log_did(scenario) -> None:
     log, config = scenario.log, replace(PEOPLE, time=0.7)
     row = log.row(AGENT)
     for step in range(DETECTED, DETECTED + 7):
-        acceleration, controls = act(scenario, config, step, takeover())
+        acceleration, controls = act(scenario, config, step, taken())
         assert acceleration == pytest.approx((log.speed[row, step + 1] - log.speed[row, step]) / 0.1)
         assert acceleration > 0.0
         assert controls.yaw_rate[0] == controls.lateral_acceleration[0] == 0.0
         assert controls.source[0] == ControlSource.POLICY, "no guard has changed what it does"
-    acceleration, controls = act(scenario, config, DETECTED + 7, takeover())
+    acceleration, controls = act(scenario, config, DETECTED + 7, taken())
     assert acceleration < 0.0 and controls.yaw_rate[0] == 0.1 and controls.source[0] == ControlSource.GUARDED
 
 
 def test_braking_is_built_up_and_bounded(scenario) -> None:
     config, later = ReactionConfig(braking_max=7.0, braking_jerk=12.0), DETECTED + 20
-    assert act(scenario, config, later, takeover(), before=1.5)[0] == pytest.approx(-1.2), "off the accelerator at once"
-    assert act(scenario, config, later, takeover(), before=-3.0)[0] == pytest.approx(-4.2)
-    assert act(scenario, config, later, takeover(), before=-6.5)[0] == pytest.approx(-7.0)
+    assert act(scenario, config, later, taken(), before=1.5)[0] == pytest.approx(-1.2), "off the accelerator at once"
+    assert act(scenario, config, later, taken(), before=-3.0)[0] == pytest.approx(-4.2)
+    assert act(scenario, config, later, taken(), before=-6.5)[0] == pytest.approx(-7.0)
     gentle = Brakes(acceleration=-1.0)
-    assert act(scenario, config, later, takeover(), gentle, before=-3.0)[0] == -1.0, "easing off takes no time"
+    assert act(scenario, config, later, taken(), gentle, before=-3.0)[0] == -1.0, "easing off takes no time"
 
 
 def test_whoever_is_known_already_needs_no_time(scenario) -> None:
     config = replace(PEOPLE, time=1.0, braking_jerk=0.0)
-    for what in (takeover(TakeoverState.HANDBACK), takeover(reason=TakeoverReason.BLOCKED_ENTRY)):
+    for what in (taken(TakeoverState.HANDBACK), taken(reason=TakeoverReason.BLOCKED_ENTRY)):
         assert act(scenario, config, DETECTED, what)[0] == pytest.approx(-7.59)
 
 
 def test_who_follows_a_lagging_log_is_no_business_of_it(scenario) -> None:
-    late = takeover(TakeoverState.RELEASED)
+    late = taken(TakeoverState.RELEASED)
     assert act(scenario, PEOPLE, DETECTED, late, Brakes(source=ControlSource.LATE))[0] == -8.0
 
 
 def test_at_once_nothing_is_changed(scenario) -> None:
-    table, takeovers = scenario.log.table(DETECTED), TakeoverTable(DETECTED, (takeover(),))
+    table, takeovers = scenario.log.table(DETECTED), TakeoverTable(DETECTED, (taken(),))
     plain, layered = Brakes().act(table, takeovers), HumanReaction(Brakes(), scenario, AT_ONCE).act(table, takeovers)
     for name in ("id", "acceleration", "lateral_acceleration", "yaw_rate", "source"):
         np.testing.assert_array_equal(getattr(layered, name), getattr(plain, name), name)

@@ -14,7 +14,8 @@ from litsim_policy.driving.simnet_policy import SimnetPolicy
 from litsim_policy.driving.simnet_raster import CHANNELS, FRAMES, OTHERS, OWN, SMALL
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource
-from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import TakeoverTable
+from takeovers import takeovers_in_region
 
 SPEED, GAP = 10.0, 15.0
 
@@ -34,29 +35,6 @@ class Says:
         return np.tile(self._said, (len(rasters), 1))
 
 
-def takeovers(step: int, *ids: int) -> TakeoverTable:
-    nowhere = (0.0, 0.0, 0.0)
-    made = [
-        Takeover(
-            agent=agent,
-            opponent=1,
-            state=TakeoverState.HELD,
-            reason=TakeoverReason.REGION,
-            detected_step=0,
-            time_to_conflict=0.0,
-            overlap_probability=0.0,
-            conflict_pose=nowhere,
-            goal_pose=nowhere,
-            reference_path=np.array([[100.0, -5.49], [600.0, -5.49]]),
-            log_collision_predicted=False,
-            residual_position=0.0,
-            residual_speed=0.0,
-        )
-        for agent in ids
-    ]
-    return TakeoverTable(step, tuple(made))
-
-
 @pytest.fixture
 def scenario(make_scenario: Any, track: Any) -> Any:
     """Three in a column, 1 ahead."""
@@ -67,7 +45,7 @@ def test_the_first_step_is_done_as_acceleration_and_yaw_rate(scenario: Any) -> N
     network = Says(ahead=1.03, turn=0.002)
     policy = SimnetPolicy(scenario, network)
     for step in range(7):
-        listed = takeovers(step, 2, 3) if step == 6 else TakeoverTable(step)
+        listed = takeovers_in_region(step, 2, 3) if step == 6 else TakeoverTable(step)
         controls = policy.act(scenario.log.table(step), listed)
         assert len(controls.id) == len(listed.takeovers)
     assert controls.id.tolist() == [2, 3] and controls.source.tolist() == [ControlSource.POLICY] * 2
@@ -80,7 +58,7 @@ def test_everybody_is_shown_half_a_second_of_everybody(scenario: Any) -> None:
     network = Says(1.0, 0.0)
     policy = SimnetPolicy(scenario, network)
     for step in range(8):
-        policy.act(scenario.log.table(step), takeovers(step, 2, 3))
+        policy.act(scenario.log.table(step), takeovers_in_region(step, 2, 3))
     assert network.shown.shape == (2, CHANNELS, SMALL.rows, SMALL.columns)
     rows = np.arange(SMALL.rows) + 0.5 - 0.25 * SMALL.rows
     for frame in range(FRAMES):
@@ -93,7 +71,7 @@ def test_everybody_is_shown_half_a_second_of_everybody(scenario: Any) -> None:
 
 def test_at_the_first_step_there_is_no_history(scenario: Any) -> None:
     network = Says(1.0, 0.0)
-    SimnetPolicy(scenario, network).act(scenario.log.table(0), takeovers(0, 2))
+    SimnetPolicy(scenario, network).act(scenario.log.table(0), takeovers_in_region(0, 2))
     assert network.shown[0, OWN + FRAMES - 1].any() and not network.shown[0, OWN : OWN + FRAMES - 1].any()
 
 

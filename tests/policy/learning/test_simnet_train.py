@@ -13,6 +13,7 @@ import yaml
 
 from litsim_policy.driving.simnet_network import load_network
 from litsim_policy.learning import simnet_train
+from litsim_policy.learning.checkpoint import CHECKPOINT, CURVES, HISTORY
 from litsim_policy.learning.simnet_train import SimnetConfig
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
@@ -64,9 +65,9 @@ def test_it_learns_and_a_run_that_is_resumed_ends_where_a_whole_one_does(
     pairs = zip(whole.network.state_dict().values(), resumed.network.state_dict().values(), strict=True)
     assert all(torch.equal(a, b) for a, b in pairs)
     drop = lambda entries: [{k: v for k, v in e.items() if k != "seconds"} for e in entries]  # noqa: E731
-    history = json.loads((tmp_path / "parts" / simnet_train.HISTORY).read_text())
+    history = json.loads((tmp_path / "parts" / HISTORY).read_text())
     assert drop(history) == drop(whole.history)
-    assert (tmp_path / "parts" / simnet_train.CURVES).read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "parts" / CURVES).read_bytes().startswith(b"\x89PNG")
     assert load_network(resumed.weights(tmp_path / "parts"))
     more = simnet_train.run(config.model_copy(update={"batches": 40}), tmp_path / "parts", resume=True, progress=False)
     assert [entry["batches"] for entry in more.history] == [10, 20, 30, 40]
@@ -87,7 +88,7 @@ def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
     simnet_train.run(config, tmp_path, progress=False)
     with pytest.raises(InputError, match="fields seed of the configuration have changed"):
         simnet_train.run(config.model_copy(update={"seed": 5}), tmp_path, resume=True, progress=False)
-    (tmp_path / simnet_train.CHECKPOINT).write_bytes(b"nothing")
+    (tmp_path / CHECKPOINT).write_bytes(b"nothing")
     with pytest.raises(InputError, match="not a readable checkpoint"):
         simnet_train.run(config, tmp_path, resume=True, progress=False)
 

@@ -13,11 +13,12 @@ import yaml
 
 from litsim_policy.driving.policy_c import PolicyNetwork
 from litsim_policy.learning import checkpoint, train
-from litsim_policy.learning.config import TrainConfig, WarmStart
+from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.data import REPORTED, DataConfig, Generated, RealWindow, prepare
 from litsim_policy.learning.expert import expert_pairs
 from litsim_policy.learning.network import GaussianPolicy
 from litsim_policy.learning.ppo import tensor
+from litsim_policy.learning.warm_start import WarmStart
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
 

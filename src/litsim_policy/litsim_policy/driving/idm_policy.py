@@ -8,11 +8,10 @@ import numpy as np
 
 from litsim_policy.motion.car_following import IdmConfig, idm
 from litsim_policy.motion.followers import PathFollowers
-from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.stop_lines import StopLines
 from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, OUT_FLOATS, float64, kernel
 from litsim_sim.core.quantities import Acceleration, Positive, configuration
-from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, ControlTable, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.scenario.setting import Setting
 from litsim_sim.traffic.drivers import calibrated
@@ -53,20 +52,17 @@ class IdmPolicy:
         listed = takeovers.takeovers
         if not listed:
             return ControlTable.empty(table.step)
-        rows = table.rows(np.array([t.agent for t in listed], np.int64))
-        agents = PathFollowers(self._lane_map, table, rows, PathBatch([t.reference_path for t in listed]))
+        agents = PathFollowers.of_takeovers(self._lane_map, table, listed)
         view, line = agents.view, self._stop_lines.of(agents)
         acceleration = _accelerations(
             agents.speed,
-            self._drivers[self._driver_of[np.searchsorted(self._agents, table.id[rows])]],
+            self._drivers[self._driver_of[np.searchsorted(self._agents, table.id[agents.rows])]],
             np.column_stack([view.gap, line]),
             np.column_stack([view.speed, np.zeros(len(line))]),
             np.column_stack([view.ahead & view.in_path, np.isfinite(line)]),
             self._config.braking_max,
         )
-        yaw_rate = agents.path_yaw_rate
-        source = np.full(len(listed), ControlSource.POLICY, np.uint8)
-        return ControlTable(table.step, table.id[rows], acceleration, agents.speed * yaw_rate, yaw_rate, source)
+        return ControlTable.of_policy(table, agents.rows, acceleration, agents.path_yaw_rate)
 
 
 def _drawn(identities: IntArray, drivers: int) -> IntArray:

@@ -15,10 +15,9 @@ import numpy as np
 from litsim_policy.driving.network_file import layer_arrays, perceptron, read_network
 from litsim_policy.driving.traffic_observation import SIZE, TrafficObserver
 from litsim_policy.motion.followers import PathFollowers
-from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import configuration
-from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, FloatArray
+from litsim_sim.core.scene import AgentTable, ControlTable, FloatArray
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.scenario.setting import Setting
 
@@ -101,11 +100,10 @@ class ImitationPolicy:
         listed = takeovers.takeovers
         if not listed:
             return ControlTable.empty(table.step)
-        rows = table.rows(np.array([t.agent for t in listed], np.int64))
-        agents = PathFollowers(self._lane_map, table, rows, PathBatch([t.reference_path for t in listed]))
+        agents = PathFollowers.of_takeovers(self._lane_map, table, listed)
         action = self._network.mean(self._observer.observe(agents))
         if self._draws:
-            action = action + self._network.deviation * self._noise(table, rows)
+            action = action + self._network.deviation * self._noise(table, agents.rows)
         return commanded(agents, action)
 
     def _noise(self, table: AgentTable, rows: np.ndarray) -> FloatArray:
@@ -119,6 +117,4 @@ def commanded(agents: PathFollowers, action: FloatArray) -> ControlTable:
     """Controls of `agents` from actions (m, 2), which are cut to [-1, 1]."""
     wanted = np.minimum(np.maximum(action, -1.0), 1.0) * BOUNDS
     acceleration, yaw_rate = np.ascontiguousarray(wanted[:, 0]), np.ascontiguousarray(wanted[:, 1])
-    source = np.full(len(agents), ControlSource.POLICY, np.uint8)
-    step, ids = agents.table.step, agents.table.id[agents.rows]
-    return ControlTable(step, ids, acceleration, agents.speed * yaw_rate, yaw_rate, source)
+    return ControlTable.of_policy(agents.table, agents.rows, acceleration, yaw_rate)

@@ -127,10 +127,9 @@ def commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> C
 
 def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray, safety: SafetyLayer) -> ControlTable:
     """Controls of the m agents of `scene` that ask for accelerations [m/s2] and yaw rates [rad/s] (m,)."""
-    speed, safe = scene.agents.speed, safety.guard(scene, acceleration, yaw_rate)
+    agents, safe = scene.agents, safety.guard(scene, acceleration, yaw_rate)
     source = np.where(safe.guarded, ControlSource.GUARDED, ControlSource.POLICY).astype(np.uint8)
-    step = scene.agents.table.step
-    return ControlTable(step, scene.id, safe.acceleration, speed * safe.yaw_rate, safe.yaw_rate, source)
+    return ControlTable.without_slip(agents.table, agents.rows, safe.acceleration, safe.yaw_rate, source)
 
 
 class PolicyC:

@@ -12,7 +12,6 @@ not (Green 2000); that they are spread log-normally is an assumption.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -74,10 +73,7 @@ class HumanReaction:
                 if logged is not None:
                     acceleration[k], yaw_rate[k] = logged
                     source[k] = ControlSource.POLICY
-        lateral = table.speed[rows] * yaw_rate
-        return replace(
-            wanted, acceleration=acceleration, yaw_rate=yaw_rate, lateral_acceleration=lateral, source=source
-        )
+        return ControlTable.without_slip(table, rows, acceleration, yaw_rate, source)
 
     def _hardest(self, before: FloatArray) -> FloatArray:
         """(m,) accelerations [m/s2] of hardest braking now, by those of the step before (m,)."""

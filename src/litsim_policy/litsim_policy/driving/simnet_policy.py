@@ -11,7 +11,7 @@ from litsim_policy.driving.simnet_network import SimnetNetwork
 from litsim_policy.driving.simnet_raster import FRAMES, Motions, Painter
 from litsim_predictor.inference.raster import raster_of_net
 from litsim_sim.core.history import History
-from litsim_sim.core.scene import STEP_S, AgentTable, ControlSource, ControlTable
+from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.scenario.setting import Setting
 
@@ -48,6 +48,4 @@ class SimnetPolicy:
         # The way of the step is the speed at its end. That of which it would be the mean is 2 way / step - speed: what
         # the network says a little too long or too short would then swing from step to step, ever more.
         acceleration = (future[:, 0] / STEP_S - table.speed[rows]) / STEP_S
-        yaw_rate = future[:, 2] / STEP_S
-        source = np.full(len(rows), ControlSource.POLICY, np.uint8)
-        return ControlTable(table.step, table.id[rows], acceleration, table.speed[rows] * yaw_rate, yaw_rate, source)
+        return ControlTable.of_policy(table, rows, acceleration, future[:, 2] / STEP_S)

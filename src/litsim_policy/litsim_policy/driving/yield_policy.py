@@ -109,14 +109,8 @@ class YieldPolicy:
                 agents = PathFollowers(self._lane_map, table, rows[at], paths)
                 acceleration[at] = rule(agents, [listed[k] for k in at])
                 yaw_rate[at] = self._steer(agents)
-        return ControlTable(
-            table.step,
-            table.id[rows],
-            acceleration,
-            table.speed[rows] * yaw_rate,
-            yaw_rate,
-            np.array([SOURCES[t.state] for t in listed], np.uint8),
-        )
+        source = np.array([SOURCES[t.state] for t in listed], np.uint8)
+        return ControlTable.without_slip(table, rows, acceleration, yaw_rate, source)
 
     def _hold(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
         """Accelerations (m,) [m/s2] of agents that follow whatever is on their paths, stop at red, and give way.

@@ -87,20 +87,22 @@ def keep_state(path: Path, config: BaseModel, parts: Mapping[str, Any], more: Ma
     fresh.replace(path)  # a run that is killed while it writes leaves the checkpoint before
 
 
-def read_state(path: Path, config: BaseModel, parts: Mapping[str, Any]) -> dict[str, Any]:
-    """Bring `parts` to the states in the checkpoint `path`, and return all that is in it.
+def read_state(
+    path: Path, config: BaseModel, parts: Mapping[str, Any], *, length: str = "iterations", device: str = "cpu"
+) -> dict[str, Any]:
+    """Bring `parts` to the states in the checkpoint `path`, read to a `device` of torch, and return all that is in it.
 
     Raises:
-        InputError: there is none, or it is of a run with another configuration; only `iterations` may differ.
+        InputError: there is none, or it is of a run with another configuration; only the field `length` may differ.
     """
     if not path.is_file():
         raise InputError(f"{path}: no checkpoint to resume from")
     try:
-        state: dict[str, Any] = torch.load(path, weights_only=True)
+        state: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
     except Exception as error:
         raise InputError(f"{path}: not a readable checkpoint: {error}") from error
     then, now = json.loads(state["config"]), config.model_dump(mode="json")
-    changed = [key for key in now if key != "iterations" and then.get(key) != now[key]]
+    changed = [key for key in now if key != length and then.get(key) != now[key]]
     if changed:
         raise InputError(f"{path}: fields {', '.join(changed)} of the configuration have changed since")
     for name, part in parts.items():

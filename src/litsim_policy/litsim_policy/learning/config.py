@@ -12,16 +12,7 @@ from litsim_policy.learning.expert import ExpertConfig
 from litsim_policy.learning.ppo import PpoConfig
 from litsim_policy.learning.reward import PenaltyConfig
 from litsim_policy.learning.task import TaskConfig
-
-
-class WarmStart(BaseModel):
-    """Behaviour cloning before the first iteration; no epochs leave it out."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    epochs: int = Field(30, ge=0)
-    batch: int = Field(256, gt=0)
-    learning_rate: float = Field(1e-3, gt=0)
+from litsim_policy.learning.warm_start import WarmStart
 
 
 class TrainConfig(BaseModel):

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -25,18 +24,18 @@ from torch import Tensor
 from tqdm import tqdm
 
 from litsim_policy.driving.simnet_output import FUTURE
+from litsim_policy.learning.checkpoint import CHECKPOINT, CURVES, HISTORY, keep_state, read_state
 from litsim_policy.learning.data import DataConfig, prepare
 from litsim_policy.learning.simnet_data import Moments, PerturbationConfig, Samples
 from litsim_policy.learning.simnet_network import SHAPES, Backbone, SimNet, ending, save
+from litsim_policy.learning.training_program import training_parser, training_program
 from litsim_predictor.learned.device import check_device
-from litsim_sim.cli.program import at_least_one, program
-from litsim_sim.core.errors import InputError
+from litsim_sim.cli.program import program
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import Scenario
 
-CHECKPOINT, HISTORY, CURVES = "checkpoint.pt", "history.json", "curves.png"
 SCALES = 256  # moments from which middle and spread of what is learned are taken
 MIDDLE, VALIDATION = 1, 2  # of the seeds of draws that are not a batch's
 
@@ -93,6 +92,10 @@ class SimnetTraining:
         self.done = 0
 
     @property
+    def _parts(self) -> dict[str, Any]:
+        return {"network": self.network, "optimiser": self._optimiser}
+
+    @property
     def best(self) -> float:
         """Lowest validation loss so far."""
         return min((entry["validation"] for entry in self.history), default=np.inf)
@@ -134,15 +137,7 @@ class SimnetTraining:
 
     def write(self, out: Path) -> None:
         """Write a checkpoint, the history and its curves; if the last validation was the best, the weights."""
-        state = {
-            "network": self.network.state_dict(),
-            "optimiser": self._optimiser.state_dict(),
-            "history": json.dumps(self.history),
-            "done": self.done,
-            "config": self.config.model_dump_json(),
-        }
-        with replacing(out / CHECKPOINT) as new:
-            torch.save(state, new)
+        keep_state(out / CHECKPOINT, self.config, self._parts, {"history": self.history, "done": self.done})
         (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
         plot(self.history, out / CURVES)
         if self.history[-1]["validation"] <= self.best:
@@ -160,18 +155,8 @@ class SimnetTraining:
         Raises:
             InputError: there is none, or its run differs in more than the number of batches.
         """
-        if not path.is_file():
-            raise InputError(f"{path}: no checkpoint to resume from")
-        try:
-            state = torch.load(path, map_location=self._device, weights_only=True)
-        except Exception as error:
-            raise InputError(f"{path}: not a readable checkpoint: {error}") from error
-        then, now = json.loads(state["config"]), json.loads(self.config.model_dump_json())
-        if changed := [key for key in now if key != "batches" and then.get(key) != now[key]]:
-            raise InputError(f"{path}: fields {', '.join(changed)} of the configuration have changed since")
-        self.network.load_state_dict(state["network"])
-        self._optimiser.load_state_dict(state["optimiser"])
-        self.history, self.done = json.loads(state["history"]), state["done"]
+        state = read_state(path, self.config, self._parts, length="batches", device=self._device)
+        self.history, self.done = state["history"], state["done"]
 
 
 def run(
@@ -244,12 +229,8 @@ def _counted(scenarios: tuple[Scenario, ...]) -> tuple[list[Scenario], list[floa
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy train_simnet``."""
-    p = argparse.ArgumentParser(prog="train_simnet", description=(__doc__ or "").splitlines()[0])
-    p.add_argument("--config", type=Path, required=True, help="YAML file, such as config/simnet.yaml")
-    p.add_argument("--out", type=Path, required=True, help="folder of the results")
-    p.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+    p = training_parser("train_simnet", __doc__, "config/simnet.yaml")
     p.add_argument("--device", default="cpu", help="of torch: cpu, cuda, cuda:1; default %(default)s")
-    p.add_argument("--threads", type=at_least_one, default=1, help="of torch; default %(default)s")
     return p
 
 
@@ -257,14 +238,10 @@ def parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Entry point of ``ros2 run litsim_policy train_simnet``."""
     arguments: Any = parser().parse_args()
-    torch.set_num_threads(arguments.threads)
     check_device(arguments.device)
     config = read_yaml(arguments.config, SimnetConfig)
-    try:
+    with training_program(arguments):
         training = run(config, arguments.out, resume=arguments.resume, device=arguments.device)
-    except KeyboardInterrupt:
-        print(f"\ninterrupted; to go on: --resume with --out {arguments.out}", file=sys.stderr)
-        raise
     print(f"best validation loss {training.best:.4f}: {training.weights(arguments.out)}")
 
 

@@ -13,7 +13,6 @@ had not been interrupted. `--out` gets checkpoint.pt, history.json, curves.png, 
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from pathlib import Path
 
@@ -31,6 +30,8 @@ from litsim_policy.learning.ppo import Demonstrations, make_batch, tensor, updat
 from litsim_policy.learning.rollout import Driving, collect, validate
 from litsim_policy.learning.rollout_pool import rollouts
 from litsim_policy.learning.sides import critic_sides, driven_pairs
+from litsim_policy.learning.training_program import training_parser, training_program
+from litsim_policy.learning.warm_start import clone
 from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.io.yaml_input import read_yaml
 
@@ -141,24 +142,13 @@ def demonstrations(experts: ExpertPairs, real_share: float) -> tuple[Demonstrati
 
 def _warm_start(policy: GaussianPolicy, shown: Demonstrations, config: TrainConfig) -> None:
     """Teach `policy` the pairs that it is `shown`, by the squared error of its mean action; changes it in place."""
-    generator = torch.Generator().manual_seed(config.seed)
-    optimiser = torch.optim.Adam(policy.parameters(), config.warm_start.learning_rate)
-    for _ in range(config.warm_start.epochs):
-        for chosen in shown.draw(len(shown.action), generator).split(config.warm_start.batch):
-            loss = shown.error(policy, chosen)
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
+    clone(policy, shown, config.warm_start, config.seed, lambda chosen: shown.error(policy, chosen))
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy train``."""
-    p = argparse.ArgumentParser(prog="train", description=(__doc__ or "").splitlines()[0])
-    p.add_argument("--config", type=Path, required=True, help="YAML file, such as config/policy_c.yaml")
-    p.add_argument("--out", type=Path, required=True, help="folder of the results")
-    p.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+    p = training_parser("train", __doc__, "config/policy_c.yaml")
     p.add_argument("--processes", type=at_least_one, default=2, help="that drive the episodes; default %(default)s")
-    p.add_argument("--threads", type=int, default=1, help="of torch; default %(default)s")
     return p
 
 
@@ -166,13 +156,9 @@ def parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Entry point of ``ros2 run litsim_policy train``."""
     arguments = parser().parse_args()
-    torch.set_num_threads(arguments.threads)
     config = read_yaml(arguments.config, TrainConfig)
-    try:
+    with training_program(arguments):
         training = run(config, arguments.out, resume=arguments.resume, processes=arguments.processes)
-    except KeyboardInterrupt:
-        print(f"\ninterrupted; to go on: --resume with --out {arguments.out}", file=sys.stderr)
-        raise
     driving_network(training.policy)
     print(f"best validation score {training.best:.4f}: {arguments.out / BEST}; curves: {arguments.out / CURVES}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +11,7 @@ from litsim_policy.motion.car_following import AlongPath, Poses, along_paths
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import pursuit_reach, towards
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
+from litsim_sim.core.takeover import Takeover
 from litsim_sim.maps.lane_map import LaneMap, LanePosition
 
 
@@ -31,6 +33,12 @@ class PathFollowers:
         self.x, self.y, self.yaw = poses or (table.x[rows], table.y[rows], table.yaw[rows])
         self.speed, self._poses = table.speed[rows], poses
         self._lane_map = lane_map
+
+    @classmethod
+    def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> PathFollowers:
+        """Agents that were taken over, all of which are in `table`, on their reference paths."""
+        rows = table.rows(np.array([t.agent for t in takeovers], np.int64))
+        return cls(lane_map, table, rows, PathBatch([t.reference_path for t in takeovers]))
 
     def __len__(self) -> int:
         return len(self.rows)

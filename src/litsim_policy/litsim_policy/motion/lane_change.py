@@ -141,11 +141,11 @@ def _behind(  # noqa: PLR0917 - a kernel takes arrays and numbers
     )
 
 
-@kernel(Tuple((int64, float64))(FLOATS, FLOATS, BOOLS, BOOLS, int64))
-def _leader(s: FloatArray, gap: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> tuple[int, float]:
+@kernel(Tuple((int64, float64))(FLOATS, BOOLS, BOOLS, int64))
+def _leader(gap: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> tuple[int, float]:
     """The first ahead in a lane, of everybody (n,), and the gap to it [m]; NOBODY and infinity where there is none."""
     first, least = NOBODY, np.inf
-    for j in range(len(s)):
+    for j in range(len(gap)):
         if j != me and ahead[j] and in_lane[j] and gap[j] < least:
             first, least = j, gap[j]
     return first, least
@@ -215,8 +215,8 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
     model = (headway, standstill_gap, acceleration, deceleration, braking_max)
     for i in range(len(rows)):
         me, own = rows[i], speed[rows[i]]
-        old_leader, old_gap = _leader(here_s[i], here_gap[i], here_ahead[i], here_in[i], me)
-        new_leader, new_gap = _leader(there_s[i], there_gap[i], there_ahead[i], there_in[i], me)
+        old_leader, old_gap = _leader(here_gap[i], here_ahead[i], here_in[i], me)
+        new_leader, new_gap = _leader(there_gap[i], there_ahead[i], there_in[i], me)
         old_follower, old_back = _follower(here_s[i], length, here_ahead[i], here_in[i], me)
         follower, back = _follower(there_s[i], length, there_ahead[i], there_in[i], me)
         old_speed = 0.0 if old_leader < 0 else here_along[i, old_leader]

@@ -169,6 +169,24 @@ class ControlTable:
         none = np.empty(0)
         return cls(step, np.empty(0, np.int64), none, none, none, np.empty(0, np.uint8))
 
+    @classmethod
+    def without_slip(
+        cls, table: AgentTable, rows: IntArray, acceleration: FloatArray, yaw_rate: FloatArray, source: ByteArray
+    ) -> ControlTable:
+        """The answer to the step of `table` for the agents in `rows` (m,): no more to the side than a turn takes.
+
+        The other arguments are (m,), as in the attributes.
+        """
+        return cls(table.step, table.id[rows], acceleration, table.speed[rows] * yaw_rate, yaw_rate, source)
+
+    @classmethod
+    def of_policy(
+        cls, table: AgentTable, rows: IntArray, acceleration: FloatArray, yaw_rate: FloatArray
+    ) -> ControlTable:
+        """The same where all of it is what a policy says."""
+        source = np.full(len(rows), ControlSource.POLICY, np.uint8)
+        return cls.without_slip(table, rows, acceleration, yaw_rate, source)
+
 
 class ControlSource(IntEnum):
     """Where a command comes from, numbered as in ``litsim_msgs/Controls``; BASELINE is reserved as in Controller."""

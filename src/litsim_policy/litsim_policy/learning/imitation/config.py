@@ -8,16 +8,13 @@ from litsim_policy.learning.data import DataConfig
 from litsim_policy.learning.imitation.critic import WassersteinConfig
 from litsim_policy.learning.imitation.expert import DriversConfig
 from litsim_policy.learning.ppo import PpoConfig
+from litsim_policy.learning.warm_start import WarmStart
 
 
-class WarmStart(BaseModel):
-    """Behaviour cloning before the first iteration, by likelihood; no epochs leave it out."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class ShorterWarmStart(WarmStart):
+    """Behaviour cloning by likelihood, which takes fewer epochs."""
 
     epochs: int = Field(15, ge=0)
-    batch: int = Field(256, gt=0)
-    learning_rate: float = Field(1e-3, gt=0)
 
 
 class ImitationTraining(BaseModel):
@@ -54,7 +51,7 @@ class ImitationTraining(BaseModel):
     error_weight: float = Field(0.05, ge=0)
     data: DataConfig
     drivers: DriversConfig = DriversConfig()
-    warm_start: WarmStart = WarmStart()  # type: ignore[call-arg]
+    warm_start: ShorterWarmStart = ShorterWarmStart()  # type: ignore[call-arg]
     critic: WassersteinConfig = WassersteinConfig()
     ppo: PpoConfig = PpoConfig(
         learning_rate=1e-4, batch=1000, discount=0.95, imitation_weight=0.0, divergence_limit=0.015, value_first=5

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,8 @@ from litsim_policy.learning.imitation.network import TrafficPolicy, perceptron, 
 from litsim_policy.learning.imitation.rollout import collect, validate
 from litsim_policy.learning.plots import IMITATION_PANELS, plot_curves
 from litsim_policy.learning.ppo import Demonstrations, Track, make_batch, tensor, update_policy
+from litsim_policy.learning.training_program import training_parser, training_program
+from litsim_policy.learning.warm_start import clone
 from litsim_sim.cli.program import program
 from litsim_sim.io.yaml_input import read_yaml
 
@@ -184,37 +185,25 @@ def driven_pairs(tracks: list[Track]) -> Tensor:
 
 def _warm_start(policy: TrafficPolicy, shown: Demonstrations, config: ImitationTraining) -> None:
     """Teach `policy` what it is `shown`, by its likelihood; changes it in place."""
-    generator = torch.Generator().manual_seed(config.seed)
-    optimiser = torch.optim.Adam(policy.parameters(), config.warm_start.learning_rate)
-    for _ in range(config.warm_start.epochs):
-        for chosen in shown.draw(len(shown.action), generator).split(config.warm_start.batch):
-            loss = -policy.log_probability(shown.observation[chosen], shown.action[chosen]).mean()
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
+
+    def loss_of(chosen: Tensor) -> Tensor:
+        return -policy.log_probability(shown.observation[chosen], shown.action[chosen]).mean()
+
+    clone(policy, shown, config.warm_start, config.seed, loss_of)
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy train_imitation``."""
-    p = argparse.ArgumentParser(prog="train_imitation", description=(__doc__ or "").splitlines()[0])
-    p.add_argument("--config", type=Path, required=True, help="YAML file, such as config/gail.yaml")
-    p.add_argument("--out", type=Path, required=True, help="folder of the results")
-    p.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
-    p.add_argument("--threads", type=int, default=1, help="of torch; default %(default)s")
-    return p
+    return training_parser("train_imitation", __doc__, "config/gail.yaml")
 
 
 @program
 def main() -> None:
     """Entry point of ``ros2 run litsim_policy train_imitation``."""
     arguments = parser().parse_args()
-    torch.set_num_threads(arguments.threads)
     config = read_yaml(arguments.config, ImitationTraining)
-    try:
+    with training_program(arguments):
         training = run(config, arguments.out, resume=arguments.resume)
-    except KeyboardInterrupt:
-        print(f"\ninterrupted; to go on: --resume with --out {arguments.out}", file=sys.stderr)
-        raise
     print(f"best validation score {training.best:.4f}: {arguments.out / BEST}; curves: {arguments.out / CURVES}")
 
 

@@ -1,0 +1,43 @@
+"""Behaviour cloning, with which a policy begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from pydantic import BaseModel, ConfigDict, Field
+from torch import Tensor, nn
+
+from litsim_policy.learning.ppo import Demonstrations
+
+
+class WarmStart(BaseModel):
+    """Behaviour cloning before the first iteration; no epochs leave it out."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    epochs: int = Field(30, ge=0)
+    batch: int = Field(256, gt=0)
+    learning_rate: float = Field(1e-3, gt=0)
+
+
+def clone(
+    policy: nn.Module, shown: Demonstrations, config: WarmStart, seed: int, loss_of: Callable[[Tensor], Tensor]
+) -> None:
+    """Teach `policy` the pairs that it is `shown`; changes it in place.
+
+    Args:
+        policy: that learns.
+        shown: what it learns from.
+        config: for how long.
+        seed: of the order of the pairs.
+        loss_of: mean loss of the policy over the pairs at positions (m,) of `shown`.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    optimiser = torch.optim.Adam(policy.parameters(), config.learning_rate)
+    for _ in range(config.epochs):
+        for chosen in shown.draw(len(shown.action), generator).split(config.batch):
+            loss = loss_of(chosen)
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
