@@ -12,14 +12,24 @@ import campaigns
 from litsim_policy.paper.case_studies import LEFT_TURN, _outlines, candidates, chosen
 from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.campaign.results import Campaign, RunResult
+from litsim_sim.mining.events import EventKind
 
 
-def campaign(found: dict[tuple[int, str], dict[str, Any]]) -> Campaign:
-    """Results of egos of the demo, by ego and policy."""
-    egos = sorted({ego for ego, _ in found})
-    cases = campaigns.cases(cases=[{"scenario": "demo", "egos": egos}], policies=["replay", "litsim"])
+def campaign(found: dict[tuple[int, str], dict[str, Any]], **turns: list[int]) -> Campaign:
+    """Results of egos of the demo, by ego and policy; `turns` are left turns of egos, as `ego_5`, across others."""
+    cases = campaigns.cases(
+        cases=[
+            {"scenario": "demo", "ego_id": ego, "events": [_turn(other) for other in turns.get(f"ego_{ego}", [])]}
+            for ego in sorted({ego for ego, _ in found})
+        ],
+        policies=["replay", "litsim"],
+    )
     results = [RunResult(case, Verdict.PASSED, "", (), found[case.ego_id, case.policy]) for case in cases]
     return Campaign(Path(), "some", campaigns.CRITERIA, {}, tuple(cases), tuple(results), "")
+
+
+def _turn(other: int) -> dict[str, Any]:
+    return {"kind": "left_turn", "other": other, "time_s": 5.0}
 
 
 def run(*contacts: tuple[int, int, int, bool], taken: int = 1) -> dict[str, Any]:
@@ -49,8 +59,23 @@ def test_the_first_that_replay_fails_and_ours_resolves_is_shown() -> None:
     assert chosen(campaign({key: found[key] for key in found if key[0] < 5})) is None
 
 
+def test_a_left_turn_is_shown_whose_paths_cross() -> None:
+    found = {
+        (1, "replay"): run((1, 8, 50, False), (1, 9, 70, False)),  # run into from behind, before the turn
+        (2, "replay"): run((2, 9, 60, False)),  # which is the other of a crossing, not of a turn
+        (3, "replay"): run((3, 9, 60, True), (3, 7, 80, False)),  # which the log has
+        (4, "replay"): run((4, 8, 90, False), (4, 9, 55, False)),
+        (5, "replay"): run((5, 9, 40, False)),
+    }
+    found |= {(ego, "litsim"): run() for ego, _ in found}
+    crossed = {"ego_1": [9], "ego_3": [9], "ego_4": [3, 9], "ego_5": [9]}
+    study = chosen(campaign(found, **crossed), EventKind.LEFT_TURN)
+    assert study is not None and (study.ours.ego_id, study.contact) == (4, 55)
+    assert chosen(campaign({key: found[key] for key in found if key[0] < 4}, **crossed), EventKind.LEFT_TURN) is None
+
+
 def test_candidates_of_the_street_are_left_turns(tmp_path: Path) -> None:
-    (suite,) = candidates(tmp_path, quick=True).values()
+    (suite,) = candidates(tmp_path, real=False, quick=True).values()
     assert len(suite.cases) == 2 and all(LEFT_TURN in case.tags for case in suite.cases)
 
 

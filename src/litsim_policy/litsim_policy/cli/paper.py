@@ -126,14 +126,14 @@ class Work:
         from litsim_policy.paper import case_studies, figures
 
         arguments = self._arguments
-        quick = arguments.quick or REAL not in self._sets
-        for name, suite in case_studies.candidates(self._out / "roads", quick=quick).items():
+        suites = case_studies.candidates(self._out / "roads", real=REAL in self._sets, quick=arguments.quick)
+        for name, suite in suites.items():
             where = f"cases_{name}"
             as_it_is = arguments.as_it_is
             campaign = read_campaign(self._out / where) if as_it_is else self._carried_out(suite, where)
-            study = case_studies.chosen(campaign)
+            study = case_studies.chosen(campaign, case_studies.EVENTS.get(name))
             if study is None:
-                print(f"{name}: no case in which replay makes a contact of the ego and {OURS} does not")
+                print(f"{name}: no case in which replay makes such a contact of the ego and {OURS} none")
                 continue
             figures.save(case_studies.drawn(name, study), self._images, f"case_{name}")
             print(f"{name}: {study.ours.name}")

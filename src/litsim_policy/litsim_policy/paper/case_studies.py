@@ -1,7 +1,8 @@
 """The paper's two case studies: a lane change on US-101, and an unprotected left turn in a street.
 
 In each an ego does what its log did not, and replay drives into it. Which ego is shown is found, not chosen: of the
-candidates, in their order, the first that replay makes a contact of, and ours none.
+candidates, in their order, the first that replay makes a contact of, and ours none. At the left turn the contact is
+with whom the turn leads across: somebody who is run into from behind on the way there is not shown.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.mining.events import EventKind
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import REPLAY
 
@@ -35,6 +37,8 @@ LANE_CHANGE, LEFT_TURN = "lane_change", "left_turn"
 STUDIES = {LANE_CHANGE: "Lane change, US-101", LEFT_TURN: "Unprotected left turn, generated street"}
 TURNS = "small"
 """Packaged suite whose cases tagged with left turns are the candidates of the street."""
+EVENTS = {LEFT_TURN: EventKind.LEFT_TURN}
+"""Of what event of the case the contact under replay has to be; the first one of the ego where nothing is said."""
 BEFORE_S = (-3.0, -2.0, -1.0, 0.0)
 """When the pictures are, from the contact under replay on [s]."""
 AFTER_S = 1.0
@@ -44,8 +48,13 @@ COLOURS = {Controller.EGO: "#c62828", Controller.POLICY: "#2e8b3d", Controller.B
 ON_LOG, ROAD = "#e7b416", "#e6e8eb"
 
 
-def candidates(folder: Path, *, quick: bool) -> dict[str, Suite]:
-    """The runs among which each case study is looked for, by its name; `quick` looks for the street's alone.
+def candidates(folder: Path, *, real: bool, quick: bool) -> dict[str, Suite]:
+    """The runs among which each case study is looked for, by its name.
+
+    Args:
+        folder: of what is made for them.
+        real: whether the lane change is looked for, in the real window.
+        quick: only the first of them.
 
     Raises:
         InputError: the real window is not there.
@@ -54,8 +63,8 @@ def candidates(folder: Path, *, quick: bool) -> dict[str, Suite]:
     keeper = EgoSetup(name="keep_speed", kind="perturbed", parameters={"ego.kind": "keep_speed"})
     turns = [entry for entry in Suite.load(TURNS).cases if LEFT_TURN in entry.tags]
     found = {LEFT_TURN: _suite(LEFT_TURN, turns[:2] if quick else turns, [keeper, EgoSetup(name="bat", kind="bat")])}
-    if not quick:
-        found[LANE_CHANGE] = _suite(LANE_CHANGE, roads((REAL,), folder)[REAL], [changer])
+    if real:
+        found[LANE_CHANGE] = _suite(LANE_CHANGE, roads((REAL,), folder, quick=quick)[REAL], [changer])
     return found
 
 
@@ -69,7 +78,7 @@ class Study:
 
     Attributes:
         replay, ours: its two cases.
-        contact: step of the ego's contact under replay.
+        contact: step of the ego's first contact under replay.
     """
 
     replay: Case
@@ -77,10 +86,11 @@ class Study:
     contact: int
 
 
-def chosen(campaign: Campaign) -> Study | None:
+def chosen(campaign: Campaign, event: EventKind | None = None) -> Study | None:
     """The first case of a campaign in which replay has a contact of the ego that the log has not, and ours has none.
 
-    Somebody is taken over in it. None where there is no such case.
+    Somebody is taken over in it. With `event`, the ego's first contact is with the other of such an event of the case.
+    None where there is no such case.
     """
     by_policy: dict[str, dict[object, RunResult]] = {REPLAY: {}, OURS: {}}
     for result in campaign.results:
@@ -89,25 +99,28 @@ def chosen(campaign: Campaign) -> Study | None:
         ours = by_policy[OURS].get(key)
         if ours is None or ours.metrics is None or replayed.metrics is None:
             continue
-        step = _ego_contact(replayed)
+        step = _ego_contact(replayed, event)
         if step is not None and ours.metrics["reactive"] and ours.metrics["takeovers"]:
             return Study(replayed.case, ours.case, step)
     return None
 
 
-def _ego_contact(result: RunResult) -> int | None:
-    """Step of the first contact of the ego that the log has not; None where there is none."""
-    metrics = result.metrics or {}
-    ego = result.case.ego_id
-    steps = [each["step"] for each in metrics["collision"]["contacts"] if ego in each["pair"] and not each["in_log"]]
-    return min(steps, default=None)
+def _ego_contact(result: RunResult, event: EventKind | None) -> int | None:
+    """Step of the first contact of the ego that the log has not; None where there is none, or it is of no `event`."""
+    case, metrics = result.case, result.metrics or {}
+    found = [each for each in metrics["collision"]["contacts"] if case.ego_id in each["pair"] and not each["in_log"]]
+    first = min(found, key=lambda each: int(each["step"]), default=None)
+    others = {each["other"] for each in case.events if each["kind"] == event}
+    if first is None or (event is not None and others.isdisjoint(first["pair"])):
+        return None
+    return int(first["step"])
 
 
 def drawn(name: str, study: Study) -> Canvas:
     """The study `name` in time steps, replay above and ours below.
 
     Raises:
-        InputError: a run cannot be run again.
+        InputError: a run cannot be run again, or its ego is not there at the contact.
     """
     runs = [record(Runner(plan_of(case))) for case in (study.replay, study.ours)]
     lane_map = plan_of(study.ours).scenario.lane_map
@@ -116,8 +129,11 @@ def drawn(name: str, study: Study) -> Canvas:
     wide, high = VIEW_M[name]
     canvas = Canvas((9.5, 2 * (9.5 / len(steps)) * high / wide + 1.0), layout="constrained")
     panels = canvas.subplots(2, len(steps), squeeze=False)
-    centre, heading = _view(runs[0], study.contact)
-    centres = [_place(runs[0], step, centre) for step in steps]
+    at_contact = _pose(runs[0], study.contact)
+    if at_contact is None:
+        raise InputError(f"{runs[0].info.run_id}: no ego at step {study.contact}")
+    heading = float(at_contact[2])
+    centres = [(at_contact if (pose := _pose(runs[0], step)) is None else pose)[:2] for step in steps]
     for row, (run, label) in enumerate(zip(runs, (REPLAY, OURS), strict=True)):
         for axes, step, middle in zip(panels[row], steps, centres, strict=True):
             _draw(axes, run, lane_map, step, (middle, heading, wide, high))
@@ -132,24 +148,16 @@ def drawn(name: str, study: Study) -> Canvas:
     return canvas
 
 
-def _view(run: Run, step: int) -> tuple[FloatArray, float]:
-    """Where the ego is at `step`, and its heading there.
+def _table(run: Run, step: int) -> AgentTable | None:
+    """Everybody at `step`; None where the run has no such step."""
+    return next((table for table in run.tables if table.step == step), None)
 
-    Raises:
-        InputError: it is not there.
-    """
-    table = next((t for t in run.tables if t.step == step), None)
+
+def _pose(run: Run, step: int) -> FloatArray | None:
+    """(3,) x, y [m] and yaw [rad] of the ego at `step`; None where it is gone."""
+    table = _table(run, step)
     row = -1 if table is None else table.row(run.info.ego_id)
-    if table is None or row < 0:
-        raise InputError(f"{run.info.run_id}: no ego at step {step}")
-    return np.array([table.x[row], table.y[row]]), float(table.yaw[row])
-
-
-def _place(run: Run, step: int, otherwise: FloatArray) -> FloatArray:
-    """Where the ego is at `step`; `otherwise` where it is gone."""
-    table = next((t for t in run.tables if t.step == step), None)
-    row = -1 if table is None else table.row(run.info.ego_id)
-    return otherwise if table is None or row < 0 else np.array([table.x[row], table.y[row]])
+    return None if table is None or row < 0 else np.array([table.x[row], table.y[row], table.yaw[row]])
 
 
 def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatArray, float, float, float]) -> None:
@@ -160,7 +168,7 @@ def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatA
     for lane in lane_map.lanes:
         outlines = _outlines((lane.centerline - centre) @ turn, lane.width, seen)
         axes.add_collection(PolyCollection(outlines, color=ROAD, lw=0))
-    table = next((t for t in run.tables if t.step == step), None)
+    table = _table(run, step)
     if table is not None:
         axes.add_collection(_boxes(table, centre, turn, (wide, high)))
     axes.set(xlim=(-wide, wide), ylim=(-high, high), aspect="equal", xticks=[], yticks=[])
