@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.recordings.load import load_recording
-from litsim_sim.recordings.segments import Manifest
+from litsim_sim.recordings.segments import MANIFEST_FILE, Manifest
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario
 
 REPORTED = (316, 543)
@@ -107,11 +107,11 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
     validation: list[Scenario] = []
     for generated in config.generated:
         where = folder / f"{generated.net}_{generated.seed}_{generated.segments}"
-        if not (where / "manifest.yaml").is_file():
+        if not (where / MANIFEST_FILE).is_file():
             from litsim_sim.traffic.segment_set import write_segment_set  # libsumo takes a moment to load
 
             write_segment_set(generated.net, generated.segments, generated.seed, where)
-        for segment in Manifest.read(where / "manifest.yaml").segments:
+        for segment in Manifest.read(where / MANIFEST_FILE).segments:
             (train if segment.part == "train" else validation).append(Scenario.load(where / f"{segment.name}.yaml"))
     windows = [_real(window, folder) for window in config.real]
     train += windows * config.real_weight

@@ -14,17 +14,16 @@ import numpy as np
 
 from litsim_sim.campaign.suite import CaseEntry
 from litsim_sim.io.files import replacing
+from litsim_sim.recordings.segments import MANIFEST_FILE
 from litsim_sim.scenario.scenario import Scenario, packaged
+from litsim_sim.traffic.seeds import PAPER
 from litsim_sim.traffic.segment_set import write_segment_set
 
 REAL, HIGHWAY, URBAN = "real", "highway", "urban"
 SETS = (REAL, HIGHWAY, URBAN)
 WINDOW = "us101_0750"
 NETS = {HIGHWAY: "us101_like", URBAN: "urban_like"}
-DRAWS = 5
-MANIFEST_FILE = "manifest.yaml"  # of a folder of segments
-FIRST_SEED = 77000
-"""Seed of the first draw of generated traffic: nothing was trained, tuned or looked at on these seeds."""
+DRAWS = len(PAPER)
 SEGMENTS = 3
 """Segments of 28 s in a draw of generated traffic, at most; each with one ego."""
 QUICK_S = 6.0
@@ -79,10 +78,10 @@ def _real(quick: bool) -> list[CaseEntry]:
 
 def _generated(name: str, folder: Path) -> list[CaseEntry]:
     entries = []
-    for draw in range(DRAWS):
+    for draw, seed in enumerate(PAPER):
         mine = folder / f"{name}_{draw}"
         if not (mine / MANIFEST_FILE).is_file():
-            write_segment_set(NETS[name], SEGMENTS, FIRST_SEED + draw, mine)
+            write_segment_set(NETS[name], SEGMENTS, seed, mine)
         files = [path for path in sorted(mine.glob("*.yaml")) if path.name != MANIFEST_FILE]
         entries += [_entry(name, str(path.resolve()), Scenario.load(path).ego_id, draw) for path in files]
     return entries

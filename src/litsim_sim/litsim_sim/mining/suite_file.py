@@ -16,10 +16,8 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import validate_yaml
 from litsim_sim.mining.selection import Chosen
-from litsim_sim.recordings.segments import Manifest
+from litsim_sim.recordings.segments import MANIFEST_FILE, Manifest
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets, packaged_scenarios
-
-MANIFEST = "manifest.yaml"
 
 
 def scenario_names(given: Iterable[str]) -> list[str]:
@@ -32,9 +30,11 @@ def scenario_names(given: Iterable[str]) -> list[str]:
     for each in given:
         path = Path(each)
         if each not in packaged_scenarios() and path.is_dir():
-            if not (path / MANIFEST).is_file():
-                raise InputError(f"{path}: no {MANIFEST}: expected scenarios, or a folder that `data segments` wrote")
-            names += [str(path / f"{segment.name}.yaml") for segment in Manifest.read(path / MANIFEST).segments]
+            if not (path / MANIFEST_FILE).is_file():
+                raise InputError(
+                    f"{path}: no {MANIFEST_FILE}: expected scenarios, or a folder that `data segments` wrote"
+                )
+            names += [str(path / f"{segment.name}.yaml") for segment in Manifest.read(path / MANIFEST_FILE).segments]
         else:
             names.append(each)
     return list(dict.fromkeys(names))

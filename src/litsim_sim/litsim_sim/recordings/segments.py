@@ -25,6 +25,7 @@ from litsim_sim.recordings.recording import Recording
 
 Part = Literal["train", "val", "test"]
 PARTS: tuple[Part, ...] = ("train", "val", "test")
+MANIFEST_FILE = "manifest.yaml"  # in a folder of segments
 EGO_KINDS = (Kind.CAR, Kind.TRUCK, Kind.UNKNOWN)
 
 
@@ -251,12 +252,12 @@ def scenario_yaml(manifest: Manifest, segment: Segment) -> str:
 
 
 def write(manifest: Manifest, folder: Path) -> Path:
-    """Write ``manifest.yaml`` and a scenario file for every segment; returns the manifest's path.
+    """Write :data:`MANIFEST_FILE` and a scenario file for every segment; returns the manifest's path.
 
     Raises:
         InputError: `folder` cannot be written.
     """
-    path = folder / "manifest.yaml"
+    path = folder / MANIFEST_FILE
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for segment in manifest.segments:
