@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 
-from litsim_policy.paper.measures import ade_parts, count, figure, horizons, run_parts
+from litsim_policy.paper.measures import ade_parts, count, figure, run_parts
 from litsim_policy.paper.tables import Methods
+from litsim_sim.analysis.displacement import HORIZONS_S
 from litsim_sim.io.files import replacing
 
 DPI = 110
@@ -67,14 +68,14 @@ def ade_over_time(by_set: Mapping[str, Methods]) -> Canvas:
     canvas = Canvas((WIDTH, 3.2), layout="constrained")
     panels = canvas.subplots(1, len(by_set), sharey=True, squeeze=False)[0]
     for axes, (name, methods) in zip(panels, by_set.items(), strict=True):
-        parts = {horizon: ade_parts(methods, horizon, "driven") for horizon in horizons()}
+        parts = {horizon: ade_parts(methods, horizon, "driven") for horizon in HORIZONS_S}
         for k, method in enumerate(methods):
-            points = [(h, found.value) for h in horizons() if (found := figure(parts[h][method]))]
+            points = [(h, found.value) for h in HORIZONS_S if (found := figure(parts[h][method]))]
             if points:
                 axes.plot(*zip(*points, strict=True), marker="o", ms=3, color=COLOURS[k % len(COLOURS)], label=method)
         axes.set_title(name, fontsize=9)
         axes.set_xlabel("up to, s")
-        axes.set_xticks(horizons())
+        axes.set_xticks(HORIZONS_S)
         _plain(axes)
     panels[0].set_ylabel("ADE, m")
     panels[0].legend(frameon=False, fontsize=7)

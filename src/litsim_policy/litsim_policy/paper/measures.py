@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from litsim_sim.analysis.displacement import HORIZONS_S
 from litsim_sim.campaign.case import Case
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.scene import FloatArray, IntArray
@@ -163,11 +162,6 @@ def interval(ours: Parts, theirs: Parts) -> tuple[float, float] | None:
         return None
     low, high = np.quantile(known, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)
-
-
-def horizons() -> tuple[int, ...]:
-    """Horizons of ADE [s]."""
-    return HORIZONS_S
 
 
 def _drawn(parts: Parts, keys: Sequence[Key], drawn: IntArray) -> FloatArray:

@@ -15,11 +15,11 @@ from litsim_policy.paper.measures import (
     by_key,
     count,
     figure,
-    horizons,
     interval,
     run_parts,
 )
 from litsim_policy.paper.published import OTHER_DATA
+from litsim_sim.analysis.displacement import HORIZONS_S
 from litsim_sim.campaign.results import Campaign, RunResult
 from litsim_sim.scenario.run_info import BASELINES, REPLAY
 
@@ -53,7 +53,7 @@ class Measure:
         return f"{self.scale * value:.{self.digits}f}"
 
 
-ADE = tuple(Measure(f"ade_{h}", f"ADE {h} s, m", min) for h in horizons())
+ADE = tuple(Measure(f"ade_{h}", f"ADE {h} s, m", min) for h in HORIZONS_S)
 OF_THE_PAPER = (
     *ADE,
     Measure("collision", "collision %", min, 100.0),
@@ -64,8 +64,8 @@ OF_THE_PAPER = (
 """Columns of Table II, by the paper's reading."""
 
 BESIDE = (
-    *(Measure(f"own_{h}", f"ADE of its own {h} s, m", None) for h in horizons()),
-    *(Measure(f"all_{h}", f"ADE of all {h} s, m", min) for h in horizons()),
+    *(Measure(f"own_{h}", f"ADE of its own {h} s, m", None) for h in HORIZONS_S),
+    *(Measure(f"all_{h}", f"ADE of all {h} s, m", min) for h in HORIZONS_S),
     Measure("collision_beyond", "collision %, without the log's", min, 100.0),
     Measure("collision_driven", "collision %, of those driven", min, 100.0),
     Measure("collision_driven_beyond", "the same without the log's", min, 100.0),

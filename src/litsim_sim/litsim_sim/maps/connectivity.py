@@ -14,6 +14,7 @@ import shapely
 
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.maps.lane_crossings import crossing_pairs, crossing_points
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 
@@ -150,14 +151,13 @@ def _crossings(lanes: Collection[Lane]) -> tuple[Crossing, ...]:
     """Where lanes of different edges outside of junctions cross, once for each pair of edges."""
     outside = [lane for lane in lanes if not lane.is_internal]
     lines = [shapely.LineString(lane.centerline) for lane in outside]
-    one, other = shapely.STRtree(lines).query(lines, predicate="crosses")
     found: dict[tuple[str, str], Crossing] = {}
-    for i, j in sorted(zip(one.tolist(), other.tolist(), strict=True)):
+    for i, j in sorted(crossing_pairs(lines)):
         pair = (outside[i].edge_id, outside[j].edge_id)
         if pair[0] >= pair[1] or pair in found:
             continue
-        for point in shapely.get_parts(shapely.intersection(lines[i], lines[j])):
-            if point.geom_type == "Point" and _crosses(outside[i], outside[j], lines[i], lines[j], point):
+        for point in crossing_points(lines[i], lines[j]):
+            if _crosses(outside[i], outside[j], lines[i], lines[j], point):
                 found[pair] = Crossing(*pair, float(point.x), float(point.y))
                 break
     return tuple(found.values())

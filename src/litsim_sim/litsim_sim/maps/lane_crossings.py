@@ -16,15 +16,25 @@ ANGLE_MIN = np.deg2rad(30.0)  # between two lanes that cross; lanes that merge m
 def lane_crossings(lanes: Sequence[Lane]) -> FloatArray:
     """(k, 2) points at which centre lines of two lanes cross, frame map [m]."""
     lines = [shapely.LineString(lane.centerline) for lane in lanes]
-    first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
     found = [
         (point.x, point.y)
-        for i, j in zip(first.tolist(), second.tolist(), strict=True)
+        for i, j in crossing_pairs(lines)
         if i < j
-        for point in shapely.get_parts(shapely.intersection(lines[i], lines[j])).tolist()
-        if point.geom_type == "Point" and _angle(lines[i], lines[j], point) >= ANGLE_MIN
+        for point in crossing_points(lines[i], lines[j])
+        if _angle(lines[i], lines[j], point) >= ANGLE_MIN
     ]
     return np.array(found).reshape(-1, 2)
+
+
+def crossing_pairs(lines: Sequence[shapely.LineString]) -> list[tuple[int, int]]:
+    """Positions of lines that cross each other, each pair both ways round."""
+    first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
+    return list(zip(first.tolist(), second.tolist(), strict=True))
+
+
+def crossing_points(a: shapely.LineString, b: shapely.LineString) -> list[shapely.Point]:
+    """Points at which two lines cross; where they share more than a point is none."""
+    return [part for part in shapely.get_parts(shapely.intersection(a, b)).tolist() if part.geom_type == "Point"]
 
 
 def _angle(a: shapely.LineString, b: shapely.LineString, at: shapely.Point) -> float:
