@@ -109,10 +109,23 @@ def test_only_contacts_at_the_egos_fault_spoil_its_own_ttc(
     assert metrics["safety"]["min_own_ttc_s"] == own
 
 
+def test_hard_brakes_count_where_somebody_drives(run: Any, moved: Make) -> None:
+    """Agent 2 is under control at steps 21 to 40, and brakes once before, once then, and once after that."""
+
+    def braking(tables: list[Any], steps: set[int]) -> list[Any]:
+        return [moved([t], 2, acceleration=-4.0)[0] if t.step in steps else t for t in tables]
+
+    found = compute_metrics(
+        replace(run, tables=braking(run.tables, {5, 15, 30, 50}), log=braking(run.log, {25, 35, 45}))
+    )
+    assert found["comfort"]["controlled"]["hard_brakes"] == 1
+    assert found["comfort"]["controlled"]["hard_brakes_log"] == 2
+
+
 def test_guarded_commands_show(run: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    assert compute_metrics(run)["comfort"]["controlled"]["guarded"] == {"count": 0, "share": None}
+    assert compute_metrics(run)["comfort"]["controlled"]["guarded"] == {"count": 0, "commands": 0, "share": None}
     guarded = compute_metrics(replace(run, controls=answers(run)))
-    assert guarded["comfort"]["controlled"]["guarded"] == {"count": 5, "share": 5 / 20}
+    assert guarded["comfort"]["controlled"]["guarded"] == {"count": 5, "commands": 20, "share": 5 / 20}
     print_metrics(guarded)
     assert "5 of the policy's agent-steps (25.0 %)" in capsys.readouterr().out
 

@@ -19,7 +19,13 @@ def metrics(**changes: Any) -> dict[str, Any]:
         "ledger": [{"released_step": 80, "held_s": 3.0}, {"released_step": None, "held_s": 5.5}],
         "detection": {"bound_hits": 1, "max_rounds": 3},
         "false_alarms": 1,
-        "comfort": {"controlled": {"hard_brakes": 4, "guarded": {"count": 5, "share": 0.1}}},
+        "comfort": {
+            "controlled": {
+                "hard_brakes": 4,
+                "hard_brakes_log": 3,
+                "guarded": {"count": 5, "commands": 50, "share": 0.1},
+            }
+        },
         "off_road_controlled": 0.1,
         "relevant_ratio": 0.2,
         "ade_controlled_m": {"5": 1.0},
@@ -66,7 +72,19 @@ def test_counts_are_summed_and_rates_averaged() -> None:
     assert row["relevant_ratio"] == pytest.approx(0.3)
     assert (row["releases"], row["held_s"], row["bound_hits"]) == (2, 17.0, 2)
     assert (row["takeovers_per_run"], row["hard_brakes"], row["off_road"]) == (3.5, 8, 0.1)
-    assert row["guarded"] == pytest.approx(0.1)
+    assert (row["guarded"], row["hard_brakes_log"]) == (0.1, 6)
+
+
+def test_guarded_steps_are_a_share_of_all_steps_not_a_mean_over_runs() -> None:
+    def comfort(**guarded: Any) -> dict[str, Any]:
+        return {"controlled": {"hard_brakes": 0, "hard_brakes_log": 0, "guarded": guarded}}
+
+    long, idle = comfort(count=0, commands=150, share=0.0), comfort(count=0, commands=0, share=None)
+    older = {"controlled": {"hard_brakes": 0, "guarded": {"count": 5, "share": 0.1}}}
+    assert summarise([metrics(), metrics(comfort=long), metrics(comfort=idle)])["guarded"] == 5 / 200
+    assert summarise([metrics(comfort=idle)])["guarded"] is None
+    found = summarise([metrics(), metrics(comfort=older)])
+    assert found["guarded"] is None and found["hard_brakes_log"] is None, "one did not measure them"
 
 
 def test_largest_values_are_kept() -> None:

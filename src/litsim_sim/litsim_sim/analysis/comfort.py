@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.core.scene import AgentTable, FloatArray
+from litsim_sim.core.scene import AgentTable, BoolArray, Controller, FloatArray
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "longitudinal_acceleration": (-4.05, 2.40),  # [m/s2]
@@ -20,6 +20,8 @@ BOUNDS: dict[str, tuple[float, float]] = {
 """nuPlan's bounds of a comfortable ride (Caesar et al. 2021)."""
 
 HARD_BRAKE = -3.0  # [m/s2]
+BRAKE_OVER = -1.0  # [m/s2] at which a manoeuvre is over: until then, braking hard again is the same one
+ROUNDING = 1e-6  # [m/s2] beyond 3 m/s2 that is not harder: who brakes by just that does so but for the last digits
 
 
 @dataclass(frozen=True)
@@ -29,12 +31,14 @@ class Comfort:
     Attributes:
         agent: whose.
         within: share of steps within each of :data:`BOUNDS`.
-        hard_brakes: times that it began to brake harder than 3 m/s2.
+        hard_brakes: manoeuvres in which it braked harder than 3 m/s2.
+        hard_brakes_driven: of them those in which it first did so off its log, driven by a policy or a stack.
     """
 
     agent: int
     within: dict[str, float]
     hard_brakes: int
+    hard_brakes_driven: int
 
     @property
     def comfortable(self) -> bool:
@@ -48,16 +52,44 @@ def comfort(tables: Sequence[AgentTable], agent: int, dt: float) -> Comfort | No
     there = [(table, row) for table, row in rows if row >= 0]
     if len(there) < 3:
         return None
-    speed, acceleration, yaw_rate = (
+    speed, acceleration, yaw_rate, controller = (
         np.array([getattr(table, field)[row] for table, row in there])
-        for field in ("speed", "acceleration", "yaw_rate")
+        for field in ("speed", "acceleration", "yaw_rate", "controller")
     )
     values = motion_values(speed, acceleration, yaw_rate, dt)
     within = {
         name: float(np.mean((values[name] >= low) & (values[name] <= high))) for name, (low, high) in BOUNDS.items()
     }
-    hard = acceleration < HARD_BRAKE
-    return Comfort(agent, within, int(hard[0]) + int(np.sum(hard[1:] & ~hard[:-1])))
+    begins = hard_brakes_begin(acceleration)
+    return Comfort(agent, within, int(begins.sum()), int((begins & (controller != Controller.LOG)).sum()))
+
+
+def hard_brakes_begin(acceleration: FloatArray) -> BoolArray:
+    """(n,) at which of consecutive steps a manoeuvre first brakes harder than 3 m/s2, of accelerations (n,) [m/s2].
+
+    A manoeuvre is over once it brakes by less than 1 m/s2, so that braking around 3 m/s2 is counted once.
+    """
+    hard, over = acceleration < HARD_BRAKE - ROUNDING, acceleration > BRAKE_OVER
+    begins, braking = np.zeros(len(acceleration), np.bool_), False
+    for k in np.flatnonzero(hard | over).tolist():
+        begins[k] = hard[k] and not braking
+        braking = bool(hard[k])
+    return begins
+
+
+def hard_brakes_in_log(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> int:
+    """Hard brakes that the log of `agent` begins at steps at which `tables` have it off its log.
+
+    Args:
+        tables: of a run.
+        log: of the recording, at the same steps.
+        agent: whose.
+    """
+    driven = {t.step for t in tables if (row := t.row(agent)) >= 0 and t.controller[row] != Controller.LOG}
+    logged = [(table, table.row(agent)) for table in log]
+    logged = [(table, row) for table, row in logged if row >= 0]
+    begins = hard_brakes_begin(np.array([table.acceleration[row] for table, row in logged]))
+    return sum(table.step in driven for (table, _), hard in zip(logged, begins.tolist(), strict=True) if hard)
 
 
 def motion_values(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from litsim_sim.analysis.collision import Collisions, collisions
-from litsim_sim.analysis.comfort import comfort
+from litsim_sim.analysis.comfort import comfort, hard_brakes_in_log
 from litsim_sim.analysis.displacement import Displacements, displacements
 from litsim_sim.analysis.ego import ego_motion
 from litsim_sim.analysis.encroachment import encroachments
@@ -280,17 +280,21 @@ def _own_ttc(run: Run, hits: Collisions, shortest: float) -> float | None:
 
 
 def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:
-    """Bounds of nuPlan for the ego and, as means and sums, for the agents ever under control; their guarded steps."""
+    """Bounds of nuPlan for the ego and, as means and sums, for the agents ever under control; their guarded steps.
+
+    Of hard brakes of the agents count those that began under control; those on the log are the recording's.
+    """
     tables, dt = run.simulated, run.info.dt
     ego = comfort(tables, run.info.ego_id, dt)
-    changed = guarded(run)
-    others = [found for agent in sorted(hits.controlled) if (found := comfort(tables, agent, dt)) is not None]
+    changed, controlled = guarded(run), sorted(hits.controlled)
+    others = [found for agent in controlled if (found := comfort(tables, agent, dt)) is not None]
     return {
         "ego": {"within": ego.within, "hard_brakes": ego.hard_brakes} if ego else None,
         "controlled": {
             "comfortable": _share(sum(each.comfortable for each in others), len(others)),
-            "hard_brakes": sum(each.hard_brakes for each in others),
-            "guarded": {"count": changed.changed, "share": changed.share},
+            "hard_brakes": sum(each.hard_brakes_driven for each in others),
+            "hard_brakes_log": sum(hard_brakes_in_log(tables, run.simulated_log, agent) for agent in controlled),
+            "guarded": {"count": changed.changed, "commands": changed.commands, "share": changed.share},
         },
     }
 

@@ -142,14 +142,16 @@ class Guard(TypedDict):
     """Commands that the safety layer changed."""
 
     count: int
+    commands: int
     share: float | None
 
 
 class ControlledComfort(TypedDict):
-    """Comfort in the agents ever under control."""
+    """Comfort in the agents ever under control; hard brakes are those begun under control, and the log's meanwhile."""
 
     comfortable: float | None
     hard_brakes: int
+    hard_brakes_log: int
     guarded: Guard
 
 

@@ -46,7 +46,8 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
         "ade_all_m": {h: _mean(r["ade_all_m"].get(h) for r in runs) for h in ade},
         "replay_error_max_m": max((far for r in runs if (far := r["replay_error_max_m"]) is not None), default=None),
         "hard_brakes": sum(r["comfort"]["controlled"]["hard_brakes"] for r in runs),
-        "guarded": _mean(r["comfort"]["controlled"]["guarded"]["share"] for r in runs),
+        "hard_brakes_log": _known_sum(r["comfort"]["controlled"].get("hard_brakes_log") for r in runs),
+        "guarded": _guarded(runs),
         "off_road": _mean(r["off_road_controlled"] for r in runs),
         "progress_m": _mean(r["progress_m"] for r in runs),
         "max_position_jump_m": max((r["handback"]["max_position_jump_m"] for r in runs), default=None),
@@ -59,8 +60,20 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
 
 def _faults(runs: list[dict[str, Any]], whose: str) -> int | None:
     """Contacts by fault; None where a run was measured by a version that did not ask."""
-    found = [r["collision"]["by_fault"][whose] for r in runs if "by_fault" in r["collision"]]
-    return sum(found) if len(found) == len(runs) else None
+    return _known_sum(r["collision"].get("by_fault", {}).get(whose) for r in runs)
+
+
+def _guarded(runs: list[dict[str, Any]]) -> float | None:
+    """Share of all commands of the policy that a guard changed; None where a run was measured without their number."""
+    found = [r["comfort"]["controlled"]["guarded"] for r in runs]
+    commands = _known_sum(each.get("commands") for each in found)
+    return sum(each["count"] for each in found) / commands if commands else None
+
+
+def _known_sum(values: Iterable[int | None]) -> int | None:
+    """Sum of values all of which are known; None where a run was measured by a version that did not ask."""
+    found = list(values)
+    return None if None in found else sum(value for value in found if value is not None)
 
 
 def _mean(values: Iterable[float | None]) -> float | None:

@@ -105,7 +105,7 @@ def _measures(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     jump = f"largest jump {back['max_position_jump_m']:.3f} m, {back['max_speed_jump_mps']:.2f} m/s"
     yield "hand-backs", f"{back['count']}; {jump}" if back["count"] else "0"
     ego, others = metrics["comfort"]["ego"], metrics["comfort"]["controlled"]
-    yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, controlled {others['hard_brakes']}"
+    yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, under control {others['hard_brakes']}"
     guarded = others["guarded"]
     yield "commands changed by guards", f"{guarded['count']} of the policy's agent-steps ({percent(guarded['share'])})"
     yield "lock-step", f"{metrics['lockstep']['missed']} missed answers, {metrics['lockstep']['gaps']} gaps"

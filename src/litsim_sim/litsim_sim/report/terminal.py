@@ -137,7 +137,7 @@ def _driving_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if road:
         yield "ego: off road", f"{_percent(road['off_road'])} of steps, over its edge {_percent(road['over_edge'])}"
     ego, others = metrics["comfort"]["ego"], metrics["comfort"]["controlled"]
-    yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, controlled agents {others['hard_brakes']}"
+    yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, agents under control {others['hard_brakes']}"
     within = _percent(min(ego["within"].values())) if ego else NOTHING
     kept = _percent(others["comfortable"])
     yield "comfort", f"ego {within} of steps within the bound least kept; controlled agents that keep all: {kept}"
