@@ -23,30 +23,39 @@ from litsim_sim.scenario.scenario import Scenario
 
 
 @configuration
-class ExpertConfig:
-    """Which pairs are taken.
+class PairsConfig:
+    """Which pairs are taken of recorded drivers.
 
     Attributes:
         every: steps between the pairs of a vehicle.
-        ahead, beside: distances within which another vehicle makes it an interaction: ahead, in any direction.
-        speed_min: of whom pairs are taken; who stands shows nothing of steering.
         smooth: steps over which motion is averaged: recorded accelerations jitter from frame to frame.
-        horizon: steps that a vehicle stays for at least.
-        real_share: of the pairs that the critic and the policy are shown, those of people, where there are any; the
-            others are of SUMO's drivers, who give far more pairs.
+        real_share: of the pairs that are shown, those of people, where there are any; the others are of SUMO's drivers,
+            who give far more pairs.
         offset, turn: standard deviations by which vehicles are displaced for pairs that show how to come
             back to the path; only the warm start learns from those.
     """
 
     every: Positive[Steps] = 5
-    ahead: NonNegative[Length] = 50.0
-    beside: NonNegative[Length] = 12.0
-    speed_min: NonNegative[Speed] = 0.5
     smooth: Positive[Steps] = 3
-    horizon: Positive[Steps] = 5
     real_share: Share = 0.5
     offset: NonNegative[Length] = 0.4
     turn: NonNegative[Angle] = 0.03
+
+
+@configuration
+class ExpertConfig(PairsConfig):
+    """The same of drivers who interact.
+
+    Attributes:
+        ahead, beside: distances within which another vehicle makes it an interaction: ahead, in any direction.
+        speed_min: of whom pairs are taken; who stands shows nothing of steering.
+        horizon: steps that a vehicle stays for at least.
+    """
+
+    ahead: NonNegative[Length] = 50.0
+    beside: NonNegative[Length] = 12.0
+    speed_min: NonNegative[Speed] = 0.5
+    horizon: Positive[Steps] = 5
 
 
 @dataclass(frozen=True)

@@ -9,47 +9,80 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-PANELS = {
-    "mean penalty of an agent-step": ("penalty", "validation_penalty"),
-    "collisions per 1000 agent-steps": ("collisions", "validation_collisions"),
-    "off the road per 1000 agent-steps": ("off_road", "validation_off_road"),
-    "critic: share told right": ("critic_accuracy",),
-    "critic: mean logit of the policy": ("critic_reward",),
-    "share of agent-steps that a guard would have changed": ("guard", "validation_guard"),
+Lines = Mapping[str, str]
+"""Of a panel: the label of each entry of a history that is drawn in it."""
+
+COLUMNS = 3
+TRAINING, VALIDATION = "training", "validation"
+
+
+def _both(name: str) -> Lines:
+    """The entry `name` of training and of validation."""
+    return {name: TRAINING, f"validation_{name}": VALIDATION}
+
+
+PANELS: Mapping[str, Lines] = {
+    "mean penalty of an agent-step": _both("penalty"),
+    "collisions per 1000 agent-steps": _both("collisions"),
+    "off the road per 1000 agent-steps": _both("off_road"),
+    "critic: share told right": {"critic_accuracy": TRAINING},
+    "critic: mean logit of the policy": {"critic_reward": TRAINING},
+    "share of agent-steps that a guard would have changed": _both("guard"),
 }
-IMITATION_PANELS = {
-    "share of agents that touched somebody": ("contact", "validation_contact"),
-    "share of agents that left the road": ("off_road", "validation_off_road"),
-    "error at the end of an episode [m]": ("error", "validation_error"),
-    "critic: distance of the sides": ("critic_distance",),
-    "what RAIL punishes, mean of a step": ("fault",),
-    "deviation of the actions": ("deviation",),
+IMITATION_PANELS: Mapping[str, Lines] = {
+    "share of agents that touched somebody": _both("contact"),
+    "share of agents that left the road": _both("off_road"),
+    "error at the end of an episode [m]": _both("error"),
+    "critic: distance of the sides": {"critic_distance": TRAINING},
+    "what RAIL punishes, mean of a step": {"fault": TRAINING},
+    "deviation of the actions": {"deviation": TRAINING},
 }
-STYLE: dict[str, dict[str, Any]] = {
-    "validation": {"marker": "o", "markersize": 3},
-    "training": {"alpha": 0.7, "linewidth": 1.0},
+SIMNET_PANELS: Mapping[str, Lines] = {
+    "mean squared error, in its units": {"training": TRAINING, "validation": VALIDATION},
+    "first step, RMSE": {"ahead_first": "ahead [m]", "turn_first": "turn [rad]"},
+    "after 1.2 s, mean distance [m]": {"away_last": VALIDATION},
+}
+STYLE: Mapping[str, Mapping[str, Any]] = {
+    VALIDATION: {"marker": "o", "markersize": 3},
+    TRAINING: {"alpha": 0.7, "linewidth": 1.0},
 }
 
 
-def plot_curves(history: list[dict[str, float]], path: Path, panels: Mapping[str, tuple[str, ...]] = PANELS) -> None:
-    """Write a PNG of `history`, one entry an iteration; validations are among them where they were made.
+def plot_curves(
+    history: list[dict[str, float]],
+    path: Path,
+    panels: Mapping[str, Lines] = PANELS,
+    *,
+    along: str | None = None,
+    log: bool = False,
+) -> None:
+    """Write a PNG of `history`; what an entry lacks is drawn where it was measured.
 
-    `panels` (six) say which entries are drawn together under which title.
+    Args:
+        history: one entry an iteration, or one a validation.
+        path: of the picture.
+        panels: entries that are drawn together, by title.
+        along: entry that counts what has been learned; None counts the entries themselves.
+        log: whether values are drawn on logarithmic scales.
     """
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(2, 3, figsize=(13, 6.5), sharex=True, layout="constrained")
-    for axis, (title, names) in zip(axes.ravel(), panels.items(), strict=True):
-        for name in names:
+    rows = -(-len(panels) // COLUMNS)
+    figure, axes = plt.subplots(
+        rows, COLUMNS, figsize=(13, 3.25 * rows), sharex=True, squeeze=False, layout="constrained"
+    )
+    for axis, (title, lines) in zip(axes.ravel(), panels.items(), strict=True):
+        for name, label in lines.items():
             at = [i for i, entry in enumerate(history) if name in entry]
-            kind = "validation" if name.startswith("validation") else "training"
-            axis.plot(at, np.array([history[i][name] for i in at]), label=kind, **STYLE[kind])
+            counted = at if along is None else [history[i][along] for i in at]
+            axis.plot(counted, np.array([history[i][name] for i in at]), label=label, **STYLE.get(label, {}))
         axis.set_title(title, fontsize=10)
+        axis.set_yscale("log" if log else "linear")
         axis.grid(alpha=0.3)
-        if len(names) > 1:
+        if len(lines) > 1:
             axis.legend(fontsize=8)
     for axis in axes[-1]:
-        axis.set_xlabel("iteration")
+        axis.set_xlabel("iteration" if along is None else along)
     figure.savefig(path, dpi=110)
     plt.close(figure)

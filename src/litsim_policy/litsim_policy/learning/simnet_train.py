@@ -16,7 +16,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import torch
 from pydantic import BaseModel, ConfigDict, Field
@@ -26,6 +25,7 @@ from tqdm import tqdm
 from litsim_policy.driving.simnet_output import FUTURE
 from litsim_policy.learning.checkpoint import CHECKPOINT, CURVES, HISTORY, keep_state, read_state
 from litsim_policy.learning.data import DataConfig, prepare
+from litsim_policy.learning.plots import SIMNET_PANELS, plot_curves
 from litsim_policy.learning.simnet_data import Moments, PerturbationConfig, Samples
 from litsim_policy.learning.simnet_network import SHAPES, Backbone, SimNet, ending, save
 from litsim_policy.learning.training_program import training_parser, training_program
@@ -139,7 +139,7 @@ class SimnetTraining:
         """Write a checkpoint, the history and its curves; if the last validation was the best, the weights."""
         keep_state(out / CHECKPOINT, self.config, self._parts, {"history": self.history, "done": self.done})
         (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
-        plot(self.history, out / CURVES)
+        plot_curves(self.history, out / CURVES, SIMNET_PANELS, along="batches", log=True)
         if self.history[-1]["validation"] <= self.best:
             about = {"config": self.config.model_dump_json(), "figures": json.dumps(self.history[-1])}
             with replacing(self.weights(out)) as new:
@@ -197,28 +197,6 @@ def run(
                 training.write(out)
                 bar.set_postfix({"validation": f"{found['validation']:.4f}", "1.2 s": f"{found['away_last']:.2f} m"})
     return training
-
-
-def plot(history: list[dict[str, float]], path: Path) -> None:
-    """Write a PNG of `history`, one entry a validation."""
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    panels: dict[str, dict[str, str]] = {
-        "mean squared error, in its units": {"training": "training", "validation": "validation"},
-        "first step, RMSE": {"ahead_first": "ahead [m]", "turn_first": "turn [rad]"},
-        "after 1.2 s, mean distance [m]": {"away_last": "validation"},
-    }
-    figure, axes = plt.subplots(1, len(panels), figsize=(12, 3.4), layout="constrained")
-    at = [entry["batches"] for entry in history]
-    for axis, (title, lines) in zip(axes, panels.items(), strict=True):
-        for name, label in lines.items():
-            axis.plot(at, [entry[name] for entry in history], marker=".", label=label)
-        axis.set(title=title, xlabel="batch", yscale="log")
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def _counted(scenarios: tuple[Scenario, ...]) -> tuple[list[Scenario], list[float]]:

@@ -11,8 +11,9 @@ import torch
 
 from litsim_policy.driving.imitation_policy import BOUNDS
 from litsim_policy.driving.traffic_observation import SIZE
+from litsim_policy.learning.expert import PairsConfig
 from litsim_policy.learning.imitation.episodes import Faults, TrafficEpisodes
-from litsim_policy.learning.imitation.expert import DriversConfig, traffic_pairs
+from litsim_policy.learning.imitation.expert import traffic_pairs
 from litsim_policy.learning.imitation.network import TrafficPolicy
 from litsim_policy.learning.imitation.rollout import drive
 from litsim_sim.core.scene import Kind
@@ -86,7 +87,7 @@ def test_tracks_are_the_agents_own(scenario: Scenario) -> None:
 def test_drivers_are_seen_as_they_drove(make_scenario: Any, track: Any) -> None:
     slower, faster = track(1, x=100.0, acceleration=-0.8), track(2, x=60.0, acceleration=1.0)
     scenarios = [make_scenario(slower, name="watched"), make_scenario(faster, name="people")]
-    pairs = traffic_pairs(scenarios, DriversConfig(real_share=0.25), np.random.default_rng(0), {"people"}).recorded
+    pairs = traffic_pairs(scenarios, PairsConfig(real_share=0.25), np.random.default_rng(0), {"people"}).recorded
     assert pairs.observation.shape[1] == SIZE and pairs.weight is not None
     assert set(np.round(pairs.action[:, 0].double().numpy(), 3).tolist()) == {-0.2, 0.25}
     assert float(torch.abs(pairs.action[:, 1]).max()) < 1e-6
@@ -95,7 +96,7 @@ def test_drivers_are_seen_as_they_drove(make_scenario: Any, track: Any) -> None:
 
 def test_displaced_vehicles_are_shown_the_way_back(make_scenario: Any, track: Any) -> None:
     scenario = make_scenario(track(1, x=100.0), track(2, x=60.0))
-    pairs = traffic_pairs([scenario], DriversConfig(turn=0.0), np.random.default_rng(0))
+    pairs = traffic_pairs([scenario], PairsConfig(turn=0.0), np.random.default_rng(0))
     lane_offset = (pairs.corrected.observation - pairs.recorded.observation)[:, 3 + 4]
     far = torch.abs(lane_offset) > 0.05
     assert int(far.sum()) > 10 and bool((lane_offset * pairs.corrected.action[:, 1] < 0)[far].all())

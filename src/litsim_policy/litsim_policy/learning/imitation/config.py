@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field
 
 from litsim_policy.learning.data import DataConfig
+from litsim_policy.learning.expert import PairsConfig
 from litsim_policy.learning.imitation.critic import WassersteinConfig
-from litsim_policy.learning.imitation.expert import DriversConfig
 from litsim_policy.learning.ppo import PpoConfig
 from litsim_policy.learning.warm_start import WarmStart
 
@@ -50,7 +50,7 @@ class ImitationTraining(BaseModel):
     validation_scenes: int = Field(12, gt=0)
     error_weight: float = Field(0.05, ge=0)
     data: DataConfig
-    drivers: DriversConfig = DriversConfig()
+    drivers: PairsConfig = PairsConfig()
     warm_start: ShorterWarmStart = ShorterWarmStart()  # type: ignore[call-arg]
     critic: WassersteinConfig = WassersteinConfig()
     ppo: PpoConfig = PpoConfig(

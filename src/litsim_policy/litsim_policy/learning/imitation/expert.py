@@ -10,33 +10,13 @@ import torch
 
 from litsim_policy.driving.imitation_policy import BOUNDS
 from litsim_policy.driving.traffic_observation import SIZE, TrafficObserver
-from litsim_policy.learning.expert import displaced, inverse_dynamics, share_weights
+from litsim_policy.learning.expert import PairsConfig, displaced, inverse_dynamics, share_weights
 from litsim_policy.learning.ppo import Demonstrations, tensor
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath, logged_path, route_path, window
-from litsim_sim.core.quantities import Angle, Length, NonNegative, Positive, Share, Steps, configuration
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.scenario.scenario import Scenario
-
-
-@configuration
-class DriversConfig:
-    """Which pairs are taken.
-
-    Attributes:
-        every: steps between the pairs of a vehicle.
-        smooth: steps over which motion is averaged: recorded accelerations jitter from frame to frame.
-        real_share: of the pairs that are shown, those of people, where there are any; the others are of SUMO's drivers.
-        offset, turn: standard deviations by which vehicles are displaced for pairs that show how to come back to the
-            path; only the warm start learns from those.
-    """
-
-    every: Positive[Steps] = 5
-    smooth: Positive[Steps] = 3
-    real_share: Share = 0.5
-    offset: NonNegative[Length] = 0.4
-    turn: NonNegative[Angle] = 0.03
 
 
 @dataclass(frozen=True)
@@ -64,7 +44,7 @@ class TrafficPairs:
 
 
 def traffic_pairs(
-    scenarios: Sequence[Scenario], config: DriversConfig, random: np.random.Generator, real: Collection[str] = ()
+    scenarios: Sequence[Scenario], config: PairsConfig, random: np.random.Generator, real: Collection[str] = ()
 ) -> TrafficPairs:
     """Pairs of all vehicles of `scenarios`.
 
@@ -80,7 +60,7 @@ def traffic_pairs(
     return TrafficPairs(Demonstrations(seen, done, weight), Demonstrations(moved, back, weight))
 
 
-def _of_scenario(scenario: Scenario, config: DriversConfig, random: np.random.Generator) -> tuple[FloatArray, ...]:
+def _of_scenario(scenario: Scenario, config: PairsConfig, random: np.random.Generator) -> tuple[FloatArray, ...]:
     """Observations and actions as recorded, then those of displaced vehicles."""
     log, observer = scenario.log, TrafficObserver(scenario.lane_map)
     routes: dict[int, ReferencePath] = {}
