@@ -36,6 +36,7 @@ from numba import types
 from numba.extending import typeof_impl
 
 MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # in the source of every module that holds kernels
+NUMBA_ARRAYS, SCIPY_BLAS = "numba.np.arraymath", "scipy.linalg"
 OPTIONS = {
     "error_model": "numpy",
     "forceinline": True,  # into kernels that call it: a call costs more than most kernels do
@@ -91,6 +92,7 @@ class Kernel:
         directory = cache_directory(Path(self._function.__code__.co_filename))
         if directory is None or not any(directory.glob(f"*-{self.stamp}.*.nbi")):
             _announce()
+        _spare_blas()
         before = numba.config.CACHE_LOCATOR_CLASSES
         numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{KernelLocator.__name__}"
         try:
@@ -199,6 +201,21 @@ def _writable(directory: Path) -> bool:
     except OSError:
         return False
     return os.access(directory, os.W_OK | os.X_OK)
+
+
+@cache
+def _spare_blas() -> None:
+    """Have numba not import scipy's linear algebra, which takes half as long as all kernels: they may not use it.
+
+    numba looks once whether it is there, when it learns what numpy's functions are, to compile products of matrices.
+    """
+    if SCIPY_BLAS in sys.modules or NUMBA_ARRAYS in sys.modules:  # it is there, or has been looked for
+        return
+    sys.modules[SCIPY_BLAS] = cast(Any, None)  # an import of it fails
+    try:
+        import_module(NUMBA_ARRAYS)
+    finally:
+        del sys.modules[SCIPY_BLAS]
 
 
 @cache
