@@ -11,7 +11,7 @@ import pytest
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import HORIZON, MANEUVERS
-from litsim_predictor.inference.predictor import LearnedPredictor, headings
+from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import MapRaster, raster_of_net
 from litsim_predictor.models import network
 from litsim_sim.core.scene import AgentTable
@@ -99,9 +99,3 @@ def test_covariances_turn_with_the_scene(agent_table: Build) -> None:
     assert up.mean[..., 0] == pytest.approx(-out.mean[..., 1], abs=1e-3)
     assert up.covariance[..., 1] == pytest.approx(out.covariance[..., 0], rel=1e-3)
     assert up.covariance[..., 2] == pytest.approx(-out.covariance[..., 2], abs=1e-3)
-
-
-def test_headings_follow_the_path_and_rest_with_the_vehicle() -> None:
-    mean = np.array([[[1.0, 0.0], [2.0, 1.0], [2.0, 1.0], [2.0, 2.0]], [[0.0, 0.0]] * 4])
-    found = headings(mean, np.zeros((2, 2)), np.array([0.3, 0.7]))
-    assert found == pytest.approx(np.array([[0.0, np.pi / 4, np.pi / 4, np.pi / 2], [0.7] * 4]))

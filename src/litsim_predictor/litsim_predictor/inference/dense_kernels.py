@@ -10,9 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import types
 
 from litsim_predictor.forecast import Float32Array
-from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES, SINGLES2, float32, kernel, void
+from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES2, float32, kernel, void
+
+ROW = types.Array(float32, 1, "C", readonly=True)
+"""Type of an array (n,) that lies in one piece, so that its neighbours are read at once."""
 
 ROWS, INNER = 4, 4  # of a block of a product: of what is loaded, each value is used four times
 EPSILON = 1e-5  # added to the variance of a row: PyTorch's
@@ -53,24 +57,23 @@ def add_product(values: Float32Array, weight: Float32Array, out: Float32Array) -
     rows, inner, columns = values.shape[0], values.shape[1], weight.shape[1]
     whole, last = rows - rows % ROWS, inner - inner % INNER
     for i in range(0, whole, ROWS):
-        out0, out1, out2, out3 = out[i], out[i + 1], out[i + 2], out[i + 3]
         for k in range(0, last, INNER):
-            w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
             a0, a1, a2, a3 = values[i, k], values[i, k + 1], values[i, k + 2], values[i, k + 3]
             b0, b1, b2, b3 = values[i + 1, k], values[i + 1, k + 1], values[i + 1, k + 2], values[i + 1, k + 3]
             c0, c1, c2, c3 = values[i + 2, k], values[i + 2, k + 1], values[i + 2, k + 2], values[i + 2, k + 3]
             d0, d1, d2, d3 = values[i + 3, k], values[i + 3, k + 1], values[i + 3, k + 2], values[i + 3, k + 3]
             for j in range(columns):
-                out0[j] = (((out0[j] + a0 * w0[j]) + a1 * w1[j]) + a2 * w2[j]) + a3 * w3[j]
-                out1[j] = (((out1[j] + b0 * w0[j]) + b1 * w1[j]) + b2 * w2[j]) + b3 * w3[j]
-                out2[j] = (((out2[j] + c0 * w0[j]) + c1 * w1[j]) + c2 * w2[j]) + c3 * w3[j]
-                out3[j] = (((out3[j] + d0 * w0[j]) + d1 * w1[j]) + d2 * w2[j]) + d3 * w3[j]
+                w0, w1, w2, w3 = weight[k, j], weight[k + 1, j], weight[k + 2, j], weight[k + 3, j]
+                out[i, j] = (((out[i, j] + a0 * w0) + a1 * w1) + a2 * w2) + a3 * w3
+                out[i + 1, j] = (((out[i + 1, j] + b0 * w0) + b1 * w1) + b2 * w2) + b3 * w3
+                out[i + 2, j] = (((out[i + 2, j] + c0 * w0) + c1 * w1) + c2 * w2) + c3 * w3
+                out[i + 3, j] = (((out[i + 3, j] + d0 * w0) + d1 * w1) + d2 * w2) + d3 * w3
     for i in range(whole, rows):  # the same sums, of one row at a time
         for k in range(0, last, INNER):
-            w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
             a0, a1, a2, a3 = values[i, k], values[i, k + 1], values[i, k + 2], values[i, k + 3]
             for j in range(columns):
-                out[i, j] = (((out[i, j] + a0 * w0[j]) + a1 * w1[j]) + a2 * w2[j]) + a3 * w3[j]
+                w0, w1, w2, w3 = weight[k, j], weight[k + 1, j], weight[k + 2, j], weight[k + 3, j]
+                out[i, j] = (((out[i, j] + a0 * w0) + a1 * w1) + a2 * w2) + a3 * w3
     for i in range(rows):
         for k in range(last, inner):
             a0 = values[i, k]
@@ -78,11 +81,12 @@ def add_product(values: Float32Array, weight: Float32Array, out: Float32Array) -
                 out[i, j] += a0 * weight[k, j]
 
 
-@kernel(void(SINGLES2, SINGLES2, SINGLES, OUT_SINGLES2))
+@kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2))
 def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
     """Write to `out` (m, n) the product of `values` (m, k) and `weight` (k, n) plus `bias` (n,)."""
-    for i in range(len(out)):
-        out[i] = bias
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = bias[j]
     add_product(values, weight, out)
 
 
@@ -94,7 +98,7 @@ def rectify(values: Float32Array) -> None:
             values[i, j] = max(values[i, j], float32(0.0))
 
 
-@kernel(void(SINGLES2, SINGLES2, SINGLES, SINGLES, OUT_SINGLES2))
+@kernel(void(SINGLES2, SINGLES2, ROW, ROW, OUT_SINGLES2))
 def add_and_normalise(
     values: Float32Array, more: Float32Array, gain: Float32Array, bias: Float32Array, out: Float32Array
 ) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.dense_kernels import linear, rectify, sigmoid, tanh
+from litsim_predictor.inference.dense_kernels import ROW, linear, rectify, sigmoid, tanh
 from litsim_predictor.inference.joint_units import CORRELATION_LIMIT, SCALE_FLOOR
 from litsim_sim.core.compiled import (
     BOOLS2,
@@ -16,7 +16,6 @@ from litsim_sim.core.compiled import (
     OUT_INTS,
     OUT_SINGLES2,
     OUT_SINGLES3,
-    SINGLES,
     SINGLES2,
     SINGLES3,
     float32,
@@ -30,7 +29,7 @@ from litsim_sim.core.scene import BoolArray, IntArray
 SOFT_UNTIL = 20.0  # beyond, log(1 + exp(x)) is x in single precision
 
 
-@kernel(void(SINGLES3, BOOLS2, OUT_SINGLES2, SINGLES2, SINGLES, SINGLES3, SINGLES2, SINGLES3, SINGLES2))
+@kernel(void(SINGLES3, BOOLS2, OUT_SINGLES2, SINGLES2, ROW, SINGLES3, SINGLES2, SINGLES3, SINGLES2))
 def encode_histories(  # noqa: PLR0917 - a kernel takes arrays and numbers
     history: Float32Array,
     observed: BoolArray,

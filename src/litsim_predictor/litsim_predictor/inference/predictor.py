@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from litsim_predictor.forecast import Float32Array, Forecast, Modes
+from litsim_predictor.forecast import Forecast
 from litsim_predictor.inference.contract import (
     DT,
     HISTORY,
@@ -20,14 +20,13 @@ from litsim_predictor.inference.contract import (
     Network,
     NetworkOfScenes,
 )
-from litsim_predictor.inference.features import agent_inputs, frame_headings, in_map
+from litsim_predictor.inference.features import agent_inputs, frame_headings
+from litsim_predictor.inference.in_map import forecast_in_map
 from litsim_predictor.inference.raster import MapRaster
 from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.history import History
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, IntArray
 from litsim_sim.maps.lane_map import LaneMap
-
-MOVED = 0.1  # [m] between two steps of the horizon: who moves less keeps the heading that he had
 
 
 class LearnedPredictor:
@@ -71,7 +70,7 @@ class LearnedPredictor:
         if not len(asked):
             return Forecast.of_nobody(table.step, DT, len(MANEUVERS))
         inputs = self._inputs(agents)
-        return _in_map(self._answer(inputs, asked, agents.scene), inputs.frame[asked], agents.take(asked))
+        return forecast_in_map(self._answer(inputs, asked, agents.scene), inputs.frame[asked], agents.take(asked))
 
     def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray) -> AgentFutures:
         """What the network answers for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
@@ -108,73 +107,3 @@ def _joined(answers: list[AgentFutures]) -> AgentFutures:
 def _of(inputs: AgentInputs, rows: IntArray | slice) -> AgentInputs:
     """Those of the agents in `rows`."""
     return AgentInputs(*(getattr(inputs, field.name)[rows] for field in fields(AgentInputs)))
-
-
-def _in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable) -> Forecast:
-    """The forecast of the manoeuvres of `agents`, whose frames are `frame` (n, 3), in frame map."""
-    mean, covariance = _gaussians(futures.mean, futures.scale, futures.correlation, frame)
-    valid = np.isfinite(np.concatenate([mean, covariance], axis=-1)).all(axis=(1, 2))
-    return Forecast(
-        step=agents.step,
-        dt=DT,
-        id=agents.id,
-        mean=mean,
-        yaw=headings(mean, frame[:, :2], agents.yaw).astype(np.float32),
-        covariance=covariance.astype(np.float32),
-        maneuver_probability=futures.maneuver,
-        valid=valid,
-        modes=_modes_in_map(futures, frame, agents, valid),
-    )
-
-
-def _modes_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable, valid: BoolArray) -> Modes:
-    """The further futures of those agents whose most probable one is `valid` (n,), in frame map."""
-    further = futures.further
-    if not len(further.row):
-        return Modes.none(futures.mean.shape[1])
-    own = frame[further.row]
-    mean, covariance = _gaussians(further.mean, further.scale, further.correlation, own)
-    usable = valid[further.row] & np.isfinite(np.concatenate([mean, covariance], axis=-1)).all(axis=(1, 2))
-    return Modes(
-        row=further.row[usable],
-        probability=futures.maneuver[further.row, further.maneuver][usable],
-        mean=mean[usable],
-        yaw=headings(mean, own[:, :2], agents.yaw[further.row]).astype(np.float32)[usable],
-        covariance=covariance.astype(np.float32)[usable],
-    )
-
-
-def _gaussians(
-    mean: Float32Array, scale: Float32Array, correlation: Float32Array, frame: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Means (n, T, 2) and sigmas with correlation (n, T, 3) in frame map, of Gaussians in frames (n, 3)."""
-    turned = _turned(scale.astype(np.float64), correlation.astype(np.float64), frame[:, 2:])
-    return in_map(mean.astype(np.float64), frame), turned
-
-
-def _turned(scale: FloatArray, correlation: FloatArray, angle: FloatArray) -> FloatArray:
-    """(n, T, 3) sigma_x, sigma_y, correlation of Gaussians (n, T, 2), (n, T) that are turned by angles (n, 1) [rad]."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    xx, yy = scale[..., 0] ** 2, scale[..., 1] ** 2
-    xy = correlation * scale[..., 0] * scale[..., 1]
-    turned_xx = cos**2 * xx - 2.0 * cos * sin * xy + sin**2 * yy
-    turned_yy = sin**2 * xx + 2.0 * cos * sin * xy + cos**2 * yy
-    turned_xy = cos * sin * (xx - yy) + (cos**2 - sin**2) * xy
-    sigma_x, sigma_y = np.sqrt(turned_xx), np.sqrt(turned_yy)
-    return np.stack([sigma_x, sigma_y, turned_xy / (sigma_x * sigma_y)], axis=-1)
-
-
-def headings(mean: FloatArray, start: FloatArray, yaw: FloatArray) -> FloatArray:
-    """The headings (n, T) [rad] along trajectories.
-
-    Args:
-        mean: (n, T, 2) positions [m].
-        start: (n, 2) positions before [m].
-        yaw: (n,) headings before [rad], kept while a vehicle does not move.
-    """
-    step = np.diff(mean, axis=1, prepend=start[:, None])
-    moves = np.hypot(step[..., 0], step[..., 1]) > MOVED
-    along = np.concatenate([yaw[:, None], np.arctan2(step[..., 1], step[..., 0])], axis=1)
-    # Position of the last step in which the vehicle moved; 0 is the heading before.
-    last = np.maximum.accumulate(np.where(moves, np.arange(1, mean.shape[1] + 1), 0), axis=1)
-    return np.take_along_axis(along, last, axis=1)

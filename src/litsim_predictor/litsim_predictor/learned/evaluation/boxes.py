@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_predictor.inference.predictor import headings
+from litsim_predictor.inference.in_map import headings
 from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import BoolArray, FloatArray
 

@@ -1,0 +1,146 @@
+"""What a network answers in the frames of agents, as a forecast in frame map."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from litsim_predictor.forecast import Float32Array, Forecast, Modes
+from litsim_predictor.inference.contract import DT, AgentFutures
+from litsim_sim.core.compiled import (
+    FLOATS,
+    FLOATS2,
+    FLOATS3,
+    OUT_BOOLS,
+    OUT_FLOATS2,
+    OUT_FLOATS3,
+    OUT_SINGLES3,
+    SINGLES2,
+    SINGLES3,
+    float64,
+    kernel,
+    void,
+)
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray
+
+MOVED = 0.1  # [m] between two steps of the horizon: who moves less keeps the heading that he had
+
+
+def forecast_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable) -> Forecast:
+    """The forecast of the manoeuvres of n `agents`, whose frames are `frame` (n, 3), in frame map."""
+    mean, covariance, valid = _turned(futures.mean, futures.scale, futures.correlation, frame)
+    return Forecast(
+        step=agents.step,
+        dt=DT,
+        id=agents.id,
+        mean=mean,
+        yaw=headings(mean, frame[:, :2], agents.yaw).astype(np.float32),
+        covariance=covariance,
+        maneuver_probability=futures.maneuver,
+        valid=valid,
+        modes=_modes_in_map(futures, frame, agents, valid),
+    )
+
+
+def _modes_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable, valid: BoolArray) -> Modes:
+    """The further futures of those agents whose most probable one is `valid` (n,), in frame map."""
+    further = futures.further
+    if not len(further.row):
+        return Modes.none(futures.mean.shape[1])
+    own = frame[further.row]
+    mean, covariance, usable = _turned(further.mean, further.scale, further.correlation, own)
+    usable &= valid[further.row]
+    return Modes(
+        row=further.row[usable],
+        probability=futures.maneuver[further.row, further.maneuver][usable],
+        mean=mean[usable],
+        yaw=headings(mean, own[:, :2], agents.yaw[further.row]).astype(np.float32)[usable],
+        covariance=covariance[usable],
+    )
+
+
+def _turned(
+    mean: Float32Array, scale: Float32Array, correlation: Float32Array, frame: FloatArray
+) -> tuple[FloatArray, Float32Array, BoolArray]:
+    """Means (n, T, 2), sigmas with correlation (n, T, 3), in frame map, and which are numbers (n,)."""
+    turned, covariance = np.empty(mean.shape), np.empty((*correlation.shape, 3), np.float32)
+    valid = np.empty(len(mean), np.bool_)
+    cos, sin = np.cos(frame[:, 2]), np.sin(frame[:, 2])
+    turn_gaussians(mean, scale, correlation, frame, cos, sin, turned, covariance, valid)
+    return turned, covariance, valid
+
+
+@kernel(void(SINGLES3, SINGLES3, SINGLES2, FLOATS2, FLOATS, FLOATS, OUT_FLOATS3, OUT_SINGLES3, OUT_BOOLS))
+def turn_gaussians(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    mean: Float32Array,
+    scale: Float32Array,
+    correlation: Float32Array,
+    frame: FloatArray,
+    cos: FloatArray,
+    sin: FloatArray,
+    turned: FloatArray,
+    covariance: Float32Array,
+    valid: BoolArray,
+) -> None:
+    """Write Gaussians that are given in agent frames as they are in frame map.
+
+    Args:
+        mean, scale, correlation: (n, T, 2), (n, T, 2) and (n, T) in the agent frames [m]; see :class:`.AgentFutures`.
+        frame: (n, 3) x, y [m] and heading of these.
+        cos, sin: (n,) of the headings.
+        turned: (n, T, 2) means in frame map [m].
+        covariance: (n, T, 3) sigma_x, sigma_y [m] and correlation there.
+        valid: (n,) whether all of an agent are numbers.
+    """
+    for i in range(len(mean)):
+        c, s = cos[i], sin[i]
+        valid[i] = True
+        for t in range(mean.shape[1]):
+            ahead, left = float64(mean[i, t, 0]), float64(mean[i, t, 1])
+            wide, high = float64(scale[i, t, 0]), float64(scale[i, t, 1])
+            xx, yy, xy = wide * wide, high * high, float64(correlation[i, t]) * wide * high
+            turned[i, t, 0] = frame[i, 0] + (c * ahead - s * left)
+            turned[i, t, 1] = frame[i, 1] + (s * ahead + c * left)
+            sigma_x = math.sqrt(c * c * xx - 2.0 * c * s * xy + s * s * yy)
+            sigma_y = math.sqrt(s * s * xx + 2.0 * c * s * xy + c * c * yy)
+            across = (c * s * (xx - yy) + (c * c - s * s) * xy) / (sigma_x * sigma_y)
+            covariance[i, t, 0], covariance[i, t, 1], covariance[i, t, 2] = sigma_x, sigma_y, across
+            numbers = turned[i, t, 0] + turned[i, t, 1] + sigma_x + sigma_y + across
+            valid[i] &= math.isfinite(numbers)
+
+
+def headings(mean: FloatArray, start: FloatArray, yaw: FloatArray) -> FloatArray:
+    """The headings (n, T) [rad] along trajectories.
+
+    Args:
+        mean: (n, T, 2) positions [m].
+        start: (n, 2) positions before [m].
+        yaw: (n,) headings before [rad], kept while a vehicle does not move.
+    """
+    dx, dy = np.empty(mean.shape[:2]), np.empty(mean.shape[:2])
+    steps_between(mean, np.ascontiguousarray(start), dx, dy)
+    along = np.arctan2(dy, dx)
+    keep_headings(dx, dy, yaw, along)
+    return along
+
+
+@kernel(void(FLOATS3, FLOATS2, OUT_FLOATS2, OUT_FLOATS2))
+def steps_between(mean: FloatArray, start: FloatArray, dx: FloatArray, dy: FloatArray) -> None:
+    """Write how far (n, T) positions `mean` (n, T, 2) are from those before them, the first from `start` (n, 2) [m]."""
+    for i in range(len(mean)):
+        x, y = start[i]
+        for t in range(mean.shape[1]):
+            dx[i, t], dy[i, t] = mean[i, t, 0] - x, mean[i, t, 1] - y
+            x, y = mean[i, t]
+
+
+@kernel(void(FLOATS2, FLOATS2, FLOATS, OUT_FLOATS2))
+def keep_headings(dx: FloatArray, dy: FloatArray, yaw: FloatArray, along: FloatArray) -> None:
+    """Where a step (n, T) `dx`, `dy` is shorter than :data:`MOVED`, put the heading before it into `along` (n, T)."""
+    for i in range(len(dx)):
+        held = yaw[i]
+        for t in range(dx.shape[1]):
+            if dx[i, t] * dx[i, t] + dy[i, t] * dy[i, t] > MOVED * MOVED:
+                held = along[i, t]
+            along[i, t] = held
