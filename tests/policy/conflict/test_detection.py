@@ -499,7 +499,7 @@ def test_a_turn_that_is_less_probable_is_weighed(look, lane_centres) -> None:
     chance = scene.detector.overlap_probability(scene.table, scene.logged, expected, pair, 0.2)
     assert chance.max() == pytest.approx(0.35)
     assert not scene.detector.overlap_probability(scene.table, scene.logged, scene.forecast, pair, 0.2).any()
-    others = scene.detector.forecast_future(scene.table, forecast, scene.table.id == 2).others
+    others = scene.detector.expected_future(scene.table, forecast, scene.table.id == 2).others
     assert not len(others), "nobody asks for those of the ego"
 
 

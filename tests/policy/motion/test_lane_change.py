@@ -41,8 +41,8 @@ def weigh(lines, agent_table):
         )
         rows, s = table.rows(np.array([ME])), np.array([100.0])
         views = [
-            along_paths(lines.batch(np.array([lane])), table, rows, poses=(s, np.array([y]), np.zeros(1)))
-            for lane, y in ((RIGHT, 0.0), (LEFT, 3.5))
+            along_paths(lines.made, table, rows, poses=(s, np.array([y]), np.zeros(1)), path=line)
+            for line, y in ((lines.rows(np.array([RIGHT])), 0.0), (lines.rows(np.array([LEFT])), 3.5))
         ]
         comes = np.zeros((1, len(table)), np.bool_)
         if claimed is not None:
@@ -114,7 +114,9 @@ def test_lines_begin_before_their_lanes_and_know_who_is_beside() -> None:
     )
     lines, (a, b, c) = LaneLines(lane_map), (lane_map.row(name) for name in ("a_0", "b_0", "b_1"))
     assert lines.left[[a, b, c]].tolist() == [-1, c, -1] and lines.right[[a, b, c]].tolist() == [-1, -1, b]
-    s = lines.batch(np.array([b, c])).project(np.array([0, 1]), np.array([50.0, 150.0]), np.zeros(2)).s
+    line = lines.rows(np.array([b, c]))
+    assert lines.rows(np.array([c, b, c])).tolist() == line[[1, 0, 1]].tolist() and len(lines.made) == 2
+    s = lines.made.project(line, np.array([50.0, 150.0]), np.zeros(2)).s
     assert s == pytest.approx([50.0, 50.0]), "from where the lane before begins; nothing leads into the other"
 
 

@@ -89,12 +89,12 @@ def test_far_away_places_are_nearest_to_what_is_prolonged() -> None:
 def test_segments_and_points_at_arc_lengths(lines, lengths: list[float]) -> None:
     segments, _, count = laid_out(lines)
     lengths = [*lengths, *along(lines[0])[:3].tolist()]
-    found = path_kernels.segments_at(segments, count, np.tile(lengths, (len(lines), 1)))
+    found = path_kernels.segments_at(segments, count, np.arange(len(lines)), np.tile(lengths, (len(lines), 1)))
     for p, line in enumerate(lines):
         s = along(line)
         assert found[p].tolist() == np.clip(np.searchsorted(s, lengths, side="right") - 1, 0, len(s) - 2).tolist()
     for length in lengths:
-        points = path_kernels.points_at(segments, count, np.full(len(lines), length))
+        points = path_kernels.points_at(segments, count, np.arange(len(lines)), np.full(len(lines), length))
         for p, line in enumerate(lines):
             s, unit = along(line), segments[p, :, UNIT_X : UNIT_Y + 1]
             if length <= 0.0:

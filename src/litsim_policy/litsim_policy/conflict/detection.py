@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
-from litsim_policy.conflict.futures import OtherMotions, PredictedMotion, follow_logs, go_on, hold_back, interpolate
+from litsim_policy.conflict.futures import OtherMotions, PredictedMotion, follow_logs, hold_back, interpolate, widest
 from litsim_policy.conflict.intended import IntentConfig, Intents, intended_motion
-from litsim_policy.conflict.pairs import followed, near
-from litsim_policy.conflict.weighed import weighed_chances
+from litsim_policy.conflict.pairs import closing_chances, followed, near, within_bounds
+from litsim_policy.conflict.weighed import quantile, weighed_chances
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.nearby import around
 from litsim_sim.core.quantities import (
@@ -29,8 +29,7 @@ from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, Flo
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 
-CERTAIN = 0.5
-"""Probability that motions without any spread have where they overlap, at least."""
+EGO = int(Controller.EGO)
 
 
 @configuration
@@ -114,6 +113,7 @@ class ConflictDetector:
         self._log, self._roi_m, self._config = log, roi_m, config
         self._overlaps = overlaps or LogOverlaps(log)
         self._steps = int(config.horizon / STEP_S + 1e-9)
+        self._closing_steps = round(config.closing_time / STEP_S)
 
     def logged_future(self, table: AgentTable, lag: IntArray | None = None) -> PredictedMotion:
         """Every agent as its log goes on.
@@ -130,7 +130,7 @@ class ConflictDetector:
             *follow_logs(log.x, log.y, log.yaw, log.valid, rows, now, self._steps, table.x, table.y, ~table.off_log)
         )
 
-    def forecast_future(self, table: AgentTable, forecast: Forecast, of: BoolArray | None = None) -> PredictedMotion:
+    def forecast_future(self, table: AgentTable, forecast: Forecast) -> PredictedMotion:
         """Every agent as it is forecast, whatever the forecast's `dt`; those without a forecast are nowhere.
 
         Between the instants of the forecast, and from the present pose to the first of them, centres, headings and
@@ -140,15 +140,32 @@ class ConflictDetector:
         Args:
             table: n agents.
             forecast: of the same step.
-            of: mask (n,) of the agents that are asked for, all others being nowhere; None is all.
+        """
+        return self.expected_future(table, forecast, np.ones(len(table), np.bool_))
+
+    def expected_future(
+        self, table: AgentTable, forecast: Forecast, of: BoolArray, intents: Intents | None = None
+    ) -> PredictedMotion:
+        """Some agents as they are forecast, and those under control by what their policies do; others are nowhere.
+
+        Args:
+            table: n agents.
+            forecast: of the same step.
+            of: mask (n,) of the agents that are asked for.
+            intents: who is under control, all of them in `of`; None is nobody.
         """
         rows = forecast.rows(table.id)
-        if of is not None:
-            rows[~of] = -1
+        rows[~of] = -1
         states, valid = self._interpolated(table, forecast, rows)
         hard = self._brakes_hard(table) & (rows >= 0)
-        for row in np.flatnonzero(hard):
+        for row in hard.nonzero()[0]:
             self._hold_back(states[row], table, int(row))
+        config = self._config
+        if config.intent.used and intents is not None and len(intents.rows):
+            at = intents.rows
+            forecasts = PredictedMotion(states[at], valid[at])
+            motion = intended_motion(config.intent, intents, table, forecasts, config.sigma_scale)
+            states[at], valid[at], rows[at] = motion.states, motion.valid, -1  # which is all that they may do
         return PredictedMotion(states, valid, self._others(table, forecast, rows, hard))
 
     def _others(self, table: AgentTable, forecast: Forecast, rows: IntArray, hard: BoolArray) -> OtherMotions:
@@ -160,29 +177,29 @@ class ConflictDetector:
             rows: (n,) of the agents in it; -1 for those that are not asked for.
             hard: mask (n,) of those that brake hard.
         """
-        modes = forecast.modes
-        if not len(modes):
-            return OtherMotions.none(self._steps)
+        modes, known = forecast.modes, (rows >= 0).nonzero()[0]
         agent_of = np.full(len(forecast.id), -1, np.int64)
-        agent_of[rows[rows >= 0]] = np.flatnonzero(rows >= 0)
+        agent_of[rows[known]] = known
         agent = agent_of[modes.row]
-        asked = agent >= 0
+        asked = (agent >= 0).nonzero()[0]
+        if not len(asked):
+            return OtherMotions.none(self._steps)
         agent = agent[asked]
         kept = modes.probability[asked].astype(np.float64)
         total = forecast.share[modes.row[asked]] + np.bincount(agent, kept, len(table))[agent]
         states, valid = interpolate(
-            np.ascontiguousarray(modes.mean[asked]),
-            np.ascontiguousarray(modes.yaw[asked]),
-            np.ascontiguousarray(modes.covariance[asked]),
+            np.ascontiguousarray(modes.mean),
+            np.ascontiguousarray(modes.yaw),
+            np.ascontiguousarray(modes.covariance),
             forecast.dt,
-            np.arange(len(agent)),
+            asked,
             self._steps,
             self._config.sigma_scale,
             table.x[agent],
             table.y[agent],
             table.yaw[agent],
         )
-        for k in np.flatnonzero(hard[agent]):
+        for k in hard[agent].nonzero()[0]:
             self._hold_back(states[k], table, int(agent[k]))
         return OtherMotions(agent, kept / total, states, valid)
 
@@ -262,15 +279,19 @@ class ConflictDetector:
         pairs = self.near(table, on_log, off_log)
         pairs = pairs[~followed(pairs, table.x, table.y, table.yaw, table.length, table.width)]
         threshold = self._config.probability_threshold
+        pairs = self._within_reach(table, logged, expected, pairs, threshold)
         chance = self.overlap_probability(table, logged, expected, pairs, threshold)
         closing = self._closing(table, logged, pairs)
         np.maximum(chance, closing, out=chance)
         self._excuse(chance, table, pairs, expected, lag)
         reached = chance >= threshold
+        hit = reached.any(axis=1)
+        if not hit.any():
+            return []
         first = np.argmax(reached, axis=1)
         found: dict[int, Conflict] = {}
         order = np.lexsort((table.id[pairs[:, 1]], table.id[pairs[:, 0]], first))
-        for k in order[np.any(reached, axis=1)[order]]:
+        for k in order[hit[order]]:
             agent, opponent, at = int(pairs[k, 0]), int(pairs[k, 1]), int(first[k])
             name = int(table.id[agent])
             if name not in found:
@@ -293,12 +314,13 @@ class ConflictDetector:
 
         `lag` as in :meth:`detect`.
         """
-        pairs, least = self.near(table, agents, off_log), self._config.probability_clear
+        least = self._config.probability_clear
+        pairs = self._within_reach(table, logged, expected, self.near(table, agents, off_log), least)
         first = self.overlap_probability(table, logged, expected, pairs, least, first=True)
         closing = self._closing(table, logged, pairs)
         hit: BoolArray = np.asarray(first.any(axis=1) | closing.any(axis=1))
-        in_log = np.flatnonzero(hit)
-        in_log = in_log[[len(self._logged_overlaps(table, *pairs[k])) > 0 for k in in_log]]
+        in_log = hit.nonzero()[0]
+        in_log = in_log[self._overlap_in_log(table, pairs[in_log])]
         if len(in_log):  # the first step may be excused, and a later one not
             chance = self.overlap_probability(table, logged, expected, pairs[in_log], least)
             np.maximum(chance, closing[in_log], out=chance)
@@ -308,38 +330,36 @@ class ConflictDetector:
         found[pairs[hit, 0]] = True
         return found
 
+    def _within_reach(
+        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, pairs: IntArray, least: float
+    ) -> IntArray:
+        """Those of `pairs` (m, 2) that can overlap at all, with a probability of `least` or closing fast."""
+        now = table.x, table.y, table.speed, table.acceleration
+        others = expected.others
+        anywhere = widest(expected.bounds, others.row, others.bounds, *now, self._closing_steps * STEP_S)
+        length, tail = table.length + self._config.margin, max(0.0, -quantile(least))
+        return pairs[within_bounds(pairs, logged.bounds, anywhere, length, table.width, tail)]
+
     def _closing(self, table: AgentTable, logged: PredictedMotion, pairs: IntArray) -> FloatArray:
         """(m, T) 1 where the first of `pairs` (m, 2), on its log, meets the second going on as it does now; else 0."""
-        count = round(self._config.closing_time / STEP_S)
-        if not count or not len(pairs):
-            return np.zeros((len(pairs), self._steps))
-        states = go_on(table.x, table.y, table.yaw, table.speed, table.acceleration, self._steps)
-        valid = np.zeros(states.shape[:2], np.bool_)
-        valid[:, :count] = True
-        return self.overlap_probability(table, logged, PredictedMotion(states, valid), pairs, CERTAIN)
+        length = table.length + self._config.margin
+        now = table.x, table.y, table.yaw, table.speed, table.acceleration
+        return closing_chances(pairs, logged.states, logged.valid, *now, length, table.width, self._closing_steps)
 
-    def intended(self, table: AgentTable, expected: PredictedMotion, intents: Intents) -> PredictedMotion:
-        """`expected`, where the agents of `intents` go on by what their policies are doing."""
-        config = self._config
-        if not config.intent.used or not len(intents.rows):
-            return expected
-        forecast = expected.take(intents.rows)
-        motion = intended_motion(config.intent, intents, table, forecast, config.sigma_scale)
-        return expected.with_first(intents.rows, motion)
-
-    def _logged_overlaps(self, table: AgentTable, i: int, j: int) -> IntArray:
-        """Steps of the log at which the agents in rows `i` and `j` overlap, if neither is the ego."""
-        if Controller.EGO in table.controller[[i, j]]:
-            return np.empty(0, np.int64)
-        return self._overlaps.steps(*np.searchsorted(self._log.ids, table.id[[i, j]]).tolist())
+    def _overlap_in_log(self, table: AgentTable, pairs: IntArray) -> BoolArray:
+        """(m,) whether `pairs` (m, 2) of rows overlap at some step of the log; of the ego that is not asked."""
+        found: BoolArray = (table.controller[pairs] != EGO).all(axis=1)
+        at = found.nonzero()[0]
+        found[at] = self._overlaps.any(self._log.ids.searchsorted(table.id[pairs[at]]))
+        return found
 
     def _excuse(
         self, chance: FloatArray, table: AgentTable, pairs: IntArray, expected: PredictedMotion, lag: IntArray | None
     ) -> None:
         """Set probabilities (m, T) to 0, in place, where the log has the overlap of `pairs` (m, 2) as well."""
-        for k in np.flatnonzero(chance.any(axis=1)):
+        some = chance.any(axis=1).nonzero()[0]
+        for k in some[self._overlap_in_log(table, pairs[some])]:
             i, j = pairs[k].tolist()
-            if len(self._logged_overlaps(table, i, j)):
-                now = table.step + 1 + np.arange(chance.shape[1]) - (0 if lag is None else lag[i])
-                a, b = np.searchsorted(self._log.ids, table.id[[i, j]]).tolist()
-                chance[k, self._overlaps.excuse(a, b, now, expected.x[j], expected.y[j])] = 0.0
+            now = table.step + 1 + np.arange(chance.shape[1]) - (0 if lag is None else lag[i])
+            a, b = self._log.ids.searchsorted(table.id[[i, j]]).tolist()
+            chance[k, self._overlaps.excuse(a, b, now, expected.x[j], expected.y[j])] = 0.0

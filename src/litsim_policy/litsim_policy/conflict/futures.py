@@ -58,9 +58,10 @@ class OtherMotions:
     def __len__(self) -> int:
         return len(self.row)
 
-    def take(self, which: BoolArray) -> OtherMotions:
-        """Those of the mask `which` (q,)."""
-        return OtherMotions(self.row[which], self.weight[which], self.states[which], self.valid[which])
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """(q, 5) as in :class:`PredictedMotion`, of each motion."""
+        return bounds(self.states, self.valid)
 
 
 @dataclass(frozen=True)
@@ -105,36 +106,13 @@ class PredictedMotion:
         """
         return bounds(self.states, self.valid)
 
-    def replaced(self, rows: BoolArray, other: PredictedMotion) -> PredictedMotion:
-        """These, with those of `other`, which knows but one motion of each, for the agents of the mask `rows` (n,)."""
+    def with_known(self, rows: BoolArray, other: PredictedMotion) -> PredictedMotion:
+        """These, with those of `other` for the agents of the mask `rows` (n,), of which nothing was expected yet."""
         if not rows.any():
             return self
-        return PredictedMotion(
-            np.where(rows[:, None, None], other.states, self.states),
-            np.where(rows[:, None], other.valid, self.valid),
-            self.others.take(~rows[self.others.row]) if len(self.others) else self.others,
-        )
-
-    def take(self, rows: IntArray) -> PredictedMotion:
-        """The first motions of the agents in `rows` (k,)."""
-        return PredictedMotion(self.states[rows], self.valid[rows])
-
-    def with_first(self, rows: IntArray, other: PredictedMotion) -> PredictedMotion:
-        """These, where the agents in `rows` (k,) have but the motions (k,) in `other`."""
-        if not len(rows):
-            return self
         states, valid = self.states.copy(), self.valid.copy()
-        states[rows], valid[rows] = other.states, other.valid
-        return PredictedMotion(states, valid, self.others.take(~np.isin(self.others.row, rows)))
-
-    @cached_property
-    def every(self) -> PredictedMotion:
-        """All n + q motions as if each were an agent's only one: those of `others` follow the agents."""
-        if not len(self.others):
-            return self
-        return PredictedMotion(
-            np.concatenate([self.states, self.others.states]), np.concatenate([self.valid, self.others.valid])
-        )
+        states[rows], valid[rows] = other.states[rows], other.valid[rows]
+        return PredictedMotion(states, valid, self.others)
 
 
 @kernel(OUT_FLOATS2(FLOATS3, BOOLS2))
@@ -151,6 +129,39 @@ def bounds(states: FloatArray, valid: BoolArray) -> FloatArray:
                 found[k, LOW_X], found[k, LOW_Y] = min(found[k, LOW_X], x), min(found[k, LOW_Y], y)
                 found[k, HIGH_X], found[k, HIGH_Y] = max(found[k, HIGH_X], x), max(found[k, HIGH_Y], y)
         found[k, SPREAD] = math.sqrt(variance)
+    return found
+
+
+@kernel(OUT_FLOATS2(FLOATS2, INTS, FLOATS2, *[FLOATS] * 4, float64))
+def widest(
+    bounds: FloatArray,
+    row: IntArray,
+    further: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    time: float,
+) -> FloatArray:
+    """Return bounds (n, 5) of all that agents may do: move as forecast, otherwise, or straight on for some time.
+
+    Args:
+        bounds: (n, 5) of their first motions.
+        row, further: (q,), (q, 5) of their other motions: rows of the agents, and bounds.
+        x, y, speed, acceleration: (n,) of the agents now [m], [m/s], [m/s2].
+        time: for which they may go straight on [s].
+    """
+    found = bounds.copy()
+    for k in range(len(x)):
+        reach = abs(speed[k]) * time + 0.5 * abs(acceleration[k]) * time**2
+        found[k, LOW_X], found[k, LOW_Y] = min(found[k, LOW_X], x[k] - reach), min(found[k, LOW_Y], y[k] - reach)
+        found[k, HIGH_X], found[k, HIGH_Y] = max(found[k, HIGH_X], x[k] + reach), max(found[k, HIGH_Y], y[k] + reach)
+    for q in range(len(row)):
+        k = row[q]
+        for low in (LOW_X, LOW_Y):
+            found[k, low] = min(found[k, low], further[q, low])
+        for high in (HIGH_X, HIGH_Y, SPREAD):
+            found[k, high] = max(found[k, high], further[q, high])
     return found
 
 
@@ -250,27 +261,12 @@ def interpolate(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return states, valid
 
 
-@kernel(OUT_FLOATS3(*[FLOATS] * 5, int64))
-def go_on(
-    x: FloatArray, y: FloatArray, yaw: FloatArray, speed: FloatArray, acceleration: FloatArray, count: int
-) -> FloatArray:
-    """Return `states` (n, T, 6) of agents that go straight on and keep their acceleration until they stand.
-
-    Args:
-        x, y, yaw, speed, acceleration: (n,) now [m], [rad], [m/s], [m/s2].
-        count: number T of steps.
-    """
-    states = np.zeros((len(x), count, 6))
-    for k in range(len(x)):
-        for t in range(count):
-            time = (t + 1) * STEP_S
-            if acceleration[k] < 0.0:
-                time = min(time, -speed[k] / acceleration[k])
-            gone = speed[k] * time + 0.5 * acceleration[k] * time**2
-            states[k, t, X] = x[k] + gone * math.cos(yaw[k])
-            states[k, t, Y] = y[k] + gone * math.sin(yaw[k])
-            states[k, t, YAW] = yaw[k]
-    return states
+@kernel(float64(float64, float64, float64))
+def gone_straight_on(speed: float, acceleration: float, time: float) -> float:
+    """Return how far [m] an agent gets in `time` [s] that keeps its acceleration [m/s2] until it stands."""
+    if acceleration < 0.0:
+        time = min(time, -speed / acceleration)
+    return speed * time + 0.5 * acceleration * time**2
 
 
 @kernel(void(OUT_FLOATS2, float64, float64, float64, float64, float64))

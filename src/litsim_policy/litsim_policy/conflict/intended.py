@@ -14,7 +14,7 @@ import numpy as np
 from litsim_policy.conflict.futures import XX, XY, YAW, YY, PredictedMotion, X, Y
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, nearest, segment_at
-from litsim_sim.core.compiled import FLOATS, FLOATS2, FLOATS3, INTS, OUT_FLOATS3, float64, kernel
+from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS3, INTS, OUT_FLOATS3, float64, kernel
 from litsim_sim.core.quantities import Acceleration, Duration, Flag, Length, NonNegative, Positive, Speed, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 
@@ -57,7 +57,10 @@ class Intents:
 
     def among(self, agents: BoolArray) -> Intents:
         """Those whose rows are in the mask `agents` (n,)."""
-        kept = np.flatnonzero(agents[self.rows])
+        mine = agents[self.rows]
+        if mine.all():
+            return self
+        kept = mine.nonzero()[0]
         return Intents(self.rows[kept], self.paths.take(kept), self.fresh[kept])
 
     def moved_to(self, rows: IntArray) -> Intents:
@@ -78,19 +81,17 @@ def intended_motion(
             done nothing yet is nowhere.
         sigma_scale: by which standard deviations are multiplied.
     """
-    rows, motion = intents.rows, forecast
-    x, y = table.x[rows], table.y[rows]
-    steps = np.hypot(np.diff(motion.x, axis=1, prepend=x[:, None]), np.diff(motion.y, axis=1, prepend=y[:, None]))
-    travelled = np.where(motion.valid, np.cumsum(steps, axis=1), np.nan)
+    rows = intents.rows
     states = _along(
         intents.paths.segments,
         intents.paths.circles,
         intents.paths.count,
-        x,
-        y,
+        table.x[rows],
+        table.y[rows],
         table.speed[rows],
         table.acceleration[rows],
-        travelled,
+        forecast.states,
+        forecast.valid,
         np.where(intents.fresh, 0.0, config.hold),
         np.where(intents.fresh, STEP_S, config.fade),
         config.settle,
@@ -100,7 +101,7 @@ def intended_motion(
         sigma_scale * config.sigma_across[0],
         sigma_scale * config.sigma_across[1],
     )
-    return PredictedMotion(states, motion.valid | ~intents.fresh[:, None])
+    return PredictedMotion(states, forecast.valid | ~intents.fresh[:, None])
 
 
 @kernel(float64(*[float64] * 4))
@@ -114,7 +115,7 @@ def _gone(speed: float, acceleration: float, hold: float, time: float) -> float:
     return speed * until + 0.5 * acceleration * until**2 + later * rest
 
 
-@kernel(OUT_FLOATS3(FLOATS3, FLOATS3, INTS, *[FLOATS] * 4, FLOATS2, FLOATS, FLOATS, *[float64] * 6))
+@kernel(OUT_FLOATS3(FLOATS3, FLOATS3, INTS, *[FLOATS] * 4, FLOATS3, BOOLS2, FLOATS, FLOATS, *[float64] * 6))
 def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     segments: FloatArray,
     circles: FloatArray,
@@ -123,7 +124,8 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     y: FloatArray,
     speed: FloatArray,
     acceleration: FloatArray,
-    travelled: FloatArray,
+    forecast: FloatArray,
+    valid: BoolArray,
     hold: FloatArray,
     fade: FloatArray,
     settle: float,
@@ -138,20 +140,23 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         segments, circles, count: of the paths; see :mod:`litsim_policy.motion.path_kernels`.
         x, y, speed, acceleration: (r,) of the agents now.
-        travelled: (r, T) how far the forecast lets them get [m]; NaN where there is none.
+        forecast, valid: (r, T, 6), (r, T) of the agents as a predictor has them, which says how far they get.
         hold, fade: (r,) as in :class:`IntentConfig`.
         settle, sigma_start: likewise.
         along_1, along_2, across_1, across_2: terms of the standard deviations.
     """
-    states = np.zeros((len(count), travelled.shape[1], 6))
+    states = np.zeros(forecast.shape)
     for k in range(len(count)):
         _, s_now, d_now = nearest(segments[k], circles[k], count[k], x[k], y[k])
-        for t in range(travelled.shape[1]):
+        at_x, at_y, travelled = x[k], y[k], 0.0
+        for t in range(forecast.shape[1]):
+            travelled += math.hypot(forecast[k, t, X] - at_x, forecast[k, t, Y] - at_y)
+            at_x, at_y = forecast[k, t, X], forecast[k, t, Y]
             time = (t + 1) * STEP_S
             gone = _gone(speed[k], acceleration[k], hold[k], time)
-            if not math.isnan(travelled[k, t]):
+            if valid[k, t]:
                 known = min(max(1.0 - (time - hold[k]) / fade[k], 0.0), 1.0)
-                gone = known * gone + (1.0 - known) * travelled[k, t]
+                gone = known * gone + (1.0 - known) * travelled
             s = s_now + gone
             at = segment_at(segments, count[k], k, s)
             ux, uy = segments[k, at, UNIT_X], segments[k, at, UNIT_Y]

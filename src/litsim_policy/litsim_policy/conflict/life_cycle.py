@@ -148,10 +148,10 @@ def obstructed(
     """
     if not len(at):
         return np.zeros(0, np.bool_)
-    paths, rows = off.logged_paths if len(at) == len(off) else off.logged_paths.take(at), rows[at]
-    place = paths.project(np.arange(len(at)), residuals.x[at], residuals.y[at])
+    paths, rows = off.logged_paths, rows[at]
+    place = paths.project(at, residuals.x[at], residuals.y[at])
     sight = OBSTACLE_SIGHT + 2.0 * residuals.position[at]
-    view = along_paths(paths, table, rows, sight=sight)
+    view = along_paths(paths, table, rows, sight=sight, path=at)
     to_place = place.s - view.s[np.arange(len(at)), rows]
     between = view.ahead & view.in_path & (view.gap < to_place[:, None])
     for k, row in np.argwhere(between).tolist():

@@ -6,8 +6,21 @@ import math
 
 import numpy as np
 
-from litsim_policy.conflict.futures import HIGH_X, HIGH_Y, LOW_X, LOW_Y, SPREAD, XX, XY, YAW, YY, X, Y
-from litsim_policy.conflict.overlap import likely
+from litsim_policy.conflict.futures import (
+    HIGH_X,
+    HIGH_Y,
+    LOW_X,
+    LOW_Y,
+    SPREAD,
+    XX,
+    XY,
+    YAW,
+    YY,
+    X,
+    Y,
+    gone_straight_on,
+)
+from litsim_policy.conflict.overlap import contain, likely, strips
 from litsim_sim.core.compiled import (
     BOOLS,
     BOOLS2,
@@ -17,6 +30,7 @@ from litsim_sim.core.compiled import (
     INTS,
     INTS2,
     OUT_BOOLS,
+    OUT_FLOATS,
     OUT_FLOATS2,
     OUT_INTS2,
     boolean,
@@ -24,7 +38,7 @@ from litsim_sim.core.compiled import (
     int64,
     kernel,
 )
-from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer, nobody follows anybody
 
@@ -81,6 +95,87 @@ def may_meet(bounds_a: FloatArray, bounds_b: FloatArray, i: int, j: int, reach: 
     )
 
 
+@kernel(OUT_BOOLS(INTS2, FLOATS2, FLOATS2, FLOATS, FLOATS, float64))
+def within_bounds(
+    pairs: IntArray, bounds_a: FloatArray, bounds_b: FloatArray, length: FloatArray, width: FloatArray, tail: float
+) -> BoolArray:
+    """Return for each of `pairs` (m, 2) whether its boxes can overlap at all, by the bounds of futures a and b.
+
+    Args:
+        pairs: positions of an agent in futures a and of one in futures b.
+        bounds_a, bounds_b: (n, 5) as :class:`litsim_policy.conflict.futures.PredictedMotion` has them.
+        length, width: (n,) of the boxes [m].
+        tail: spreads of each by which it may be off.
+    """
+    found = np.empty(len(pairs), np.bool_)
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        reach = 0.5 * (math.hypot(length[i], width[i]) + math.hypot(length[j], width[j]))
+        found[k] = may_meet(bounds_a, bounds_b, i, j, reach, tail)
+    return found
+
+
+@kernel(boolean(FLOATS2, BOOLS, FLOATS2, BOOLS, *[float64] * 6, boolean, OUT_FLOATS))
+def write_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    a: FloatArray,
+    valid_a: BoolArray,
+    b: FloatArray,
+    valid_b: BoolArray,
+    length_a: float,
+    width_a: float,
+    length_b: float,
+    width_b: float,
+    least: float,
+    quantile: float,
+    first: bool,
+    found: FloatArray,
+) -> bool:
+    """Write into `found` (T,) the probability that two boxes overlap, where it is at least `least`.
+
+    Circles around the boxes, and then each strip of the boxes alone, decide where it cannot be.
+
+    Args:
+        a, valid_a: (T, 6), (T,) of one agent; see :class:`litsim_policy.conflict.futures.PredictedMotion`.
+        b, valid_b: of the other.
+        length_a, width_a, length_b, width_b: of the boxes [m].
+        least: probability that matters.
+        quantile: of the standard Gaussian, for `least`.
+        first: only what comes up to the first step at which it matters.
+        found: zeros.
+
+    Returns:
+        whether it is at least `least` anywhere.
+    """
+    reach = 0.5 * (math.hypot(length_a, width_a) + math.hypot(length_b, width_b))
+    matters, tail = False, max(0.0, -quantile)
+    for t in range(len(found)):
+        if not (valid_a[t] and valid_b[t]):
+            continue
+        dx, dy = b[t, X] - a[t, X], b[t, Y] - a[t, Y]
+        apart = reach + tail * (math.sqrt(a[t, XX] + a[t, YY]) + math.sqrt(b[t, XX] + b[t, YY]))
+        if dx**2 + dy**2 >= apart**2:
+            continue
+        found[t] = likely(
+            dx,
+            dy,
+            a[t, YAW],
+            b[t, YAW],
+            length_a,
+            width_a,
+            length_b,
+            width_b,
+            a[t, XX] + b[t, XX],
+            a[t, YY] + b[t, YY],
+            a[t, XY] + b[t, XY],
+            least,
+            quantile,
+        )
+        matters = matters or found[t] > 0.0
+        if first and matters:
+            break
+    return matters
+
+
 @kernel(
     OUT_FLOATS2(INTS2, FLOATS3, BOOLS2, FLOATS2, FLOATS3, BOOLS2, FLOATS2, FLOATS, FLOATS, float64, float64, boolean)
 )
@@ -100,8 +195,7 @@ def overlap_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> FloatArray:
     """Return the probability (m, T) that the boxes of each pair overlap, where it is at least `least`; else 0.
 
-    Three tests of growing cost decide where it cannot be: the bounds of both futures, circles around the boxes at each
-    step, and each strip of the boxes alone.
+    The bounds of both futures, which cost least, are compared before :func:`write_chances` looks at every step.
 
     Args:
         pairs: (m, 2) positions of an agent in futures a and of one in futures b.
@@ -113,36 +207,64 @@ def overlap_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
         quantile: of the standard Gaussian, for `least`.
         first: of each pair, only what comes up to the first step at which it matters.
     """
-    steps = states_a.shape[1]
-    found, tail = np.zeros((len(pairs), steps)), max(0.0, -quantile)
+    found, tail = np.zeros((len(pairs), states_a.shape[1])), max(0.0, -quantile)
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         reach = 0.5 * (math.hypot(length[i], width[i]) + math.hypot(length[j], width[j]))
-        if not may_meet(bounds_a, bounds_b, i, j, reach, tail):
-            continue
-        for t in range(steps):
-            if not (valid_a[i, t] and valid_b[j, t]):
-                continue
-            a, b = states_a[i, t], states_b[j, t]
-            dx, dy = b[X] - a[X], b[Y] - a[Y]
-            apart = reach + tail * (math.sqrt(a[XX] + a[YY]) + math.sqrt(b[XX] + b[YY]))
-            if dx**2 + dy**2 >= apart**2:
-                continue
-            found[k, t] = likely(
-                dx,
-                dy,
-                a[YAW],
-                b[YAW],
+        if may_meet(bounds_a, bounds_b, i, j, reach, tail):
+            write_chances(
+                states_a[i],
+                valid_a[i],
+                states_b[j],
+                valid_b[j],
                 length[i],
                 width[i],
                 length[j],
                 width[j],
-                a[XX] + b[XX],
-                a[YY] + b[YY],
-                a[XY] + b[XY],
                 least,
                 quantile,
+                first,
+                found[k],
             )
-            if first and found[k, t] > 0.0:
-                break
+    return found
+
+
+@kernel(OUT_FLOATS2(INTS2, FLOATS3, BOOLS2, *[FLOATS] * 7, int64))
+def closing_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    pairs: IntArray,
+    states: FloatArray,
+    valid: BoolArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    count: int,
+) -> FloatArray:
+    """Return (m, T) 1 where boxes overlap whose second goes straight on as it does now, for `count` steps; else 0.
+
+    Args:
+        pairs: (m, 2) of an agent that moves as `states` say, and of one that goes on: it keeps its acceleration until
+            it stands.
+        states, valid: (n, T, 6), (n, T), without any spread.
+        x, y, yaw, speed, acceleration: (n,) now [m], [rad], [m/s], [m/s2].
+        length, width: (n,) of the boxes [m].
+        count: of steps.
+    """
+    found = np.zeros((len(pairs), states.shape[1]))
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        reach = 0.5 * (math.hypot(length[i], width[i]) + math.hypot(length[j], width[j]))
+        cos, sin = math.cos(yaw[j]), math.sin(yaw[j])
+        for t in range(min(count, states.shape[1])):
+            if not valid[i, t]:
+                continue
+            gone = gone_straight_on(speed[j], acceleration[j], (t + 1) * STEP_S)
+            dx, dy = x[j] + gone * cos - states[i, t, X], y[j] + gone * sin - states[i, t, Y]
+            if dx**2 + dy**2 >= reach**2:
+                continue
+            boxes = strips(states[i, t, YAW], yaw[j], length[i], width[i], length[j], width[j])
+            found[k, t] = contain(boxes[0], boxes[1], boxes[3], dx, dy)
     return found

@@ -11,9 +11,9 @@ from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.motion.car_following import along_paths
 from litsim_policy.motion.lane_change import LaneChangeConfig, LaneChanges, weigh_changes
 from litsim_policy.motion.lane_lines import NO_LANE, LaneLines
-from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.path_kernels import nearest
 from litsim_policy.motion.route import Router
-from litsim_sim.core.compiled import BOOLS, FLOATS, INTS, OUT_INTS, float64, kernel
+from litsim_sim.core.compiled import BOOLS, FLOATS, FLOATS3, INTS, OUT_BOOLS2, OUT_INTS, float64, int64, kernel
 from litsim_sim.core.quantities import (
     Duration,
     Length,
@@ -32,6 +32,7 @@ IN_LANE = 1.0  # [m] from the middle of a lane within which somebody drives in i
 APART = 1.8  # [m] from the logged path beyond which somebody is not in the lane of the log: half a lane
 ABREAST = 40.0  # [m] within which only one agent begins to change lane at a step: the others see it at the next
 WAY_APART = 7.5  # [m] between two lanes' lines beyond which they no longer lead the same way: two lanes
+HELD, RELEASED, LOGGED = int(TakeoverState.HELD), int(TakeoverState.RELEASED), int(PathSource.LOGGED)
 INTENT = 2.0  # [s] of an agent's path that tell which lane it is coming into
 
 
@@ -84,7 +85,7 @@ class Passing:
             there = self._lane_map.nearest(residuals.x[at], residuals.y[at], yaw).lane
             other = here != there
             at = at[other]
-            may[at] = self._weighed(table, off, rows, lag, at, here[other], there[other]).safe
+            may[at] = self._weighed(table, off, rows, self._wanted(off, table, lag), at, here[other], there[other]).safe
         return may
 
     def look_for_lanes(self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray) -> None:
@@ -96,12 +97,12 @@ class Passing:
             rows: (r,) of the agents in `table`.
             lag: (r,) steps by which their logs lag.
         """
-        config = self._config
-        off.slowed[:] = np.where(table.speed[rows] < self._wanted(off, table, lag) - config.slower, off.slowed + 1, 0)
+        config, wanted = self._config, self._wanted(off, table, lag)
+        off.slowed[:] = np.where(table.speed[rows] < wanted - config.slower, off.slowed + 1, 0)
         self._stay_beside(table, off, rows)
-        self._give_up(table, off, rows, lag)
+        self._give_up(table, off, rows, wanted)
         waits = (off.slowed >= config.patience) & (table.step - off.changed_step >= config.again)
-        at = np.flatnonzero(waits & (off.state != TakeoverState.RELEASED))
+        at = (waits & (off.state != RELEASED)).nonzero()[0]
         if not len(at):
             return
         here = self._lane_map.nearest(table.x[rows[at]], table.y[rows[at]], table.yaw[rows[at]])
@@ -114,8 +115,10 @@ class Passing:
         both, here_lane, there = both[same_way], here_lane[same_way], there[same_way]
         if not len(both):
             return
-        changes = self._weighed(table, off, rows, lag, both, here_lane, there)
+        changes = self._weighed(table, off, rows, wanted, both, here_lane, there)
         worth = changes.safe & (changes.gain > config.mobil.threshold)
+        if not worth.any():
+            return
         me = rows[both]
         for k in _chosen(both, changes.gain, worth, table.scene[me], table.x[me], table.y[me], ABREAST).tolist():
             self._change(table, off, int(both[k]), int(rows[both[k]]), int(there[k]))
@@ -127,22 +130,23 @@ class Passing:
         if path is not None:
             off.pass_along(at, path, lane, table.step)
 
-    def _give_up(self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray) -> None:
+    def _give_up(self, table: AgentTable, off: OffLog, rows: IntArray, wanted: FloatArray) -> None:
         """Let agents go back to their logged paths that are not in their new lanes yet, and cannot change any more."""
-        at = np.flatnonzero(off.beside != NO_LANE)
+        at = (off.beside != NO_LANE).nonzero()[0]
         if not len(at):
             return
         there, me = off.beside[at], rows[at]
-        apart = np.abs(self._lines.batch(there).project(np.arange(len(at)), table.x[me], table.y[me]).d)
-        outside = apart > 0.5 * self._lines.width(there)
+        line = self._lines.rows(there)
+        outside = np.abs(self._lines.made.project(line, table.x[me], table.y[me]).d) > 0.5 * self._lines.width(there)
+        if not outside.any():
+            return
         at, there, me = at[outside], there[outside], me[outside]
         here = self._lane_map.nearest(table.x[me], table.y[me], table.yaw[me]).lane
-        off.give_up(at[~self._weighed(table, off, rows, lag, at, here, there).room], table.step)
+        off.give_up(at[~self._weighed(table, off, rows, wanted, at, here, there).room], table.step)
 
     def _stay_beside(self, table: AgentTable, off: OffLog, rows: IntArray) -> None:
         """Keep agents in their lanes that were on their way back into those of their logs, and are held again."""
-        held = (off.state == TakeoverState.HELD) & (off.source == PathSource.LOGGED) & (off.changed_step >= 0)
-        at = np.flatnonzero(held)
+        at = ((off.changed_step >= 0) & (off.state == HELD) & (off.source == LOGGED)).nonzero()[0]
         if not len(at):
             return
         me = rows[at]
@@ -165,47 +169,72 @@ class Passing:
         """(k,) whether lanes `here` and `there` (k,) are still beside each other ahead of the agents in rows `me`."""
         if not len(me):
             return np.zeros(0, np.bool_)
-        ends = []
-        for lanes in (here, there):
-            lines = self._lines.batch(lanes)
-            s = lines.project(np.arange(len(me)), table.x[me], table.y[me]).s
-            ends.append(lines.point(s + self._config.look))
-        return np.asarray(np.hypot(*(ends[0] - ends[1]).T) <= WAY_APART)
+        line, me = self._lines.rows(np.concatenate([here, there])), np.concatenate([me, me])
+        lines = self._lines.made
+        ends = lines.point(lines.project(line, table.x[me], table.y[me]).s + self._config.look, line)
+        return np.asarray(np.hypot(*(ends[: len(here)] - ends[len(here) :]).T) <= WAY_APART)
 
     def _weighed(
         self,
         table: AgentTable,
         off: OffLog,
         rows: IntArray,
-        lag: IntArray,
+        wanted: FloatArray,
         at: IntArray,
         here: IntArray,
         there: IntArray,
     ) -> LaneChanges:
-        """What changes from lanes `here` to lanes `there` (k,) would bring the agents at positions `at` (k,)."""
+        """What changes from lanes `here` to lanes `there` (k,) would bring the agents at positions `at` (k,).
+
+        `wanted` (r,) are the speeds that all off their logs would drive on a free road [m/s].
+        """
         if not len(at):
             return LaneChanges(np.zeros(0), np.zeros(0, np.bool_), np.zeros(0, np.bool_))
-        me, views, lines = rows[at], [], self._lines.batch(there)
-        for batch in (self._lines.batch(here), lines):
-            s = batch.project(np.arange(len(at)), table.x[me], table.y[me]).s
-            x, y = np.ascontiguousarray(batch.point(s).T)
-            heading = batch.heading(np.arange(len(at)), batch.segment(s[:, None])[:, 0])
-            views.append(along_paths(batch, table, me, poses=(x, y, heading)))
-        wanted = self._wanted(off, table, lag)[at]
-        reach = self._config.change_time * table.speed[me]
-        claimed = self._claims(table, off, rows, lines, there)
-        return weigh_changes(self._config.mobil, table, me, wanted, views[0], views[1], claimed, reach)
+        line, me = self._lines.rows(np.concatenate([here, there])), np.concatenate([rows[at], rows[at]])
+        lines, count = self._lines.made, len(at)
+        s = lines.project(line, table.x[me], table.y[me]).s
+        x, y = lines.point(s, line).T
+        heading = lines.heading(line, lines.segment(s[:, None], line)[:, 0])
+        view = along_paths(lines, table, me, poses=(x, y, heading), path=line)
+        claimed = self._claims(table, off, rows, line[count:], there)
+        me, reach = me[:count], self._config.change_time * table.speed[me[:count]]
+        return weigh_changes(self._config.mobil, table, me, wanted[at], view[:count], view[count:], claimed, reach)
 
-    def _claims(self, table: AgentTable, off: OffLog, rows: IntArray, lines: PathBatch, there: IntArray) -> BoolArray:
-        """(k, n) who is coming into the lanes `there` (k,), whose lines are `lines`, as their own paths tell."""
-        claimed = np.zeros((len(there), len(table)), np.bool_)
-        s = off.paths.project(np.arange(len(off)), table.x[rows], table.y[rows]).s
-        target = off.paths.point(s + INTENT * table.speed[rows])
-        path = np.repeat(np.arange(len(there)), len(off))
-        x, y = np.ascontiguousarray(np.tile(target, (len(there), 1)).T)
-        into = np.abs(lines.project(path, x, y).d) < 0.5 * self._lines.width(there)[path]
-        claimed[:, rows] = into.reshape(len(there), len(off))
-        return claimed
+    def _claims(self, table: AgentTable, off: OffLog, rows: IntArray, line: IntArray, there: IntArray) -> BoolArray:
+        """(k, n) who is coming into the lanes `there` (k,), whose lines are `line`, as their own paths tell."""
+        s = off.paths.project(off.paths.each, table.x[rows], table.y[rows]).s
+        x, y = off.paths.point(s + INTENT * table.speed[rows]).T
+        lines = self._lines.made
+        half_width = 0.5 * self._lines.width(there)
+        return _in_lanes(lines.segments, lines.circles, lines.count, line, half_width, rows, x, y, len(table))
+
+
+@kernel(OUT_BOOLS2(FLOATS3, FLOATS3, INTS, INTS, FLOATS, INTS, FLOATS, FLOATS, int64))
+def _in_lanes(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    segments: FloatArray,
+    circles: FloatArray,
+    count: IntArray,
+    line: IntArray,
+    half_width: FloatArray,
+    rows: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    everybody: int,
+) -> BoolArray:
+    """Return (k, n) which of n agents are in k lanes.
+
+    Args:
+        segments, circles, count: of lines, as :mod:`litsim_policy.motion.path_kernels` has them.
+        line, half_width: (k,) position of the line of each lane, and half the width of the lane [m].
+        rows, x, y: (r,) of the agents that are looked at, and where each is taken to be [m].
+        everybody: number n of agents.
+    """
+    found = np.zeros((len(line), everybody), np.bool_)
+    for k in range(len(line)):
+        p = line[k]
+        for i in range(len(rows)):
+            found[k, rows[i]] = abs(nearest(segments[p], circles[p], count[p], x[i], y[i])[2]) < half_width[k]
+    return found
 
 
 @kernel(OUT_INTS(INTS, FLOATS, BOOLS, INTS, FLOATS, FLOATS, float64))

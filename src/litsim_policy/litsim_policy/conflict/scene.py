@@ -77,9 +77,8 @@ class ConflictScene:
         elif not (off_log & ~self._foreseen).any():
             return
         self._foreseen |= off_log
-        rows = self._rows
-        expected = self._detector.forecast_future(self._near, self._forecast, self._foreseen[rows])
-        if self._intents is not None:
-            driven = self._intents().among(self._foreseen & self._covered)
-            expected = self._detector.intended(self._near, expected, driven.moved_to(rows))
-        self._expected = expected.replaced(self._lagged[rows], self._logged)
+        rows, lagged = self._rows, self._lagged[self._rows]
+        foreseen = self._foreseen & self._covered
+        driven = None if self._intents is None else self._intents().among(foreseen & ~self._lagged).moved_to(rows)
+        expected = self._detector.expected_future(self._near, self._forecast, foreseen[rows] & ~lagged, driven)
+        self._expected = expected.with_known(lagged, self._logged)

@@ -2,15 +2,35 @@
 
 from __future__ import annotations
 
+import math
+from functools import cache
+
 import numpy as np
+from numba.types import Tuple
 from scipy.special import ndtri
 
 from litsim_policy.conflict.futures import PredictedMotion
-from litsim_policy.conflict.pairs import overlap_chances
-from litsim_sim.core.scene import FloatArray, IntArray
+from litsim_policy.conflict.pairs import may_meet, overlap_chances, write_chances
+from litsim_sim.core.compiled import (
+    BOOLS2,
+    FLOATS,
+    FLOATS2,
+    FLOATS3,
+    INTS,
+    INTS2,
+    OUT_FLOATS,
+    OUT_FLOATS2,
+    OUT_INTS,
+    boolean,
+    float64,
+    int64,
+    kernel,
+)
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 NEGLIGIBLE = 1e-3
 """Probability that is taken as 0 in a weighed sum."""
+FIRST, NONE = -1, -2  # in place of the position of a further motion
 
 
 def weighed_chances(
@@ -33,59 +53,125 @@ def weighed_chances(
         a, b: motions of the same n agents.
         length, width: (n,) of their boxes [m].
         least: probability that matters.
-        first: whether of each pair only what comes up to the first step at which it matters is asked for.
+        first: whether of each pair only what comes up to the first step at which it matters is asked for; who may do
+            several things is integrated all the same.
     """
+    motions = a.states, a.valid, a.bounds, b.states, b.valid, b.bounds
+    bound = length, width, least, quantile(least)
     others = b.others
-    several = np.isin(pairs[:, 1], others.row) if len(others) else np.zeros(len(pairs), np.bool_)
-    if not several.any():
-        return _chances(pairs, a, b, length, width, least, first=first)
-    found = np.zeros((len(pairs), a.valid.shape[1]))
-    found[~several] = _chances(pairs[~several], a, b, length, width, least, first=first)
-    rows, every = np.flatnonzero(several), b.every
-    pair, motion = _motions_of(pairs[rows, 1], b)
-    agents = np.concatenate([np.arange(len(length)), others.row])
-    asked = np.stack([pairs[rows[pair], 0], motion], axis=1)
-    extents = length[agents], width[agents]
-    alone = _chances(asked, a, every, *extents, least, first=True).any(axis=1)
-    matters = np.zeros(len(rows), np.bool_)
-    matters[pair[alone]] = True
-    kept = matters[pair]
-    if kept.any():
-        weight = np.concatenate([_first_weights(b), others.weight])[motion[kept]]
-        chance = _chances(asked[kept], a, every, *extents, NEGLIGIBLE, first=False) * weight[:, None]
-        total = np.zeros((len(rows), found.shape[1]))
-        np.add.at(total, pair[kept], chance)
-        found[rows] = np.where(total >= least, total, 0.0)
-    return found
+    if not len(others):
+        return overlap_chances(pairs, *motions, *bound, first)
+    further = others.row, others.weight, others.states, others.valid, others.bounds
+    return _weighed(pairs, *motions, *further, *bound, quantile(NEGLIGIBLE), first)
 
 
-def _chances(
+@cache
+def quantile(probability: float) -> float:
+    """Quantile of the standard Gaussian for a probability."""
+    return float(ndtri(probability))
+
+
+@kernel(Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS))(INTS, FLOATS, int64))
+def _listed(row: IntArray, weight: FloatArray, count: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return the further motions of `count` agents as linked lists.
+
+    Args:
+        row, weight: (q,) agent and weight of each motion.
+        count: of agents.
+
+    Returns:
+        the first motion of each agent and the one that follows each motion (q,), or NONE; the weight of all of an
+        agent's.
+    """
+    begin, following, taken = np.full(count, NONE), np.full(len(row), NONE), np.zeros(count)
+    for q in range(len(row)):
+        taken[row[q]] += weight[q]
+    for q in range(len(row) - 1, -1, -1):
+        begin[row[q]], following[q] = q, begin[row[q]]
+    return begin, following, taken
+
+
+@kernel(
+    OUT_FLOATS2(
+        INTS2,
+        *(FLOATS3, BOOLS2, FLOATS2),
+        *(FLOATS3, BOOLS2, FLOATS2),
+        *(INTS, FLOATS, FLOATS3, BOOLS2, FLOATS2),
+        *(FLOATS, FLOATS),
+        *(float64, float64, float64, boolean),
+    )
+)
+def _weighed(  # noqa: PLR0917 - a kernel takes arrays and numbers
     pairs: IntArray,
-    a: PredictedMotion,
-    b: PredictedMotion,
+    states_a: FloatArray,
+    valid_a: BoolArray,
+    bounds_a: FloatArray,
+    states_b: FloatArray,
+    valid_b: BoolArray,
+    bounds_b: FloatArray,
+    row: IntArray,
+    weight: FloatArray,
+    states: FloatArray,
+    valid: BoolArray,
+    bounds: FloatArray,
     length: FloatArray,
     width: FloatArray,
     least: float,
-    *,
+    least_quantile: float,
+    negligible_quantile: float,
     first: bool,
 ) -> FloatArray:
-    quantile = float(ndtri(least))
-    return overlap_chances(
-        pairs, a.states, a.valid, a.bounds, b.states, b.valid, b.bounds, length, width, least, quantile, first
-    )
+    """See :func:`weighed_chances`.
 
-
-def _motions_of(agents: IntArray, b: PredictedMotion) -> tuple[IntArray, IntArray]:
-    """Positions in `agents` (k,), and motions of `b.every` that the agent there has, its first one included."""
-    order = np.argsort(b.others.row, kind="stable")
-    rows = b.others.row[order]
-    begin, end = np.searchsorted(rows, agents), np.searchsorted(rows, agents, "right")
-    count = end - begin
-    pair = np.repeat(np.arange(len(agents)), count)
-    at = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(begin, count)
-    return np.concatenate([np.arange(len(agents)), pair]), np.concatenate([agents, len(b.states) + order[at]])
-
-
-def _first_weights(b: PredictedMotion) -> FloatArray:
-    """(n,) weights of the first motions."""
-    return np.asarray(1.0 - np.bincount(b.others.row, b.others.weight, len(b.states)), np.float64)
+    Args:
+        pairs, length, width, least, first: likewise.
+        states_a, valid_a, bounds_a, states_b, valid_b, bounds_b: of :class:`.futures.PredictedMotion`.
+        row, weight, states, valid, bounds: of :class:`.futures.OtherMotions`, what agents of b may do instead.
+        least_quantile, negligible_quantile: of the standard Gaussian, for `least` and for NEGLIGIBLE.
+    """
+    steps = states_a.shape[1]
+    begin, following, taken = _listed(row, weight, len(states_b))
+    found, chance = np.zeros((len(pairs), steps)), np.empty(steps)
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        several, matters = begin[j] != NONE, False
+        reach = 0.5 * (math.hypot(length[i], width[i]) + math.hypot(length[j], width[j]))
+        for weighing in (False, True):
+            if weighing and not (several and matters):
+                break
+            motion = FIRST
+            tail = max(0.0, -(negligible_quantile if weighing else least_quantile))
+            while motion != NONE and (weighing or not matters):
+                b, is_valid, share = states_b[j], valid_b[j], 1.0 - taken[j]
+                meet = motion == FIRST and may_meet(bounds_a, bounds_b, i, j, reach, tail)
+                if motion != FIRST:
+                    b, is_valid, share = states[motion], valid[motion], weight[motion]
+                    meet = may_meet(bounds_a, bounds, i, motion, reach, tail)
+                motion = begin[j] if motion == FIRST else following[motion]
+                if not meet:
+                    continue
+                chance[:] = 0.0
+                reached = write_chances(
+                    states_a[i],
+                    valid_a[i],
+                    b,
+                    is_valid,
+                    length[i],
+                    width[i],
+                    length[j],
+                    width[j],
+                    NEGLIGIBLE if weighing else least,
+                    negligible_quantile if weighing else least_quantile,
+                    not weighing and (several or first),
+                    chance,
+                )
+                matters = matters or reached
+                for t in range(steps):
+                    if weighing:
+                        found[k, t] += share * chance[t]
+                    elif not several:
+                        found[k, t] = chance[t]
+        for t in range(steps):
+            if found[k, t] < least:
+                found[k, t] = 0.0
+    return found

@@ -18,10 +18,12 @@ from litsim_sim.core.compiled import (
     FLOATS2,
     FLOATS3,
     INTS,
-    OUT_BOOLS2,
+    INTS2,
+    OUT_BOOLS3,
     OUT_FLOATS,
     OUT_FLOATS2,
-    OUT_INTS,
+    OUT_FLOATS3,
+    OUT_INTS2,
     float64,
     kernel,
 )
@@ -117,11 +119,14 @@ class AlongPath:
     aside: FloatArray
     in_path: BoolArray
 
+    def __getitem__(self, which: int | slice) -> AlongPath:
+        """What one, or some, of the m vehicles see."""
+        return AlongPath(*(getattr(self, field.name)[which] for field in fields(self)))
+
 
 def along_path(path: ReferencePath, agents: AgentTable, row: int, margin: float = MARGIN) -> AlongPath:
     """Agents relative to the one in `row`, which follows `path`; see :func:`along_paths`. Arrays (n,)."""
-    view = along_paths(path.batch, agents, np.array([row]), margin)
-    return AlongPath(*(getattr(view, field.name)[0] for field in fields(AlongPath)))
+    return along_paths(path.batch, agents, np.array([row]), margin)[0]
 
 
 def along_paths(
@@ -131,6 +136,7 @@ def along_paths(
     margin: float = MARGIN,
     sight: float | FloatArray = SIGHT,
     poses: Poses | None = None,
+    path: IntArray | None = None,
 ) -> AlongPath:
     """Agents relative to those in `rows`, each of which follows a path of its own; itself it sees nowhere ahead.
 
@@ -141,26 +147,31 @@ def along_paths(
         margin: [m] kept to the side of the agents' boxes.
         sight: (m,) or one for all: how far away each still sees somebody [m]; no farther than SIGHT.
         poses: at which each of those that look takes itself to be; None for where it is.
+        path: (m,) positions in `paths` of what they follow, where that is not one after the other.
 
     Returns:
         arrays (m, n).
     """
     own = poses or (agents.x[rows], agents.y[rows], agents.yaw[rows])
-    reach = np.broadcast_to(np.minimum(sight, SIGHT), rows.shape)
-    viewer, agent, s, d, turn, unit_x, unit_y = _projected(
+    reach = np.minimum(sight, SIGHT) if isinstance(sight, np.ndarray) else np.full(len(rows), min(sight, SIGHT))
+    pair, (s, d, turn, unit_x, unit_y) = _projected(
         agents.scene,
         agents.x,
         agents.y,
         agents.yaw,
         rows,
         *own,
-        np.ascontiguousarray(reach),
+        reach,
+        paths.each if path is None else path,
         paths.segments,
         paths.circles,
         paths.count,
     )
     turn -= np.arctan2(unit_y, unit_x)
-    return AlongPath(*_along(viewer, agent, s, d, turn, agents.speed, agents.length, agents.width, rows, margin))
+    seen, where = _along(pair, s, d, turn, agents.speed, agents.length, agents.width, rows, margin)
+    s, d, gap, speed, aside = where
+    ahead, in_path = seen
+    return AlongPath(s, d, gap, speed, ahead, aside, in_path)
 
 
 @kernel(float64(float64, float64, FLOATS, FLOATS, BOOLS, *[float64] * 5))
@@ -226,8 +237,8 @@ def _idm_accelerations(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 
 @kernel(
-    Tuple((OUT_INTS, OUT_INTS, *[OUT_FLOATS] * 5))(
-        INTS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS3, FLOATS3, INTS
+    Tuple((OUT_INTS2, OUT_FLOATS2))(
+        INTS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS3, FLOATS3, INTS
     )
 )
 def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
@@ -240,10 +251,11 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
     own_y: FloatArray,
     own_yaw: FloatArray,
     sight: FloatArray,
+    path: IntArray,
     segments: FloatArray,
     circles: FloatArray,
     count: IntArray,
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[IntArray, FloatArray]:
     """Who sees whom, and where those are on the paths of those that look.
 
     Args:
@@ -252,41 +264,39 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
         rows: (m,) of those that look.
         own_x, own_y, own_yaw: (m,) of those that look [m], [rad].
         sight: (m,) how far they look [m].
-        segments, circles, count: of their paths, as :mod:`litsim_policy.motion.path_kernels` has them.
+        path: (m,) positions of their paths.
+        segments, circles, count: of paths, as :mod:`litsim_policy.motion.path_kernels` has them.
 
     Returns:
-        k pairs, those of the first that looks first: position among those that look, row of whom it sees, arc length
-        and offset of that one's place on the path [m], its heading [rad], and the direction of the path there.
+        k pairs, those of the first that looks first: (2, k) position among those that look, and row of whom it sees;
+        (5, k) arc length and offset of that one's place on the path [m], its heading [rad], and the direction, x and
+        y, of the path there.
     """
     begin, end = within_scenes(scene, rows)
     most = (end - begin).sum()
-    viewer, agent = np.empty(most, np.int64), np.empty(most, np.int64)
-    s, d, heading, unit_x, unit_y = np.empty(most), np.empty(most), np.empty(most), np.empty(most), np.empty(most)
+    pair, found = np.empty((2, most), np.int64), np.empty((5, most))
     k = 0
     for i in range(len(rows)):
+        p = path[i]
         for j in range(begin[i], end[i]):
             dx, dy = x[j] - own_x[i], y[j] - own_y[i]
             if not dx * dx + dy * dy < sight[i] * sight[i]:
                 continue
             place = (own_x[i], own_y[i], own_yaw[i]) if j == rows[i] else (x[j], y[j], yaw[j])
-            segment, s[k], d[k] = nearest(segments[i], circles[i], count[i], place[0], place[1])
+            segment, s, d = nearest(segments[p], circles[p], count[p], place[0], place[1])
             # at a vertex, the direction is that of the segment that begins there
-            if segment < count[i] - 2 and s[k] >= segments[i, segment + 1, S]:
+            if segment < count[p] - 2 and s >= segments[p, segment + 1, S]:
                 segment += 1
-            viewer[k], agent[k], heading[k] = i, j, place[2]
-            unit_x[k], unit_y[k] = segments[i, segment, UNIT_X], segments[i, segment, UNIT_Y]
+            pair[0, k], pair[1, k] = i, j
+            found[0, k], found[1, k], found[2, k] = s, d, place[2]
+            found[3, k], found[4, k] = segments[p, segment, UNIT_X], segments[p, segment, UNIT_Y]
             k += 1
-    return viewer[:k], agent[:k], s[:k], d[:k], heading[:k], unit_x[:k], unit_y[:k]
+    return pair[:, :k].copy(), found[:, :k].copy()
 
 
-@kernel(
-    Tuple((*[OUT_FLOATS2] * 4, OUT_BOOLS2, OUT_FLOATS2, OUT_BOOLS2))(
-        INTS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, float64
-    )
-)
+@kernel(Tuple((OUT_BOOLS3, OUT_FLOATS3))(INTS2, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, float64))
 def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    viewer: IntArray,
-    agent: IntArray,
+    pair: IntArray,
     s: FloatArray,
     d: FloatArray,
     turn: FloatArray,
@@ -295,37 +305,34 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     width: FloatArray,
     rows: IntArray,
     margin: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray, FloatArray, BoolArray]:
-    """Return the fields of :class:`AlongPath` (m, n).
+) -> tuple[BoolArray, FloatArray]:
+    """Return the fields of :class:`AlongPath`: ahead and in_path (2, m, n); s, d, gap, speed and aside (5, m, n).
 
     Args:
-        viewer, agent, s, d: k pairs as :func:`_projected` gives them.
+        pair, s, d: k pairs as :func:`_projected` gives them.
         turn: (k,) heading of the agents against the paths [rad].
         speed, length, width: (n,) of everybody [m/s], [m].
         rows: (m,) of those that look.
         margin: as in :func:`along_paths`.
     """
     shape = (len(rows), len(speed))
-    all_s, all_d = np.full(shape, -np.inf), np.full(shape, np.inf)
-    gap, along = np.full(shape, -np.inf), np.zeros(shape)
-    ahead, aside, in_path = np.zeros(shape, np.bool_), np.full(shape, np.inf), np.zeros(shape, np.bool_)
+    seen, where = np.zeros((2, *shape), np.bool_), np.empty((5, *shape))
+    where[0], where[1], where[2], where[3], where[4] = -np.inf, np.inf, -np.inf, 0.0, np.inf
     own_s, own_d = np.full(len(rows), -np.inf), np.full(len(rows), np.inf)
-    for k in range(len(viewer)):
-        i, j = viewer[k], agent[k]
-        all_s[i, j], all_d[i, j] = s[k], d[k]
-        if j == rows[i]:
-            own_s[i], own_d[i] = s[k], d[k]
-    for k in range(len(viewer)):
-        i, j = viewer[k], agent[k]
+    for k in range(len(s)):
+        if pair[1, k] == rows[pair[0, k]]:
+            own_s[pair[0, k]], own_d[pair[0, k]] = s[k], d[k]
+    for k in range(len(s)):
+        i, j = pair[0, k], pair[1, k]
         cos, sin = math.cos(turn[k]), abs(math.sin(turn[k]))
         half_along = 0.5 * (length[j] * abs(cos) + width[j] * sin)
         half_across = 0.5 * (length[j] * sin + width[j] * abs(cos))
         # the strip is swept from where the vehicle is to the path: over the first metres it includes its offset
         offset = own_d[i] * within(1.0 - (s[k] - own_s[i]) / MERGE, 0.0, 1.0)
         passing, half_width = abs(d[k] - offset), 0.5 * width[rows[i]]
-        gap[i, j] = s[k] - half_along - own_s[i] - 0.5 * length[rows[i]]
-        along[i, j] = speed[j] * cos
-        ahead[i, j] = j != rows[i] and s[k] > own_s[i]
-        aside[i, j] = passing - (half_across + half_width)
-        in_path[i, j] = passing < half_across + (half_width + margin)
-    return all_s, all_d, gap, along, ahead, aside, in_path
+        where[0, i, j], where[1, i, j] = s[k], d[k]
+        where[2, i, j] = s[k] - half_along - own_s[i] - 0.5 * length[rows[i]]
+        where[3, i, j], where[4, i, j] = speed[j] * cos, passing - (half_across + half_width)
+        seen[0, i, j] = j != rows[i] and s[k] > own_s[i]
+        seen[1, i, j] = passing < half_across + (half_width + margin)
+    return seen, where

@@ -22,15 +22,24 @@ class LaneLines:
 
     def __init__(self, lane_map: LaneMap) -> None:
         self._lane_map = lane_map
-        self._points: dict[int, FloatArray] = {}
+        self._row: IntArray = np.full(len(lane_map.lanes), NO_LANE)  # in `made`, of lanes that were asked for
+        self._points: list[FloatArray] = []
+        self.made = PathBatch([])
+        """The lines that are made so far; see :meth:`rows`."""
         self.left = _neighbours(lane_map, (lane.left for lane in lane_map.lanes))
         """(lanes,) position of the lane to the left in the same edge; NO_LANE where there is none."""
         self.right = _neighbours(lane_map, (lane.right for lane in lane_map.lanes))
         """(lanes,) likewise to the right."""
 
-    def batch(self, lanes: IntArray) -> PathBatch:
-        """The lines of `lanes` (k,), positions in `LaneMap.lanes`."""
-        return PathBatch([self._line(lane) for lane in lanes.tolist()])
+    def rows(self, lanes: IntArray) -> IntArray:
+        """Positions (k,) in `made` of the lines of `lanes` (k,), positions in `LaneMap.lanes`."""
+        missing = lanes[self._row[lanes] < 0]
+        if len(missing):
+            for lane in dict.fromkeys(missing.tolist()):
+                self._row[lane] = len(self._points)
+                self._points.append(self._line(lane))
+            self.made = PathBatch(self._points)
+        return self._row[lanes]
 
     def width(self, lanes: IntArray) -> FloatArray:
         """Widths (k,) of `lanes` (k,) [m]."""
@@ -51,19 +60,17 @@ class LaneLines:
 
     def _line(self, lane: int) -> FloatArray:
         """Points (m, 2) [m]: BEFORE before the lane, the lane, and BEYOND more of where it leads."""
-        if lane not in self._points:
-            parts, first, left = [], lane, BEFORE
-            while left > 0.0 and first in self._predecessor:
-                first = self._predecessor[first]
-                before = self._lane_map.lanes[first]
-                begin = max(0.0, before.length - left)
-                start = np.stack(self._lane_map.pose_at(first, begin)[:2], axis=-1)[None]
-                parts.append(np.concatenate([start, before.centerline[before.s > begin]]))
-                left -= before.length
-            length = self._lane_map.lanes[lane].length + BEYOND
-            parts = [*parts[::-1], self._lane_map.path_from(lane, 0.0, length)]
-            self._points[lane] = ReferencePath.through(np.concatenate(parts)).points
-        return self._points[lane]
+        parts, first, left = [], lane, BEFORE
+        while left > 0.0 and first in self._predecessor:
+            first = self._predecessor[first]
+            before = self._lane_map.lanes[first]
+            begin = max(0.0, before.length - left)
+            start = np.stack(self._lane_map.pose_at(first, begin)[:2], axis=-1)[None]
+            parts.append(np.concatenate([start, before.centerline[before.s > begin]]))
+            left -= before.length
+        length = self._lane_map.lanes[lane].length + BEYOND
+        parts = [*parts[::-1], self._lane_map.path_from(lane, 0.0, length)]
+        return ReferencePath.through(np.concatenate(parts)).points
 
 
 def _neighbours(lane_map: LaneMap, names: Iterable[str | None]) -> IntArray:

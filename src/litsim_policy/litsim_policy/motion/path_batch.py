@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -60,9 +61,17 @@ class PathBatch:
         """
         return Projection(*path_kernels.project(self.segments, self.circles, self.count, path, x, y))
 
-    def segment(self, s: FloatArray) -> IntArray:
-        """(m, k) segment of each path at arc lengths `s` (m, k) [m] of it; the ends count as prolonged."""
-        return path_kernels.segments_at(self.segments, self.count, s)
+    @cached_property
+    def each(self) -> IntArray:
+        """(m,) positions of all paths."""
+        return np.arange(len(self))
+
+    def segment(self, s: FloatArray, path: IntArray | None = None) -> IntArray:
+        """(m, k) segment of each path at arc lengths `s` (m, k) [m] of it; the ends count as prolonged.
+
+        Where `path` (m,) is given, of the paths at these positions.
+        """
+        return path_kernels.segments_at(self.segments, self.count, self.each if path is None else path, s)
 
     def window(self, s: FloatArray) -> tuple[IntArray, IntArray]:
         """Which points of the paths are given to policies whose agents are at arc lengths `s` (m,) [m].
@@ -77,6 +86,6 @@ class PathBatch:
         """(...) direction [rad] of segments, of paths at positions `path`; shapes broadcast."""
         return np.arctan2(self.segments[path, segment, UNIT_Y], self.segments[path, segment, UNIT_X])
 
-    def point(self, s: FloatArray) -> FloatArray:
-        """(m, 2) point of each path at arc length `s` (m,) of it [m], ends prolonged."""
-        return path_kernels.points_at(self.segments, self.count, s)
+    def point(self, s: FloatArray, path: IntArray | None = None) -> FloatArray:
+        """(m, 2) point of each path at arc length `s` (m,) of it [m], ends prolonged; `path` as in :meth:`segment`."""
+        return path_kernels.points_at(self.segments, self.count, self.each if path is None else path, s)

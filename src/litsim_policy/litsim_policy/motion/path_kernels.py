@@ -171,33 +171,34 @@ def segment_at(segments: FloatArray, n: int, p: int, s: float) -> int:
     return low
 
 
-@kernel(OUT_INTS2(FLOATS3, INTS, FLOATS2))
-def segments_at(segments: FloatArray, count: IntArray, s: FloatArray) -> IntArray:
-    """Return the segment (m, k) of each path at each of its arc lengths `s` (m, k) [m]."""
+@kernel(OUT_INTS2(FLOATS3, INTS, INTS, FLOATS2))
+def segments_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatArray) -> IntArray:
+    """Return the segment (m, k) of each path in `path` (m,) at each of its arc lengths `s` (m, k) [m]."""
     found = np.empty(s.shape, np.int64)
-    for p in range(s.shape[0]):
+    for i in range(s.shape[0]):
         for k in range(s.shape[1]):
-            found[p, k] = segment_at(segments, count[p], p, s[p, k])
+            found[i, k] = segment_at(segments, count[path[i]], path[i], s[i, k])
     return found
 
 
-@kernel(OUT_FLOATS2(FLOATS3, INTS, FLOATS))
-def points_at(segments: FloatArray, count: IntArray, s: FloatArray) -> FloatArray:
-    """Return the point (m, 2) of each path at arc length `s` (m,) of it [m]."""
-    found = np.empty((len(count), 2))
-    for p in range(len(count)):
+@kernel(OUT_FLOATS2(FLOATS3, INTS, INTS, FLOATS))
+def points_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatArray) -> FloatArray:
+    """Return the point (m, 2) of each path in `path` (m,) at arc length `s` (m,) of it [m]."""
+    found = np.empty((len(path), 2))
+    for i in range(len(path)):
+        p = path[i]
         last = count[p] - 1
         for axis in (X, Y):
-            if s[p] <= 0.0:
-                found[p, axis] = segments[p, 0, axis] + s[p] * segments[p, 0, UNIT_X + axis]
-            elif s[p] >= segments[p, last, S]:
-                beyond = s[p] - segments[p, last, S]
-                found[p, axis] = segments[p, last, axis] + beyond * segments[p, last - 1, UNIT_X + axis]
+            if s[i] <= 0.0:
+                found[i, axis] = segments[p, 0, axis] + s[i] * segments[p, 0, UNIT_X + axis]
+            elif s[i] >= segments[p, last, S]:
+                beyond = s[i] - segments[p, last, S]
+                found[i, axis] = segments[p, last, axis] + beyond * segments[p, last - 1, UNIT_X + axis]
             else:
-                k = segment_at(segments, count[p], p, s[p])
+                k = segment_at(segments, count[p], p, s[i])
                 rise = segments[p, k + 1, axis] - segments[p, k, axis]
                 slope = rise / (segments[p, k + 1, S] - segments[p, k, S])
-                found[p, axis] = slope * (s[p] - segments[p, k, S]) + segments[p, k, axis]
+                found[i, axis] = slope * (s[i] - segments[p, k, S]) + segments[p, k, axis]
     return found
 
 

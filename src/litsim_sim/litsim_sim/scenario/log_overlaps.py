@@ -27,6 +27,10 @@ class LogOverlaps:
             self._steps[pair] = self._find(*pair)
         return self._steps[pair]
 
+    def any(self, pairs: IntArray) -> BoolArray:
+        """(m,) whether the boxes of agents overlap at some step, in `pairs` (m, 2) of rows of the log."""
+        return np.array([len(self.steps(a, b)) > 0 for a, b in pairs.tolist()], np.bool_)
+
     def excuse(self, a: int, b: int, now: IntArray, x: FloatArray, y: FloatArray, later: int = ABOUT_THEN) -> BoolArray:
         """(m,) whether the log has an overlap of both agents at about steps `now` (m,), with b in its place there.
 
