@@ -12,9 +12,23 @@ from numba.types import Tuple
 
 from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.motion.car_following import along_paths
-from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS2, INTS, OUT_BOOLS, OUT_FLOATS, kernel
+from litsim_sim.core.compiled import (
+    BOOLS,
+    BOOLS2,
+    FLOATS,
+    FLOATS2,
+    INTS,
+    OUT_BOOLS,
+    OUT_BYTES,
+    OUT_FLOATS2,
+    OUT_INTS,
+    float64,
+    int64,
+    kernel,
+    void,
+)
 from litsim_sim.core.pair_geometry import wrapped
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, ByteArray, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.scenario.log import Log
 
@@ -24,6 +38,7 @@ if TYPE_CHECKING:
 Excuse = Callable[[int, int], bool]
 """Whether the agent in the first row of a table overlaps that in the second in the log itself, about where it goes."""
 
+HELD, HANDBACK, RELEASED = int(TakeoverState.HELD), int(TakeoverState.HANDBACK), int(TakeoverState.RELEASED)
 OBSTACLE_SIGHT = 30.0  # [m] beyond the place in the log within which whoever stands before it has his centre
 
 
@@ -57,22 +72,9 @@ class Residuals:
             table: everybody now.
             rows: (r,) of the agents in `table`.
         """
-        return cls(
-            *_residuals(
-                log.valid,
-                log.x,
-                log.y,
-                log.yaw,
-                log.speed,
-                log_rows,
-                table.step - lag,
-                rows,
-                table.x,
-                table.y,
-                table.yaw,
-                table.speed,
-            )
-        )
+        logged, now = (log.valid, log.x, log.y, log.yaw, log.speed), (table.x, table.y, table.yaw, table.speed)
+        known, differences = _residuals(*logged, log_rows, table.step - lag, rows, *now)
+        return cls(known, *differences)
 
     @property
     def reported(self) -> tuple[FloatArray, FloatArray]:
@@ -84,7 +86,7 @@ class Residuals:
         return self if which.all() else Residuals(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
-@kernel(Tuple((OUT_BOOLS, *[OUT_FLOATS] * 5))(BOOLS2, *[FLOATS2] * 4, INTS, INTS, INTS, *[FLOATS] * 4))
+@kernel(Tuple((OUT_BOOLS, OUT_FLOATS2))(BOOLS2, *[FLOATS2] * 4, INTS, INTS, INTS, *[FLOATS] * 4))
 def _residuals(  # noqa: PLR0917 - a kernel takes arrays and numbers
     log_valid: BoolArray,
     log_x: FloatArray,
@@ -98,8 +100,8 @@ def _residuals(  # noqa: PLR0917 - a kernel takes arrays and numbers
     y: FloatArray,
     yaw: FloatArray,
     speed: FloatArray,
-) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the fields of :class:`Residuals`.
+) -> tuple[BoolArray, FloatArray]:
+    """Return the first field of :class:`Residuals` (r,), and the others (5, r).
 
     Args:
         log_valid, log_x, log_y, log_yaw, log_speed: (N, S) of the log [m], [rad], [m/s].
@@ -117,7 +119,7 @@ def _residuals(  # noqa: PLR0917 - a kernel takes arrays and numbers
         off[2, k] = math.hypot(x[me] - log_x[at], y[me] - log_y[at])
         off[3, k] = speed[me] - log_speed[at]
         off[4, k] = wrapped(yaw[me] - log_yaw[at])
-    return known, off[0], off[1], off[2], off[3], off[4]
+    return known, off
 
 
 def nobody_is_excused(_: int, __: int) -> bool:
@@ -154,7 +156,7 @@ def obstructed(
     view = along_paths(paths, table, rows, sight=sight, path=at)
     to_place = place.s - view.s[np.arange(len(at)), rows]
     between = view.ahead & view.in_path & (view.gap < to_place[:, None])
-    for k, row in np.argwhere(between).tolist():
+    for k, row in np.transpose(between.nonzero()).tolist():
         between[k, row] = not excuse(int(rows[k]), row)
     return np.asarray(between.any(axis=1))
 
@@ -186,17 +188,66 @@ def review(
     """
     off.in_conflict[:] = in_conflict
     free = residuals.known & ~in_conflict
-    at = np.flatnonzero(free)
+    at = free.nonzero()[0]
     free[at] = ~obstructed(off, at, table, rows, residuals, excuse)
-    off.clear[:] = np.where(free, off.clear + 1, 0)
-    passed = off.paths.project(np.arange(len(off)), table.x[rows], table.y[rows]).s >= off.goal_s
-    needed = np.where(passed, config.clear_steps, 2 * config.clear_steps)
-    long_enough = (off.clear >= needed) & (table.step - off.detected_step >= config.held_steps_min)
-    within = (residuals.position <= config.release_position) & (np.abs(residuals.speed) <= config.release_speed)
-    within &= np.abs(residuals.yaw) <= config.release_yaw
-    held = off.state == TakeoverState.HELD
-    follows = np.where(within & ~held, TakeoverState.RELEASED, TakeoverState.HANDBACK)
-    off.state[:] = np.where(free & (~held | long_enough), follows, TakeoverState.HELD)
-    if unneeded is not None:
-        off.state[unneeded & (table.step - off.detected_step >= config.held_steps_min)] = TakeoverState.RELEASED
-    off.return_to_log(off.state == TakeoverState.HANDBACK)
+    s = off.paths.project(off.paths.each, table.x[rows], table.y[rows]).s
+    _move_on(
+        off.state,
+        off.clear,
+        free,
+        s >= off.goal_s,
+        table.step - off.detected_step,
+        residuals.position,
+        residuals.speed,
+        residuals.yaw,
+        np.zeros(len(off), np.bool_) if unneeded is None else unneeded,
+        config.clear_steps,
+        config.held_steps_min,
+        config.release_position,
+        config.release_speed,
+        config.release_yaw,
+    )
+    off.return_to_log(off.state == HANDBACK)
+
+
+@kernel(void(OUT_BYTES, OUT_INTS, BOOLS, BOOLS, INTS, *[FLOATS] * 3, BOOLS, int64, int64, *[float64] * 3))
+def _move_on(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    state: ByteArray,
+    clear: IntArray,
+    free: BoolArray,
+    passed: BoolArray,
+    since: IntArray,
+    position: FloatArray,
+    speed: FloatArray,
+    yaw: FloatArray,
+    unneeded: BoolArray,
+    clear_steps: int,
+    held_steps_min: int,
+    release_position: float,
+    release_speed: float,
+    release_yaw: float,
+) -> None:
+    """Write the next state of r agents, and for how many steps they have been free, in place; see :func:`review`.
+
+    Args:
+        state, clear: (r,) of :class:`.off_log.OffLog`.
+        free: (r,) who is in no conflict, is not obstructed and has a log.
+        passed: (r,) who is past its goal.
+        since: (r,) steps since it was taken over.
+        position, speed, yaw: (r,) of :class:`Residuals`.
+        unneeded: (r,) whom nobody needs.
+        clear_steps, held_steps_min, release_position, release_speed, release_yaw: as in `TakeoverConfig`.
+    """
+    for k in range(len(state)):
+        clear[k] = clear[k] + 1 if free[k] else 0
+        needed = clear_steps if passed[k] else 2 * clear_steps
+        stays = state[k] == HELD and not (clear[k] >= needed and since[k] >= held_steps_min)
+        near = position[k] <= release_position and abs(speed[k]) <= release_speed and abs(yaw[k]) <= release_yaw
+        if not free[k] or stays:
+            state[k] = HELD
+        elif near and state[k] != HELD:
+            state[k] = RELEASED
+        else:
+            state[k] = HANDBACK
+        if unneeded[k] and since[k] >= held_steps_min:
+            state[k] = RELEASED

@@ -17,6 +17,8 @@ from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray, IntA
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
 
 ObjectArray = npt.NDArray[Any]
+LOGGED = int(PathSource.LOGGED)
+STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +132,7 @@ class OffLog:
 
     def return_to_log(self, which: BoolArray) -> None:
         """Let the agents of the mask `which` (r,) follow their logged paths from now on."""
-        at = np.flatnonzero(which & (self.source != PathSource.LOGGED))
+        at = (which & (self.source != LOGGED)).nonzero()[0]
         if len(at):
             self.beside[at] = NO_LANE
             self.path[at], self.source[at] = self.logged[at], PathSource.LOGGED
@@ -164,14 +166,14 @@ class OffLog:
         """
         if not len(self):
             return ()
-        begin, end = self.paths.window(self.paths.project(np.arange(len(self)), x, y).s)
+        begin, end = self.paths.window(self.paths.project(self.paths.each, x, y).s)
         poses = [(px, py, yaw) for px, py, yaw in self.pose.tolist()]
         return tuple(
             Takeover(
                 agent=agent,
                 opponent=opponent,
-                state=TakeoverState(state),
-                reason=TakeoverReason(reason),
+                state=STATES[state],
+                reason=REASONS[reason],
                 detected_step=detected,
                 time_to_conflict=time,
                 overlap_probability=probability,
@@ -181,7 +183,7 @@ class OffLog:
                 log_collision_predicted=in_conflict,
                 residual_position=position,
                 residual_speed=speed,
-                path_source=PathSource(source),
+                path_source=SOURCES[source],
                 time_shift=lagging * STEP_S,
             )
             for (

@@ -35,6 +35,10 @@ from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState, 
 from litsim_sim.scenario.log_overlaps import ON_THE_WAY
 from litsim_sim.scenario.setting import Setting
 
+# numpy compares plain numbers much faster than members of an enumeration
+LOG, POLICY, EGO = int(Controller.LOG), int(Controller.POLICY), int(Controller.EGO)
+RELEASED = int(TakeoverState.RELEASED)
+
 
 @configuration
 class TakeoverConfig:
@@ -109,22 +113,20 @@ class TakeoverManager:
             return TakeoverTable(table.step)
         log = self.scenario.log
         self._off = self._off.take(table.rows(self._off.agent) >= 0)
-        for row in np.flatnonzero((table.controller == Controller.POLICY) & ~self._is_off(table)):
+        for row in ((table.controller == POLICY) & ~self._is_off(table)).nonzero()[0]:
             self._adopt(table, int(row))
         self._choose_lags(table)
-        lag = self._lag[np.searchsorted(log.ids, table.id)]
-        lagged, was_off = (lag > 0) & (table.controller == Controller.LOG), self._is_off(table)
-        scene = ConflictScene(
-            self._detector, table, forecast, lag, lagged | table.obstacle, lambda: self._intents(table)
-        )
-        is_off = self._take_over(table, scene, was_off, lagged)
+        lag, walking = self._lag[log.ids.searchsorted(table.id)], table.obstacle
+        lagged, was_off = (lag > 0) & (table.controller == LOG), self._is_off(table)
+        scene = ConflictScene(self._detector, table, forecast, lag, lagged | walking, lambda: self._intents(table))
+        is_off = self._take_over(table, scene, was_off, lagged, walking)
         rows, log_rows = self._rows(table, self._off)
         residuals = Residuals.of(log, log_rows, lag[rows], table, rows)
-        self._review(table, scene, was_off[rows], rows, residuals, is_off | lagged | table.obstacle)
+        self._review(table, scene, was_off[rows], rows, residuals, is_off | lagged | walking)
         if self._passing is not None and len(self._off):
             self._passing.look_for_lanes(table, self._off, rows, self._lags(self._off))
         takeovers = self._off.report(table.x[rows], table.y[rows], residuals.reported, lag[rows])
-        self._off = self._off.take(self._off.state != TakeoverState.RELEASED)
+        self._off = self._off.take(self._off.state != RELEASED)
         return TakeoverTable(table.step, takeovers, int(self.iterations.max()), bool(self.converged.all()))
 
     def _intents(self, table: AgentTable) -> Intents:
@@ -151,7 +153,7 @@ class TakeoverManager:
             mask (r,); of a log that goes on to the end of what is logged nobody knows that it is over.
         """
         log = self.scenario.log
-        log_rows = np.searchsorted(log.ids, table.id[rows])
+        log_rows = log.ids.searchsorted(table.id[rows])
         last = log.last_step[log_rows]
         over = (table.step - self._lag[log_rows] >= last) & (last < self.scenario.last_logged[table.scene[rows]])
         if over.any():
@@ -162,11 +164,12 @@ class TakeoverManager:
 
     def _excuse(self, table: AgentTable) -> Excuse:
         """For background agents that, on the way to their places in the log, meet whoever overlaps them there."""
-        log_rows = np.searchsorted(self.scenario.log.ids, table.id)
 
         def excuse(row: int, other: int) -> bool:
-            a, b = int(log_rows[row]), int(log_rows[other])
-            if table.controller[other] == Controller.EGO or not len(self._overlaps.steps(a, b)):
+            if table.controller[other] == EGO:
+                return False
+            a, b = self.scenario.log.ids.searchsorted(table.id[[row, other]]).tolist()
+            if not len(self._overlaps.steps(a, b)):
                 return False
             now, place = np.array([table.step - self._lag[a]]), slice(other, other + 1)
             return bool(self._overlaps.excuse(a, b, now, table.x[place], table.y[place], ON_THE_WAY)[0])
@@ -175,11 +178,11 @@ class TakeoverManager:
 
     def _rows(self, table: AgentTable, off: OffLog) -> tuple[IntArray, IntArray]:
         """Rows (r,) of agents off their logs in `table`, and in the log."""
-        return table.rows(off.agent), np.searchsorted(self.scenario.log.ids, off.agent)
+        return table.rows(off.agent), self.scenario.log.ids.searchsorted(off.agent)
 
     def _lags(self, off: OffLog) -> IntArray:
         """(r,) steps by which the logs lag that agents off their logs would go back to."""
-        return self._lag[np.searchsorted(self.scenario.log.ids, off.agent)]
+        return self._lag[self.scenario.log.ids.searchsorted(off.agent)]
 
     def _is_off(self, table: AgentTable) -> BoolArray:
         """(n,) the ego, and those that are driven."""
@@ -187,7 +190,9 @@ class TakeoverManager:
         off[table.rows(self._off.agent)] = True
         return off
 
-    def _take_over(self, table: AgentTable, scene: ConflictScene, was_off: BoolArray, lagged: BoolArray) -> BoolArray:
+    def _take_over(
+        self, table: AgentTable, scene: ConflictScene, was_off: BoolArray, lagged: BoolArray, walking: BoolArray
+    ) -> BoolArray:
         """Add the agents whose conflict is confirmed; notes the iterations needed, and whether nothing was left.
 
         Each iteration looks at the agents that the one before has put off their logs; the first, at all that were.
@@ -198,12 +203,13 @@ class TakeoverManager:
             scene: of the step.
             was_off: mask (n,) of those that are off their logs, the ego included.
             lagged: mask (n,) of those that follow a log that lags.
+            walking: mask (n,) of pedestrians and cyclists.
 
         Returns:
             mask of those that are off their logs now.
         """
         suspected: dict[int, int] = {}
-        off, fresh, done, walking = was_off, was_off | lagged, 0, table.obstacle
+        off, fresh, done = was_off, was_off | lagged, 0
         barred = walking
         if self.conflict_config.region == "ego":
             barred = walking | ~self._detector.around(table, table.mask(self._ego_ids))

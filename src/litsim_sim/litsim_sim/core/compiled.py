@@ -71,6 +71,7 @@ BOOLS, BOOLS2 = (read_array(boolean, ndim) for ndim in (1, 2))
 OUT_FLOATS, OUT_FLOATS2, OUT_FLOATS3 = (written_array(float64, ndim) for ndim in (1, 2, 3))
 OUT_SINGLES, OUT_SINGLES2, OUT_SINGLES3 = (written_array(float32, ndim) for ndim in (1, 2, 3))
 OUT_INTS, OUT_INTS2 = (written_array(int64, ndim) for ndim in (1, 2))
+OUT_BYTES = written_array(uint8, 1)
 OUT_BOOLS, OUT_BOOLS2, OUT_BOOLS3 = (written_array(boolean, ndim) for ndim in (1, 2, 3))
 
 

@@ -95,9 +95,7 @@ class LaneMap:
         x, y = _column(x), _column(y)
         # without a heading, all directions are alike
         turn, heading = (0.0, np.zeros(len(x))) if yaw is None else (DIRECTION_PENALTY, _column(yaw))
-        segment = self._segments.best(x, y, heading, self._penalty, turn)
-        along, d = self._segments.project(x, y, segment)
-        s = self._segments.start_s[segment] + np.clip(along, 0.0, self._segments.size[segment])
+        segment, s, d = self._segments.nearest(x, y, heading, self._penalty, turn)
         return LanePosition(self._segments.lane[segment], s, d, self._segments.heading[segment])
 
     def pose_at(self, lane: int | IntArray, s: float | FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
+from numba.types import Tuple
 
 from litsim_sim.core.compiled import (
     FLOATS,
@@ -14,6 +15,7 @@ from litsim_sim.core.compiled import (
     INTS,
     INTS2,
     OUT_BOOLS,
+    OUT_FLOATS2,
     OUT_INTS,
     float64,
     int64,
@@ -94,8 +96,10 @@ class SegmentGrid:
         """What kernels need to find segments by arc length: `start_s`, the first segment of each lane, its length."""
         return self.start_s, self._first, self._length
 
-    def best(self, x: FloatArray, y: FloatArray, yaw: FloatArray, handicap: FloatArray, turn: float) -> IntArray:
-        """(n,) segments of least cost: distance, handicap, and `turn` times 1 - cos of the angle to the heading.
+    def nearest(
+        self, x: FloatArray, y: FloatArray, yaw: FloatArray, handicap: FloatArray, turn: float
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Segments of least cost: distance, handicap, and `turn` times 1 - cos of the angle to the heading.
 
         Of segments that cost the same, the first is taken.
 
@@ -103,8 +107,13 @@ class SegmentGrid:
             x, y, yaw: (n,) poses [m], [rad].
             handicap: (k,) of the segments [m].
             turn: [m].
+
+        Returns:
+            segments (n,), arc lengths (n,) of their lanes at the poses, no farther than the segments go, and how far
+            (n,) poses are to the left [m].
         """
-        return _best(x, y, np.cos(yaw), np.sin(yaw), turn, *self._grid, handicap)
+        segment, (s, d) = _nearest(x, y, np.cos(yaw), np.sin(yaw), turn, *self._grid, handicap, self.start_s)
+        return segment, s, d
 
     def any_within(self, x: FloatArray, y: FloatArray, reach: FloatArray) -> BoolArray:
         """(n,) whether points `x`, `y` [m] are no farther from some segment than its `reach` (k,), at most REACH."""
@@ -177,9 +186,12 @@ def _cost(
 
 
 @kernel(
-    OUT_INTS(FLOATS, FLOATS, FLOATS, FLOATS, float64, FLOATS2, INTS2, float64, float64, int64, int64, FLOATS),
+    Tuple((OUT_INTS, OUT_FLOATS2))(
+        *(FLOATS, FLOATS, FLOATS, FLOATS, float64),
+        *(FLOATS2, INTS2, float64, float64, int64, int64, FLOATS, FLOATS),
+    )
 )
-def _best(  # noqa: PLR0917 - a kernel takes arrays and numbers
+def _nearest(  # noqa: PLR0917 - a kernel takes arrays and numbers
     x: FloatArray,
     y: FloatArray,
     cos: FloatArray,
@@ -192,9 +204,14 @@ def _best(  # noqa: PLR0917 - a kernel takes arrays and numbers
     columns: int,
     rows: int,
     handicap: FloatArray,
-) -> IntArray:
-    """See :meth:`SegmentGrid.best`; `cos`, `sin` (n,) of the headings. Off the grid all segments are looked at."""
-    found = np.zeros(len(x), np.int64)
+    start_s: FloatArray,
+) -> tuple[IntArray, FloatArray]:
+    """See :meth:`SegmentGrid.nearest`; `cos`, `sin` (n,) of the headings. Off the grid all segments are looked at.
+
+    Returns:
+        segments (n,), and arc lengths and offsets (2, n).
+    """
+    found, place = np.zeros(len(x), np.int64), np.empty((2, len(x)))
     for i in range(len(x)):
         least = np.inf
         for segment in cells[_cell(x[i], y[i], x_min, y_min, columns, rows)]:
@@ -203,14 +220,17 @@ def _best(  # noqa: PLR0917 - a kernel takes arrays and numbers
             cost = _cost(x[i], y[i], cos[i], sin[i], turn, lines, handicap, segment)
             if cost < least:
                 found[i], least = segment, cost
-        if least <= REACH:
-            continue
-        least = np.inf
-        for segment in range(len(lines)):
-            cost = _cost(x[i], y[i], cos[i], sin[i], turn, lines, handicap, segment)
-            if cost < least:
-                found[i], least = segment, cost
-    return found
+        if not least <= REACH:
+            least = np.inf
+            for segment in range(len(lines)):
+                cost = _cost(x[i], y[i], cos[i], sin[i], turn, lines, handicap, segment)
+                if cost < least:
+                    found[i], least = segment, cost
+        line = lines[found[i]]
+        dx, dy = x[i] - line[0], y[i] - line[1]
+        place[0, i] = start_s[found[i]] + within(dx * line[2] + dy * line[3], 0.0, line[4])
+        place[1, i] = dy * line[2] - dx * line[3]
+    return found, place
 
 
 @kernel(OUT_BOOLS(FLOATS, FLOATS, FLOATS2, INTS2, float64, float64, int64, int64, FLOATS))
