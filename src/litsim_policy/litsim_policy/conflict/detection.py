@@ -285,7 +285,7 @@ class ConflictDetector:
         np.maximum(chance, closing, out=chance)
         self._excuse(chance, table, pairs, expected, lag)
         reached = chance >= threshold
-        hit = reached.any(axis=1)
+        hit: BoolArray = np.asarray(reached.any(axis=1))
         if not hit.any():
             return []
         first = np.argmax(reached, axis=1)
@@ -348,7 +348,7 @@ class ConflictDetector:
 
     def _overlap_in_log(self, table: AgentTable, pairs: IntArray) -> BoolArray:
         """(m,) whether `pairs` (m, 2) of rows overlap at some step of the log; of the ego that is not asked."""
-        found: BoolArray = (table.controller[pairs] != EGO).all(axis=1)
+        found: BoolArray = np.asarray((table.controller[pairs] != EGO).all(axis=1))
         at = found.nonzero()[0]
         found[at] = self._overlaps.any(self._log.ids.searchsorted(table.id[pairs[at]]))
         return found
@@ -357,7 +357,7 @@ class ConflictDetector:
         self, chance: FloatArray, table: AgentTable, pairs: IntArray, expected: PredictedMotion, lag: IntArray | None
     ) -> None:
         """Set probabilities (m, T) to 0, in place, where the log has the overlap of `pairs` (m, 2) as well."""
-        some = chance.any(axis=1).nonzero()[0]
+        some = np.flatnonzero(chance.any(axis=1))
         for k in some[self._overlap_in_log(table, pairs[some])]:
             i, j = pairs[k].tolist()
             now = table.step + 1 + np.arange(chance.shape[1]) - (0 if lag is None else lag[i])
