@@ -1,11 +1,11 @@
-"""What a training of policy C is between two iterations, and the files that it leaves: it goes on from a checkpoint."""
+"""What a training is between two iterations, and the files that it leaves: it goes on from a checkpoint."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.critic import Critic
 from litsim_policy.learning.network import GaussianPolicy, multilayer, save
-from litsim_policy.learning.plots import plot_curves
+from litsim_policy.learning.plots import PANELS, Lines, plot_curves
 from litsim_sim.core.errors import InputError
 
 CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
@@ -26,27 +26,42 @@ CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
 )
 
 
-class Training:
-    """Everything of a training that changes from iteration to iteration: networks, optimisers, history.
+class AdversarialTraining:
+    """A policy that learns against a critic: what changes from iteration to iteration, and the files that it leaves.
+
+    A subclass makes the networks and optimisers, and says how the policy is saved.
 
     Attributes:
-        config: of the training.
+        config: of the training, with a seed.
         policy, value, critic: the networks that learn.
-        policy_optimiser, critic_optimiser: Adam of policy and value together, and of the critic.
-        history: one entry an iteration, of what was measured in it.
+        policy_optimiser, critic_optimiser: of policy and value together, and of the critic.
+        history: entries of what was measured.
         best: highest validation score so far.
+        more: names of further attributes that a checkpoint holds.
+        panels: of the picture of the curves.
     """
 
-    def __init__(self, config: TrainConfig) -> None:
-        torch.manual_seed(config.seed)
-        size = config.observation.size
-        self.config = config
-        self.policy, self.value, self.critic = GaussianPolicy(config.observation), multilayer(size, 1), Critic(size)
-        parameters = [*self.policy.parameters(), *self.value.parameters()]
-        self.policy_optimiser = torch.optim.Adam(parameters, config.ppo.learning_rate)
-        self.critic_optimiser = torch.optim.Adam(self.critic.parameters(), config.critic.learning_rate)
+    config: Any
+    policy: torch.nn.Module
+    value: torch.nn.Module
+    critic: torch.nn.Module
+    policy_optimiser: torch.optim.Optimizer
+    critic_optimiser: torch.optim.Optimizer
+    more: ClassVar[tuple[str, ...]] = ()
+    panels: ClassVar[Mapping[str, Lines]] = PANELS
+
+    def __init__(self) -> None:
         self.history: list[dict[str, float]] = []
         self.best = -np.inf
+
+    @property
+    def iterations(self) -> int:
+        """Iterations made."""
+        return len(self.history)
+
+    def save(self, path: Path) -> None:
+        """Write the weights of the policy, with :attr:`about`."""
+        raise NotImplementedError
 
     @property
     def _parts(self) -> dict[str, Any]:
@@ -55,13 +70,14 @@ class Training:
 
     def keep(self, out: Path) -> None:
         """Write a checkpoint, to go on from here."""
-        keep_state(out / CHECKPOINT, self.config, self._parts, {"history": self.history, "best": float(self.best)})
+        more = {"history": self.history, "best": float(self.best)} | {name: getattr(self, name) for name in self.more}
+        keep_state(out / CHECKPOINT, self.config, self._parts, more)
 
     def write(self, out: Path) -> None:
         """Write what is there so far to `out`: the history, its curves, and the weights of the last iteration."""
         (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
-        save(self.policy, out / LAST, self.about)
-        plot_curves(self.history, out / CURVES)
+        self.save(out / LAST)
+        plot_curves(self.history, out / CURVES, self.panels)
 
     def read(self, path: Path) -> None:
         """Go on from a checkpoint.
@@ -70,13 +86,42 @@ class Training:
             InputError: there is none, or it is of a run with another configuration.
         """
         state = read_state(path, self.config, self._parts)
-        self.history, self.best = state["history"], state["best"]
+        for name in ("history", "best", *self.more):
+            setattr(self, name, state[name])
 
     @property
     def about(self) -> dict[str, str]:
         """Metadata of weights, which say where they come from: seed, iterations made and the whole configuration."""
         config = self.config.model_dump_json()
-        return {"seed": str(self.config.seed), "iterations": str(len(self.history)), "config": config}
+        return {"seed": str(self.config.seed), "iterations": str(self.iterations), "config": config}
+
+
+class Training(AdversarialTraining):
+    """A training of policy C; its history has one entry an iteration.
+
+    Attributes:
+        config: of the training.
+        policy: the network that drives.
+        critic: that tells it from recorded drivers.
+    """
+
+    config: TrainConfig
+    policy: GaussianPolicy
+    critic: Critic
+
+    def __init__(self, config: TrainConfig) -> None:
+        super().__init__()
+        torch.manual_seed(config.seed)
+        size = config.observation.size
+        self.config = config
+        self.policy, self.value, self.critic = GaussianPolicy(config.observation), multilayer(size, 1), Critic(size)
+        parameters = [*self.policy.parameters(), *self.value.parameters()]
+        self.policy_optimiser = torch.optim.Adam(parameters, config.ppo.learning_rate)
+        self.critic_optimiser = torch.optim.Adam(self.critic.parameters(), config.critic.learning_rate)
+
+    def save(self, path: Path) -> None:
+        """See :meth:`AdversarialTraining.save`."""
+        save(self.policy, path, self.about)
 
 
 def keep_state(path: Path, config: BaseModel, parts: Mapping[str, Any], more: Mapping[str, Any]) -> None:

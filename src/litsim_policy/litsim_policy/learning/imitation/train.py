@@ -13,10 +13,8 @@ had not been interrupted. `--out` gets checkpoint.pt, history.json, curves.png, 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -25,14 +23,14 @@ from tqdm import tqdm
 
 from litsim_policy.driving.imitation_policy import BOUNDS
 from litsim_policy.driving.traffic_observation import SIZE
-from litsim_policy.learning.checkpoint import BEST, CHECKPOINT, CURVES, HISTORY, LAST, keep_state, read_state
+from litsim_policy.learning.checkpoint import BEST, CHECKPOINT, CURVES, AdversarialTraining
 from litsim_policy.learning.data import TrainingData, prepare
 from litsim_policy.learning.imitation.config import ImitationTraining
 from litsim_policy.learning.imitation.critic import update_wasserstein
 from litsim_policy.learning.imitation.expert import traffic_pairs
 from litsim_policy.learning.imitation.network import TrafficPolicy, perceptron, save
 from litsim_policy.learning.imitation.rollout import collect, validate
-from litsim_policy.learning.plots import IMITATION_PANELS, plot_curves
+from litsim_policy.learning.plots import IMITATION_PANELS
 from litsim_policy.learning.ppo import Demonstrations, Track, make_batch, tensor, update_policy
 from litsim_policy.learning.training_program import training_parser, training_program
 from litsim_policy.learning.warm_start import clone
@@ -40,18 +38,22 @@ from litsim_sim.cli.program import program
 from litsim_sim.io.yaml_input import read_yaml
 
 
-class Imitation:
-    """Everything of a training that changes from iteration to iteration.
+class Imitation(AdversarialTraining):
+    """A training of `gail` or `rail`; its history has one entry an iteration, and first that of the warm start.
 
     Attributes:
         config: of the training.
-        policy, value, critic: the networks that learn.
+        policy: the network that drives.
         replay: pairs of the policy of the last iterations, which the critic is shown.
-        history: one entry an iteration, of what was measured in it; the first is that of the warm start.
-        best: highest validation score so far.
     """
 
+    config: ImitationTraining
+    policy: TrafficPolicy
+    more = ("replay",)
+    panels = IMITATION_PANELS
+
     def __init__(self, config: ImitationTraining) -> None:
+        super().__init__()
         torch.manual_seed(config.seed)
         self.config = config
         self.policy, self.value = TrafficPolicy(), perceptron(SIZE)
@@ -60,39 +62,15 @@ class Imitation:
         self.policy_optimiser = torch.optim.Adam(parameters, config.ppo.learning_rate)
         self.critic_optimiser = torch.optim.RMSprop(self.critic.parameters(), config.critic.learning_rate)
         self.replay: list[Tensor] = []
-        self.history: list[dict[str, float]] = []
-        self.best = -np.inf
 
     @property
-    def _parts(self) -> dict[str, Any]:
-        names = ("policy", "value", "critic", "policy_optimiser", "critic_optimiser")
-        return {name: getattr(self, name) for name in names}
+    def iterations(self) -> int:
+        """Iterations made, the warm start being none."""
+        return len(self.history) - 1
 
-    def keep(self, out: Path) -> None:
-        """Write a checkpoint, to go on from here."""
-        more = {"history": self.history, "best": float(self.best), "replay": self.replay}
-        keep_state(out / CHECKPOINT, self.config, self._parts, more)
-
-    def read(self, path: Path) -> None:
-        """Go on from a checkpoint.
-
-        Raises:
-            InputError: see :func:`litsim_policy.learning.checkpoint.read_state`.
-        """
-        state = read_state(path, self.config, self._parts)
-        self.history, self.best, self.replay = state["history"], state["best"], state["replay"]
-
-    def write(self, out: Path) -> None:
-        """Write what is there so far to `out`: the history, its curves, and the weights of the last iteration."""
-        (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
-        save(self.policy, out / LAST, self.about)
-        plot_curves(self.history, out / CURVES, IMITATION_PANELS)
-
-    @property
-    def about(self) -> dict[str, str]:
-        """Metadata of weights, which say where they come from: seed, iterations made and the whole configuration."""
-        config = self.config.model_dump_json()
-        return {"seed": str(self.config.seed), "iterations": str(len(self.history) - 1), "config": config}
+    def save(self, path: Path) -> None:
+        """See :meth:`.checkpoint.AdversarialTraining.save`."""
+        save(self.policy, path, self.about)
 
 
 def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress: bool = True) -> Imitation:
@@ -111,7 +89,7 @@ def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress:
     if not training.history:
         _warm_start(training.policy, pairs.shown, config)
         _note(training, data, out, {}, last=False)
-    done = len(training.history) - 1
+    done = training.iterations
     with tqdm(total=config.iterations, initial=done, unit="iteration", disable=not progress) as bar:
         for iteration in range(done, config.iterations):
             begin = time.perf_counter()
@@ -136,7 +114,7 @@ def _note(training: Imitation, data: TrainingData, out: Path, found: dict[str, f
     taught = last or before > training.config.ppo.value_first
     if due and taught and found["validation_score"] > training.best:
         training.best = found["validation_score"]
-        save(training.policy, out / BEST, training.about)
+        training.save(out / BEST)
     training.keep(out)
     if due:
         training.write(out)
