@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from litsim_policy.ads_check.requirements import latencies
 from litsim_policy.ads_check.trace import Evidence
+from litsim_sim.core.colours import FAINT
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.io.files import replacing
 
@@ -26,7 +27,7 @@ def plot_latency(seen: Evidence, path: Path) -> bool:
     FigureCanvasAgg(figure)
     by_step, histogram = figure.subplots(1, 2, width_ratios=(2, 1))
     by_step.plot(steps, took, color="#4878b0", linewidth=1)
-    by_step.axhline(1e3 * STEP_S, color="#c9cdd3", linestyle="--", linewidth=1)
+    by_step.axhline(1e3 * STEP_S, color=FAINT, linestyle="--", linewidth=1)
     by_step.set(xlabel="step", ylabel="latency [ms]", title="from a step's first publication to its answer")
     by_step.set_ylim(bottom=0.0)
     histogram.hist(took, bins=30, color="#4878b0")

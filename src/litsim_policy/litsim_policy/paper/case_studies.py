@@ -25,6 +25,7 @@ from litsim_policy.run.runner import Runner, record
 from litsim_sim.campaign.case import Case
 from litsim_sim.campaign.results import Campaign, RunResult
 from litsim_sim.campaign.suite import CaseEntry, EgoSetup, Suite
+from litsim_sim.core.colours import INK, ROAD, colour_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
@@ -44,8 +45,8 @@ BEFORE_S = (-3.0, -2.0, -1.0, 0.0)
 AFTER_S = 1.0
 VIEW_M = {LANE_CHANGE: (24.0, 12.0), LEFT_TURN: (26.0, 20.0)}
 """Half of what is seen around the ego, along and across the heading that it has at the contact [m]."""
-COLOURS = {Controller.EGO: "#c62828", Controller.POLICY: "#2e8b3d", Controller.BASELINE: "#2e8b3d"}
-ON_LOG, ROAD = "#e7b416", "#e6e8eb"
+SHOWN = {Controller.EGO: "ego", Controller.POLICY: "driven", Controller.LOG: "log"}
+"""Who is told apart, and by what names."""
 
 
 def candidates(folder: Path, *, real: bool, quick: bool) -> dict[str, Suite]:
@@ -139,10 +140,8 @@ def drawn(name: str, study: Study) -> Canvas:
             _draw(axes, run, lane_map, step, (middle, heading, wide, high))
             axes.set_title(f"{(step - study.contact) * STEP_S:+.1f} s", fontsize=8)
         panels[row][0].set_ylabel(label, fontsize=9)
-    marks = [Patch(color=COLOURS[Controller.EGO], label="ego"), Patch(color=COLOURS[Controller.POLICY], label="driven")]
-    canvas.legend(
-        handles=[*marks, Patch(color=ON_LOG, label="log")], loc="outside lower center", ncols=3, frameon=False
-    )
+    marks = [Patch(color=colour_of(controller), label=name) for controller, name in SHOWN.items()]
+    canvas.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False)
     where = f"{Path(study.ours.scenario).stem}, ego {study.ours.ego_id} ({study.ours.ego.name})"
     canvas.suptitle(f"{STUDIES[name]}: {where}; times from the contact under replay", fontsize=9)
     return canvas
@@ -188,5 +187,5 @@ def _boxes(table: AgentTable, centre: FloatArray, turn: FloatArray, limits: tupl
     corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
     seen = (corners - centre) @ turn
     near = np.abs(seen).max(axis=(1, 2)) < 2.0 * max(limits)
-    colours = [COLOURS.get(Controller(each), ON_LOG) for each in table.controller[near].tolist()]
-    return PolyCollection(list(seen[near]), facecolors=colours, edgecolors="#30343b", linewidths=0.4)
+    colours = [colour_of(each) for each in table.controller[near].tolist()]
+    return PolyCollection(list(seen[near]), facecolors=colours, edgecolors=INK, linewidths=0.4)

@@ -13,6 +13,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from litsim_sim.core.colours import INK, ROAD
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
 from litsim_sim.core.signals import SignalState
@@ -25,7 +26,7 @@ ROOM = 12.0  # [m] around what has to be seen
 SIDE_MIN = 60.0  # [m] that a view is wide and high at least
 ISLAND = 200.0  # [m2] between lanes that is no road; what is less is inside a junction
 GROUPS_MAX = 12  # rows of signals; the ego's come first
-GROUND, ROAD, INK, FAINT = "#ffffff", "#e6e8eb", "#30343b", "#d9b84a"
+GROUND = "#ffffff"
 
 LIGHTS = {
     SignalState.UNAVAILABLE: "#ffffff",

@@ -32,6 +32,7 @@ from litsim_sim.analysis.plan_view import (
 )
 from litsim_sim.analysis.signals import run_passages
 from litsim_sim.analysis.takeover import LedgerEntry, ledger
+from litsim_sim.core.colours import FAINT, INK, ROAD, colour_of
 from litsim_sim.core.geometry import box_corners, to_body
 from litsim_sim.core.scene import AgentTable, Controller, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
@@ -43,20 +44,15 @@ SAME_LANE, BESIDE = 1.8, 5.5  # [m] to either side of the ego: its lane, and tho
 LATER = 5  # steps after a contact, for it to be seen
 ROUTE_MAX = 3000.0  # [m]
 
-COLOURS = {  # as in the LitSim paper
-    Controller.EGO: "#d62728",
-    Controller.POLICY: "#2ca02c",
-    Controller.LOG: "#f2c230",
-    Controller.BASELINE: "#4878b0",
-}
 NAMES = {
     Controller.EGO: "ego",
     Controller.POLICY: "taken over",
     Controller.LOG: "log replay",
     Controller.BASELINE: "baseline",
 }
+COLOURS = {controller: colour_of(controller) for controller in NAMES}
 DASHED = (0, (3, 2))
-INK, ROAD, PAINT, FAINT = "#30343b", "#e6e8eb", "#ffffff", "#c9cdd3"
+PAINT = "#ffffff"
 
 
 def overview(run: Run, path: Path) -> None:

@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from litsim_sim.core.colours import FAINT, INK
 from litsim_sim.io.files import replacing
 from litsim_sim.mining.events import EventKind
 
-INK, ALL, TAKEN, FAINT = "#30343b", "#b9c3d0", "#d62728", "#c9cdd3"
+ALL, TAKEN = "#b9c3d0", "#d62728"
 WIDTH, HEIGHT, DPI = 4.2, 2.4, 110  # [inch] of one kind
 COLUMNS, BINS = 3, np.linspace(0.0, 1.0, 21)
 TARGET = 0.5  # severity at which a measure meets its criticality target

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from litsim_sim.core.colours import INK
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.check import NetCheck
@@ -34,7 +35,7 @@ PLACES_APART = 40.0  # [m] between them
 MARGIN = 10.0  # [m] around the tracks
 NARROW = 0.7  # least width to height of what is drawn
 POINTS_MAX = 200_000  # of tracks; of more, every so many rows are drawn
-INK, LANE, INSIDE, EDGE = "#30343b", "#dfe3e8", "#edf0f4", "#b4bbc4"
+LANE, INSIDE, EDGE = "#dfe3e8", "#edf0f4", "#b4bbc4"
 TRACK, MISS, FITTED, NO_WAY_IN, NO_EXIT, CROSSES = "#3b7dd8", "#d62728", "#2a9d57", "#e07b00", "#7b3fb5", "#111111"
 
 

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure, FigureBase
 
 from litsim_sim.analysis.plan_view import NEAR, Area, draw_lanes, draw_signals, draw_stop_lines, groups_in
 from litsim_sim.analysis.plan_view import frame as show_area
+from litsim_sim.core.colours import INK
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray
@@ -32,7 +33,7 @@ LANES_MAX = 12  # diagrams; the busiest lanes
 PIECES_MAX = 60_000  # of tracks per diagram; above, frames are left out
 WIDTH, DIAGRAM, MAP = 14.0, 1.6, 4.5  # [inch] of everything; heights of one diagram and of the map
 BALANCE = 0.2  # share by which one direction must prevail to be the main one
-INK, ROAD = "#30343b", "#d5d8dc"
+LANE = "#d5d8dc"
 SPEEDS = "turbo_r"
 UNKNOWN_LANE = "#8a9099"
 
@@ -198,7 +199,7 @@ def _tracks(axes: Axes, table: pd.DataFrame, lane_map: LaneMap | None) -> None:
     table = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
     lane = table["lane"].to_numpy()
     for known in lane_map.lanes if lane_map is not None else ():
-        axes.plot(*known.centerline.T, color=ROAD, lw=3.0, zorder=0, solid_capstyle="butt")
+        axes.plot(*known.centerline.T, color=LANE, lw=3.0, zorder=0, solid_capstyle="butt")
     points = table[["x", "y"]].to_numpy()
     for number in np.unique(lane):
         pieces, _ = _pieces(table, lane == number, points)
