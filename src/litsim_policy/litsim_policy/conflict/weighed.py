@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from statistics import NormalDist
 
 import numpy as np
 from numba.types import Tuple
-from scipy.special import ndtri
 
 from litsim_policy.conflict.futures import PredictedMotion
 from litsim_policy.conflict.pairs import may_meet, overlap_chances, write_chances
@@ -67,8 +67,9 @@ def weighed_chances(
 
 @cache
 def quantile(probability: float) -> float:
-    """Quantile of the standard Gaussian for a probability."""
-    return float(ndtri(probability))
+    """Quantile of the standard Gaussian for a probability; infinite of 0 and of 1."""
+    within = 0.0 < probability < 1.0  # importing scipy for it would take as long as all kernels of the launcher
+    return NormalDist().inv_cdf(probability) if within else math.copysign(math.inf, probability - 0.5)
 
 
 @kernel(Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS))(INTS, FLOATS, int64))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from functools import cached_property
+from importlib import import_module
 from itertools import groupby, pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from litsim_policy.motion import bezier
 from litsim_policy.motion.reference_path import SPACING, ReferencePath, lane_change
@@ -15,6 +15,10 @@ from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+SEARCH_MODULES = ("scipy.sparse", "scipy.sparse.csgraph")
 CHANGE_COST = 20.0  # [m] of way that a change of lane is worth
 CHANGE_LENGTH = 60.0  # [m] of road that a change of lane takes at most
 KNOT_SPACING = 15.0  # [m] between poses on a centre line that the curves pass through
@@ -35,6 +39,8 @@ class Router:
     def __init__(self, lane_map: LaneMap, limits: VehicleLimits | None = None) -> None:
         self._lanes = lane_map
         self._curvature_max = (limits or VehicleLimits()).curvature_max
+        # Not with this module, which the launcher reads as well: importing them takes longer than many a check of it.
+        self._sparse, self._search = (import_module(name) for name in SEARCH_MODULES)
 
     def lanes_between(self, start: int, goal: int) -> list[int] | None:
         """Positions in `LaneMap.lanes` of the lanes of the shortest way, both ends included; None where there is none.
@@ -44,7 +50,7 @@ class Router:
         """
         if start == goal:
             return [start]
-        cost, before = dijkstra(self._graph, indices=start, return_predecessors=True)
+        cost, before = self._search.dijkstra(self._graph, indices=start, return_predecessors=True)
         if not np.isfinite(cost[goal]):
             return None
         way = [goal]
@@ -122,6 +128,7 @@ class Router:
 
     @cached_property
     def _graph(self) -> csr_array:
+        csr_array = self._sparse.csr_array
         lanes = self._lanes.lanes
         links = [
             (row, self._lanes.row(name), lane.length) for row, lane in enumerate(lanes) for name in lane.successors
