@@ -273,9 +273,9 @@ def test_plot_finds_the_net_that_the_header_names(
     drawn = recording_plots.draw
     monkeypatch.setattr(recording_plots, "draw", lambda *given: (lanes.append(bool(given[3])), drawn(*given)))
     part = Recording.read(EMBEDDED)
-    part = Recording(part.header, part.table[part.table["frame"] < 20])
+    part = Recording.of_table(part.header, part.table[part.table["frame"] < 20])
     for net in ("own.net.xml", "own", "us101_like.net.xml", "absent.net.xml"):
-        Recording(replace(part.header, net=net), part.table).write(tmp_path / "part.parquet")
+        Recording.of_table(replace(part.header, net=net), part.table).write(tmp_path / "part.parquet")
         shutil.copy(packaged("nets/us101_like.net.xml"), tmp_path / "own.net.xml")
         data.main(["plot", str(tmp_path / "part.parquet"), str(tmp_path / "out.png")])
     assert lanes == [True, True, True, False]

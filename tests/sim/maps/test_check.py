@@ -27,7 +27,9 @@ def aside(tmp_path: Path) -> Path:
     table = load_recording(EMBEDDED).table
     table = table[table["frame"] <= 100].assign(y=lambda rows: rows["y"] + 2.0)
     notes: dict[str, object] = {"mapping": {"transform": {"y": 1.0}}}
-    Recording(RecordingHeader("aside", net="us101_like.net.xml", notes=notes), table).write(tmp_path / "aside.parquet")
+    Recording.of_table(RecordingHeader("aside", net="us101_like.net.xml", notes=notes), table).write(
+        tmp_path / "aside.parquet"
+    )
     return tmp_path / "aside.parquet"
 
 

@@ -194,3 +194,26 @@ def test_a_value_that_differs_from_what_was_written_is_seen_and_older_files_are_
     del metadata[CHECK_KEY]
     pq.write_table(other.replace_schema_metadata(metadata), path)
     assert Recording.read(path).table["speed"][2] == speed[2]
+
+
+def test_a_file_of_other_types_and_orders_is_the_same_recording(tmp_path: Path) -> None:
+    """Columns in the neutral types are read as they are, others by way of pandas; what follows is the same."""
+    table = table_of([(3, 5, 4), (1, 4, 6)])
+    recording = Recording.from_table(HEADER, table, "FILE")
+    recording.write(tmp_path / "plain.parquet")
+    metadata = pq.read_schema(tmp_path / "plain.parquet").metadata
+    other = table.sample(frac=1.0, random_state=1)[[*reversed(COLUMNS)]].astype({"lane": "float64", "kind": "int64"})
+    content = pa.Table.from_pandas(other, preserve_index=False).replace_schema_metadata(metadata)
+    pq.write_table(content, tmp_path / "other.parquet")
+    read = {name: Recording.read(tmp_path / f"{name}.parquet") for name in ("plain", "other")}
+    for each in read.values():
+        assert each.to_parquet() == recording.to_parquet() == (tmp_path / "plain.parquet").read_bytes()
+        pd.testing.assert_frame_equal(each.table, recording.table)
+
+
+def test_a_mask_takes_its_rows() -> None:
+    recording = Recording.from_table(HEADER, table_of([(3, 5, 4), (1, 4, 6)]), "FILE")
+    part = recording.take(recording.columns["vehicle_id"] == 3)
+    assert part.header == HEADER
+    assert part.columns["frame"].tolist() == [5, 6, 7, 8]
+    pd.testing.assert_frame_equal(part.table, recording.table.query("vehicle_id == 3").reset_index(drop=True))

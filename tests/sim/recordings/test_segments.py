@@ -140,7 +140,7 @@ def test_the_digest_is_of_the_content(tmp_path: Path) -> None:
     assert segments.content_digest(Recording.read(tmp_path / "made.parquet")) == segments.content_digest(made)
     table = made.table.copy()
     table.loc[5, "x"] += 1e-9
-    assert segments.content_digest(Recording(made.header, table)) != segments.content_digest(made)
+    assert segments.content_digest(Recording.of_table(made.header, table)) != segments.content_digest(made)
 
 
 def test_the_command_writes_scenarios_that_load_and_a_manifest_that_reproduces_them(
@@ -169,7 +169,7 @@ def test_scenarios_that_cannot_be_loaded_are_told(tmp_path: Path, capsys: pytest
     made = long_recording(1200)
     table = made.table.copy()
     table.loc[(table["frame"] >= 600) & (table["vehicle_id"] % 4 == 1), "y"] += 60.0  # a quarter of the later rows
-    Recording(made.header, table).write(tmp_path / "made.parquet")
+    Recording.of_table(made.header, table).write(tmp_path / "made.parquet")
     command = ["segments", str(tmp_path / "made.parquet"), "--out", str(tmp_path / "cut"), "--split", "1", "0", "0"]
     data.main(command)
     said = capsys.readouterr().out
@@ -183,7 +183,7 @@ def test_scenarios_that_cannot_be_loaded_are_told(tmp_path: Path, capsys: pytest
     data.main(["segments", "--manifest", str(tmp_path / "cut" / "manifest.yaml"), "--out", str(tmp_path / "b")])
     assert "4 of 4" in capsys.readouterr().out
     table["y"] += 60.0
-    Recording(made.header, table).write(tmp_path / "made.parquet")
+    Recording.of_table(made.header, table).write(tmp_path / "made.parquet")
     with pytest.raises(SystemExit) as stopped:
         data.main(command)
     assert stopped.value.code == 1

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 import yaml
 
@@ -31,7 +32,7 @@ def demo() -> Scenario:
 def fields(tmp_path: Path) -> dict[str, Any]:
     """Fields of a sound scenario of 8 s, whose recording lies in tmp_path."""
     table = EMBEDDED.table
-    Recording(EMBEDDED.header, table[table["frame"] <= 80]).write(tmp_path / "part.parquet")
+    Recording.of_table(EMBEDDED.header, table[table["frame"] <= 80]).write(tmp_path / "part.parquet")
     return {"name": "part", "recording": "part.parquet", "net": "us101_like", "ego": 7, "simulation_s": 5.0}
 
 
@@ -243,7 +244,7 @@ def test_missing_fields(tmp_path: Path, fields: dict[str, Any]) -> None:
 
 def test_net_that_does_not_cover_the_recording(tmp_path: Path, fields: dict[str, Any]) -> None:
     table = EMBEDDED.table[EMBEDDED.table["frame"] <= 80]
-    Recording(EMBEDDED.header, table.assign(y=table["y"] + 12.0)).write(tmp_path / "part.parquet")
+    Recording.of_table(EMBEDDED.header, table.assign(y=table["y"] + 12.0)).write(tmp_path / "part.parquet")
     message = refusal(tmp_path, fields)
     assert "net us101_like.net.xml does not cover the recording" in message
     assert "expected 90%" in message
@@ -277,12 +278,15 @@ def test_defects_of_the_recording_are_reported(tmp_path: Path, fields: dict[str,
     broken = {
         "column x is nan": table.assign(x=table["x"].where(table.index != 5)),
         "followed by a hole": table[~((table["vehicle_id"] == 7) & (table["frame"] == 40))],
-        "unknown columns": table.assign(colour=0),
     }
     for message, rows in broken.items():
-        Recording(EMBEDDED.header, rows).write(tmp_path / "part.parquet")
+        Recording.of_table(EMBEDDED.header, rows).write(tmp_path / "part.parquet")
         with pytest.raises(InputError, match=message):
             Scenario.load(saved(tmp_path, fields))
+    written = pq.read_table(tmp_path / "part.parquet")
+    pq.write_table(written.append_column("colour", written["lane"]), tmp_path / "part.parquet")
+    with pytest.raises(InputError, match="unknown columns"):
+        Scenario.load(saved(tmp_path, fields))
 
 
 # The log

@@ -160,13 +160,13 @@ def test_a_fixed_cycle(build: Callable[..., Scenario]) -> None:
 def test_a_recording_may_carry_its_signals(build: Callable[..., Scenario], tmp_path: Path) -> None:
     plain = traffic()
     header = RecordingHeader("made", net="urban_like.net.xml", signals={"groups": GROUPS, "changes": CHANGES})
-    carried = build(None, Recording(header, plain.table))
+    carried = build(None, Recording.of_table(header, plain.table))
     assert shown(carried.signals, "east") == [(0, "AMBER"), (11, "RED")]
     assert build(None, plain).signals is None
-    other = build({"groups": GROUPS, "changes": [[0.0, "east", "green"]]}, Recording(header, plain.table))
+    other = build({"groups": GROUPS, "changes": [[0.0, "east", "green"]]}, Recording.of_table(header, plain.table))
     assert shown(other.signals, "east") == [(0, "GREEN")]
     elsewhere = RecordingHeader("made", net="other.net.xml", signals=header.signals)
-    assert build(None, Recording(elsewhere, plain.table)).signals is None
+    assert build(None, Recording.of_table(elsewhere, plain.table)).signals is None
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MAGIC = b"PAR1"
 UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)
@@ -58,7 +61,8 @@ def parse_arrow(source: Path | pa.NativeFile, where: str) -> pa.Table:
         InputError: it is no Parquet, or damaged.
     """
     try:
-        table = pq.read_table(source, page_checksum_verification=True)
+        with pq.ParquetFile(source, page_checksum_verification=True) as file:  # read_table would import pandas
+            table = file.read()
         _ = table.column_names  # text in the file, which pyarrow decodes only now
     except UNREADABLE as error:
         raise _unreadable(where, error) from error

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.parquet_input import UNREADABLE, is_parquet
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,8 @@ class TableFile:
         Raises:
             InputError: it cannot be read, lacks a column, or holds no rows.
         """
+        import pandas as pd
+
         missing = sorted(set(wanted) - set(self.columns))
         if missing:
             said = f"columns {missing}{f' {whose}' if whose else ''} are missing"

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from litsim_sim.core.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Crop = Mapping[str, Sequence[float]]
 """By column, the [low, high] to keep, both inclusive."""
@@ -19,6 +22,8 @@ def cropped(table: pd.DataFrame, crop: Crop | None, where: str) -> pd.DataFrame:
     Raises:
         InputError: `crop` names an unknown column or one without numbers, is malformed, or keeps nothing.
     """
+    from pandas.api.types import is_numeric_dtype
+
     keep = np.ones(len(table), np.bool_)
     for column, limits in (crop or {}).items():
         if column not in table.columns:
@@ -27,7 +32,7 @@ def cropped(table: pd.DataFrame, crop: Crop | None, where: str) -> pd.DataFrame:
             low, high = (float(limit) for limit in limits)
         except (TypeError, ValueError) as error:
             raise InputError(f"{where}: crop of {column} is {limits!r}, expected [low, high]") from error
-        if not pd.api.types.is_numeric_dtype(table[column].dtype):
+        if not is_numeric_dtype(table[column].dtype):
             raise InputError(f"{where}: crop names column {column!r}, which does not hold numbers")
         values = table[column].to_numpy(np.float64)
         keep &= (values >= low) & (values <= high)

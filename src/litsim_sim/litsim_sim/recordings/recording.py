@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import json
 import zlib
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -22,6 +24,9 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import RATE_HZ, FloatArray
 from litsim_sim.io.files import replacing
 from litsim_sim.io.parquet_input import read_arrow
+
+if TYPE_CHECKING:
+    import pandas as pd  # where it is used: importing it takes as long as anything that the nodes of a run need
 
 HEADER_KEY = b"litsim"
 CHECK_KEY = b"litsim_crc32"  # of the checksum, in the Parquet metadata; files of before have none
@@ -40,6 +45,9 @@ COLUMNS: dict[str, str] = {
     "lane": "int16",
 }
 """Columns of the neutral schema and their types. `lane` counts from the left edge, 1 first; -1 is unknown."""
+
+ARROW_TYPES = {name: {"float64": "double"}.get(dtype, dtype) for name, dtype in COLUMNS.items()}
+"""The same types in Arrow's words."""
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "speed": (0.0, 90.0),
@@ -79,10 +87,31 @@ class RecordingHeader:
 
 @dataclass(frozen=True)
 class Recording:
-    """A header and a table in the neutral schema, sorted by frame and vehicle."""
+    """A header and columns in the neutral schema, sorted by frame and vehicle.
+
+    Attributes:
+        header: where it comes from.
+        columns: (n,) arrays by the names of :data:`COLUMNS`.
+    """
 
     header: RecordingHeader
-    table: pd.DataFrame
+    columns: Mapping[str, np.ndarray]
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """The columns as a table of pandas."""
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.columns))
+
+    @classmethod
+    def of_table(cls, header: RecordingHeader, table: pd.DataFrame) -> Recording:
+        """The recording of a `table` that is in the neutral schema already; it is not checked."""
+        return cls(header, {name: table[name].to_numpy() for name in COLUMNS})
+
+    def take(self, rows: np.ndarray) -> Recording:
+        """The same with the `rows` alone, given by their positions or as a mask; the order is to be kept."""
+        return Recording(self.header, {name: values[rows] for name, values in self.columns.items()})
 
     @classmethod
     def from_table(cls, header: RecordingHeader, table: pd.DataFrame, where: str) -> Recording:
@@ -92,8 +121,6 @@ class Recording:
             InputError: unknown or missing columns, non-finite or implausible values, duplicated rows, holes in a
                 track, or a rate other than 10 Hz.
         """
-        if header.rate_hz != RATE_HZ:
-            raise InputError(f"{where}: header field rate_hz is {header.rate_hz}, expected {RATE_HZ}")
         unknown = [c for c in table.columns if c not in COLUMNS]
         missing = [c for c in COLUMNS if c not in table.columns]
         if unknown or missing:
@@ -102,11 +129,24 @@ class Recording:
             )
         if not table.columns.is_unique:
             raise InputError(f"{where}: columns {list(table.columns)}, expected each of them once")
-        if table.empty:
+        numbers = {name: _numbers(table[name], f"{where}: column {name}") for name in COLUMNS}
+        return cls._checked(header, {name: table[name].to_numpy() for name in COLUMNS}, numbers, where)
+
+    @classmethod
+    def _checked(
+        cls, header: RecordingHeader, given: Mapping[str, Any], numbers: Mapping[str, FloatArray], where: str
+    ) -> Recording:
+        """The recording of columns as they were `given`, and as `numbers`, once these are found to be plausible.
+
+        Raises:
+            InputError: as :meth:`from_table`.
+        """
+        if header.rate_hz != RATE_HZ:
+            raise InputError(f"{where}: header field rate_hz is {header.rate_hz}, expected {RATE_HZ}")
+        if not len(given["frame"]):
             raise InputError(f"{where}: the recording holds no rows")
-        table = table[list(COLUMNS)]
         for name, dtype in COLUMNS.items():
-            values = _numbers(table[name], f"{where}: column {name}")
+            values = numbers[name]
             bad = ~np.isfinite(values)
             expected = "a finite number"
             if not dtype.startswith("float"):  # a cast would silently cut fractions off
@@ -118,14 +158,17 @@ class Recording:
                 expected += f" in [{low}, {high}]"
             if bad.any():
                 at = int(np.argmax(bad))
-                vehicle, frame, value = (table[column].iloc[at] for column in ("vehicle_id", "frame", name))
+                vehicle, frame, value = (given[column][at] for column in ("vehicle_id", "frame", name))
                 raise InputError(
                     f"{where}: row {at + 1} (vehicle_id {vehicle}, frame {frame}): column {name} is {value}, "
                     f"expected {expected}; {int(bad.sum())} such rows"
                 )
-        table = table.astype(COLUMNS).sort_values(["frame", "vehicle_id"], ignore_index=True)
-        _check_tracks(table, where)
-        return cls(header, table)
+        with np.errstate(invalid="ignore"):  # of a number that no column can hold, any other is as good
+            columns = {name: np.asarray(given[name]).astype(dtype, copy=False) for name, dtype in COLUMNS.items()}
+        order = np.lexsort((columns["vehicle_id"], columns["frame"]))
+        columns = {name: values[order] for name, values in columns.items()}
+        _check_tracks(columns, where)
+        return cls(header, columns)
 
     @classmethod
     def read(cls, path: Path) -> Recording:
@@ -156,8 +199,12 @@ class Recording:
             header = RecordingHeader(**{k: v for k, v in values.items() if k in known})
         except (ValueError, TypeError, AttributeError) as error:
             raise InputError(f"{where}: malformed header in the Parquet metadata: {error}") from error
-        recording = cls.from_table(header, arrow.to_pandas(), where)
-        if metadata.get(CHECK_KEY, (crc := _checksum(raw, recording.table))) != crc:
+        if (given := _neutral(arrow)) is not None:
+            numbers = {name: values.astype(np.float64, copy=False) for name, values in given.items()}
+            recording = cls._checked(header, given, numbers, where)
+        else:
+            recording = cls.from_table(header, arrow.to_pandas(), where)
+        if metadata.get(CHECK_KEY, (crc := _checksum(raw, recording.columns))) != crc:
             raise InputError(f"{where}: damaged: its content is not what was written")
         return recording
 
@@ -175,15 +222,37 @@ class Recording:
 
         Equal recordings give equal bytes. Parquet's own checksums are of pages alone, so that there is one of all.
         """
-        arrow = pa.Table.from_pandas(self.table, preserve_index=False)
+        arrow = pa.table({name: _arrow(self.columns[name], dtype) for name, dtype in COLUMNS.items()})
         header = asdict(self.header)
         if not self.header.signals:  # as before there were any
             del header["signals"]
         raw = json.dumps(header, sort_keys=True).encode()
-        metadata = {HEADER_KEY: raw, CHECK_KEY: _checksum(raw, self.table)}
+        metadata = {HEADER_KEY: raw, CHECK_KEY: _checksum(raw, self.columns)}
         sink = pa.BufferOutputStream()
         pq.write_table(arrow.replace_schema_metadata(metadata), sink, compression="zstd", write_page_checksum=True)
         return bytes(sink.getvalue().to_pybytes())
+
+
+def _neutral(arrow: pa.Table) -> dict[str, np.ndarray] | None:
+    """The columns of a table that has those of the neutral schema, in their types and without gaps; else None.
+
+    Arrow's own conversions from and to numpy import pandas.
+    """
+    if not arrow.num_rows or sorted(arrow.column_names) != sorted(COLUMNS):
+        return None
+    columns = {name: arrow.column(name) for name in COLUMNS}
+    fit = all(column.null_count == 0 and str(column.type) == ARROW_TYPES[name] for name, column in columns.items())
+    return (
+        {name: np.concatenate([np.from_dlpack(c) for c in column.chunks]) for name, column in columns.items()}
+        if fit
+        else None
+    )
+
+
+def _arrow(values: np.ndarray, dtype: str) -> pa.Array:
+    """The same in Arrow's memory."""
+    given = np.ascontiguousarray(values, dtype)
+    return pa.Array.from_buffers(pa.type_for_alias(dtype), len(given), [None, pa.py_buffer(given)])
 
 
 def _numbers(column: pd.Series, what: str) -> FloatArray:
@@ -192,24 +261,26 @@ def _numbers(column: pd.Series, what: str) -> FloatArray:
     Raises:
         InputError: it is of a type whose values cannot be numbers, as times; `what` names it.
     """
+    from pandas import to_numeric
+
     if column.dtype.kind not in "mM":
         with suppress(TypeError, ValueError):
-            return pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+            return to_numeric(column, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
     raise InputError(f"{what} is of type {column.dtype}, expected numbers")
 
 
-def _checksum(header: bytes, table: pd.DataFrame) -> bytes:
-    """CRC-32 over the header and the columns of a table in the neutral schema, in hexadecimal digits."""
+def _checksum(header: bytes, columns: Mapping[str, np.ndarray]) -> bytes:
+    """CRC-32 over the header and the columns of the neutral schema, in hexadecimal digits."""
     crc = zlib.crc32(header)
     for name, dtype in COLUMNS.items():
-        crc = zlib.crc32(table[name].to_numpy().astype(np.dtype(dtype).newbyteorder("<"), copy=False).tobytes(), crc)
+        crc = zlib.crc32(columns[name].astype(np.dtype(dtype).newbyteorder("<"), copy=False).tobytes(), crc)
     return b"%08x" % crc
 
 
-def _check_tracks(table: pd.DataFrame, where: str) -> None:
+def _check_tracks(columns: Mapping[str, np.ndarray], where: str) -> None:
     """Refuse duplicated rows and tracks with missing frames."""
-    by_vehicle = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
-    vehicle, frame = by_vehicle["vehicle_id"].to_numpy(), by_vehicle["frame"].to_numpy()
+    by_vehicle = np.lexsort((columns["frame"], columns["vehicle_id"]))
+    vehicle, frame = columns["vehicle_id"][by_vehicle], columns["frame"][by_vehicle]
     same = vehicle[1:] == vehicle[:-1]
     step = frame[1:] - frame[:-1]
     for bad, what in ((same & (step == 0), "is duplicated"), (same & (step > 1), "is followed by a hole")):

@@ -62,17 +62,16 @@ class Log:
     @classmethod
     def from_recording(cls, recording: Recording, start_frame: int, steps: int) -> Log:
         """The log of `steps` steps from `start_frame`, of the agents that appear in them."""
-        table = recording.table
-        step = table["frame"].to_numpy() - start_frame
+        step = recording.columns["frame"] - start_frame
         inside = (step >= 0) & (step < steps)
-        table, step = table[inside], step[inside]
-        ids, first_row, agent = np.unique(table["vehicle_id"].to_numpy(), return_index=True, return_inverse=True)
+        table, step = recording.take(inside).columns, step[inside]
+        ids, first_row, agent = np.unique(table["vehicle_id"], return_index=True, return_inverse=True)
         valid = np.zeros((len(ids), steps), np.bool_)
         valid[agent, step] = True
 
         def dense(column: str) -> FloatArray:
             values = np.zeros(valid.shape)
-            values[agent, step] = table[column].to_numpy(np.float64)
+            values[agent, step] = table[column]
             return values
 
         yaw = dense("yaw")
@@ -87,9 +86,9 @@ class Log:
         )
         return cls(
             ids=ids,
-            kind=table["kind"].to_numpy()[first_row],
-            length=table["length"].to_numpy()[first_row],
-            width=table["width"].to_numpy()[first_row],
+            kind=table["kind"][first_row],
+            length=table["length"][first_row],
+            width=table["width"][first_row],
             first_step=first_step,
             last_step=last_step,
             valid=valid,

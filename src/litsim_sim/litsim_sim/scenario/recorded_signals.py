@@ -18,7 +18,7 @@ def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) ->
     Raises:
         InputError: the signals do not fit the net, or are not what the vehicles heed; `where` names them.
     """
-    frames = recording.table["frame"]
+    frames = recording.columns["frame"]
     counts: dict[str, tuple[int, int]] = {}
     for start in range(int(frames.min()), int(frames.max()) + 1, PIECE):
         log = Log.from_recording(recording, start, PIECE + 1)

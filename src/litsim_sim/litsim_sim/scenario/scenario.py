@@ -72,7 +72,7 @@ class Scenario:
         if sources is not None:
             self.lane_map = sources.lane_map
         recording = load_recording(Path(file.recording), file.crop) if sources is None else sources.recording
-        frames = recording.table["frame"].to_numpy()
+        frames = recording.columns["frame"]
         first, last = int(frames.min()), int(frames.max())
         self.start_frame = first if file.start_frame is None else file.start_frame
         if not first <= self.start_frame <= last:
@@ -90,8 +90,8 @@ class Scenario:
                 f"{where}: the recording is too short: {last - self.start_frame} steps of {STEP_S} s follow frame "
                 f"{self.start_frame}, expected more than the history of {file.history_s:g} s",
             )
-        kept = recording.table[(frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps)]
-        self.recording = Recording(recording.header, kept.reset_index(drop=True))
+        kept = (frames >= self.start_frame) & (frames <= self.start_frame + self.total_steps)
+        self.recording = recording.take(kept)
         self.log = Log.from_recording(self.recording, self.start_frame, self.total_steps + 1)
         check_agents(self.file, self.log, self.history_steps, where)
         self.coverage = check_coverage(self.lane_map, self.net_path, self.log, file.coverage_min, where)

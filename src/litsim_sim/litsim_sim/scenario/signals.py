@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import pandas as pd
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from litsim_sim.core.errors import InputError
@@ -314,7 +313,9 @@ def _read_changes(given: StateList, path: Path) -> list[tuple[float, str, Any]]:
         raise InputError(f"{path}: no such file of signal states")
     source = TableFile.open(path)
     table = source.read([given.group, given.begin, given.state], may_be_empty=True)
-    begin = pd.to_numeric(table[given.begin], errors="coerce").to_numpy(np.float64)
+    from pandas import to_numeric  # a run without such a file needs none of it
+
+    begin = to_numeric(table[given.begin], errors="coerce").to_numpy(np.float64)
     if not np.isfinite(begin).all():
         at = int(np.argmin(np.isfinite(begin)))
         found = str(table[given.begin].iloc[at])

@@ -106,7 +106,7 @@ def _with_signals(recording: Recording, signals: str, mapping: Path, out: Path) 
     net = net_of(recording.header, out)
     lines = survey(content, net, recording, str(path))
     header = replace(recording.header, net=net.name, signals=content.model_dump(mode="json", exclude_none=True))
-    return Recording(header, recording.table), lines
+    return Recording(header, recording.columns), lines
 
 
 def _draft(arguments: argparse.Namespace) -> None:

@@ -10,15 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray, Kind
 from litsim_sim.io import parquet_input
 from litsim_sim.recordings.recording import Recording, RecordingHeader
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 COLUMNS = (
     "vehicle_id",
@@ -108,6 +111,8 @@ def neutral_table(table: pd.DataFrame, where: str) -> pd.DataFrame:
     yaw = wrap_angle(values["heading_rad"] + MAP_FROM_GLOBAL_YAW)
     front_x, front_y = map_from_global(values["global_x_m"], values["global_y_m"])
     length, width = values["length_m"], values["width_m"]
+    import pandas as pd
+
     return pd.DataFrame(
         {
             "vehicle_id": table["vehicle_id"].to_numpy(),
