@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from litsim_sim.core.scene import Controller
-from litsim_sim.scenario.log import LAG_TOLERANCE, Log
+from litsim_sim.core.scene import ARRAY_FIELDS, Controller
+from litsim_sim.scenario.log import LAG_TOLERANCE, REPLAYS, Log
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +70,15 @@ def test_a_lag_is_the_time_since_the_latest_of_the_places_that_are_nearly_neares
             assert found[k] == step - so_far[distance <= distance.min() + LAG_TOLERANCE][-1]
         else:
             assert found[k] == 0, "it has been nowhere yet"
+
+
+def test_replays_of_one_length_are_one_object_and_few_are_kept(log: Log) -> None:
+    last = log.steps - 1
+    replay = log.replay(last)
+    assert replay is log.replay(last) and len(replay) == log.steps
+    for step, table in enumerate(replay):
+        expected = log.table(step)
+        assert all(np.array_equal(getattr(table, f), getattr(expected, f)) for f in ARRAY_FIELDS)
+    for end in range(REPLAYS):
+        assert len(log.replay(end)) == end + 1
+    assert log.replay(last) is not replay

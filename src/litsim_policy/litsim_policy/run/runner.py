@@ -133,7 +133,7 @@ def as_recorded(plan: RunPlan, results: Sequence[StepResult], summary: Mapping[s
         path=Path(plan.run_id),
         info=info,
         tables=[r.table for r in results],
-        log=[scenario.log.table(r.table.step) for r in results],
+        log=scenario.log.replay(last),
         controls={r.table.step: r.controls for r in results if r.controls is not None},
         ego_commands={r.table.step: r.ego for r in results},
         takeovers={r.table.step: list(r.takeovers.takeovers) for r in results if r.takeovers is not None},

@@ -13,6 +13,7 @@ from litsim_sim.analysis.contacts import Contact, LogContacts, Pair, contacts
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import box_corners, wrap_angle
 from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.steps import Steps
 from litsim_sim.record.run import Run
 
 STOPPED_SPEED = 0.05  # [m/s] up to which a vehicle counts as stopped (nuPlan)
@@ -121,13 +122,18 @@ def _first(found: Iterable[Contact]) -> dict[Pair, int]:
 
 def agents_of(tables: Iterable[AgentTable]) -> frozenset[int]:
     """Ids of all agents that are ever on the road."""
-    return frozenset(agent for table in tables for agent in table.id.tolist())
+    return Steps.of(tables).once(_agents)
+
+
+def _agents(steps: Steps) -> frozenset[int]:
+    return frozenset(steps.ids.tolist())
 
 
 def controlled_agents(tables: Iterable[AgentTable]) -> frozenset[int]:
     """Ids of all agents that are ever under POLICY or BASELINE control."""
-    under = (Controller.POLICY, Controller.BASELINE)
-    return frozenset(agent for t in tables for agent in t.id[np.isin(t.controller, under)].tolist())
+    table = Steps.of(tables).stacked
+    under = (table.controller == Controller.POLICY) | (table.controller == Controller.BASELINE)
+    return frozenset(np.unique(table.id[under]).tolist())
 
 
 def judge(table: AgentTable, ego: int, agent: int, in_lane: InLane | None = None) -> EgoContact:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_sim.core.scene import AgentTable, BoolArray, Controller, FloatArray
+from litsim_sim.core.steps import Steps
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "longitudinal_acceleration": (-4.05, 2.40),  # [m/s2]
@@ -48,13 +49,12 @@ class Comfort:
 
 def comfort(tables: Sequence[AgentTable], agent: int, dt: float) -> Comfort | None:
     """Comfort of `agent` over `tables`, `dt` seconds apart; None where it is on the road for fewer than three."""
-    rows = [(table, table.row(agent)) for table in tables]
-    there = [(table, row) for table, row in rows if row >= 0]
-    if len(there) < 3:
+    steps = Steps.of(tables)
+    rows, table = steps.track(agent), steps.stacked
+    if len(rows) < 3:
         return None
     speed, acceleration, yaw_rate, controller = (
-        np.array([getattr(table, field)[row] for table, row in there])
-        for field in ("speed", "acceleration", "yaw_rate", "controller")
+        getattr(table, field)[rows] for field in ("speed", "acceleration", "yaw_rate", "controller")
     )
     values = motion_values(speed, acceleration, yaw_rate, dt)
     within = {
@@ -85,11 +85,12 @@ def hard_brakes_in_log(tables: Sequence[AgentTable], log: Sequence[AgentTable], 
         log: of the recording, at the same steps.
         agent: whose.
     """
-    driven = {t.step for t in tables if (row := t.row(agent)) >= 0 and t.controller[row] != Controller.LOG}
-    logged = [(table, table.row(agent)) for table in log]
-    logged = [(table, row) for table, row in logged if row >= 0]
-    begins = hard_brakes_begin(np.array([table.acceleration[row] for table, row in logged]))
-    return sum(table.step in driven for (table, _), hard in zip(logged, begins.tolist(), strict=True) if hard)
+    steps, logged = Steps.of(tables), Steps.of(log)
+    rows = steps.track(agent)
+    driven = steps.stacked.number[rows[steps.stacked.controller[rows] != Controller.LOG]]
+    then = logged.track(agent)
+    begins = logged.stacked.number[then[hard_brakes_begin(logged.stacked.acceleration[then])]]
+    return int(np.isin(logged.step[begins], steps.step[driven]).sum())
 
 
 def motion_values(

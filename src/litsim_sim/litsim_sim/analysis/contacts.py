@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.scene import AgentTable
+from litsim_sim.core.steps import Steps
 from litsim_sim.record.run import Run
 
 TOLERANCE_S = 1.0
@@ -35,7 +35,7 @@ def contacts(tables: Iterable[AgentTable], dt: float) -> list[Contact]:
 
     Nor do contacts among pedestrians and cyclists, who walk side by side as recorded whatever happens.
     """
-    return _contacts(_overlaps(tables), dt)
+    return list(Steps.of(tables).once(_contacts_in, dt))
 
 
 class LogContacts:
@@ -48,13 +48,12 @@ class LogContacts:
 
     def __init__(self, run: Run) -> None:
         self._tolerance = round(TOLERANCE_S / run.info.dt)
-        overlaps = list(_overlaps(run.log))
         self.first: dict[Pair, int] = {}
-        for step, pair in overlaps:
+        for step, pair in run.logged.once(_overlaps):
             if step > run.info.history_steps:
                 self.first.setdefault(pair, step)
         self._by_pair: dict[Pair, list[Contact]] = {}
-        for contact in _contacts(overlaps, run.info.dt):
+        for contact in contacts(run.logged, run.info.dt):
             self._by_pair.setdefault(contact.pair, []).append(contact)
         self._lags: dict[int, list[tuple[int, int]]] = {}  # of agents that have any: steps, and lags from then on
         for step in sorted(run.takeovers):
@@ -73,23 +72,23 @@ class LogContacts:
         return next((lag for at, lag in reversed(self._lags.get(agent, [])) if at <= step), 0)
 
 
-def _overlaps(tables: Iterable[AgentTable]) -> Iterator[tuple[int, Pair]]:
+def _overlaps(steps: Steps) -> list[tuple[int, Pair]]:
     """Step and ids of each two boxes that overlap and are not both of pedestrians or cyclists."""
-    for table in tables:
-        walking = table.obstacle
-        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width).tolist():
-            if not (walking[i] and walking[j]):
-                yield table.step, (int(table.id[i]), int(table.id[j]))
+    table, pairs = steps.stacked, steps.overlaps
+    pairs = pairs[~table.obstacle[pairs].all(axis=1)]
+    at = steps.step[table.number[pairs[:, 0]]].tolist()
+    return [(step, (i, j)) for step, (i, j) in zip(at, table.id[pairs].tolist(), strict=True)]
 
 
-def _contacts(overlaps: Iterable[tuple[int, Pair]], dt: float) -> list[Contact]:
+def _contacts_in(steps: Steps, dt: float) -> tuple[Contact, ...]:
+    """See :func:`contacts`."""
     merge = round(TOLERANCE_S / dt)
-    steps: dict[Pair, list[list[int]]] = {}
-    for step, pair in overlaps:
-        found = steps.setdefault(pair, [])
+    by_pair: dict[Pair, list[list[int]]] = {}
+    for step, pair in steps.once(_overlaps):
+        found = by_pair.setdefault(pair, [])
         if found and step - found[-1][1] <= merge:
             found[-1][1] = step
         else:
             found.append([step, step])
-    every = (Contact(pair, first, last) for pair, found in steps.items() for first, last in found)
-    return sorted(every, key=lambda contact: contact.first)
+    every = (Contact(pair, first, last) for pair, found in by_pair.items() for first, last in found)
+    return tuple(sorted(every, key=lambda contact: contact.first))

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.core.scene import AgentTable, BoolArray, Controller, FloatArray, IntArray
+from litsim_sim.core.scene import BoolArray, Controller, FloatArray, IntArray
+from litsim_sim.core.steps import Steps
 from litsim_sim.record.run import Run
 
 HORIZONS_S = (5, 10, 15, 20, 25)  # of simulation, as in the LitSim paper's table II
@@ -122,50 +123,44 @@ class Displacements:
 
 def displacements(run: Run) -> Displacements:
     """Distances to the log over the steps after the history, of all agents; empty where the bag holds no log."""
-    parts, last = [], _Places()
-    for table, logged in zip(run.tables, run.log, strict=True) if run.log else ():
-        last.note(table, logged)
-        if table.step > run.info.history_steps:
-            parts.append(_distances(table, logged, last, run.info.ego_id))
-    step, ids, distance, controlled, present = (
-        (np.concatenate(column) for column in zip(*parts, strict=True)) if parts else _NOTHING
-    )
-    info = run.info
-    return Displacements(
-        step, ids, distance, controlled, present, info.history_steps, run.tables[-1].step, info.dt, info.ego_id
-    )
+    info, steps, logged = run.info, run.steps, run.logged
+    history_steps, last = info.history_steps, run.tables[-1].step
+    found = _columns(steps, logged, history_steps, info.ego_id) if len(logged) else _NOTHING
+    step, ids, distance, controlled, present = found
+    return Displacements(step, ids, distance, controlled, present, history_steps, last, info.dt, info.ego_id)
 
 
-_NOTHING = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty(0, np.bool_), np.empty(0, np.bool_))
+Columns = tuple[IntArray, IntArray, FloatArray, BoolArray, BoolArray]
+_NOTHING: Columns = (
+    np.empty(0, np.int64),
+    np.empty(0, np.int64),
+    np.empty(0),
+    np.empty(0, np.bool_),
+    np.empty(0, np.bool_),
+)
 
 
-class _Places:
-    """Where each agent was last in the run; before it has been there, the first pose of its log."""
+def _columns(steps: Steps, logged: Steps, history_steps: int, ego_id: int) -> Columns:
+    """The first five attributes of :class:`Displacements`; the ego counts only where it is on the road.
 
-    def __init__(self) -> None:
-        self._at: dict[int, tuple[float, float]] = {}
-
-    def note(self, table: AgentTable, logged: AgentTable) -> None:
-        """A step of the run and of the log."""
-        for new in np.flatnonzero(table.rows(logged.id) < 0).tolist():
-            self._at.setdefault(int(logged.id[new]), (float(logged.x[new]), float(logged.y[new])))
-        self._at.update(zip(table.id.tolist(), zip(table.x.tolist(), table.y.tolist(), strict=True), strict=True))
-
-    def of(self, agents: IntArray) -> FloatArray:
-        """(m, 2) of `agents` (m,), all of which have been noted [m]."""
-        return np.array([self._at[agent] for agent in agents.tolist()]).reshape(-1, 2)
-
-
-def _distances(
-    table: AgentTable, logged: AgentTable, last: _Places, ego_id: int
-) -> tuple[IntArray, IntArray, FloatArray, BoolArray, BoolArray]:
-    """Columns of one step; the ego counts only where it is on the road."""
-    rows = table.rows(logged.id)
-    counts = (rows >= 0) | (logged.id != ego_id)
-    rows, then = rows[counts], logged.take(counts)
+    Raises:
+        ValueError: the run and its log are not of as many steps.
+    """
+    if len(steps) != len(logged):
+        raise ValueError(f"a run of {len(steps)} steps has a log of {len(logged)}")
+    table, log = steps.stacked, logged.stacked
+    rows, then = steps.rows_of(logged.ids), logged.rows
     present = rows >= 0
-    places = last.of(then.id)
-    controlled = np.zeros(len(then), np.bool_)
-    controlled[present] = np.isin(table.controller[rows[present]], _CONTROLLED)
-    distance = np.hypot(places[:, 0] - then.x, places[:, 1] - then.y)
-    return np.full(len(then), table.step), then.id, distance, controlled, present
+    counts = (then >= 0) & (present | (logged.ids != ego_id)) & (steps.step > history_steps)[:, None]
+    number, agent = np.nonzero(counts)
+    # where each is now or was last; before it has been there, the first pose of its log
+    last = np.maximum.accumulate(np.where(present, np.arange(len(steps))[:, None], -1), axis=0)[number, agent]
+    at, start = rows[last, agent], then[np.argmax(then >= 0, axis=0), np.arange(len(logged.ids))][agent]
+    was, now = last >= 0, then[number, agent]
+    x, y = log.x[start], log.y[start]
+    x[was], y[was] = table.x[at[was]], table.y[at[was]]
+    here = present[number, agent]
+    controlled = here.copy()
+    controlled[here] = np.isin(table.controller[at[here]], _CONTROLLED)
+    distance = np.hypot(x - log.x[now], y - log.y[now])
+    return steps.step[number], logged.ids[agent], distance, controlled, here

@@ -12,6 +12,7 @@ from litsim_sim.analysis.metrics_tree import DrivenMetrics, EgoMetrics
 from litsim_sim.analysis.progress import distance_of
 from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import AgentTable
+from litsim_sim.core.steps import Steps
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.record.run import Run
 
@@ -33,8 +34,10 @@ def ego_motion(run: Run) -> EgoMetrics:
 
 
 def _progress_ratio(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> float | None:
-    last = max((table.step for table in log if table.row(agent) >= 0), default=-1)
-    driven = distance_of([table for table in tables if table.step <= last], agent)
+    steps = Steps.of(log)
+    rows = steps.track(agent)
+    last = int(steps.step[steps.stacked.number[rows[-1]]]) if len(rows) else -1
+    driven = distance_of(tables, agent, last)
     logged = distance_of(log, agent)
     if driven is None or logged is None:
         return None
@@ -42,11 +45,9 @@ def _progress_ratio(tables: Sequence[AgentTable], log: Sequence[AgentTable], age
 
 
 def _motion(tables: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, dt: float) -> DrivenMetrics:
-    rows = [(table, table.row(agent)) for table in tables]
-    x, y, yaw, length, width = (
-        np.array([getattr(table, field)[row] for table, row in rows if row >= 0])
-        for field in ("x", "y", "yaw", "length", "width")
-    )
+    steps = Steps.of(tables)
+    rows = steps.track(agent)
+    x, y, yaw, length, width = (getattr(steps.stacked, f)[rows] for f in ("x", "y", "yaw", "length", "width"))
     felt = comfort(tables, agent, dt)
     off_road = over_edge = None
     if lane_map is not None and len(x):

@@ -14,6 +14,7 @@ from litsim_sim.core.compiled import FLOATS2, INTS, float64, int64, kernel
 from litsim_sim.core.geometry import boxes_overlap
 from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
+from litsim_sim.core.steps import Steps
 
 PET_HORIZON_S = 5.0  # between leaving and entering; longer is no encounter
 
@@ -41,33 +42,24 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
     Times between boxes that overlap in space at different steps, to the resolution of a step. Whoever follows in the
     same lane encroaches too: its time is the headway to the leader's rear.
     """
-    tracks = _tracks(tables)
-    if agent not in tracks:
+    steps = Steps.of(tables)
+    table, own_rows = steps.stacked, steps.track(agent)
+    if not len(own_rows):
         return []
-    own_step, own = tracks[agent]
+    boxes = np.column_stack([table.x, table.y, table.yaw, table.length, table.width])
+    met = (steps.rows[table.number[own_rows]] >= 0).any(axis=0)
+    own_step, own = steps.step[table.number[own_rows]], boxes[own_rows]
     found = []
-    others = {int(i) for table in tables if table.row(agent) >= 0 for i in table.id.tolist()} - {agent}
-    for other in sorted(others):
-        other_step, track = tracks[other]
-        entry = closest_use(own_step, own, other_step, track)
+    for k in np.flatnonzero(met & (steps.ids != agent)).tolist():
+        other, rows = int(steps.ids[k]), steps.rows[:, k]
+        rows = rows[rows >= 0]
+        other_step = steps.step[table.number[rows]]
+        entry = closest_use(own_step, own, other_step, boxes[rows])
         if entry is not None:
             i, j, gap = entry
             first, step = (agent, other_step[j]) if own_step[i] < other_step[j] else (other, own_step[i])
             found.append(Encroachment(other, gap * STEP_S, first, int(step)))
     return sorted(found, key=lambda e: (e.pet, e.agent))
-
-
-def _tracks(tables: Sequence[AgentTable]) -> dict[int, tuple[IntArray, FloatArray]]:
-    """Of every agent, the steps (n,) at which it is on the road and its boxes (n, 5) x, y, yaw, length, width."""
-    if not tables:
-        return {}
-    step = np.repeat([t.step for t in tables], [len(t) for t in tables])
-    columns = {f: np.concatenate([getattr(t, f) for t in tables]) for f in ("id", "x", "y", "yaw", "length", "width")}
-    order = np.argsort(columns["id"], kind="stable")
-    ids, first = np.unique(columns.pop("id")[order], return_index=True)
-    boxes = np.column_stack(list(columns.values()))[order]
-    parts = (np.split(values, first[1:]) for values in (step[order], boxes))
-    return {int(agent): track for agent, track in zip(ids, zip(*parts, strict=True), strict=True)}
 
 
 def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray) -> tuple[int, int, int] | None:

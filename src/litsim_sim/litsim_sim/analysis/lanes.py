@@ -40,11 +40,9 @@ def in_lane_of(run: Run) -> InLane | None:
 def off_road_controlled(run: Run) -> float | None:
     """Share of the agent-steps under control at which the box centre is on no lane; None without any, or a net."""
     lane_map = lane_map_of(run)
-    driven = [
-        table.take((table.controller == Controller.POLICY) | (table.controller == Controller.BASELINE))
-        for table in run.simulated
-    ]
-    x, y = (np.concatenate([getattr(table, name) for table in driven] or [np.empty(0)]) for name in ("x", "y"))
+    table = run.simulated.stacked
+    driven = (table.controller == Controller.POLICY) | (table.controller == Controller.BASELINE)
+    x, y = table.x[driven], table.y[driven]
     return float(np.mean(~lane_map.inside_road(x, y))) if lane_map is not None and len(x) else None
 
 

@@ -60,9 +60,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
     """
     hits, far, back = collisions(run, in_lane_of(run)), displacements(run), handbacks(run)
     entries, lock = ledger(run), lockstep(run)
-    driven, logged = (
-        [table for table in tables if table.step >= run.info.history_steps] for tables in (run.tables, run.log)
-    )
+    driven, logged = (steps.after(run.info.history_steps - 1) for steps in (run.steps, run.logged))
     verdicts = contact_verdicts(run, hits)
     background = hits.agents - {run.info.ego_id}
     taken = {entry.agent for entry in entries}
@@ -160,8 +158,10 @@ def _unusable(run: Run) -> list[str]:
     problems = [] if run.log else ["the bag holds no recording to compare with"]
     if lost := run.metadata.get(LOST_ATTACHMENTS):
         problems.append(f"the recording was damaged and repaired, without {lost}")
-    bad = [t.step for t in run.tables if not all(np.isfinite(getattr(t, f)).all() for f in ARRAY_FIELDS)]
-    if bad:
+    table = run.steps.stacked
+    finite = np.logical_and.reduce([np.isfinite(getattr(table, field)) for field in ARRAY_FIELDS])
+    if not finite.all():
+        bad = run.steps.step[np.unique(table.number[~finite])].tolist()
         problems.append(f"agent states are not finite at {len(bad)} steps (first {bad[0]})")
     return problems
 
@@ -184,7 +184,9 @@ def _by_horizon(far: Displacements, measure: Callable[[int], float | None]) -> d
 
 
 def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> CollisionMetrics:
-    kinds = {agent: kind for t in run.simulated for agent, kind in zip(t.id.tolist(), t.kind.tolist(), strict=True)}
+    table, kinds = run.simulated.stacked, {}
+    for agent in hits.colliding:
+        kinds[agent] = int(table.kind[run.simulated.track(agent)[-1]])
     faults = count_faults(run, hits, verdicts)
     touching = [{kinds[agent] for agent in pair} for pair in hits.first]
     return {
@@ -321,13 +323,12 @@ def _realism(natural: Naturalness, controlled: Set[int], *, signals: bool) -> Re
 
 def _near_ego_in_log(run: Run) -> set[int]:
     """The agents whose logs come within the region of interest of the ego's log: the same for every policy."""
-    near: set[int] = set()
-    for logged in run.simulated_log:
-        row = logged.row(run.info.ego_id)
-        if row >= 0:
-            apart = np.hypot(logged.x - logged.x[row], logged.y - logged.y[row])
-            near.update(logged.id[apart <= roi_of(run)].tolist())
-    return near - {run.info.ego_id}
+    logged = run.simulated_log
+    table = logged.stacked
+    ego = logged.rows_of(np.array([run.info.ego_id]))[table.number, 0]
+    apart = np.hypot(table.x - table.x[ego], table.y - table.y[ego])
+    near = table.id[(ego >= 0) & (apart <= roi_of(run))]
+    return set(near.tolist()) - {run.info.ego_id}
 
 
 def _signals(run: Run) -> SignalMetrics | None:

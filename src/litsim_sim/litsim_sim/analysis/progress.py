@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from itertools import pairwise
 
 import numpy as np
 
-from litsim_sim.core.scene import AgentTable
+from litsim_sim.core.scene import AgentTable, FloatArray
+from litsim_sim.core.steps import Steps
 
 
-def distance_of(tables: Sequence[AgentTable], agent: int) -> float | None:
-    """Length [m] of the path of an agent's box centre through consecutive steps; None where it is never there."""
-    places = [(number, table, row) for number, table in enumerate(tables) if (row := table.row(agent)) >= 0]
-    length = 0.0
-    for (number, before, i), (following, after, k) in pairwise(places):
-        if following == number + 1:
-            length += float(np.hypot(after.x[k] - before.x[i], after.y[k] - before.y[i]))
-    return length if places else None
+def distance_of(tables: Sequence[AgentTable], agent: int, last: int | None = None) -> float | None:
+    """Length [m] of the path of an agent's box centre through consecutive steps; None where it is never there.
+
+    Steps count up to `last`, or all of them.
+    """
+    steps = Steps.of(tables)
+    rows, table = steps.track(agent), steps.stacked
+    rows = rows if last is None else rows[steps.step[table.number[rows]] <= last]
+    follows = np.diff(table.number[rows]) == 1
+    parts = np.hypot(np.diff(table.x[rows]), np.diff(table.y[rows]))[follows]
+    return float(_added_up(parts)) if len(rows) else None
 
 
 def mean_progress(
@@ -33,15 +36,27 @@ def mean_progress(
         log: of the same steps, `tables` itself for the progress of the log.
         agents: ids.
     """
-    ids = np.unique(np.concatenate([np.empty(0, np.int64), *(table.id for table in log)]))
+    logged = Steps.of(log)
+    length = Steps.of(tables).once(_lengths, logged)
     if agents is not None:
-        ids = ids[np.isin(ids, list(agents))]
-    length = np.zeros(len(ids))
-    found = [table.rows(ids) for table in tables]
-    known = [table.rows(ids) >= 0 for table in log]
-    steps = zip(pairwise(tables), pairwise(found), pairwise(known), strict=False)
-    for (before, after), (rows_before, rows_after), (known_before, known_after) in steps:
-        counts = np.flatnonzero((rows_after >= 0) & (rows_before >= 0) & known_after & known_before)
-        j, i = rows_after[counts], rows_before[counts]
-        length[counts] += np.hypot(after.x[j] - before.x[i], after.y[j] - before.y[i])
-    return float(np.mean(length)) if len(ids) else None
+        length = length[np.isin(logged.ids, list(agents))]
+    return float(np.mean(length)) if len(length) else None
+
+
+def _lengths(steps: Steps, log: Steps) -> FloatArray:
+    """Distance (n,) [m] travelled by each of the agents of `log`; see :func:`mean_progress`."""
+    common = min(len(steps), len(log))
+    rows, known = steps.rows_of(log.ids)[:common], log.rows[:common] >= 0
+    there = (rows >= 0) & known
+    counts = there[1:] & there[:-1]
+    at, table = np.where(counts, rows[1:], 0), steps.stacked
+    before = np.where(counts, rows[:-1], 0)
+    if not len(table):
+        return np.zeros(len(log.ids))
+    parts = np.where(counts, np.hypot(table.x[at] - table.x[before], table.y[at] - table.y[before]), 0.0)
+    return _added_up(parts)
+
+
+def _added_up(parts: FloatArray) -> FloatArray:
+    """The sum of `parts` (k, ...) over the first axis, from the first to the last of them: sums are rounded."""
+    return np.cumsum(parts, axis=0)[-1] if len(parts) else np.zeros(parts.shape[1:])

@@ -15,8 +15,9 @@ import numpy as np
 
 from litsim_sim.analysis.safety import TTC_HORIZON_S, times_to_collision
 from litsim_sim.analysis.signals import Passage
-from litsim_sim.core.geometry import box_corners, overlapping_pairs
+from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
+from litsim_sim.core.steps import Steps
 from litsim_sim.maps.lane_map import LaneMap
 
 
@@ -89,9 +90,9 @@ class Naturalness:
             dt: of a step [s].
             passed, passed_in_log: stop lines that were passed in the run and in the log, by anybody.
         """
-        self._ids, self._judged = _values(tables, frozenset(agents), lane_map, dt)
-        _, self._logged = _values(log, None, lane_map, dt)
-        self._logged["traffic_light_violation"] = _at_red(passed_in_log)
+        self._ids, self._judged = _values(Steps.of(tables), frozenset(agents), lane_map, dt)
+        self._logged = dict(Steps.of(log).once(_histograms, lane_map, dt))
+        self._logged["traffic_light_violation"] = _Histogram.of("traffic_light_violation", _at_red(passed_in_log))
         self._passed = passed
 
     def of(self, agents: Set[int]) -> Realism | None:
@@ -100,10 +101,10 @@ class Naturalness:
         judged = {name: values[whose] if len(values) else values for name, values in self._judged.items()}
         judged["traffic_light_violation"] = _at_red(each for each in self._passed if each.agent in agents)
         logged, count = self._logged, len(judged["linear_speed"])
-        if not count or not len(logged["linear_speed"]):
+        if not count or not logged["linear_speed"].count:
             return None
-        names = [n for n in FEATURES if len(judged[n]) and len(logged[n])]
-        found = {name: _relative_likelihood(FEATURES[name], judged[name], logged[name]) for name in names}
+        names = [n for n in FEATURES if len(judged[n]) and logged[n].count]
+        found = {name: logged[name].relative_likelihood(judged[name]) for name in names}
         total = sum(FEATURES[name].weight for name in names)
         return Realism(sum(FEATURES[n].weight * found[n] for n in names) / total, found, count)
 
@@ -113,55 +114,84 @@ def _at_red(passed: Iterable[Passage]) -> FloatArray:
     return np.array([each.at_red for each in passed], np.float64)
 
 
-def _relative_likelihood(feature: Feature, judged: FloatArray, logged: FloatArray) -> float:
-    """Geometric mean of the likelihood of `judged`, over that of `logged`, at most 1."""
-    edges = np.linspace(feature.low, feature.high, feature.bins + 1)[1:-1]
-    own = np.digitize(logged, edges)
-    counts = np.bincount(own, minlength=feature.bins) + SMOOTHING
-    log_likelihood = np.log(counts / counts.sum())
-    excess = log_likelihood[np.digitize(judged, edges)].mean() - log_likelihood[own].mean()
-    return float(min(1.0, np.exp(excess)))
+@dataclass(frozen=True)
+class _Histogram:
+    """How a feature is distributed in the log.
+
+    Attributes:
+        edges: (bins - 1,) between bins.
+        log_likelihood: (bins,) of a value in each.
+        mean: of that of the log's own values.
+        count: how many of these there are.
+    """
+
+    edges: FloatArray
+    log_likelihood: FloatArray
+    mean: float
+    count: int
+
+    @classmethod
+    def of(cls, name: str, logged: FloatArray) -> _Histogram:
+        """That of `logged` values (m,) of the feature called `name`."""
+        feature = FEATURES[name]
+        edges = np.linspace(feature.low, feature.high, feature.bins + 1)[1:-1]
+        own = np.digitize(logged, edges)
+        counts = np.bincount(own, minlength=feature.bins) + SMOOTHING
+        log_likelihood = np.log(counts / counts.sum())
+        return cls(edges, log_likelihood, log_likelihood[own].mean() if len(own) else 0.0, len(own))
+
+    def relative_likelihood(self, judged: FloatArray) -> float:
+        """Geometric mean of the likelihood of `judged` (m,), over that of the log's own values, at most 1."""
+        excess = self.log_likelihood[np.digitize(judged, self.edges)].mean() - self.mean
+        return float(min(1.0, np.exp(excess)))
+
+
+def _histograms(log: Steps, lane_map: LaneMap | None, dt: float) -> dict[str, _Histogram]:
+    """Those of every feature, of all agents of the log."""
+    _, logged = _values(log, None, lane_map, dt)
+    return {name: _Histogram.of(name, values) for name, values in logged.items()}
 
 
 def _values(
-    tables: Sequence[AgentTable], agents: frozenset[int] | None, lane_map: LaneMap | None, dt: float
+    steps: Steps, agents: frozenset[int] | None, lane_map: LaneMap | None, dt: float
 ) -> tuple[IntArray, dict[str, FloatArray]]:
-    """Every feature of `agents` (None: all) at every fifth of `tables`, concatenated; before them, whose they are."""
-    parts: dict[str, list[FloatArray]] = {name: [] for name in FEATURES}
-    ids = [np.empty(0, np.int64)]
-    for k in range(SAMPLE, len(tables), SAMPLE):
-        table, before = tables[k], tables[k - 1]
-        which = np.ones(len(table), np.bool_) if agents is None else np.isin(table.id, sorted(agents))
-        earlier = before.rows(table.id)
-        rows = np.flatnonzero(which & (earlier >= 0))
-        if not len(rows):
-            continue
-        turn = np.angle(np.exp(1j * (table.yaw[rows] - before.yaw[earlier[rows]]))) / dt
-        ids.append(table.id[rows])
-        parts["linear_speed"].append(table.speed[rows])
-        parts["linear_acceleration"].append((table.speed[rows] - before.speed[earlier[rows]]) / dt)
-        parts["angular_speed"].append(turn)
-        parts["angular_acceleration"].append(_turn_change(tables, k, table.id[rows], turn, dt))
-        parts["distance_to_nearest"].append(_distance_to_nearest(table, rows))
-        parts["collision"].append(_colliding(table)[rows].astype(np.float64))
-        parts["time_to_collision"].append(np.minimum(times_to_collision(table, rows), TTC_HORIZON_S))
-        if lane_map is not None:
-            edge = _distance_to_edge(table, rows, lane_map)
-            parts["distance_to_road_edge"].append(edge)
-            parts["off_road"].append((edge < 0.0).astype(np.float64))
-    found = {name: np.concatenate(values) if values else np.empty(0) for name, values in parts.items()}
-    return np.concatenate(ids), found
+    """Every feature of `agents` (None: all) at every fifth of `steps`, concatenated; before them, whose they are."""
+    table, number = steps.stacked, steps.stacked.number
+    looked_at = (number % SAMPLE == 0) & (number > 0)
+    if agents is not None:
+        looked_at &= np.isin(steps.ids, sorted(agents))[steps.agent]
+    rows = np.flatnonzero(looked_at)
+    before = steps.rows[number[rows] - 1, steps.agent[rows]]
+    rows, before = rows[before >= 0], before[before >= 0]
+    found = dict.fromkeys(FEATURES, np.empty(0))
+    if not len(rows):
+        return np.empty(0, np.int64), found
+    turn = _turn(table, rows, before, dt)
+    first = steps.rows[number[before] - 1, steps.agent[before]]
+    found["linear_speed"] = table.speed[rows]
+    found["linear_acceleration"] = (table.speed[rows] - table.speed[before]) / dt
+    found["angular_speed"] = turn
+    found["angular_acceleration"] = np.where(first >= 0, (turn - _turn(table, before, first, dt)) / dt, 0.0)
+    found["distance_to_nearest"] = _distances_to_nearest(steps, rows)
+    found["collision"] = np.isin(rows, steps.overlaps).astype(np.float64)
+    found["time_to_collision"] = np.minimum(times_to_collision(table, rows), TTC_HORIZON_S)
+    if lane_map is not None:
+        edge = _distance_to_edge(table, rows, lane_map)
+        found["distance_to_road_edge"], found["off_road"] = edge, (edge < 0.0).astype(np.float64)
+    return table.id[rows], found
 
 
-def _turn_change(tables: Sequence[AgentTable], k: int, ids: np.ndarray, turn: FloatArray, dt: float) -> FloatArray:
-    """Angular acceleration [rad/s2] from the two steps before; zero where an agent was not there."""
-    if k < 2:
-        return np.zeros(len(ids))
-    last, before = tables[k - 1], tables[k - 2]
-    i, j = last.rows(ids), before.rows(ids)
-    known = (i >= 0) & (j >= 0)
-    earlier = np.angle(np.exp(1j * (last.yaw[i] - before.yaw[j]))) / dt
-    return np.where(known, (turn - earlier) / dt, 0.0)
+def _turn(table: AgentTable, rows: IntArray, before: IntArray, dt: float) -> FloatArray:
+    """Angular speed [rad/s] of the agents in `rows` (m,) since the steps of the rows `before` (m,)."""
+    return np.angle(np.exp(1j * (table.yaw[rows] - table.yaw[before]))) / dt
+
+
+def _distances_to_nearest(steps: Steps, rows: IntArray) -> FloatArray:
+    """:func:`_distance_to_nearest` of the agents in `rows` (m,), ascending, of the stacked table."""
+    number = steps.stacked.number[rows]
+    each, first = np.unique(number, return_index=True)
+    parts = np.split(rows - steps.begin[number], first[1:])
+    return np.concatenate([_distance_to_nearest(steps[k], part) for k, part in zip(each.tolist(), parts, strict=True)])
 
 
 def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:
@@ -172,12 +202,6 @@ def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:
     distance[np.arange(len(rows)), rows] = np.inf
     nearest = np.argmin(distance, axis=1)
     return distance[np.arange(len(rows)), nearest] - 0.5 * (table.length[rows] + table.length[nearest])
-
-
-def _colliding(table: AgentTable) -> np.ndarray:
-    """(n,) whose box overlaps another."""
-    pairs = overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width)
-    return np.isin(np.arange(len(table)), pairs)
 
 
 def _distance_to_edge(table: AgentTable, rows: np.ndarray, lane_map: LaneMap) -> FloatArray:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS, kernel
+from litsim_sim.core.compiled import FLOATS, INTS, OUT_FLOATS, OUT_INTS, kernel
 from litsim_sim.core.geometry import to_body
-from litsim_sim.core.pair_geometry import overlap
+from litsim_sim.core.pair_geometry import overlap, within_scenes
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
+from litsim_sim.core.steps import Steps
 
 TTC_HORIZON_S = 3.0  # nuPlan
 TTC_STEP_S = 0.1
@@ -76,15 +77,10 @@ class SafetySeries:
 
 def safety_series(tables: Sequence[AgentTable], agent: int) -> SafetySeries:
     """The measures of `agent` at each of the steps `tables` at which it is on the road."""
-    steps, values = [], []
-    for table in tables:
-        rows = np.flatnonzero(table.id == agent)
-        if len(rows):
-            behind = following(table, rows)
-            steps.append(table.step)
-            values.append((times_to_collision(table, rows)[0], behind.headway[0], behind.drac[0]))
-    columns = np.array(values).reshape(-1, 3)
-    return SafetySeries(agent, np.array(steps, np.int64), columns[:, 0], columns[:, 1], columns[:, 2])
+    steps = Steps.of(tables)
+    rows, table = steps.track(agent), steps.stacked
+    behind, step = following(table, rows), steps.step[table.number[rows]]
+    return SafetySeries(agent, step, times_to_collision(table, rows), behind.headway, behind.drac)
 
 
 def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[int, int]) -> float:
@@ -111,15 +107,16 @@ def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:
     """Time [s] until the boxes in `rows` (m,) first meet another, all at constant speed and heading; inf beyond 3 s.
 
     0 in contact. What is behind counts only while it is in contact, as in nuPlan's measure: being run into is not the
-    agent's.
+    agent's. Agents of different scenes do not meet.
     """
     boxes = table.x, table.y, table.yaw, table.length, table.width
     velocity = table.speed * np.cos(table.yaw), table.speed * np.sin(table.yaw)
-    return _first_meetings(rows.astype(np.int64), *boxes, *velocity)
+    return _first_meetings(table.scene, rows.astype(np.int64), *boxes, *velocity)
 
 
-@kernel(OUT_FLOATS(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
-def _first_meetings(
+@kernel(OUT_FLOATS(INTS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))
+def _first_meetings(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    scene: IntArray,
     rows: IntArray,
     x: FloatArray,
     y: FloatArray,
@@ -130,12 +127,12 @@ def _first_meetings(
     speed_y: FloatArray,
 ) -> FloatArray:
     """:func:`times_to_collision` (m,) of the boxes in `rows` (m,) among all (n,), whose velocities are given, too."""
-    found = np.full(len(rows), math.inf)
+    found, (begin, end) = np.full(len(rows), math.inf), within_scenes(scene, rows)
     steps = round(TTC_HORIZON_S / TTC_STEP_S)
     for m in range(len(rows)):
         a = rows[m]
         half, cos, sin = 0.5 * math.hypot(length[a], width[a]), math.cos(yaw[a]), math.sin(yaw[a])
-        for b in range(len(x)):
+        for b in range(begin[m], end[m]):
             dx, dy = x[b] - x[a], y[b] - y[a]
             fast_x, fast_y = speed_x[b] - speed_x[a], speed_y[b] - speed_y[a]
             reach = 0.5 * math.hypot(length[b], width[b]) + half + math.hypot(fast_x, fast_y) * TTC_HORIZON_S
@@ -158,17 +155,32 @@ def following(table: AgentTable, rows: IntArray) -> Following:
     A leader is the nearest agent less than :data:`SIGHT_M` ahead whose box reaches into the strip that the own box
     sweeps straight on.
     """
-    each, own_yaw = np.arange(len(rows)), table.yaw[rows, None]
-    ahead, left = to_body(table.x - table.x[rows, None], table.y - table.y[rows, None], own_yaw)
-    cos, sin = np.cos(table.yaw - own_yaw), np.sin(table.yaw - own_yaw)
-    along = 0.5 * (table.length * np.abs(cos) + table.width * np.abs(sin))
-    across = 0.5 * (table.length * np.abs(sin) + table.width * np.abs(cos))
-    gaps = ahead - along - 0.5 * table.length[rows, None]
-    leads = (ahead > 0.0) & (gaps < SIGHT_M) & (np.abs(left) < across + 0.5 * table.width[rows, None])
-    leads[each, rows] = False
+    begin, end = within_scenes(table.scene, np.asarray(rows, np.int64))
+    first = np.cumsum(end - begin) - (end - begin)  # of the pairs of each agent with everybody in its scene
+    own = np.repeat(rows, end - begin)
+    other = np.arange(len(own)) - np.repeat(first - begin, end - begin)
+    own_yaw = table.yaw[own]
+    ahead, left = to_body(table.x[other] - table.x[own], table.y[other] - table.y[own], own_yaw)
+    cos, sin = np.cos(table.yaw[other] - own_yaw), np.sin(table.yaw[other] - own_yaw)
+    length, width = table.length[other], table.width[other]
+    along = 0.5 * (length * np.abs(cos) + width * np.abs(sin))
+    across = 0.5 * (length * np.abs(sin) + width * np.abs(cos))
+    gaps = ahead - along - 0.5 * table.length[own]
+    leads = (ahead > 0.0) & (gaps < SIGHT_M) & (np.abs(left) < across + 0.5 * table.width[own]) & (other != own)
     gaps = np.where(leads, gaps, np.inf)
-    there = leads.any(axis=1)
-    nearest = np.argmin(gaps, axis=1) if len(rows) else rows
-    gap, speed = np.maximum(gaps[each, nearest], 0.0), table.speed[rows]
-    closing = np.where(there, speed - table.speed[nearest] * cos[each, nearest], 0.0)
-    return Following.measured(np.where(there, nearest, -1), gap, closing, speed)
+    nearest = _least(gaps, first, end - begin)
+    there, leader = leads[nearest], other[nearest]
+    gap, speed = np.maximum(gaps[nearest], 0.0), table.speed[rows]
+    closing = np.where(there, speed - table.speed[leader] * cos[nearest], 0.0)
+    return Following.measured(np.where(there, leader, -1), gap, closing, speed)
+
+
+@kernel(OUT_INTS(FLOATS, INTS, INTS))
+def _least(values: FloatArray, first: IntArray, count: IntArray) -> IntArray:
+    """Positions (m,) of the first of the least `values` in each of m stretches: where it begins, how long it is."""
+    found = first.copy()
+    for m in range(len(first)):
+        for k in range(first[m], first[m] + count[m]):
+            if values[k] < values[found[m]]:
+                found[m] = k
+    return found

@@ -85,6 +85,6 @@ def log_passages(run: Run) -> list[Passage]:
     return [] if run.signals is None else passages(run.signals, _driven(run, run.log))
 
 
-def _driven(run: Run, tables: list[AgentTable]) -> list[AgentTable]:
+def _driven(run: Run, tables: Sequence[AgentTable]) -> list[AgentTable]:
     """From the last step of the history on: what is passed at the next step is passed from there."""
     return [table for table in tables if table.step >= run.info.history_steps]

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from itertools import pairwise
 
 import numpy as np
 
+from litsim_sim.core.compiled import FLOATS, INTS, OUT_INTS2, kernel
 from litsim_sim.core.dynamics import VehicleLimits
-from litsim_sim.core.geometry import boxes_overlap, wrap_angle
-from litsim_sim.core.scene import AgentTable, Controller, FloatArray
+from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.core.pair_geometry import overlap
+from litsim_sim.core.scene import AgentTable, Controller, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
 from litsim_sim.record.run import Run
 
@@ -141,27 +143,66 @@ def replay_contacts(run: Run) -> dict[int, list[ReplayContact]]:
     """Where the logged box of every agent that was ever taken over meets boxes of agents off their log; ascending."""
     taken = np.array(sorted({t.agent for records in run.takeovers.values() for t in records}), np.int64)
     contacts: dict[int, list[ReplayContact]] = {int(agent): [] for agent in taken}
-    for table, logged in zip(run.simulated, run.simulated_log, strict=True) if run.log and len(taken) else ():
-        rows = logged.rows(taken)
-        ghosts, movers = logged.take(rows[rows >= 0]), table.take(table.off_log)
-        dx, dy = movers.x[None] - ghosts.x[:, None], movers.y[None] - ghosts.y[:, None]
-        size = (ghosts.length[:, None], ghosts.width[:, None])
-        hit = boxes_overlap(dx, dy, ghosts.yaw[:, None], movers.yaw[None], size, (movers.length, movers.width))
-        hit &= ghosts.id[:, None] != movers.id[None]
-        for i, j in np.argwhere(hit):
-            contacts[int(ghosts.id[i])].append(ReplayContact(table.step, int(movers.id[j])))
+    if not (run.log and len(taken)):
+        return contacts
+    steps, table, logged = run.simulated, run.simulated.stacked, run.simulated_log.stacked
+    rows = run.simulated_log.rows_of(taken)
+    ghosts, movers = logged.take(rows[rows >= 0]), table.take(table.off_log)
+    boxes = [(each.number, each.x, each.y, each.yaw, each.length, each.width) for each in (ghosts, movers)]
+    for i, j in _overlapping(*boxes[0], *boxes[1]).tolist():
+        if ghosts.id[i] != movers.id[j]:
+            step = int(steps.step[ghosts.number[i]])
+            contacts[int(ghosts.id[i])].append(ReplayContact(step, int(movers.id[j])))
     return contacts
+
+
+@kernel(OUT_INTS2(INTS, *[FLOATS] * 5, INTS, *[FLOATS] * 5))
+def _overlapping(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    number_a: IntArray,
+    x_a: FloatArray,
+    y_a: FloatArray,
+    yaw_a: FloatArray,
+    length_a: FloatArray,
+    width_a: FloatArray,
+    number_b: IntArray,
+    x_b: FloatArray,
+    y_b: FloatArray,
+    yaw_b: FloatArray,
+    length_b: FloatArray,
+    width_b: FloatArray,
+) -> IntArray:
+    """Pairs (p, 2) of positions, ascending, of boxes a (n,) and b (m,) of the same number that overlap.
+
+    Numbers ascend; the other arrays are the boxes.
+    """
+    pairs, count = np.empty((8, 2), np.int64), 0
+    begin = np.searchsorted(number_b, number_a)
+    for i in range(len(number_a)):
+        reach = 0.5 * math.hypot(length_a[i], width_a[i])
+        for j in range(begin[i], len(number_b)):
+            if number_b[j] != number_a[i]:
+                break
+            dx, dy = x_b[j] - x_a[i], y_b[j] - y_a[i]
+            if not math.hypot(dx, dy) < reach + 0.5 * math.hypot(length_b[j], width_b[j]):
+                continue
+            if overlap(dx, dy, yaw_a[i], yaw_b[j], length_a[i], width_a[i], length_b[j], width_b[j]):
+                if count == len(pairs):
+                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                pairs[count, 0], pairs[count, 1] = i, j
+                count += 1
+    return pairs[:count].copy()
 
 
 def handbacks(run: Run) -> list[Handback]:
     """Returns to the log, in order: an agent is under POLICY at one step and under LOG at the next."""
-    found = []
-    for index, (table, after) in enumerate(pairwise(run.tables)):
-        for agent in table.id[table.controller == Controller.POLICY].tolist():
-            row = after.row(agent)
-            if row >= 0 and after.controller[row] == Controller.LOG:
-                found.append(_handback(run, index, agent))
-    return found
+    steps, table = run.steps, run.steps.stacked
+    held = np.flatnonzero((table.controller == Controller.POLICY) & (table.number < len(steps) - 1))
+    after = steps.rows[table.number[held] + 1, steps.agent[held]]
+    back = held[(after >= 0) & (table.controller[after] == Controller.LOG)]
+    return [
+        _handback(run, index, agent)
+        for index, agent in zip(table.number[back].tolist(), table.id[back].tolist(), strict=True)
+    ]
 
 
 def jump(before: AgentTable, after: AgentTable, agent: int, dt: float) -> Jump:

@@ -64,9 +64,10 @@ def overlapping_pairs(
     scene: IntArray | None = None,
 ) -> IntArray:
     """Pairs (m, 2) of positions i < j whose boxes overlap, among boxes (n,), and which are in the same `scene` (n,)."""
+    order = np.argsort(x, kind="stable") if scene is None else np.lexsort((x, scene))
     scene = np.zeros(len(x), np.int64) if scene is None else scene
     x, y, yaw, length, width = (np.ascontiguousarray(v, np.float64) for v in (x, y, yaw, length, width))
-    pairs = _overlapping(scene, x, y, yaw, length, width, np.argsort(x, kind="stable"))
+    pairs = _overlapping(scene, x, y, yaw, length, width, order)
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))] if len(pairs) > 1 else pairs
 
 
@@ -80,7 +81,10 @@ def _overlapping(
     width: FloatArray,
     order: IntArray,
 ) -> IntArray:
-    """Pairs (m, 2) of positions, the lower one first, of boxes (n,) that overlap; `order` (n,) has `x` ascend."""
+    """Pairs (m, 2) of positions, the lower one first, of boxes (n,) that overlap.
+
+    `order` (n,) has scenes ascend, and `x` in each.
+    """
     reach = np.empty(len(x))
     for i in range(len(x)):
         reach[i] = 0.5 * math.hypot(length[i], width[i])
@@ -90,10 +94,10 @@ def _overlapping(
         a = order[first]
         for second in range(first + 1, len(x)):
             b = order[second]
-            if x[b] > x[a] + farthest:
+            if scene[a] != scene[b] or x[b] > x[a] + farthest:
                 break
             dx, dy = x[b] - x[a], y[b] - y[a]
-            if scene[a] != scene[b] or not math.hypot(dx, dy) < reach[a] + reach[b]:
+            if not math.hypot(dx, dy) < reach[a] + reach[b]:
                 continue
             if overlap(dx, dy, yaw[a], yaw[b], length[a], width[a], length[b], width[b]):
                 if count == len(pairs):

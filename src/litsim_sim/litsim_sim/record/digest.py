@@ -39,19 +39,23 @@ class RunDigest:
 
     def update(self, table: AgentTable, controls: ControlTable | None, ego: EgoCommand | None) -> None:
         """Take in one step and the answers to it."""
-        self._hash.update(struct.pack("<cII", b"A", table.step, len(table)))
-        for field in ARRAY_FIELDS:
-            self._array(getattr(table, field), np.dtype(DTYPES[field]).newbyteorder("<"))
+        parts = [struct.pack("<cII", b"A", table.step, len(table))]
+        parts += [_bytes(getattr(table, field), dtype) for field, dtype in _TABLE_TYPES.items()]
         if controls is not None:
-            self._hash.update(struct.pack("<cII", b"C", controls.step, len(controls.id)))
-            for field, dtype in CONTROL_FIELDS.items():
-                self._array(getattr(controls, field), np.dtype(dtype))
+            parts.append(struct.pack("<cII", b"C", controls.step, len(controls.id)))
+            parts += [_bytes(getattr(controls, field), dtype) for field, dtype in _CONTROL_TYPES.items()]
         if ego is not None:
-            self._hash.update(struct.pack("<cIBdd", b"E", ego.step, int(ego.mode), ego.acceleration, ego.yaw_rate))
+            parts.append(struct.pack("<cIBdd", b"E", ego.step, int(ego.mode), ego.acceleration, ego.yaw_rate))
+        self._hash.update(b"".join(parts))
 
     def hexdigest(self) -> str:
         """64 hexadecimal digits over the steps so far."""
         return self._hash.hexdigest()
 
-    def _array(self, values: npt.NDArray[np.generic], dtype: np.dtype[np.generic]) -> None:
-        self._hash.update(values.astype(dtype, copy=False).tobytes())
+
+def _bytes(values: npt.NDArray[np.generic], dtype: np.dtype[np.generic]) -> bytes:
+    return values.astype(dtype, copy=False).tobytes()
+
+
+_TABLE_TYPES = {field: np.dtype(DTYPES[field]).newbyteorder("<") for field in ARRAY_FIELDS}
+_CONTROL_TYPES = {field: np.dtype(dtype) for field, dtype in CONTROL_FIELDS.items()}

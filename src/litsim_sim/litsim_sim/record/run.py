@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +22,7 @@ from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, ByteArray, C
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.core.step_marks import marks_of
+from litsim_sim.core.steps import Steps
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
 from litsim_sim.core.topic_names import (
     AGENTS,
@@ -162,7 +163,7 @@ class Run:
     path: Path
     info: RunInfo
     tables: list[AgentTable]
-    log: list[AgentTable] = field(default_factory=list)
+    log: Sequence[AgentTable] = field(default_factory=list)
     controls: dict[int, ControlTable] = field(default_factory=dict)
     ego_commands: dict[int, EgoCommand] = field(default_factory=dict)
     takeovers: dict[int, list[Takeover]] = field(default_factory=dict)
@@ -179,14 +180,24 @@ class Run:
     metadata: dict[str, str] = field(default_factory=dict)
 
     @cached_property
-    def simulated(self) -> list[AgentTable]:
-        """Tables of the steps after the history: those that the run decided."""
-        return [table for table in self.tables if table.step > self.info.history_steps]
+    def steps(self) -> Steps:
+        """Agents of every recorded step, in arrays over all of them."""
+        return Steps.of(self.tables)
 
     @cached_property
-    def simulated_log(self) -> list[AgentTable]:
+    def logged(self) -> Steps:
+        """Logged agents of the same steps likewise; the same object for runs that have their log in common."""
+        return Steps.of(self.log)
+
+    @property
+    def simulated(self) -> Steps:
+        """Those of the steps after the history, which the run decided."""
+        return self.steps.after(self.info.history_steps)
+
+    @property
+    def simulated_log(self) -> Steps:
         """Logged agents of the steps of :attr:`simulated`."""
-        return [table for table in self.log if table.step > self.info.history_steps]
+        return self.logged.after(self.info.history_steps)
 
     @property
     def ended(self) -> RunEnd | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -21,8 +22,11 @@ from litsim_sim.core.scene import (
     IntArray,
     is_obstacle,
 )
+from litsim_sim.core.steps import Steps
 from litsim_sim.recordings.recording import Recording
 
+REPLAYS = 4
+"""Kept replays of a log: most runs of a scenario end with it, a few before."""
 LAG_TOLERANCE = 0.2  # [m] by which one place may be farther than another and yet count as near
 
 
@@ -141,6 +145,23 @@ class Log:
             length=self.length.take(rows),
             width=self.width.take(rows),
         )
+
+    def replay(self, last: int) -> Steps:
+        """The tables of the steps 0 .. `last`: the same object for all runs that end there, for as long as it is kept.
+
+        Kept are those of the last :data:`REPLAYS` ends that were asked for, and what was made of them.
+        """
+        kept = self._replays
+        found = kept.pop(last, None) or Steps(self.table(step) for step in range(last + 1))
+        kept[last] = found
+        if len(kept) > REPLAYS:
+            del kept[next(iter(kept))]
+        return found
+
+    @cached_property
+    def _replays(self) -> dict[int, Steps]:
+        """By their last steps, those that were asked for last at the end."""
+        return {}
 
     def lag(self, row: int, step: int, x: float, y: float) -> int:
         """Steps ago at which the agent in `row` was logged nearest to (x, y) [m]; of places as near, the latest.

@@ -1,0 +1,149 @@
+"""Successive steps as one array program: what is asked of every step is answered in one call for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self, TypeVar, overload
+
+import numpy as np
+
+from litsim_sim.core.geometry import overlapping_pairs
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable, BoolArray, IntArray
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class StackedTable(AgentTable):
+    """The agents of several steps as one table of (m,) rows, those of the first step first; ids ascend in each step.
+
+    Attributes:
+        number: (m,) number of the step of each row. Steps are scenes of it: agents of different steps do not meet.
+    """
+
+    number: IntArray
+
+    @property
+    def scene(self) -> IntArray:
+        """(m,) see the attributes."""
+        return self.number
+
+    def row(self, agent: int) -> int:
+        """Not defined: an agent has a row in every step."""
+        raise NotImplementedError
+
+    def rows(self, agents: IntArray) -> IntArray:
+        """Not defined likewise."""
+        raise NotImplementedError
+
+    def take(self, rows: IntArray | BoolArray) -> Self:
+        """See :meth:`AgentTable.take`."""
+        at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
+        return type(self)(self.step, **{f: getattr(self, f).take(at) for f in (*ARRAY_FIELDS, "number")})
+
+
+class Steps(Sequence[AgentTable]):
+    """S tables of successive steps, none of which changes any more, and the same as arrays."""
+
+    def __init__(self, tables: Iterable[AgentTable]) -> None:
+        self._tables = tuple(tables)
+        self._made: dict[Hashable, Any] = {}
+
+    @classmethod
+    def of(cls, tables: Iterable[AgentTable]) -> Steps:
+        """`tables` themselves where they are steps already."""
+        return tables if isinstance(tables, Steps) else cls(tables)
+
+    @overload
+    def __getitem__(self, at: int) -> AgentTable: ...
+    @overload
+    def __getitem__(self, at: slice) -> tuple[AgentTable, ...]: ...
+    def __getitem__(self, at: int | slice) -> AgentTable | tuple[AgentTable, ...]:
+        return self._tables[at]
+
+    def __len__(self) -> int:
+        return len(self._tables)
+
+    @cached_property
+    def step(self) -> IntArray:
+        """(S,) the steps."""
+        return np.array([table.step for table in self._tables], np.int64)
+
+    @cached_property
+    def begin(self) -> IntArray:
+        """(S + 1,) row in :attr:`stacked` at which each step begins; at last the number of rows."""
+        return np.cumsum([0, *(len(table) for table in self._tables)])
+
+    @cached_property
+    def stacked(self) -> StackedTable:
+        """All agents of all steps, whose numbers are positions among these steps."""
+        columns = {
+            f: np.concatenate([np.empty(0, DTYPES[f]), *(getattr(table, f) for table in self._tables)])
+            for f in ARRAY_FIELDS
+        }
+        number = np.repeat(np.arange(len(self)), np.diff(self.begin))
+        return StackedTable(int(self.step[0]) if len(self) else 0, **columns, number=number)
+
+    @cached_property
+    def _agents(self) -> tuple[IntArray, IntArray]:
+        """Ids of everybody, and position among them of each row."""
+        ids, agent = np.unique(self.stacked.id, return_inverse=True)
+        return ids, agent
+
+    @property
+    def ids(self) -> IntArray:
+        """(n,) everybody who is ever on the road, ascending."""
+        return self._agents[0]
+
+    @property
+    def agent(self) -> IntArray:
+        """(m,) position in :attr:`ids` of the agent of each row of :attr:`stacked`."""
+        return self._agents[1]
+
+    @cached_property
+    def rows(self) -> IntArray:
+        """(S, n) row in :attr:`stacked` of each of :attr:`ids` at each step; -1 where it is not on the road."""
+        found = np.full((len(self), len(self.ids)), -1, np.int64)
+        found[self.stacked.number, self.agent] = np.arange(len(self.stacked))
+        return found
+
+    def rows_of(self, ids: IntArray) -> IntArray:
+        """(S, k) row in :attr:`stacked` of each of `ids` (k,) at each step; -1 where it is not on the road."""
+        if not len(self.ids):
+            return np.full((len(self), len(ids)), -1, np.int64)
+        at = np.minimum(self.ids.searchsorted(ids), len(self.ids) - 1)
+        return np.where(self.ids[at] == ids, self.rows[:, at], -1)
+
+    def track(self, agent: int) -> IntArray:
+        """Rows (k,) in :attr:`stacked` of `agent`, of the steps at which it is on the road."""
+        rows = self.rows_of(np.array([agent]))[:, 0]
+        return rows[rows >= 0]
+
+    @cached_property
+    def overlaps(self) -> IntArray:
+        """(p, 2) pairs of rows in :attr:`stacked` whose boxes overlap at one step, ascending."""
+        table = self.stacked
+        return overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width, table.scene)
+
+    def after(self, step: int) -> Steps:
+        """Those after `step`, which are the same object every time."""
+        return self.once(_after, step)
+
+    def once(self, function: Callable[..., T], *arguments: Hashable) -> T:
+        """What `function` makes of these steps and of `arguments`, made once and kept for as long as these steps are.
+
+        It is for what several measures ask, and for the log, whose steps are the same object for all runs of a
+        scenario: see :meth:`litsim_sim.scenario.log.Log.replay`.
+        """
+        key = function, arguments
+        if key not in self._made:
+            self._made[key] = function(self, *arguments)
+        found: T = self._made[key]
+        return found
+
+
+def _after(steps: Steps, step: int) -> Steps:
+    """See :meth:`Steps.after`."""
+    return Steps(table for table in steps if table.step > step)

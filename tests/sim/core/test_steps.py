@@ -1,0 +1,106 @@
+"""Successive steps as arrays are the same steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from litsim_sim.analysis.safety import following, times_to_collision
+from litsim_sim.core.geometry import overlapping_pairs
+from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, AgentTable
+from litsim_sim.core.steps import Steps
+
+Crowd = Callable[[int], list[AgentTable]]
+
+
+@pytest.fixture
+def crowd() -> Crowd:
+    def make(count: int) -> list[AgentTable]:
+        """Tables of agents that come and go, close together; one is empty."""
+        random, tables = np.random.default_rng(3), []
+        for step in range(5, 5 + count):
+            ids = np.flatnonzero(random.random(12) < (0.0 if step == 7 else 0.7)) * 3
+            n = len(ids)
+            columns = {f: random.uniform(0.0, 1.0, n).astype(DTYPES[f]) for f in ARRAY_FIELDS}
+            columns |= {"id": ids, "x": random.uniform(0.0, 40.0, n), "y": random.uniform(0.0, 8.0, n)}
+            columns |= {"speed": random.uniform(0.0, 20.0, n), "length": np.full(n, 4.5), "width": np.full(n, 1.8)}
+            tables.append(AgentTable(step, **columns))
+        return tables
+
+    return make
+
+
+def test_every_row_is_where_its_table_has_it(crowd: Crowd) -> None:
+    tables = crowd(8)
+    steps = Steps(tables)
+    assert list(steps) == tables and steps.step.tolist() == list(range(5, 13))
+    assert steps.ids.tolist() == sorted({agent for table in tables for agent in table.id.tolist()})
+    asked = np.array([0, 3, 4, 33, 99])
+    for k, table in enumerate(tables):
+        own = slice(steps.begin[k], steps.begin[k + 1])
+        for field in ARRAY_FIELDS:
+            assert np.array_equal(getattr(steps.stacked, field)[own], getattr(table, field))
+        assert (steps.stacked.scene[own] == k).all()
+        assert np.array_equal(steps.ids[steps.agent[own]], table.id)
+        expected = table.rows(asked)
+        assert np.array_equal(steps.rows_of(asked)[k], np.where(expected >= 0, expected + steps.begin[k], -1))
+
+
+def test_the_track_of_an_agent_is_of_the_steps_at_which_it_is_there(crowd: Crowd) -> None:
+    tables = crowd(8)
+    steps = Steps(tables)
+    for agent in [*steps.ids.tolist(), 4]:
+        x = [float(table.x[table.row(agent)]) for table in tables if table.row(agent) >= 0]
+        assert steps.stacked.x[steps.track(agent)].tolist() == x
+
+
+def test_nobody_at_all_is_no_rows() -> None:
+    for steps in (Steps([]), Steps([AgentTable.empty(3), AgentTable.empty(4)])):
+        assert not len(steps.stacked) and not len(steps.overlaps) and not len(steps.track(1))
+        assert steps.rows_of(np.array([1, 2])).shape == (len(steps), 2) and (steps.rows_of(np.array([1])) == -1).all()
+
+
+def test_steps_are_asked_together_as_one_by_one(crowd: Crowd) -> None:
+    tables = crowd(12)
+    steps = Steps(tables)
+    rows = np.arange(len(steps.stacked))
+    behind, ttc = following(steps.stacked, rows), times_to_collision(steps.stacked, rows)
+    leads, met, pairs = 0, 0, []
+    for k, table in enumerate(tables):
+        own, begin = slice(steps.begin[k], steps.begin[k + 1]), steps.begin[k]
+        alone = following(table, np.arange(len(table)))
+        for name in ("gap", "closing", "headway", "drac"):
+            assert np.array_equal(getattr(behind, name)[own], getattr(alone, name))
+        assert np.array_equal(behind.leader[own], np.where(alone.leader >= 0, alone.leader + begin, -1))
+        expected = times_to_collision(table, np.arange(len(table)))
+        assert np.array_equal(ttc[own], expected)
+        leads, met = leads + int((alone.leader >= 0).sum()), met + int(np.isfinite(expected).sum())
+        of_step = overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width)
+        pairs += (of_step + begin).tolist()
+    assert steps.overlaps.tolist() == pairs
+    assert leads and met and pairs, "there is something to compare"
+
+
+def test_what_is_made_of_steps_is_made_once(crowd: Crowd) -> None:
+    steps, made = Steps(crowd(6)), []
+
+    def count(of: Steps, least: int) -> int:
+        made.append(least)
+        return sum(len(table) >= least for table in of)
+
+    assert steps.once(count, 1) == steps.once(count, 1) == 5
+    assert steps.once(count, 100) == 0 and made == [1, 100]
+    later = steps.after(8)
+    assert later is steps.after(8) and later.step.tolist() == [9, 10] and Steps.of(steps) is steps
+
+
+def test_a_stack_can_be_taken_from_but_has_no_row_for_an_agent(crowd: Crowd) -> None:
+    stacked = Steps(crowd(4)).stacked
+    some = stacked.take(stacked.x > 20.0)
+    assert len(some) and (some.x > 20.0).all() and np.array_equal(some.scene, stacked.scene[stacked.x > 20.0])
+    with pytest.raises(NotImplementedError):
+        stacked.row(3)
+    with pytest.raises(NotImplementedError):
+        stacked.rows(np.array([3]))
