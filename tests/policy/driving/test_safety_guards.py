@@ -91,8 +91,8 @@ def test_limits_are_counted_whatever_is_switched_off(ask, lane_map) -> None:
 def scene(name: str, lane_centres: tuple[float, ...]) -> tuple[tuple[float, float], list[dict], dict[str, float]]:
     """What is asked for, the others, and agent 2, where the guard `name` and no other is needed."""
     return {
-        # closing at 8 m/s from 21 m: not to be touched within the look ahead, but no more time to lose
-        "following": ((0.0, 0.0), [{"id": 1, "x": 125.5, "speed": 2.0, "acceleration": -3.0}], {}),
+        # closing at 8 m/s from 17 m: not to be touched within the look ahead, but no more time to lose
+        "following": ((0.0, 0.0), [{"id": 1, "x": 121.0, "speed": 2.0, "acceleration": -3.0}], {}),
         "contact": ((0.0, 0.0), [{"id": 1, "x": 101.0, "y": lane_centres[0], "speed": 10.0}], {"yaw": 0.15}),
         "road": ((0.0, 0.0), [], {"y": lane_centres[0] + 0.3, "yaw": 0.15}),
     }[name]
@@ -145,6 +145,13 @@ def test_what_an_approach_needs_is_braked_for_at_once_where_it_is_much(ask, lead
     assert command(found)[0] == pytest.approx(-(braking or 0.0))
 
 
+@pytest.mark.parametrize(("gap", "leader_speed", "braking"), [(6.0, 15.0, 2.5), (9.0, 12.0, 8.0**2 / (2.0 * 8.0))])
+def test_a_gap_that_is_merely_too_short_is_widened_gently(ask, gap: float, leader_speed: float, braking: float) -> None:
+    """At 20 m/s. By the safe speed alone it would brake by 3.8 and 4.8 m/s2; the second is an emergency."""
+    found = ask(only("following"), (0.0, 0.0), {"id": 1, "x": 104.5 + gap, "speed": leader_speed}, speed=20.0)
+    assert found.guarded[0] and command(found)[0] == pytest.approx(-braking)
+
+
 @pytest.mark.parametrize(("gap", "braked"), [(-0.3, True), (-2.0, True), (-2.6, False)])
 def test_one_that_reaches_into_who_is_ahead_brakes_as_hard_as_it_can(ask, gap: float, *, braked: bool) -> None:
     """Up to where they are side by side rather than one behind the other."""
@@ -182,7 +189,7 @@ def test_who_is_off_the_road_already_may_come_back(ask, lane_centres) -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_the_cap_is_the_least_of_those_behind_each_leader(lane_map, agent_table, lane_centres, seed: int) -> None:
-    random, config = np.random.default_rng(seed), SafetyConfig(relax=0.7, leader_brakes=0.05)
+    random, config = np.random.default_rng(seed), SafetyConfig(relax=0.7, widening=3.0, leader_brakes=0.05)
     x = 100.0 + np.cumsum(3.0 + 12.0 * random.random(8))
     drivers = random.normal([8.0, -1.0], [4.0, 2.0], (8, 2))
     columns = ({"id": k, "x": x[k], "speed": abs(v), "acceleration": a} for k, (v, a) in enumerate(drivers.tolist()))
@@ -198,7 +205,7 @@ def test_the_cap_is_the_least_of_those_behind_each_leader(lane_map, agent_table,
                 continue
             room, lag = gap - config.standstill_gap, config.own_braking * STEP_S
             stop = 2.0 * config.own_braking * max(room, 0.0) + lead**2 * config.own_braking / config.leader_braking
-            cap = (np.sqrt(lag**2 + stop) - lag - speed) / config.relax
+            cap = max((np.sqrt(lag**2 + stop) - lag - speed) / config.relax, -config.widening)
             needed = max(speed - lead, 0.0) ** 2 / (2.0 * max(room, 0.1))
             braking = max(-table.acceleration[j], 0.1)
             needed = max(needed, speed**2 / (2.0 * max(room + lead**2 / (2.0 * braking), 0.1)))

@@ -246,6 +246,23 @@ def test_on_the_way_back_it_does_not_drive_into_whoever_is_in_the_way(make_scena
     assert gap.min() > 1.0 and series(tables, 2, "speed")[-1] == pytest.approx(5.0, abs=0.3)
 
 
+@pytest.mark.parametrize(
+    ("gap", "ahead", "least"),
+    [
+        (6.0, {"speed": 10.0}, 2.5),  # as fast: the gap is shorter than it likes, and no more
+        (6.0, {"speed": 4.0}, 6.0**2 / (2.0 * 6.0)),  # closing in
+        (6.0, {"speed": 10.0, "acceleration": -5.0}, 10.0**2 / (2.0 * (6.0 + 100.0 / 10.0))),  # about to stop
+    ],
+)
+def test_on_the_way_back_it_brakes_no_harder_than_it_has_to(
+    make_scenario, track, placed, gap: float, ahead: dict[str, float], least: float
+) -> None:
+    """The car following alone would have it brake by 3.2 m/s2 and more."""
+    scenario = make_scenario(track(1, x=400.0), track(2, x=60.0), track(3, x=64.5 + gap, last=12, **ahead))
+    tables = simulate(scenario, {2: {"x": 60.0}}, {2: 1}, TakeoverState.HANDBACK, 1, placed)
+    assert series(tables, 2, "acceleration")[1] == pytest.approx(-least, abs=0.01)
+
+
 # Who gives way to whom
 
 

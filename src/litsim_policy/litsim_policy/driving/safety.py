@@ -76,6 +76,7 @@ class SafetyConfig:
         own_braking: braking that is relied on then.
         standstill_gap: kept behind whoever is ahead.
         relax: time constant with which a gap that is too short is widened.
+        widening: hardest braking for that alone, where nobody is closed in on as on an emergency.
         imminent: braking from which on an approach counts as an emergency.
         leader_brakes: braking from which on a leader is taken to stop.
         horizon: of the look ahead for other boxes.
@@ -95,10 +96,11 @@ class SafetyConfig:
     yaw_acceleration_max: Positive[AngularAcceleration] = 1.93
     braking_max: Positive[Acceleration] = 8.0
     leader_braking: Positive[Acceleration] = 8.0
-    own_braking: Positive[Acceleration] = 6.0
+    own_braking: Positive[Acceleration] = 7.5
     standstill_gap: NonNegative[Length] = 1.0
-    relax: Positive[Duration] = 0.5
-    imminent: NonNegative[Acceleration] = 2.0
+    relax: Positive[Duration] = 1.0
+    widening: Positive[Acceleration] = 2.5
+    imminent: NonNegative[Acceleration] = 3.0
     leader_brakes: NonNegative[Acceleration] = 1.0
     horizon: Horizon = 1.5
     settle: Positive[Duration] = 0.5
@@ -249,8 +251,8 @@ def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
     """Accelerations (m,) [m/s2] above which agents could not stop behind whoever is ahead on their paths.
 
     The safe speed is that of Krauss (1997): should the leader brake as hard as it can, braking at `own_braking`
-    suffices. It is approached with `relax`. What the approach needs, the leader going on as it does now, is braked
-    for at once where it is more than `imminent`.
+    suffices. It is approached with `relax`, by no more than `widening`. What the approach needs, the leader going on as
+    it does now, is braked for at once where it is more than `imminent`.
     """
     view = agents.view
     return _cap_behind(config, agents, view.gap, view.speed, view.ahead & view.in_path, agents.table.acceleration)
@@ -282,6 +284,7 @@ def _cap_behind(
         config.own_braking,
         config.leader_braking,
         config.relax,
+        config.widening,
         config.imminent,
         config.leader_brakes,
         config.braking_max,
@@ -328,7 +331,7 @@ def _limited(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return limited, changed
 
 
-@kernel(OUT_FLOATS(FLOATS2, FLOATS2, BOOLS2, FLOATS, FLOATS, FLOATS, *[float64] * 8))
+@kernel(OUT_FLOATS(FLOATS2, FLOATS2, BOOLS2, FLOATS, FLOATS, FLOATS, *[float64] * 9))
 def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
     gap: FloatArray,
     leader_speed: FloatArray,
@@ -340,6 +343,7 @@ def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
     own_braking: float,
     leader_braking: float,
     relax: float,
+    widening: float,
     imminent: float,
     leader_brakes: float,
     braking_max: float,
@@ -352,8 +356,8 @@ def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
         leads: (m, n) who is ahead on the path.
         speed, length: (m,) of the agents [m/s], [m].
         leader_acceleration: (n,) of everybody [m/s2].
-        standstill_gap, own_braking, leader_braking, relax, imminent, leader_brakes, braking_max, acceleration_max: as
-            in :class:`SafetyConfig`.
+        standstill_gap, own_braking, leader_braking, relax, widening, imminent, leader_brakes, braking_max,
+            acceleration_max: as in :class:`SafetyConfig`.
     """
     caps = np.empty(len(speed))
     lag = own_braking * STEP_S
@@ -364,7 +368,7 @@ def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
                 continue
             room, lead = gap[i, j] - standstill_gap, max(leader_speed[i, j], 0.0)
             stop = 2.0 * own_braking * max(room, 0.0) + lead**2 * own_braking / leader_braking
-            cap = (-lag + math.sqrt(lag**2 + stop) - speed[i]) / relax
+            cap = max((-lag + math.sqrt(lag**2 + stop) - speed[i]) / relax, -widening)
             needed = max(speed[i] - lead, 0.0) ** 2 / (2.0 * max(room, ROOM_MIN))
             braking = max(-leader_acceleration[j], BRAKING_MIN)
             if braking > leader_brakes:

@@ -10,7 +10,7 @@ import numpy as np
 
 from litsim_policy.driving.handback import HandbackConfig, catch_up
 from litsim_policy.driving.task import opponent_of
-from litsim_policy.motion.car_following import IdmConfig, idm, idm_acceleration
+from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, idm, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
@@ -43,6 +43,7 @@ from litsim_sim.scenario.log_overlaps import ON_THE_WAY
 from litsim_sim.scenario.setting import Setting
 
 CLOSE_UP = 5.0  # [m] to whoever is ahead, below which it matters whether the log itself runs into him
+LEADER_BRAKES = 1.0  # [m/s2] from which on a leader is taken to brake until it stands
 SOURCES = {
     TakeoverState.HELD: ControlSource.POLICY,
     TakeoverState.HANDBACK: ControlSource.HANDBACK,
@@ -152,6 +153,7 @@ class YieldPolicy:
         free = log_speed + 2.0 * self._handback.speed_excess
         leads = view.ahead & view.in_path & ~self._overlapped_in_log(agents, at[0], at[1])
         follow = idm_acceleration(self._config.idm, agents.speed, free, view.gap, view.speed, leads)
+        follow = np.maximum(follow, -np.maximum(self.comfortable_braking, braking_needed(agents, leads)))
         line = self._stop_lines.of(agents)
         return idm_at_signals(self._config.idm, agents.speed, free, np.minimum(wanted, follow), line)
 
@@ -202,6 +204,19 @@ class YieldPolicy:
     def _log_rows(self, agents: PathFollowers) -> IntArray:
         """(m,) rows of the agents in the log."""
         return np.searchsorted(self._log.ids, agents.table.id[agents.rows])
+
+
+def braking_needed(agents: PathFollowers, leads: BoolArray) -> FloatArray:
+    """Constant braking (m,) [m/s2] with which agents reach nobody who leads: (m, n), as far as they go on, or stop.
+
+    The model brakes as hard for a gap that is merely shorter than it likes; a leader that brakes is taken to stop.
+    """
+    speed, lead = agents.speed[:, None], np.maximum(agents.view.speed, 0.0)
+    room = np.where(leads, np.maximum(agents.view.gap, GAP_MIN), np.inf)
+    braking = np.maximum(-agents.table.acceleration, 0.0)
+    stops = np.divide(lead**2, 2.0 * braking, out=np.full(lead.shape, np.inf), where=braking > LEADER_BRAKES)
+    needed = np.maximum(np.maximum(speed - lead, 0.0) ** 2 / room, speed**2 / (room + stops))
+    return np.asarray(0.5 * needed.max(axis=1, initial=0.0))
 
 
 @kernel(boolean(FLOATS, FLOATS, FLOATS, INTS, int64, int64))
