@@ -51,7 +51,7 @@ def test_who_is_stopped_and_goes_on_in_time_does_not_end_the_run(graph: Any, exe
             (node, f"no answer to step 21 on /litsim/controls within 10 s; silent: {node}; stopped, by a signal or ")
             for node in ("predictor", "conflict", "policy")
         ),
-        ("policy_stages", "no answer to step 21 on /litsim/controls within 10 s; silent: predictor; stopped, by a "),
+        ("policy_stages", "no answer to step 21 on /litsim/controls within 10 s; silent: predictor"),
         ("recorder", "recorder: has confirmed only step "),
     ],
 )
