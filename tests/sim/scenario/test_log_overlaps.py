@@ -37,6 +37,13 @@ def test_somebody_on_the_way_into_an_overlap_is_sooner(overlaps: LogOverlaps) ->
     assert not excused(overlaps, 21 - ON_THE_WAY, 100.0)
 
 
+def test_who_comes_back_meets_whom_the_log_has_there(overlaps: LogOverlaps) -> None:
+    assert overlaps.meets(1, 0, 21 - ON_THE_WAY, 100.0, -5.49)
+    assert not overlaps.meets(1, 0, 21 - ON_THE_WAY - 1, 100.0, -5.49)
+    assert not overlaps.meets(1, 0, 25, 100.0 + 1.1 * IN_PLACE, -5.49), "he is elsewhere"
+    assert not overlaps.meets(2, 0, 25, 100.0, -5.49), "who never overlap"
+
+
 def test_an_overlap_elsewhere_is_not_excused(overlaps: LogOverlaps) -> None:
     assert excused(overlaps, 25, 100.0 + 0.9 * IN_PLACE)
     assert not excused(overlaps, 25, 100.0 + 1.1 * IN_PLACE)

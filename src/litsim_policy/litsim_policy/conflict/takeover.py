@@ -32,7 +32,6 @@ from litsim_sim.core.quantities import (
 )
 from litsim_sim.core.scene import AgentTable, BoolArray, Controller, IntArray
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState, TakeoverTable
-from litsim_sim.scenario.log_overlaps import ON_THE_WAY
 from litsim_sim.scenario.setting import Setting
 
 # numpy compares plain numbers much faster than members of an enumeration
@@ -169,10 +168,7 @@ class TakeoverManager:
             if table.controller[other] == EGO:
                 return False
             a, b = self.scenario.log.ids.searchsorted(table.id[[row, other]]).tolist()
-            if not len(self._overlaps.steps(a, b)):
-                return False
-            now, place = np.array([table.step - self._lag[a]]), slice(other, other + 1)
-            return bool(self._overlaps.excuse(a, b, now, table.x[place], table.y[place], ON_THE_WAY)[0])
+            return self._overlaps.meets(a, b, table.step - self._lag[a], table.x[other], table.y[other])
 
         return excuse
 

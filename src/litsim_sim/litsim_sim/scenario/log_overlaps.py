@@ -47,6 +47,18 @@ class LogOverlaps:
         off = np.hypot(self._log.x[b, at] - x[:, None], self._log.y[b, at] - y[:, None])
         return np.asarray((then & (off <= IN_PLACE)).any(axis=1))
 
+    def meets(self, a: int, b: int, now: int, x: float, y: float) -> bool:
+        """Whether a, on the way to its place in the log at step `now`, meets b there as in the log.
+
+        Args:
+            a, b: rows of the log.
+            now: step of the log at which a is.
+            x, y: where b is [m].
+        """
+        if not len(self.steps(a, b)):
+            return False
+        return bool(self.excuse(a, b, np.array([now]), np.array([x]), np.array([y]), ON_THE_WAY)[0])
+
     def _find(self, a: int, b: int) -> IntArray:
         log = self._log
         at = np.flatnonzero(log.valid[a] & log.valid[b])
