@@ -16,7 +16,7 @@ from litsim_policy.learning import checkpoint, train
 from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.data import REPORTED, DataConfig, Generated, RealWindow, prepare
 from litsim_policy.learning.expert import expert_pairs
-from litsim_policy.learning.network import GaussianPolicy
+from litsim_policy.learning.network import GaussianPolicy, restore, save
 from litsim_policy.learning.ppo import tensor
 from litsim_policy.learning.warm_start import WarmStart
 from litsim_sim.core.errors import InputError
@@ -160,3 +160,24 @@ def test_packaged_configurations_differ_in_what_the_paper_says_only() -> None:
     assert (paper.ppo.learning_rate, paper.ppo.batch) == (0.03, 32)
     same = {"ppo": usual.ppo, "iterations": usual.iterations}
     assert paper.model_copy(update=same) == usual
+
+
+def test_the_configuration_that_corrects_has_the_data_of_the_usual_one() -> None:
+    usual, corrected = (read_yaml(CONFIG / name, TrainConfig) for name in ("policy_c.yaml", "policy_c_corrected.yaml"))
+    assert corrected.data.model_copy(update={"real_weight": usual.data.real_weight}) == usual.data
+    assert corrected.ppo.correction_weight > 0.0 and corrected.environment.careful
+    assert PolicyNetwork.load(CONFIG.parents[2] / corrected.start).observation == corrected.observation
+
+
+def test_a_training_begins_with_the_weights_that_it_is_given(file: Path, tmp_path: Path) -> None:
+    config = with_iterations(file, 1)
+    torch.manual_seed(3)
+    given = GaussianPolicy(config.observation)
+    save(given, tmp_path / "given.safetensors")
+    begun = config.model_copy(update={"start": str(tmp_path / "given.safetensors")})  # PPO leaves the policy at first
+    found = train.run(begun, tmp_path / "out", progress=False).policy
+    assert all(torch.equal(a, b) for a, b in zip(found.parameters(), given.parameters(), strict=True))
+    seen = config.observation.__class__(slots=3)
+    save(GaussianPolicy(seen), tmp_path / "other.safetensors")
+    with pytest.raises(InputError, match=r"other\.safetensors: was trained to see .*slots=3.*, expected .*slots=8"):
+        restore(given, tmp_path / "other.safetensors")

@@ -45,6 +45,8 @@ class EnvironmentConfig:
         draft_radius: around the ego within which they are drawn.
         draft_steps: for how long at most.
         model: predictor.
+        careful: the guards that say how the policy should have driven, more careful than those that drive: they brake
+            while the bounds on jerk still let it brake in time. None where nobody says.
     """
 
     steps_max: Positive[Steps] = 300
@@ -53,6 +55,7 @@ class EnvironmentConfig:
     draft_radius: NonNegative[Length] = 50.0
     draft_steps: NonNegative[Steps] = 100
     model: ModelName = "kinematic"
+    careful: SafetyConfig | None = None
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,7 @@ class Outcome:
         agents: ids.
         following: (m, size) observations after the step; of an agent that has left the road, the last one.
         executed: (m, 3) what the vehicle did, as actions in [-1, 1].
+        corrected: (m, 3) what careful guards would have done instead, likewise; not a number where nothing.
         penalty: (m,) weighted, at most 0.
         terms: what it is made of, of those that are still `present`.
         present: ids of them.
@@ -99,6 +103,7 @@ class Outcome:
     agents: IntArray
     following: FloatArray
     executed: FloatArray
+    corrected: FloatArray
     penalty: FloatArray
     terms: Penalties
     present: IntArray
@@ -110,7 +115,7 @@ class Outcome:
         if not isinstance(other, Outcome):
             return NotImplemented
         mine, theirs = (list(vars(o).values()) + list(vars(o.terms).values()) for o in (self, other))
-        return all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True) if not isinstance(a, Penalties))
+        return all(_same(a, b) for a, b in zip(mine, theirs, strict=True) if not isinstance(a, Penalties))
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -146,6 +151,8 @@ class Episodes:
         self._world = World(self.joined)
         self.safety = SafetyLayer(self.joined.lane_map, course.safety)
         self._guards = SafetyLayer(self.joined.lane_map)  # they only tell
+        careful = self._config.careful
+        self._careful = SafetyLayer(self.joined.lane_map, careful) if careful else None  # so do these
         self._observer = Observer(self.joined.lane_map, course.observation)
         self._predictor = make_predictor(self._config.model, self.joined)
         self._manager = TakeoverManager(self.joined, ConflictConfig(), TakeoverConfig())
@@ -176,15 +183,22 @@ class Episodes:
         """(m,) see the attributes."""
         return self._scene.id
 
-    def step(self, action: FloatArray) -> Outcome:
-        """Drive the agents that are :attr:`driven` by `action` (m, 3) in [-1, 1], all others by the rules."""
+    def step(self, action: FloatArray, intended: FloatArray | None = None) -> Outcome:
+        """Drive the agents that are :attr:`driven` by `action` (m, 3) in [-1, 1], all others by the rules.
+
+        What is corrected is `intended` (m, 3), the policy's mean where the action was drawn; None is the action.
+        """
         before, tasks, scene = self._table, self._tasks, self._scene
         driven = scene.id
         guarded = commanded(scene, action, self._guards).source == ControlSource.GUARDED
+        corrected = np.full((len(driven), 3), np.nan)
+        if self._careful:
+            meant = action if intended is None else intended
+            corrected = correction(scene, commanded(scene, meant, self._careful))
         controls = merged(commanded(scene, action, self.safety), self._others_controls())
         self._see(self._world.step_together(controls, self._commands(before)))
         self._choose()
-        outcome = self._outcome(before, driven, tasks, guarded)
+        outcome = self._outcome(before, driven, tasks, guarded, corrected)
         over = self.step_number >= self._end
         over[driven[outcome.terminated] >> BITS] = True
         self._leave_out(over)
@@ -228,8 +242,18 @@ class Episodes:
         others = tuple(t for t in self._takeovers if t.agent not in driven)
         return self._rule.act(self._table, TakeoverTable(self.step_number, others))
 
-    def _outcome(self, before: AgentTable, driven: IntArray, tasks: list[_Task], guarded: BoolArray) -> Outcome:
-        """What the step from `before` to now did to the agents that were `driven`, some by commands to be `guarded`."""
+    def _outcome(
+        self, before: AgentTable, driven: IntArray, tasks: list[_Task], guarded: BoolArray, corrected: FloatArray
+    ) -> Outcome:
+        """What the step from `before` to now did to the agents that were `driven`.
+
+        Args:
+            before: everybody before the step.
+            driven: (m,) ids.
+            tasks: of them.
+            guarded: (m,) whose commands a guard would have changed.
+            corrected: (m, 3) as in :class:`Outcome`.
+        """
         after = self._table
         rows = after.rows(driven)
         here = rows >= 0
@@ -250,7 +274,7 @@ class Episodes:
         scene, collided = driven >> BITS, np.zeros(len(self.running), np.bool_)
         collided[scene[terminated]] = True
         driven_on = here & np.isin(driven, list(now)) & (after.step < self._end[scene]) & ~collided[scene]
-        return Outcome(driven, following, executed, penalty, terms, driven[here], terminated, driven_on)
+        return Outcome(driven, following, executed, corrected, penalty, terms, driven[here], terminated, driven_on)
 
     def _leave_out(self, over: BoolArray) -> None:
         """End the episodes of the mask `over` (E,): their agents are gone."""
@@ -276,3 +300,17 @@ class Episodes:
             [task.goal for task in tasks],
             [(task.agent, task.due_step, task.opponent) for task in tasks],
         )
+
+
+def correction(scene: DrivingScene, controls: ControlTable) -> FloatArray:
+    """Actions (m, 3) in [-1, 1] that a guard commands in `controls` of the agents of `scene`.
+
+    They are not a number for an agent whose command no guard changed.
+    """
+    actions = normalised(consistent(controls.acceleration, controls.yaw_rate, scene.agents.speed))
+    return np.where((controls.source == ControlSource.GUARDED)[:, None], actions, np.nan)
+
+
+def _same(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two arrays are equal, where what is not a number equals itself."""
+    return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.torch import save_file
+from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from litsim_policy.driving.action import ACTIONS
 from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.driving.policy_c import FORMAT, HIDDEN, PolicyNetwork
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
 LOG_STD_START = (-1.2, -2.5, -2.5)  # of the actions before tanh: pedals vary more than steering
@@ -124,3 +125,15 @@ def save(policy: GaussianPolicy, path: Path, about: dict[str, str] | None = None
     tensors = {name: tensor.detach().contiguous() for name, tensor in policy.state_dict().items()}
     observation = {f"observation.{field}": str(value) for field, value in vars(policy.observation).items()}
     save_file(tensors, str(path), {"format": FORMAT, **observation, **(about or {})})
+
+
+def restore(policy: GaussianPolicy, path: Path) -> None:
+    """Give `policy` the weights that :func:`save` has written to `path`; changes it in place.
+
+    Raises:
+        InputError: the file is missing, damaged, or of a network that sees something else.
+    """
+    saved = PolicyNetwork.load(path)
+    if saved.observation != policy.observation:
+        raise InputError(f"{path}: was trained to see {saved.observation}, expected {policy.observation}")
+    policy.load_state_dict(load_file(str(path)))

@@ -47,6 +47,9 @@ class PpoConfig:
         divergence_limit: mean Kullback-Leibler divergence from the policy that drove at which the passes end.
         imitation_weight: of the squared error against drivers' actions, in units of their spread: keeps the policy near
             what drivers do while it learns to avoid collisions (BC with RL, as Lu 2023 found needed for both).
+        correction_weight: of the squared error, on the same steps, against what guards would have done where they would
+            have changed the command: a penalty tells that something was wrong, this tells what was right (as DAgger,
+            Ross 2011, has an expert say what to do where the learner gets to).
         value_first: iterations in which only the value learns; advantages by a value that knows nothing are noise.
     """
 
@@ -61,6 +64,7 @@ class PpoConfig:
     gradient_limit: Positive[Number] = 0.5
     divergence_limit: Number = 0.01
     imitation_weight: NonNegative[Number] = 0.3
+    correction_weight: NonNegative[Number] = 0.0
     value_first: NonNegative[Whole] = 3
 
 
@@ -76,6 +80,8 @@ class Track:
         penalty: (T,) of the augmented reward, at most 0.
         terminated: whether it ended in a collision or off the road; otherwise the agent went on in other hands, or the
             time was up.
+        corrected: (T, 3) what should have been done instead, as actions in [-1, 1], not a number where nothing should;
+            None where nobody says.
     """
 
     observation: FloatArray
@@ -84,6 +90,7 @@ class Track:
     executed: FloatArray
     penalty: FloatArray
     terminated: bool
+    corrected: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.raw)
@@ -99,6 +106,7 @@ class Batch:
         log_probability: (m,) of them, by the policy that drove.
         advantage: (m,) of mean 0 and standard deviation 1.
         target: (m,) that the value is to learn.
+        corrected: (m, 3) as in :class:`Track`; None where nobody says.
     """
 
     observation: Tensor
@@ -106,6 +114,7 @@ class Batch:
     log_probability: Tensor
     advantage: Tensor
     target: Tensor
+    corrected: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -198,6 +207,7 @@ def make_batch(tracks: list[Track], rewards: list[FloatArray], value: nn.Module,
         for track, reward in zip(tracks, rewards, strict=True):
             values = value(tensor(track.observation))[:, 0].double().numpy()
             found.append(advantages(reward, values, config, terminated=track.terminated))
+    corrected = [track.corrected for track in tracks if track.corrected is not None]
     advantage = np.concatenate([a for a, _ in found])
     advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
     return Batch(
@@ -206,6 +216,7 @@ def make_batch(tracks: list[Track], rewards: list[FloatArray], value: nn.Module,
         tensor(np.concatenate([track.log_probability for track in tracks])),
         tensor(advantage),
         tensor(np.concatenate([target for _, target in found])),
+        tensor(np.concatenate(corrected)) if corrected else None,
     )
 
 
@@ -251,6 +262,9 @@ def update_policy(
             if demonstrations is not None and not value_only:
                 shown = demonstrations.draw(config.batch, generator)
                 loss = loss + config.imitation_weight * demonstrations.error(policy, shown)
+            if batch.corrected is not None and config.correction_weight and not value_only:
+                error = correction_error(policy, batch.observation[chosen], batch.corrected[chosen])
+                loss = loss + config.correction_weight * error
             optimiser.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(parameters, config.gradient_limit)
@@ -263,6 +277,16 @@ def update_policy(
         if np.mean(divergences) > config.divergence_limit:
             break
     return PpoStep(*np.mean(seen, axis=0).tolist())
+
+
+CORRECTION_SCALE = (0.3, 0.2, 0.2)  # of actions: an error of this much counts 1
+
+
+def correction_error(policy: Learner, observation: Tensor, corrected: Tensor) -> Tensor:
+    """Squared error of the means against corrections (m, 3), a scalar: a mean over all m, 0 where there is none."""
+    said = policy.said(observation)
+    apart = (said - corrected) / torch.tensor(CORRECTION_SCALE)
+    return torch.where(torch.isnan(corrected), torch.zeros_like(said), apart.nan_to_num() ** 2).mean()
 
 
 def tensor(values: np.ndarray | BoolArray) -> Tensor:

@@ -163,9 +163,9 @@ def _drive_together(
     while episodes.running.any():
         before, scene = episodes.seen.copy(), episodes.driven >> BITS
         raw, density = sampler.sample(before, None if generators is None else _noise(scene, generators))
-        outcome = episodes.step(np.tanh(raw))
+        outcome = episodes.step(np.tanh(raw), sampler.network.mean(before))
         for k, agent in enumerate(outcome.agents.tolist()):
-            step = (before[k], raw[k], density[k], outcome.executed[k], outcome.penalty[k])
+            step = (before[k], raw[k], density[k], outcome.executed[k], outcome.penalty[k], outcome.corrected[k])
             open_tracks[agent].append(step)
             if not outcome.driven_on[k]:
                 ended = bool(outcome.terminated[k])
@@ -245,5 +245,6 @@ def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
 
 def _track(steps: list[tuple[np.ndarray, ...]], following: np.ndarray, *, terminated: bool) -> Track:
     """The track of one agent, from its steps as :func:`drive` notes them and the observation (size,) after the last."""
-    observation, raw, density, executed, penalty = (np.array(column) for column in zip(*steps, strict=True))
-    return Track(np.concatenate([observation, following[None]]), raw, density, executed, penalty, terminated)
+    observation, raw, density, executed, penalty, corrected = (np.array(column) for column in zip(*steps, strict=True))
+    seen = np.concatenate([observation, following[None]])
+    return Track(seen, raw, density, executed, penalty, terminated, corrected)

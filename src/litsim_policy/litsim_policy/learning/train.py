@@ -25,7 +25,7 @@ from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.critic import update_critic
 from litsim_policy.learning.data import TrainingData, prepare
 from litsim_policy.learning.expert import ExpertPairs, expert_pairs
-from litsim_policy.learning.network import GaussianPolicy, driving_network, save
+from litsim_policy.learning.network import GaussianPolicy, driving_network, restore, save
 from litsim_policy.learning.ppo import Demonstrations, make_batch, tensor, update_policy
 from litsim_policy.learning.rollout import Driving, collect, validate
 from litsim_policy.learning.rollout_pool import rollouts
@@ -61,7 +61,9 @@ def _train(
     each_once = list({scenario.name: scenario for scenario in data.train}.values())
     experts = expert_pairs(each_once, config.observation, config.expert, config.task, random, data.real)
     recorded, shown = demonstrations(experts, config.expert.real_share)
-    if not training.history:
+    if not training.history and config.start:
+        restore(training.policy, Path(config.start))
+    elif not training.history:
         _warm_start(training.policy, shown, config)
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
