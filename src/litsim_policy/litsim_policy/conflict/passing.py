@@ -77,9 +77,9 @@ class Passing:
             residuals: of the agents.
         """
         may = np.ones(len(off), np.bool_)
-        at = np.flatnonzero((off.beside != NO_LANE) & residuals.known)
+        at = ((off.beside != NO_LANE) & residuals.known).nonzero()[0]
         if len(at):
-            me, log_rows = rows[at], np.searchsorted(self._log.ids, off.agent[at])
+            me, log_rows = rows[at], self._log.ids.searchsorted(off.agent[at])
             yaw = self._log.yaw[log_rows, self._clipped(table.step - lag[at])]
             here = self._lane_map.nearest(table.x[me], table.y[me], table.yaw[me]).lane
             there = self._lane_map.nearest(residuals.x[at], residuals.y[at], yaw).lane
@@ -158,7 +158,7 @@ class Passing:
 
     def _wanted(self, off: OffLog, table: AgentTable, lag: IntArray) -> FloatArray:
         """(r,) speeds [m/s] at which the logs of agents went where the agents are."""
-        log_rows = np.searchsorted(self._log.ids, off.agent)
+        log_rows = self._log.ids.searchsorted(off.agent)
         return self._log.speed[log_rows, self._clipped(table.step - lag)]
 
     def _clipped(self, step: IntArray) -> IntArray:

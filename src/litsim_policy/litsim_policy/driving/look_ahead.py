@@ -7,6 +7,7 @@ braking.
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numba.types import UniTuple
@@ -49,8 +50,14 @@ def rolled_out(table: AgentTable, rows: IntArray, commands: FloatArray, settle: 
     Returns:
         (3, m, c, T) x, y [m] and yaw [rad].
     """
-    turned = 1.0 - np.exp(-STEP_S * np.arange(1, instants + 1, dtype=np.float64) / settle)
+    turned = _turned(settle, instants)
     return _rolled_out(table.x, table.y, table.yaw, table.speed, rows, commands, settle, turned)
+
+
+@cache
+def _turned(settle: float, instants: int) -> FloatArray:
+    """Share (instants,) of a turn that is made at each instant, with this time constant [s]."""
+    return np.asarray(1.0 - np.exp(-STEP_S * np.arange(1, instants + 1, dtype=np.float64) / settle))
 
 
 def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: int, margin: float) -> FloatArray:

@@ -41,6 +41,9 @@ class ReactionConfig:
     braking_jerk: NonNegative[Jerk] = 0.0
 
 
+LATE = int(ControlSource.LATE)
+
+
 class Drives(Protocol):
     """A policy, as :class:`litsim_policy.driving.registry.Policy`."""
 
@@ -54,18 +57,20 @@ class HumanReaction:
     def __init__(self, policy: Drives, scenario: Setting, config: ReactionConfig) -> None:
         self.policy, self._config, self._log = policy, config, scenario.log
         self._steps = reaction_steps(config, scenario.identities)
+        self._at_once = not self._steps.any()
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
         """See :class:`Drives`."""
         wanted = self.policy.act(table, takeovers)
         if not len(wanted.id):
             return wanted
-        by_agent = {t.agent: t for t in takeovers.takeovers}
-        acceleration, yaw_rate, source = wanted.acceleration.copy(), wanted.yaw_rate.copy(), wanted.source.copy()
         rows = table.rows(wanted.id)
-        driven = source != ControlSource.LATE
-        eased = np.maximum(acceleration, self._hardest(table.acceleration[rows]))
-        acceleration = np.where(driven, eased, acceleration)
+        eased = np.maximum(wanted.acceleration, self._hardest(table.acceleration[rows]))
+        acceleration = np.where(wanted.source != LATE, eased, wanted.acceleration)
+        if self._at_once:
+            return ControlTable.without_slip(table, rows, acceleration, wanted.yaw_rate, wanted.source)
+        by_agent = {t.agent: t for t in takeovers.takeovers}
+        yaw_rate, source = wanted.yaw_rate.copy(), wanted.source.copy()
         for k, agent in enumerate(wanted.id.tolist()):
             takeover = by_agent[agent]
             if self._unaware(takeover, table.step):

@@ -164,10 +164,11 @@ class SafetyLayer:
         table, rows = agents.table, agents.rows
         changed = np.zeros((len(scene), len(GUARDS)), np.bool_)
         safe, changed[:, 0] = _limited(
-            np.column_stack([acceleration, yaw_rate]),
+            acceleration,
+            yaw_rate,
             table.acceleration[rows],
             table.yaw_rate[rows],
-            table.speed[rows],
+            agents.speed,
             config.deceleration_max,
             config.acceleration_max,
             config.jerk_max,
@@ -179,7 +180,7 @@ class SafetyLayer:
         if config.following:
             cap = following_cap(config, agents)
             lines = self._stop_lines.of(agents)
-            if np.isfinite(lines).any():
+            if (lines < np.inf).any():
                 cap = np.minimum(cap, stopping_cap(config, agents, lines))
         changed[:, 1] = cap < safe[:, 0]
         safe[:, 0] = np.minimum(safe[:, 0], cap)
@@ -292,9 +293,10 @@ def _cap_behind(
     )
 
 
-@kernel(Tuple((OUT_FLOATS2, OUT_BOOLS))(FLOATS2, FLOATS, FLOATS, FLOATS, *[float64] * 6))
+@kernel(Tuple((OUT_FLOATS2, OUT_BOOLS))(*[FLOATS] * 5, *[float64] * 6))
 def _limited(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    asked: FloatArray,
+    asked_acceleration: FloatArray,
+    asked_yaw_rate: FloatArray,
     acceleration: FloatArray,
     yaw_rate: FloatArray,
     speed: FloatArray,
@@ -310,7 +312,7 @@ def _limited(  # noqa: PLR0917 - a kernel takes arrays and numbers
     What the agent did in the last step may itself be out of bounds; it comes back at the bound of the rate.
 
     Args:
-        asked: (m, 2) accelerations [m/s2] and yaw rates [rad/s].
+        asked_acceleration, asked_yaw_rate: (m,) what is asked for [m/s2], [rad/s].
         acceleration, yaw_rate, speed: (m,) of the agents in the last step and now [m/s2], [rad/s], [m/s].
         deceleration_max, acceleration_max, jerk_max, yaw_rate_max, lateral_acceleration_max, yaw_acceleration_max: as
             in :class:`SafetyConfig`.
@@ -318,16 +320,17 @@ def _limited(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Returns:
         the commands (m, 2), and which of them are not what was asked for (m,).
     """
-    limited, changed = np.empty(asked.shape), np.empty(len(asked), np.bool_)
+    limited, changed = np.empty((len(speed), 2)), np.empty(len(speed), np.bool_)
     jerk, twist = jerk_max * STEP_S, yaw_acceleration_max * STEP_S
-    for i in range(len(asked)):
+    for i in range(len(speed)):
         before = within(acceleration[i], -deceleration_max, acceleration_max)
-        pedal = within(asked[i, 0], before - jerk, before + jerk)
+        pedal = within(asked_acceleration[i], before - jerk, before + jerk)
         bound = min(yaw_rate_max, lateral_acceleration_max / max(speed[i], SPEED_MIN))
-        turn = within(asked[i, 1], yaw_rate[i] - twist, yaw_rate[i] + twist)
+        turn = within(asked_yaw_rate[i], yaw_rate[i] - twist, yaw_rate[i] + twist)
         limited[i, 0] = within(pedal, -deceleration_max, acceleration_max)
         limited[i, 1] = within(turn, -bound, bound)
-        changed[i] = abs(limited[i, 0] - asked[i, 0]) > SAME or abs(limited[i, 1] - asked[i, 1]) > SAME
+        pedal_moved, turn_moved = limited[i, 0] - asked_acceleration[i], limited[i, 1] - asked_yaw_rate[i]
+        changed[i] = abs(pedal_moved) > SAME or abs(turn_moved) > SAME
     return limited, changed
 
 

@@ -42,6 +42,7 @@ from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import ON_THE_WAY
 from litsim_sim.scenario.setting import Setting
 
+EGO = int(Controller.EGO)
 CLOSE_UP = 5.0  # [m] to whoever is ahead, below which it matters whether the log itself runs into him
 LEADER_BRAKES = 1.0  # [m/s2] from which on a leader is taken to brake until it stands
 SOURCES = {
@@ -101,11 +102,10 @@ class YieldPolicy:
         if not listed:
             return ControlTable.empty(table.step)
         rows = table.rows(np.array([t.agent for t in listed], np.int64))
-        state = np.array([t.state for t in listed])
         acceleration, yaw_rate = np.zeros(len(listed)), np.zeros(len(listed))
         for which, rule in ((TakeoverState.HELD, self._hold), (TakeoverState.HANDBACK, self._hand_back)):
-            at = np.flatnonzero(state == which)
-            if len(at):
+            at = [k for k, t in enumerate(listed) if t.state == which]
+            if at:
                 paths = PathBatch([listed[k].reference_path for k in at])
                 agents = PathFollowers(self._lane_map, table, rows[at], paths)
                 acceleration[at] = rule(agents, [listed[k] for k in at])
@@ -161,9 +161,9 @@ class YieldPolicy:
         """(m, n) whom the agents overlap in the log, within a few seconds of steps `now` (m,), and who is there."""
         view, table = agents.view, agents.table
         found = np.zeros(view.gap.shape, np.bool_)
-        near = view.ahead & view.in_path & (view.gap < CLOSE_UP) & (table.controller != Controller.EGO)
-        for k, row in np.argwhere(near).tolist():
-            a, b = int(log_rows[k]), int(np.searchsorted(self._log.ids, table.id[row]))
+        near = view.ahead & view.in_path & (view.gap < CLOSE_UP) & (table.controller != EGO)
+        for k, row in np.transpose(near.nonzero()).tolist():
+            a, b = int(log_rows[k]), int(self._log.ids.searchsorted(table.id[row]))
             place = slice(row, row + 1)
             excused = self._overlaps.excuse(a, b, now[k : k + 1], table.x[place], table.y[place], ON_THE_WAY)
             found[k, row] = excused[0]
@@ -203,7 +203,7 @@ class YieldPolicy:
 
     def _log_rows(self, agents: PathFollowers) -> IntArray:
         """(m,) rows of the agents in the log."""
-        return np.searchsorted(self._log.ids, agents.table.id[agents.rows])
+        return self._log.ids.searchsorted(agents.table.id[agents.rows])
 
 
 def braking_needed(agents: PathFollowers, leads: BoolArray) -> FloatArray:

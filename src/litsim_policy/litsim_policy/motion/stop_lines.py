@@ -76,6 +76,8 @@ class StopLines:
 
     def of(self, agents: PathFollowers) -> FloatArray:
         """The same of agents that follow paths, at the step of their table."""
+        if self._signals is None:
+            return np.full(len(agents), FREE)
         table = agents.table
         return self.gaps(table.step, agents.paths, agents.s, table.length[agents.rows], agents.speed)
 
@@ -99,7 +101,7 @@ def idm_at_signals(
         acceleration: (m,) [m/s2] behind whoever is ahead.
         gap: (m,) infinite where there is no need to stop.
     """
-    at = np.flatnonzero(gap < FREE)
+    at = (gap < FREE).nonzero()[0]
     if not len(at):
         return acceleration
     limited = acceleration.copy()
