@@ -127,6 +127,7 @@ class RecorderNode(Node):
         self._hearing.cancel()
         if self._word is None:
             self._say(StageState.READY)
+            let_other_sessions_go_first()
 
     def _on_hello(self, hello: Hello) -> None:
         if self._word is not None and hello.run_id == self._run_id:
@@ -231,7 +232,14 @@ def step_of(topic: Topic, data: bytes) -> int:
 def give_way() -> None:
     """Let others have the processor first; to be called before there are threads, which take it over."""
     os.nice(NICENESS)
-    if os.getsid(0) == os.getpid():  # Linux shares processors between sessions first, each by a niceness of its own
+
+
+def let_other_sessions_go_first() -> None:
+    """The same among sessions, where this process has one of its own; once the run begins, which waits until then.
+
+    Linux shares processors between sessions first, each by a niceness of its own.
+    """
+    if os.getsid(0) == os.getpid():
         with suppress(OSError):
             Path("/proc/self/autogroup").write_text(str(NICENESS))
 
