@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_predictor.inference.dense_kernels import add_and_normalise, add_product, exp, linear, rectify, sigmoid, tanh
+from litsim_predictor.inference.dense_kernels import (
+    add_and_normalise,
+    add_product,
+    exp,
+    linear,
+    rectified_linear,
+    rectify,
+    sigmoid,
+    tanh,
+)
 
 
 def draw(*shape: int, seed: int = 0) -> np.ndarray:
@@ -24,6 +33,8 @@ def test_products_of_any_size(rows: int, inner: int, columns: int) -> None:
     expected = np.maximum(out, 0.0)
     rectify(out)
     assert np.array_equal(out, expected)
+    rectified_linear(values, weight, bias, out)
+    np.testing.assert_allclose(out, np.maximum(product + bias, 0.0), atol=1e-4)
 
 
 def test_rows_have_the_same_bits_alone() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from litsim_predictor.inference import map_memory
-from litsim_predictor.inference.map_memory import MapCodes, MapMemory
+from litsim_predictor.inference.map_memory import MapCodes, MapMemory, first_alike
 from litsim_sim.core.scene import ByteArray
 
 WIDTH = 3
@@ -58,3 +58,9 @@ def test_codes_are_kept_apart_from_the_answer_that_they_came_in() -> None:
     memory.keep(found, answer)
     answer[:] = 0.0
     assert memory.look_up(maps(2)).known.tolist() == [[1.0] * WIDTH]
+
+
+def test_rows_that_are_mixed_alike_are_not_taken_for_equal() -> None:
+    """3 + 3 * 1 = 0 + 3 * 2 = 6 + 3 * 0: rows are compared where what is mixed of them is the same."""
+    rows = np.array([[3, 1], [0, 2], [3, 1], [0, 2], [6, 0], [1, 1]])
+    assert first_alike(rows).tolist() == [0, 1, 0, 1, 4, 5]

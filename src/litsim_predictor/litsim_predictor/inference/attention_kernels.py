@@ -13,6 +13,7 @@ from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import INNER, add_product, exp, rectify
 from litsim_predictor.inference.joint_units import LANE, NEAR
 from litsim_sim.core.compiled import (
+    FLOATS2,
     INTS,
     INTS2,
     OUT_INTS,
@@ -27,7 +28,7 @@ from litsim_sim.core.compiled import (
     kernel,
     void,
 )
-from litsim_sim.core.scene import IntArray
+from litsim_sim.core.scene import FloatArray, IntArray
 
 LANES = 16  # that a processor computes at a time: of fewer agents, the others are nobody
 
@@ -92,6 +93,36 @@ def relate(
             of[5], of[6], of[7] = speed[j] - speed[i], speed[j], float32(0.0)
             if abs(left) < float32(0.5 * LANE) and ahead != float32(0.0):
                 of[7] = float32(1.0) if ahead > float32(0.0) else float32(-1.0)
+
+
+@kernel(void(FLOATS2, SINGLES, INTS, float64, OUT_INTS2, OUT_INTS, OUT_SINGLES3))
+def meet(
+    frame: FloatArray,
+    speed: Float32Array,
+    begins: IntArray,
+    reach: float,
+    index: IntArray,
+    many: IntArray,
+    relation: Float32Array,
+) -> None:
+    """Find those nearest to each of n agents of several scenes, and write how they lie and move relative to it.
+
+    Args:
+        frame: (n, 3) x, y [m] and heading [rad] of the agent frames.
+        speed: (n,) [m/s].
+        begins: (S,) rows at which the scenes begin.
+        reach, index, many: see :func:`find_neighbours`.
+        relation: see :func:`relate`.
+    """
+    position, heading = np.empty((len(frame), 2), np.float32), np.empty(len(frame), np.float32)
+    for scene in range(len(begins)):
+        begin, end = begins[scene], begins[scene + 1] if scene + 1 < len(begins) else len(frame)
+        for i in range(begin, end):  # relative to the first agent of a scene: single precision is fine there
+            position[i, 0], position[i, 1] = frame[i, 0] - frame[begin, 0], frame[i, 1] - frame[begin, 1]
+            heading[i] = frame[i, 2]
+        find_neighbours(position[begin:end], reach, index[begin:end], many[begin:end])
+        index[begin:end] += begin
+    relate(position, heading, speed, index, many, relation)
 
 
 @kernel(void(SINGLES3, INTS, INTS, SINGLES2, SINGLES, OUT_SINGLES3))

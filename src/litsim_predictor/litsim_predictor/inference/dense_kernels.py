@@ -81,6 +81,14 @@ def add_product(values: Float32Array, weight: Float32Array, out: Float32Array) -
                 out[i, j] += a0 * weight[k, j]
 
 
+@kernel(void(OUT_SINGLES2))
+def rectify(values: Float32Array) -> None:
+    """Put 0 in the place of negative `values` (m, n)."""
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            values[i, j] = max(values[i, j], float32(0.0))
+
+
 @kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2))
 def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
     """Write to `out` (m, n) the product of `values` (m, k) and `weight` (k, n) plus `bias` (n,)."""
@@ -90,12 +98,11 @@ def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: 
     add_product(values, weight, out)
 
 
-@kernel(void(OUT_SINGLES2))
-def rectify(values: Float32Array) -> None:
-    """Put 0 in the place of negative `values` (m, n)."""
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            values[i, j] = max(values[i, j], float32(0.0))
+@kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2))
+def rectified_linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
+    """Likewise, with 0 in the place of what is negative."""
+    linear(values, weight, bias, out)
+    rectify(out)
 
 
 @kernel(void(SINGLES2, SINGLES2, ROW, ROW, OUT_SINGLES2))

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.contract import HISTORY_CHANNELS, STATE_CHANNELS, AgentInputs
 from litsim_predictor.inference.raster import MapRaster
-from litsim_sim.core.geometry import to_body, wrap_angle
+from litsim_sim.core.compiled import (
+    BOOLS2,
+    FLOATS,
+    FLOATS3,
+    OUT_SINGLES2,
+    OUT_SINGLES3,
+    kernel,
+    void,
+)
+from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 
@@ -36,21 +48,53 @@ def agent_inputs(
         heading: (n,) of the agent frames [rad]; see :func:`frame_headings`.
         raster: the map.
     """
+    assert series.shape[-1] == HISTORY_CHANNELS
+    history, state = np.empty(series.shape, np.float32), np.empty((len(series), STATE_CHANNELS), np.float32)
+    cos, sin = np.cos(heading), np.sin(heading)
+    into_frames(np.ascontiguousarray(series), np.ascontiguousarray(observed), heading, cos, sin, history, state)
+    state[:, :2] = size
     x, y = series[:, -1, 0], series[:, -1, 1]
-    ahead, left = to_body(series[..., 0] - x[:, None], series[..., 1] - y[:, None], heading[:, None])
-    yaw = wrap_angle(series[..., 2] - heading[:, None])
-    history = np.stack([ahead, left, yaw, series[..., 3]], axis=-1)
-    assert history.shape[-1] == HISTORY_CHANNELS
-    history = np.where(observed[..., None], history, 0.0)
-    state = np.concatenate([size, series[:, -1, 3:4], yaw[:, -1:]], axis=-1).astype(np.float32)
-    assert state.shape[-1] == STATE_CHANNELS
     return AgentInputs(
         frame=np.stack([x, y, heading], axis=-1),
-        history=history.astype(np.float32),
+        history=history,
         observed=observed,
         state=state,
         raster=raster.cut(x, y, heading),
     )
+
+
+@kernel(void(FLOATS3, BOOLS2, FLOATS, FLOATS, FLOATS, OUT_SINGLES3, OUT_SINGLES2))
+def into_frames(
+    series: FloatArray,
+    observed: BoolArray,
+    heading: FloatArray,
+    cos: FloatArray,
+    sin: FloatArray,
+    history: Float32Array,
+    state: Float32Array,
+) -> None:
+    """Write histories in agent frames, and the speed and yaw of now into `state`; see :class:`.contract.AgentInputs`.
+
+    Args:
+        series, observed, heading: see :func:`agent_inputs`.
+        cos, sin: (n,) of the headings.
+        history: (n, HISTORY, HISTORY_CHANNELS), zeros where not observed.
+        state: (n, STATE_CHANNELS), whose last two channels are written.
+    """
+    agents, steps = observed.shape
+    for i in range(agents):
+        for t in range(steps):
+            dx, dy = series[i, t, 0] - series[i, -1, 0], series[i, t, 1] - series[i, -1, 1]
+            turn = series[i, t, 2] - heading[i] + math.pi
+            if not 0.0 <= turn < 2.0 * math.pi:
+                turn %= 2.0 * math.pi
+                turn = 0.0 if turn >= 2.0 * math.pi else turn  # the remainder can round up to a full turn
+            seen = observed[i, t]
+            history[i, t, 0] = dx * cos[i] + dy * sin[i] if seen else 0.0
+            history[i, t, 1] = dy * cos[i] - dx * sin[i] if seen else 0.0
+            history[i, t, 2] = turn - math.pi if seen else 0.0
+            history[i, t, 3] = series[i, t, 3] if seen else 0.0
+        state[i, 2], state[i, 3] = series[i, -1, 3], history[i, -1, 2]
 
 
 def in_map(path: FloatArray, frame: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.dense_kernels import ROW, linear, rectify, sigmoid, tanh
+from litsim_predictor.inference.dense_kernels import ROW, linear, rectified_linear, sigmoid, tanh
 from litsim_predictor.inference.joint_units import CORRELATION_LIMIT, SCALE_FLOOR
 from litsim_sim.core.compiled import (
     BOOLS2,
@@ -59,8 +59,7 @@ def encode_histories(  # noqa: PLR0917 - a kernel takes arrays and numbers
             for c in range(channels):
                 read[i, c] = history[i, t, c]
             read[i, channels] = float32(1.0) if observed[i, t] else float32(0.0)
-        linear(read, embed, embed_bias, embedded[t])
-        rectify(embedded[t])
+        rectified_linear(read, embed, embed_bias, embedded[t])
     state = np.empty((agents, width), np.float32)
     given, kept = np.empty((agents, 3 * width), np.float32), np.empty((agents, 3 * width), np.float32)
     for direction in range(2):

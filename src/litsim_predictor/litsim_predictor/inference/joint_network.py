@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.attention_kernels import attend, find_neighbours, relate
+from litsim_predictor.inference.attention_kernels import attend, meet
 from litsim_predictor.inference.contract import (
     DT,
     HISTORY_CHANNELS,
@@ -23,7 +22,7 @@ from litsim_predictor.inference.contract import (
     FurtherFutures,
     ModeChoice,
 )
-from litsim_predictor.inference.dense_kernels import add_and_normalise, linear, rectify
+from litsim_predictor.inference.dense_kernels import add_and_normalise, linear, rectified_linear
 from litsim_predictor.inference.joint_kernels import (
     choose_maneuvers,
     encode_histories,
@@ -83,14 +82,12 @@ class Linear:
         self, weight: Float32Array, bias: Float32Array, units: Sequence[float] = (1.0,), *, rectified: bool = False
     ) -> None:
         self.weight: Float32Array = np.ascontiguousarray((weight / np.array(units, np.float32)).T)
-        self.bias, self._rectified = bias, rectified
+        self.bias, self._write = bias, rectified_linear if rectified else linear
 
     def __call__(self, values: Float32Array) -> Float32Array:
         """(n, out) of `values` (n, in)."""
         out = np.empty((len(values), len(self.bias)), np.float32)
-        linear(values, self.weight, self.bias, out)
-        if self._rectified:
-            rectify(out)
+        self._write(values, self.weight, self.bias, out)
         return out
 
 
@@ -248,20 +245,11 @@ class JointNetwork:
         return self._decoded(self._layers[-1](agents, near, asked), inputs.state[asked], modes)
 
     def _near(self, inputs: AgentInputs, begins: IntArray) -> Neighbours:
-        n, scenes = len(inputs.frame), [*begins.tolist(), len(inputs.frame)]
-        origin = np.repeat(inputs.frame[begins, :2], np.diff(scenes), axis=0)
-        position = (inputs.frame[:, :2] - origin).astype(np.float32)
+        n, most = len(inputs.frame), self._neighbours + 1
         near = Neighbours(
-            np.empty((n, self._neighbours + 1), np.int64),
-            np.empty(n, np.int64),
-            np.empty((n, self._neighbours + 1, RELATION_CHANNELS), np.float32),
+            np.empty((n, most), np.int64), np.empty(n, np.int64), np.empty((n, most, RELATION_CHANNELS), np.float32)
         )
-        for begin, end in pairwise(scenes):
-            find_neighbours(position[begin:end], self._reach, near.index[begin:end], near.many[begin:end])
-            near.index[begin:end] += begin
-        relate(
-            position, inputs.frame[:, 2].astype(np.float32), inputs.state[:, 2], near.index, near.many, near.relation
-        )
+        meet(inputs.frame, inputs.state[:, 2], begins, self._reach, near.index, near.many, near.relation)
         return near
 
     def _decoded(self, agents: Float32Array, state: Float32Array, modes: ModeChoice) -> AgentFutures:

@@ -7,10 +7,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from litsim_predictor.forecast import Float32Array
+from litsim_sim.core.compiled import INTS2, OUT_INTS, kernel
 from litsim_sim.core.scene import ByteArray, IntArray
 
 MOST = 4096
 """Maps that are remembered: 10 MB of them."""
+
+
+@kernel(OUT_INTS(INTS2))
+def first_alike(rows: IntArray) -> IntArray:
+    """Return for each of the `rows` (n, k) the first row that is equal to it (n,)."""
+    count, size = rows.shape
+    first, mixed = np.empty(count, np.int64), np.empty(count, np.int64)
+    for i in range(count):
+        total = 0
+        for k in range(size):
+            total += rows[i, k] * (2 * k + 1)
+        first[i], mixed[i] = i, total  # which differs where rows do, nearly always
+        for j in range(i):
+            if mixed[j] == total and first[j] == j:
+                k = 0
+                while k < size and rows[j, k] == rows[i, k]:
+                    k += 1
+                if k == size:
+                    first[i] = j
+                    break
+    return first
 
 
 @dataclass(frozen=True)
@@ -43,28 +65,24 @@ class MapMemory:
     def look_up(self, raster: ByteArray) -> MapCodes:
         """What is known of the maps `raster` (n, C, H, W), and what is not."""
         known: list[Float32Array] = []
-        place: dict[bytes, int] = {}  # below 0 where it is new: -1 the first of them
         keys: list[bytes] = []
-        first: list[int] = []
-        code_of = np.empty(len(raster), np.int64)
-        for row, each in enumerate(raster):
-            key = each.tobytes()
-            at = place.get(key)
-            if at is None:
-                code = self._codes.get(key)
-                if code is None:
-                    keys.append(key)
-                    first.append(row)
-                    at = -len(keys)
-                else:
-                    at = len(known)
-                    known.append(code)
-                place[key] = at
-            code_of[row] = at
-        new = code_of < 0
-        code_of[new] = len(known) - 1 - code_of[new]
+        new: list[int] = []
+        first = first_alike(raster.reshape(len(raster), -1).view(np.int64))  # eight bytes at a time
+        place = np.zeros(len(raster), np.int64)  # of those that are the first of their kind: below 0 where it is new
+        for row in np.flatnonzero(first == np.arange(len(raster))).tolist():
+            key = raster[row].tobytes()
+            code = self._codes.get(key)
+            if code is None:
+                keys.append(key)
+                new.append(row)
+                place[row] = -len(keys)  # -1 the first of them
+            else:
+                place[row] = len(known)
+                known.append(code)
+        code_of = place[first]
+        code_of = np.where(code_of < 0, len(known) - 1 - code_of, code_of)
         codes = np.array(known, np.float32).reshape(-1, self._width)
-        return MapCodes(raster[first], codes, code_of, tuple(keys))
+        return MapCodes(raster[new], codes, code_of, tuple(keys))
 
     def keep(self, maps: MapCodes, codes: Float32Array) -> None:
         """Remember the `codes` (u, width) of the new ones of `maps`; of too many, the oldest are forgotten."""

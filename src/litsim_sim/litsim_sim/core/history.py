@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from litsim_sim.core.compiled import BOOLS2, FLOATS3, INTS, OUT_BOOLS2, OUT_FLOATS3, kernel, void
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 
@@ -68,8 +69,11 @@ class History:
             return np.zeros((len(agents), length, len(self._fields))), np.zeros((len(agents), length), np.bool_)
         rows = (self._step - back) % self._length
         columns, known = self._columns(agents)
-        valid = self._there[rows, columns[:, None]] & (back < self._held) & known[:, None]
-        return np.where(valid[..., None], self._values[rows, columns[:, None]], 0.0), valid
+        rows[back >= self._held] = -1
+        columns[~known] = -1
+        values, valid = np.zeros((len(agents), length, len(self._fields))), np.zeros((len(agents), length), np.bool_)
+        copy_window(self._values, self._there, rows, columns, values, valid)
+        return values, valid
 
     def _columns(self, agents: IntArray) -> tuple[IntArray, BoolArray]:
         """Column of each of `agents` (m,), and whether it has one (m,); any column where it has none."""
@@ -87,3 +91,21 @@ class History:
         there = np.zeros((self._length, len(ids)), np.bool_)
         values[:, columns], there[:, columns] = self._values[:, kept], self._there[:, kept]
         self._ids, self._values, self._there = ids, values, there
+
+
+@kernel(void(FLOATS3, BOOLS2, INTS, INTS, OUT_FLOATS3, OUT_BOOLS2))
+def copy_window(
+    values: FloatArray, there: BoolArray, rows: IntArray, columns: IntArray, out: FloatArray, valid: BoolArray
+) -> None:
+    """Write to `out` (m, h, f) and `valid` (m, h) what is `there` (s, a) of `values` (s, a, f).
+
+    Args:
+        values, there: of all steps and agents that are kept.
+        rows, columns: (h,) of the steps and (m,) of the agents, below 0 for none, whose places are left as they are.
+    """
+    for i in range(len(columns)):
+        for t in range(len(rows)):
+            if rows[t] >= 0 and columns[i] >= 0 and there[rows[t], columns[i]]:
+                valid[i, t] = True
+                for f in range(values.shape[2]):
+                    out[i, t, f] = values[rows[t], columns[i], f]
