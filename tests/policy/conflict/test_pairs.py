@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from scipy.special import ndtri
 
 from litsim_policy.conflict import pairs
-from litsim_policy.conflict.futures import PredictedMotion, X, Y
+from litsim_policy.conflict.futures import OtherMotions, PredictedMotion, X, Y, widest
 from litsim_policy.conflict.pairs import FOLLOWED
-from litsim_sim.core.geometry import to_body
+from litsim_policy.conflict.weighed import weighed_chances
+from litsim_sim.core.geometry import boxes_overlap, to_body
 from strips import Strips
 
 seeds, radii = st.integers(0, 2**32), st.floats(0.0, 60.0)
@@ -72,3 +73,35 @@ def test_chances_of_pairs_are_those_of_numpy_at_every_step(seed: int, least: flo
     assert found[sure] == pytest.approx(expected[sure], abs=1e-9)
     first = np.where((found > 0.0).any(axis=1), (found > 0.0).argmax(axis=1), 3)
     assert (until == np.where(np.arange(4) <= first[:, None], found, 0.0)).all()
+
+
+@given(seeds, st.floats(0.02, 0.9))
+def test_who_is_out_of_reach_by_the_bounds_overlaps_nobody_in_any_way(seed: int, least: float) -> None:
+    random, time = np.random.default_rng(seed), 0.1 * np.arange(1, 6)
+
+    def some(count: int, spread: float) -> tuple[np.ndarray, np.ndarray]:
+        place = random.normal(0.0, 12.0, (count, 1, 2)) + random.normal(0.0, 8.0, (count, 1, 2)) * time[:, None]
+        variance = np.broadcast_to((spread * time[:, None]) ** 2 * [1.0, 1.0, 0.0], (count, 5, 3))
+        yaw = np.broadcast_to(random.uniform(-3, 3, (count, 1, 1)), (count, 5, 1))
+        return np.concatenate([place, yaw, variance], axis=-1), random.random((count, 5)) < 0.8
+
+    length, width = random.uniform(3, 6, 6), random.uniform(1, 3, 6)
+    row = np.sort(random.integers(0, 6, 3))
+    a = PredictedMotion(*some(6, 0.0))
+    b = PredictedMotion(*some(6, 1.0), OtherMotions(row, np.full(3, 0.3), *some(3, 1.0)))
+    x, y, yaw = random.normal(0.0, 8.0, (3, 6))
+    speed, acceleration = random.uniform(0.0, 20.0, 6), random.normal(0.0, 3.0, 6)
+    which = np.argwhere(~np.eye(6, dtype=np.bool_)).copy()
+    anywhere = widest(b.bounds, row, b.others.bounds, x, y, speed, acceleration, 0.4)
+    reached = pairs.within_bounds(which, a.bounds, anywhere, length, width, max(0.0, -ndtri(least)))
+    chance = weighed_chances(which, a, b, length, width, least)
+    closing = pairs.closing_chances(which, a.states, a.valid, x, y, yaw, speed, acceleration, length, width, 4)
+    assert not chance[~reached].any() and not closing[~reached].any()
+    for (i, j), found in zip(which.tolist(), closing, strict=True):
+        for k in range(5):
+            now = time[k] if acceleration[j] >= 0.0 else min(time[k], -speed[j] / acceleration[j])
+            gone = speed[j] * now + 0.5 * acceleration[j] * now**2
+            away = x[j] + gone * np.cos(yaw[j]) - a.x[i, k], y[j] + gone * np.sin(yaw[j]) - a.y[i, k]
+            sizes = (length[i], width[i]), (length[j], width[j])
+            meets = k < 4 and a.valid[i, k] and bool(boxes_overlap(*away, a.yaw[i, k], yaw[j], *sizes))
+            assert found[k] == meets

@@ -27,6 +27,11 @@ def test_steps_of_overlap_are_those_of_both_logs(overlaps: LogOverlaps) -> None:
     assert overlaps.steps(0, 2).tolist() == []
 
 
+def test_of_many_pairs_it_is_known_which_overlap_at_all(overlaps: LogOverlaps) -> None:
+    assert overlaps.any(np.array([[0, 1], [1, 0], [0, 2]])).tolist() == [True, True, False]
+    assert overlaps.any(np.empty((0, 2), np.int64)).shape == (0,)
+
+
 def test_an_overlap_is_excused_about_when_the_log_has_it(overlaps: LogOverlaps) -> None:
     assert [excused(overlaps, now, 100.0) for now in (10, 11, 25, 39, 40)] == [False, True, True, True, False]
 
