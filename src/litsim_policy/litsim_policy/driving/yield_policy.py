@@ -39,7 +39,6 @@ from litsim_sim.core.scene import (
 )
 from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.log_overlaps import ON_THE_WAY
 from litsim_sim.scenario.setting import Setting
 
 EGO = int(Controller.EGO)
@@ -164,9 +163,7 @@ class YieldPolicy:
         near = view.ahead & view.in_path & (view.gap < CLOSE_UP) & (table.controller != EGO)
         for k, row in np.transpose(near.nonzero()).tolist():
             a, b = int(log_rows[k]), int(self._log.ids.searchsorted(table.id[row]))
-            place = slice(row, row + 1)
-            excused = self._overlaps.excuse(a, b, now[k : k + 1], table.x[place], table.y[place], ON_THE_WAY)
-            found[k, row] = excused[0]
+            found[k, row] = self._overlaps.meets(a, b, now[k], table.x[row], table.y[row])
         return found
 
     def _steer(self, agents: PathFollowers) -> FloatArray:
