@@ -12,7 +12,7 @@ import pytest
 from litsim_policy.run.runner import Runner, record
 from litsim_policy.run.together import record_together
 from litsim_sim.analysis.metrics import compute_metrics
-from litsim_sim.core.scene import ARRAY_FIELDS
+from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -104,3 +104,15 @@ def test_runs_that_differ_in_what_stages_ask_are_not_joined(scenes: Scenes) -> N
         record_together([RunPlan(demo, "idm", "yield"), RunPlan(demo, "idm", "litsim")])
     with pytest.raises(ValueError, match="cannot be joined"):
         record_together([RunPlan(demo, "idm", "yield"), RunPlan(wider, "idm", "yield")])
+
+
+def test_runs_of_one_scenario_have_their_log_in_common_and_are_measured_as_alone(scenes: Scenes) -> None:
+    plans = [RunPlan(scenes[k][0], scenes[k][1], "yield") for k in (0, 2, 4)]
+    runs = record_together(plans)
+    for one, other in ((one, other) for one in runs for other in runs):
+        assert (one.logged is other.logged) == (one.tables[-1].step == other.tables[-1].step)
+    assert runs[0].logged is runs[2].logged, "neither leaves the road before the log is over"
+    for run in runs:
+        log = [AgentTable(t.step, *(getattr(t, f).copy() for f in ARRAY_FIELDS)) for t in run.log]
+        alone = compute_metrics(dataclasses.replace(run, log=log))
+        assert compute_metrics(run) == alone
