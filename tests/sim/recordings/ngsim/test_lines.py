@@ -22,7 +22,7 @@ def parser(separator: str = ",") -> LineParser:
 def column(data: bytes, name: str, separator: str = ",", line: int = 1) -> np.ndarray:
     reader = parser(separator)
     table = reader.parse(data, line)
-    return reader.numbers(table, name, line_numbers(data, line, len(table)))
+    return reader.numbers(table, name, line_numbers(PATH, data, line, len(table)))
 
 
 @pytest.mark.parametrize(
@@ -40,8 +40,16 @@ def test_thousands_commas() -> None:
 
 
 def test_lines_are_counted_over_empty_ones() -> None:
-    assert line_numbers(b"a\n\nb\n", 10, 2).tolist() == [10, 12]
-    assert line_numbers(b"a\nb\n", 10, 2).tolist() == [10, 11]
+    assert line_numbers(PATH, b"a\n\nb\n", 10, 2).tolist() == [10, 12]
+    assert line_numbers(PATH, b"a\nb\n", 10, 2).tolist() == [10, 11]
+
+
+def test_a_quotation_mark_swallows_no_lines() -> None:
+    rows = b'7,1,100,3.5,2\n7,2,200,3.5,"2\n7,3,300,3.5,2\n7,4,400,3.5,2"\n'
+    with pytest.raises(InputError, match=r"made\.csv: line 6: a quotation mark that is not closed in this line"):
+        column(rows, "speed", line=5)
+    with pytest.raises(InputError, match=r"made\.csv: line 6: column Lane_ID is '\"', no number"):
+        column(b'7 1 100 3.5 2\n7 2 200 3.5 "\n7 3 300 3.5 "\n', "lane", " ", line=5)
 
 
 @pytest.mark.parametrize(

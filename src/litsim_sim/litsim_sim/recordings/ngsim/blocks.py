@@ -86,7 +86,7 @@ class BlockReader:
         if not data.strip():
             return Block({name: np.empty(0) for name in (*self._wanted, "site", "line")}, end, end_line, 0)
         table = self._parser.parse(data, line)
-        lines = line_numbers(data, line, len(table))
+        lines = line_numbers(self.path, data, line, len(table))
         columns = {name: self._parser.numbers(table, name, lines) for name in self._wanted if name != "location"}
         self._check_units(columns["length"])
         for name in FEET:

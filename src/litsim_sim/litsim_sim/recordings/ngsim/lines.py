@@ -61,7 +61,7 @@ class LineParser:
                 return pcsv.read_csv(
                     pa.BufferReader(data),
                     read_options=pcsv.ReadOptions(column_names=list(self._layout.columns)),
-                    parse_options=pcsv.ParseOptions(delimiter=separator),
+                    parse_options=pcsv.ParseOptions(delimiter=separator, quote_char=separator != " " and '"'),
                     convert_options=pcsv.ConvertOptions(column_types=types, include_columns=self._wanted),
                 )
             except pa.ArrowInvalid:
@@ -133,12 +133,19 @@ class LineParser:
         return InputError(f"{self._path}: lines {line} and after: not readable as {self._layout.title}")
 
 
-def line_numbers(data: bytes, line: int, rows: int) -> IntArray:
-    """Line number (n,) of each of the `rows` rows of `data`, which begins with line `line`; empty lines are no rows."""
+def line_numbers(path: Path, data: bytes, line: int, rows: int) -> IntArray:
+    """Line number (n,) of each of the `rows` rows of `data`, which begins with line `line`; empty lines are no rows.
+
+    Raises:
+        InputError: there are other than `rows` lines: a quotation mark that nobody closed made one cell of several.
+    """
     if data.count(b"\n") == rows:
         return np.arange(line, line + rows)
-    full = [number for number, raw in enumerate(data.splitlines(), line) if raw.strip()]
-    return np.array(full, np.int64)
+    full = {number: raw for number, raw in enumerate(data.splitlines(), line) if raw.strip()}
+    if len(full) != rows:
+        opened = next((number for number, raw in full.items() if raw.count(b'"') % 2), line)
+        raise InputError(f"{path}: line {opened}: a quotation mark that is not closed in this line")
+    return np.array(list(full), np.int64)
 
 
 def _short(raw: bytes, limit: int = 60) -> str:
