@@ -275,21 +275,32 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
     begin, end = within_scenes(scene, rows)
     most = (end - begin).sum()
     pair, found = np.empty((2, most), np.int64), np.empty((5, most))
+    before = np.full((len(count), len(x)), -1, np.int64)  # the pair that has found the place of an agent on a path
     k = 0
     for i in range(len(rows)):
         p = path[i]
+        vertices, chunks, last, on_path = segments[p], circles[p], count[p] - 2, before[p]
         for j in range(begin[i], end[i]):
             dx, dy = x[j] - own_x[i], y[j] - own_y[i]
             if not dx * dx + dy * dy < sight[i] * sight[i]:
                 continue
-            place = (own_x[i], own_y[i], own_yaw[i]) if j == rows[i] else (x[j], y[j], yaw[j])
-            segment, s, d = nearest(segments[p], circles[p], count[p], place[0], place[1])
-            # at a vertex, the direction is that of the segment that begins there
-            if segment < count[p] - 2 and s >= segments[p, segment + 1, S]:
-                segment += 1
             pair[0, k], pair[1, k] = i, j
-            found[0, k], found[1, k], found[2, k] = s, d, place[2]
-            found[3, k], found[4, k] = segments[p, segment, UNIT_X], segments[p, segment, UNIT_Y]
+            if j != rows[i] and on_path[j] >= 0:
+                for field in range(5):
+                    found[field, k] = found[field, on_path[j]]
+                k += 1
+                continue
+            place_x, place_y, heading = x[j], y[j], yaw[j]
+            if j == rows[i]:
+                place_x, place_y, heading = own_x[i], own_y[i], own_yaw[i]
+            else:
+                on_path[j] = k
+            segment, s, d = nearest(vertices, chunks, last + 2, place_x, place_y)
+            # at a vertex, the direction is that of the segment that begins there
+            if segment < last and s >= vertices[segment + 1, S]:
+                segment += 1
+            found[0, k], found[1, k], found[2, k] = s, d, heading
+            found[3, k], found[4, k] = vertices[segment, UNIT_X], vertices[segment, UNIT_Y]
             k += 1
     return pair[:, :k].copy(), found[:, :k].copy()
 

@@ -96,8 +96,8 @@ class AgentTable:
         """Row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
         if not len(self.id):
             return np.full(len(agents), -1, np.int64)
-        at = np.minimum(self.id.searchsorted(agents), len(self.id) - 1)
-        return np.where(self.id[at] == agents, at, -1)
+        at = self.id.searchsorted(agents)
+        return np.where(self.id.take(at, mode="clip") == agents, at, -1)  # beyond the last id is none that is equal
 
     def mask(self, agents: IntArray) -> BoolArray:
         """(n,) which of the agents of this table are among `agents` (m,)."""
