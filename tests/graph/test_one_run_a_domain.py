@@ -63,6 +63,21 @@ def test_of_two_bridges_on_a_domain_one_refuses(graph: Any, tmp_path: Path) -> N
     assert found in refused.stderr or found in done.stderr
 
 
+def test_of_the_launchers_of_two_users_one_is_told_of_the_other(graph: Any, tmp_path: Path) -> None:
+    """The second, whose locks are elsewhere, sees that somebody is there: its bridge listens before it begins.
+
+    Where the machine is so busy that it hears nothing in that time, the first hears it begin, and ends.
+    """
+    first = start(graph, graph.folder / "first")
+    graph.wait("the first run", lambda: "waiting for " in log(graph.folder / "first"))
+    second = start(graph, graph.folder / "second", XDG_RUNTIME_DIR=str(tmp_path))
+    graph.wait("one of them to end", lambda: first.poll() is not None or second.poll() is not None)
+    graph.start_script("standard_ego.py")
+    done = [graph.finish(first), graph.finish(second)]
+    assert 1 in [each.returncode for each in done]
+    assert any("another bridge or a replay publishes run short-external-replay-" in each.stderr for each in done)
+
+
 def log(out: Path) -> str:
     path = out / "log/bridge.log"
     return path.read_text() if path.is_file() else ""

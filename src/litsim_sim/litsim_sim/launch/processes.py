@@ -22,6 +22,7 @@ from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.launch import keeper
 from litsim_sim.launch.child import GRACE_S, SIGNALS, Child, Process, start_process
 from litsim_sim.launch.domain import HOLDER
+from litsim_sim.launch.domain_ports import EMPTY, is_known_empty
 from litsim_sim.launch.forked import ForkedProcess
 from litsim_sim.launch.middleware import RANGE, enclave_setting
 
@@ -49,6 +50,8 @@ class Graph:
             log.unlink()
         own = {"ROS_DOMAIN_ID": str(domain_id), HOLDER: str(os.getpid()), "PYTHONUNBUFFERED": "1"}
         self._environment = {RANGE: "LOCALHOST"} | os.environ | own
+        # The bridge need not look for other runs: it is told so before any process of this graph is there.
+        self._of_bridge = {EMPTY: str(domain_id)} if is_known_empty(domain_id, self._environment) else {}
         self.children: dict[str, Child] = {}
         self._progress: Progress | None = None
 
@@ -76,10 +79,11 @@ class Graph:
             words += ["-p", f"{key}:={quoted}"]
         with self._log(name) as log, held_back():
             process: Process
+            more = self._of_bridge if name == BRIDGE else {}
             if forked:
-                process = ForkedProcess(words, self._environment, stdout=_stdout(name, log), stderr=log)
+                process = ForkedProcess(words, self._environment | more, stdout=_stdout(name, log), stderr=log)
             else:
-                process = self._process(name, words, log)
+                process = self._process(name, words, log, more)
             self.children[name] = Child(name, process, Path(log.name), nodes=several)
 
     def start_stack(self, command: Sequence[str]) -> None:

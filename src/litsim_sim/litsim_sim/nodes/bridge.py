@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from litsim_sim.core.stages import BRIDGE, StageState
 from litsim_sim.ego_port.answer import Interface
 from litsim_sim.ego_port.port import EgoPort, Level
 from litsim_sim.launch.domain import held_domain
+from litsim_sim.launch.domain_ports import EMPTY
 from litsim_sim.nodes import diagnostics
 from litsim_sim.nodes.answers import Answers, Attendance, EgoPublisher, RunFailed, absence
 from litsim_sim.nodes.bridge_options import BridgeOptions, bridge_stage
@@ -111,6 +113,10 @@ class BridgeNode(Node):
             raise
         finally:
             world.close()
+
+    @property
+    def alone(self) -> bool:
+        return os.environ.get(EMPTY) == str(self.context.get_domain_id())
 
     @property
     def domain(self) -> str:

@@ -23,7 +23,9 @@ from litsim_sim.nodes.bridge_options import BridgeOptions
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.world import World
 
-LOOK_S = 1.0  # [s] from its start that the bridge looks for another run; the world is set up meanwhile
+LOOK_S = 1.0
+"""[s] from its start that the bridge looks for another run where there may be one: participants announce themselves
+once a second. The world is set up meanwhile."""
 PULSE_S = 1.0  # [s] between two signs of life
 HELLO_PERIOD = 0.1  # [s] between the greetings of the handshake
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
@@ -43,6 +45,10 @@ class Graph(Protocol):
     @property
     def since(self) -> float:
         """When this graph has begun to listen, on the performance counter [s]."""
+
+    @property
+    def alone(self) -> bool:
+        """Whether it is known without listening that there was no other run when this one was started."""
 
     def begin(self) -> None:
         """Publish what holds for the whole run."""
@@ -158,7 +164,8 @@ class RunLoop:
 
     def _meet(self) -> None:
         """Greet until every stage has said that it is ready; nothing before it is clear that no other run is on."""
-        self._graph.serve_until(lambda: False, self._graph.since + LOOK_S)
+        if not self._graph.alone:
+            self._graph.serve_until(lambda: False, self._graph.since + LOOK_S)
         self._graph.begin()
         attendance, begin = self._attendance, time.monotonic()
         while not attendance.all_ready:

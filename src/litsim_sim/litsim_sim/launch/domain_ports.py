@@ -1,0 +1,52 @@
+"""Whether anybody is in a DDS domain whose nodes stay on this machine: told by the sockets, at once.
+
+Listening takes a second: who joins announces itself, and is answered at once, but before Fast DDS takes what arrives;
+that it was missed is made up for when the others announce themselves next, once a second.
+"""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from litsim_sim.launch.middleware import LOOPBACK, PROFILES, middleware_settings
+
+FIRST_PORT, DOMAIN_PORTS = 7400, 250
+"""UDP ports of domain 0 begin there, and those of each next one so many further on (DDSI-RTPS 2.5, 9.6.2: PB, DG)."""
+TABLES = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
+"""The UDP sockets of this machine, or of this container, as Linux lists them."""
+
+EMPTY = "LITSIM_DOMAIN_EMPTY"
+"""Variable that tells the bridge of a graph which domain was empty before any process of that graph was there."""
+
+
+def is_known_empty(domain_id: int, environment: Mapping[str, str], tables: Sequence[Path] = TABLES) -> bool:
+    """Whether it is certain that no participant is in a domain that nodes started in `environment` could hear.
+
+    They hear who is on this machine, if they are to stay on it, and whoever is has a socket at a port of the domain. Of
+    other nodes, or on a system whose list of sockets cannot be relied on, nothing is certain.
+
+    Args:
+        domain_id: the domain.
+        environment: variables of the processes that the nodes are started in.
+        tables: lists of sockets; that of a protocol that the machine does without is absent.
+    """
+    if middleware_settings(environment).get(PROFILES[0]) != str(LOOPBACK):
+        return False
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.bind(("127.0.0.1", 0))
+        taken = set(_taken(tables))
+        known = own.getsockname()[1]
+    first = FIRST_PORT + DOMAIN_PORTS * domain_id
+    return known in taken and (taken - {known}).isdisjoint(range(first, first + DOMAIN_PORTS))
+
+
+def _taken(tables: Sequence[Path]) -> Iterator[int]:
+    """Local ports in lists of sockets; after a line of headings the second word of each is ADDRESS:PORT, in hex."""
+    for table in tables:
+        try:
+            lines = table.read_text().splitlines()[1:]
+        except OSError:
+            continue
+        yield from (int(line.split()[1].rpartition(":")[2], 16) for line in lines)
