@@ -7,8 +7,9 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
-from litsim_policy.motion.car_following import IdmConfig, along_path, idm_acceleration
-from litsim_policy.motion.reference_path import ReferencePath, lane_change_path, logged_path, pursuit_yaw_rate
+from litsim_policy.ego.following import Following, FollowingEgo
+from litsim_policy.motion.car_following import IdmConfig
+from litsim_policy.motion.reference_path import ReferencePath, lane_change_path, logged_path
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Rate, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, EgoMode
@@ -52,7 +53,7 @@ class PerturbedConfig:
         return self
 
 
-class PerturbedEgo:
+class PerturbedEgo(FollowingEgo):
     """Follows its log exactly up to the perturbation; the scenario's seed and the ego's id decide what and when.
 
     Afterwards it drives at the speed that its log had at the same place, behind whoever is ahead. It does not make up
@@ -61,7 +62,8 @@ class PerturbedEgo:
     """
 
     def __init__(self, scenario: Scenario, config: PerturbedConfig | None = None) -> None:
-        self._scenario, self._config = scenario, config or PerturbedConfig()
+        super().__init__(scenario)
+        self._config = config or PerturbedConfig()
         random = np.random.default_rng([scenario.seed, scenario.ego_id])
         drawn = random.uniform(*self._config.time)
         changes_lane = int(random.integers(2)) if self._config.kind == "mixed" else 0
@@ -74,17 +76,14 @@ class PerturbedEgo:
         self.kind = ("brake", "lane_change")[changes_lane] if self._config.kind == "mixed" else self._config.kind
         """What it does from then on: brake, lane_change, or another of KINDS."""
 
-    def plan(self, table: AgentTable) -> EgoCommand:
-        """See :class:`litsim_policy.ego.registry.Ego`."""
-        row = table.row(self._scenario.ego_id)
+    def following(self, table: AgentTable, row: int) -> Following | EgoCommand:
+        """See :class:`.following.FollowingEgo`."""
         if row < 0 or table.step < self.first_step:
             return EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG)
         if self._path is None and not self._begin(table, row):
             return EgoCommand(table.step, mode=EgoMode.FOLLOW_LOG)
         assert self._path is not None
-        x, y, yaw, speed = (float(getattr(table, f)[row]) for f in ("x", "y", "yaw", "speed"))
-        yaw_rate = pursuit_yaw_rate(self._path, x, y, yaw, speed)
-        return EgoCommand(table.step, self._acceleration(table, row, self._path), yaw_rate)
+        return self._onwards(table, row, self._path)
 
     def _begin(self, table: AgentTable, row: int) -> bool:
         """Choose the path of the perturbation; returns whether it begins at this step."""
@@ -117,24 +116,22 @@ class PerturbedEgo:
         ahead, beside = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
         reach = 0.5 * (table.length + table.length[row]) + self._config.lane_gap
         taken = (np.abs(ahead) < reach) & (np.abs(beside - left) < 0.5 * (table.width + table.width[row]))
+        taken &= table.scene == table.scene[row]
         taken[row] = False
         return bool(taken.any())
 
-    def _acceleration(self, table: AgentTable, row: int, path: ReferencePath) -> float:
-        """Acceleration [m/s2]: braking while that lasts; then back to the logged speed, but never into a leader."""
+    def _onwards(self, table: AgentTable, row: int, path: ReferencePath) -> Following:
+        """Brake while that lasts; then go back to the logged speed, but never into a leader."""
         config, speed = self._config, float(table.speed[row])
         if self.kind == "keep_speed":
-            return 0.0
+            return Following(path, 0.0)
         braked = np.inf if self._brake_from is None else (table.step - self._brake_from) * STEP_S
         if braked < config.duration - 1e-9:
-            return -config.deceleration
-        view = along_path(path, table, row)
-        leads = view.ahead & view.in_path
+            return Following(path, -config.deceleration)
         wanted = config.speed_gain * (self._logged_speed(table, row) - speed)
         wanted = float(np.clip(wanted, -FOLLOWING.deceleration, FOLLOWING.acceleration))
         # alone on the road the model would speed up: only what it says of leaders is of interest
-        follow = idm_acceleration(FOLLOWING, speed, 2.0 * speed + 10.0, view.gap, view.speed, leads)
-        return min(wanted, float(follow))
+        return Following(path, wanted, FOLLOWING, 2.0 * speed + 10.0)
 
     def _logged_speed(self, table: AgentTable, row: int) -> float:
         """Speed [m/s] that the log had nearest to where the ego is now; beyond its end, at its end."""

@@ -20,6 +20,7 @@ from litsim_policy.driving.policy_c import commanded, merged
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety import LIMITS_ONLY, SafetyConfig, SafetyLayer
 from litsim_policy.driving.task import DrivingScene, due_step, opponent_of
+from litsim_policy.ego.together import EgosTogether
 from litsim_policy.learning.drafts import Drafts
 from litsim_policy.learning.draw import Start, drawn_ego, with_ego
 from litsim_policy.learning.reward import Penalties, PenaltyConfig, penalties
@@ -147,7 +148,7 @@ class Episodes:
     def __init__(self, course: Course, starts: Sequence[Start]) -> None:
         self._course, self._config = course, course.config
         self.joined = JoinedScenario.of([start.scenario for start in starts])
-        self._egos = [start.ego for start in starts]
+        self._egos = EgosTogether(self.joined, [start.ego for start in starts])
         self._world = World(self.joined)
         self.safety = SafetyLayer(self.joined.lane_map, course.safety)
         self._guards = SafetyLayer(self.joined.lane_map)  # they only tell
@@ -196,21 +197,14 @@ class Episodes:
             meant = action if intended is None else intended
             corrected = correction(scene, commanded(scene, meant, self._careful))
         controls = merged(commanded(scene, action, self.safety), self._others_controls())
-        self._see(self._world.step_together(controls, self._commands(before)))
+        commands = self._egos.plan(before, self.running.nonzero()[0].tolist())
+        self._see(self._world.step_together(controls, commands))
         self._choose()
         outcome = self._outcome(before, driven, tasks, guarded, corrected)
         over = self.step_number >= self._end
         over[driven[outcome.terminated] >> BITS] = True
         self._leave_out(over)
         return outcome
-
-    def _commands(self, table: AgentTable) -> list[EgoCommand]:
-        """Answers of the egos to the step of `table`."""
-        tables = self.joined.tables(table)
-        return [
-            ego.plan(own) if runs else EgoCommand(table.step)
-            for ego, own, runs in zip(self._egos, tables, self.running.tolist(), strict=True)
-        ]
 
     def _see(self, table: AgentTable) -> None:
         """Make `table` the current step: forecast it and see who is off the log."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -68,7 +69,7 @@ class IdmConfig:
 
 
 def idm_acceleration(
-    config: IdmConfig,
+    config: IdmConfig | Sequence[IdmConfig],
     speed: float | FloatArray,
     desired_speed: float | FloatArray,
     gap: FloatArray,
@@ -78,7 +79,7 @@ def idm_acceleration(
     """Acceleration (...) [m/s2] of vehicles, each for the most demanding of its leaders.
 
     Args:
-        config: parameters.
+        config: parameters, of all of them or, in order, of each.
         speed, desired_speed: (...) of the vehicles [m/s].
         gap: (..., n) to each leader, bumper to bumper [m].
         leader_speed: (..., n) [m/s].
@@ -86,13 +87,14 @@ def idm_acceleration(
     """
     gap = np.asarray(gap, np.float64)
     shape, pairs = gap.shape[:-1], (math.prod(gap.shape[:-1]), gap.shape[-1])
+    models = [config] if isinstance(config, IdmConfig) else config
     found = _idm_accelerations(
         np.full(shape, speed, np.float64).reshape(-1),
         np.full(shape, desired_speed, np.float64).reshape(-1),
         np.ascontiguousarray(gap).reshape(pairs),
         np.ascontiguousarray(leader_speed, np.float64).reshape(pairs),
         np.ones(pairs, np.bool_) if leads is None else leads.reshape(pairs),
-        *config.of_model,
+        np.array([model.of_model for model in models]),
     )
     return found.reshape(shape)
 
@@ -205,33 +207,24 @@ def idm(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return within(free - interaction, -braking_max, acceleration)
 
 
-@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS2, FLOATS2, BOOLS2, *[float64] * 5))
-def _idm_accelerations(  # noqa: PLR0917 - a kernel takes arrays and numbers
+@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS2, FLOATS2, BOOLS2, FLOATS2))
+def _idm_accelerations(
     speed: FloatArray,
     desired_speed: FloatArray,
     gap: FloatArray,
     leader_speed: FloatArray,
     leads: BoolArray,
-    headway: float,
-    standstill_gap: float,
-    acceleration: float,
-    deceleration: float,
-    braking_max: float,
+    models: FloatArray,
 ) -> FloatArray:
-    """Return :func:`idm` (m,) of m vehicles; arrays (m,) and (m, n)."""
+    """Return :func:`idm` (m,) of m vehicles; arrays (m,) and (m, n).
+
+    `models` (m, 5) are the parameters of each as :attr:`IdmConfig.of_model` has them, or (1, 5) those of all.
+    """
     found = np.empty(len(speed))
     for i in range(len(speed)):
+        own = models[i if len(models) > 1 else 0]
         found[i] = idm(
-            speed[i],
-            desired_speed[i],
-            gap[i],
-            leader_speed[i],
-            leads[i],
-            headway,
-            standstill_gap,
-            acceleration,
-            deceleration,
-            braking_max,
+            speed[i], desired_speed[i], gap[i], leader_speed[i], leads[i], own[0], own[1], own[2], own[3], own[4]
         )
     return found
 

@@ -47,6 +47,11 @@ class StopLines:
         self._exit = np.array([link.exit for link in links]).reshape(-1, 2)
         self._heading = np.array([link.heading for link in links])
 
+    @property
+    def any(self) -> bool:
+        """Whether there are signals on the road."""
+        return self._signals is not None
+
     def gaps(self, step: int, paths: PathBatch, s: FloatArray, length: FloatArray, speed: FloatArray) -> FloatArray:
         """Distances (m,) [m] from the agents' fronts to where they have to stop; infinite where they need not.
 

@@ -10,12 +10,12 @@ import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from litsim_policy.ego.registry import Ego
+from litsim_policy.ego.together import EgosTogether
 from litsim_policy.run.reaction import Reaction
 from litsim_policy.run.runner import StepResult, as_recorded, configured
 from litsim_sim.core.compiled import load_kernels
 from litsim_sim.core.parameters import Parameters
-from litsim_sim.core.scene import ControlTable, EgoCommand
+from litsim_sim.core.scene import ControlTable
 from litsim_sim.core.stages import BRIDGE, EGO
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.record.run import Run as RecordedRun
@@ -42,9 +42,8 @@ class JoinedRunner:
         self._joined = JoinedScenario.of([plan.scenario for plan in plans])
         reacts = first.policy != REPLAY
         self._world = World(self._joined, WorldConfig(guard_entries=reacts))
-        self._egos: list[Ego] = [
-            configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans
-        ]
+        egos = [configured(plan.ego, plan.policy, plan.parameters)[EGO](plan.scenario) for plan in plans]
+        self._egos = EgosTogether(self._joined, egos)
         stages = configured(None, first.policy, common)
         self._reaction = Reaction(stages, first.policy, self._joined) if reacts else None
         self.summaries: dict[int, dict[str, Any]] = {}
@@ -70,9 +69,7 @@ class JoinedRunner:
                 takeovers, controls = self._apart(taken, self._reaction), joined.controls(together)
             begin = time.perf_counter()
             running = [k for k in range(len(tables)) if k not in self.summaries]
-            commands = [EgoCommand(table.step)] * len(tables)
-            for k in running:
-                commands[k] = self._egos[k].plan(tables[k])
+            commands = self._egos.plan(table, running)
             marks[EGO] = time.perf_counter() - begin
             shares = {stage: wall / len(running) for stage, wall in marks.items()}
             yield {k: StepResult(tables[k], takeovers[k], controls[k], commands[k], shares) for k in running}

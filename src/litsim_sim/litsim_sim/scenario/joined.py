@@ -128,10 +128,12 @@ class JoinedScenario:
 
     def tables(self, table: AgentTable) -> list[AgentTable]:
         """`table` taken apart: the agents of each scene, by the ids of its recording."""
-        return [
-            AgentTable(table.step, self.own(k, table.id[part]), *(getattr(table, f)[part] for f in ARRAY_FIELDS[1:]))
-            for k, part in enumerate(self._parts(table.id))
-        ]
+        return [self._own_table(k, table, part) for k, part in enumerate(self._parts(table.id))]
+
+    def table(self, scene: int, table: AgentTable) -> AgentTable:
+        """The agents of one scene of `table`, by the ids of its recording."""
+        begin, end = np.searchsorted(table.id, np.array([scene, scene + 1]) << BITS).tolist()
+        return self._own_table(scene, table, slice(begin, end))
 
     def controls(self, controls: ControlTable) -> list[ControlTable]:
         """`controls` taken apart likewise."""
@@ -161,6 +163,11 @@ class JoinedScenario:
     def own(self, scene: int, ids: IntArray) -> IntArray:
         """Ids (m,) in the recording of `scene`, of agents of it."""
         return self.scenes[scene].log.ids[ids & ((1 << BITS) - 1)]
+
+    def _own_table(self, scene: int, table: AgentTable, part: slice) -> AgentTable:
+        """See :meth:`table`; `part` is where its agents are."""
+        columns = (getattr(table, name)[part] for name in ARRAY_FIELDS[1:])
+        return AgentTable(table.step, self.own(scene, table.id[part]), *columns)
 
     def _parts(self, ids: IntArray) -> list[slice]:
         """Where the agents of each scene are among `ids`, which ascend."""

@@ -1,0 +1,107 @@
+"""Egos that drive along a path behind whoever is on it: the one of a scene, or those of several scenes at once."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from litsim_policy.motion.car_following import IdmConfig, along_paths, idm_acceleration
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.reference_path import ReferencePath, pursuit_reach, towards
+from litsim_policy.motion.stop_lines import FREE, StopLines
+from litsim_sim.core.scene import AgentTable, EgoCommand, FloatArray, IntArray
+from litsim_sim.scenario.scenario import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """How an ego drives on from a step.
+
+    Attributes:
+        path: that it pursues.
+        acceleration: at most [m/s2]; exactly this where nobody is minded.
+        model: by which it follows whoever is ahead on the path; None where it minds nobody.
+        desired_speed: of the model [m/s].
+        stops: whether it stops at red as well.
+    """
+
+    path: ReferencePath
+    acceleration: float = np.inf
+    model: IdmConfig | None = None
+    desired_speed: float = 0.0
+    stops: bool = False
+
+
+class FollowingEgo(ABC):
+    """An ego that is on its log, or drives along a path; see :class:`litsim_policy.ego.registry.Ego`."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._stop_lines = StopLines(scenario.signals)
+
+    def plan(self, table: AgentTable) -> EgoCommand:
+        """See :class:`litsim_policy.ego.registry.Ego`."""
+        row = table.row(self._scenario.ego_id)
+        found = self.following(table, row)
+        if isinstance(found, EgoCommand):
+            return found
+        return commands(found.path.batch, table, np.array([row]), [found], self._stop_lines)[0]
+
+    @abstractmethod
+    def following(self, table: AgentTable, row: int) -> Following | EgoCommand:
+        """How the ego drives on, or its answer where it follows no path; called once a step, in order.
+
+        Args:
+            table: everybody; there may be agents of other scenes, and ids may be others than those of the recording.
+            row: of the ego, -1 where it is not on the road.
+        """
+
+
+def commands(
+    paths: PathBatch, table: AgentTable, rows: IntArray, followings: Sequence[Following], stop_lines: StopLines
+) -> list[EgoCommand]:
+    """Answers of m egos that drive along paths; none depends on another's.
+
+    Args:
+        paths: m paths, those of `followings`.
+        table: everybody.
+        rows: (m,) of the egos.
+        followings: m of them.
+        stop_lines: of the road.
+    """
+    x, y, yaw, speed = (getattr(table, name)[rows] for name in ("x", "y", "yaw", "speed"))
+    target = paths.point(paths.project(paths.each, x, y).s + pursuit_reach(speed))
+    yaw_rate = towards(target, x, y, yaw, speed)
+    acceleration = np.array([following.acceleration for following in followings])
+    minding = [k for k, following in enumerate(followings) if following.model is not None]
+    if minding:
+        behind = _behind(paths, table, rows, followings, minding, stop_lines)
+        acceleration[minding] = np.where(behind < acceleration[minding], behind, acceleration[minding])
+    return [EgoCommand(table.step, *both) for both in zip(acceleration.tolist(), yaw_rate.tolist(), strict=True)]
+
+
+def _behind(
+    paths: PathBatch,
+    table: AgentTable,
+    rows: IntArray,
+    followings: Sequence[Following],
+    minding: list[int],
+    stop_lines: StopLines,
+) -> FloatArray:
+    """Accelerations [m/s2] of the egos at positions `minding` behind their leaders, and at red."""
+    own, path = rows[minding], np.array(minding)
+    view = along_paths(paths, table, own, path=path)
+    gap, along, leads = view.gap, view.speed, view.ahead & view.in_path
+    if stop_lines.any:
+        s = view.s[np.arange(len(own)), own]
+        line = stop_lines.gaps(table.step, paths.take(path), s, table.length[own], table.speed[own])
+        line[[not followings[k].stops for k in minding]] = FREE
+        # a red light is a leader that stands
+        gap, along = np.column_stack([gap, line]), np.column_stack([along, np.zeros(len(line))])
+        leads = np.column_stack([leads, line < FREE])
+    models = [model for k in minding if (model := followings[k].model) is not None]
+    desired = np.array([followings[k].desired_speed for k in minding])
+    return idm_acceleration(models, table.speed[own], desired, gap, along, leads)

@@ -1,0 +1,53 @@
+"""The egos of several scenes that are stepped together: those that drive along paths are asked for all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from litsim_policy.ego.following import Following, FollowingEgo, commands
+from litsim_policy.ego.registry import Ego
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_policy.motion.reference_path import ReferencePath
+from litsim_policy.motion.stop_lines import StopLines
+from litsim_sim.core.scene import AgentTable, EgoCommand
+from litsim_sim.scenario.joined import JoinedScenario
+
+
+class EgosTogether:
+    """The egos of joined scenes; each answers what it would alone."""
+
+    def __init__(self, joined: JoinedScenario, egos: Sequence[Ego]) -> None:
+        """`egos` are those of the scenes of `joined`, in order."""
+        self._joined, self._egos = joined, tuple(egos)
+        self._stop_lines = StopLines(joined.signals)
+        self._followed: list[ReferencePath] = []
+        self._paths = PathBatch([])
+
+    def plan(self, table: AgentTable, scenes: Iterable[int]) -> list[EgoCommand]:
+        """Answers to the step of `table`, for all scenes; the egos of `scenes` are asked, others answer nothing."""
+        answers = [EgoCommand(table.step)] * len(self._egos)
+        rows = table.rows(self._joined.ego_ids)
+        driving: dict[int, Following] = {}
+        for scene in scenes:
+            ego = self._egos[scene]
+            if isinstance(ego, FollowingEgo):
+                found = ego.following(table, int(rows[scene]))
+            else:
+                found = ego.plan(self._joined.table(scene, table))
+            if isinstance(found, Following):
+                driving[scene] = found
+            else:
+                answers[scene] = found
+        if driving:
+            of, followings = list(driving), list(driving.values())
+            paths = self._along([following.path for following in followings])
+            planned = commands(paths, table, rows[of], followings, self._stop_lines)
+            for scene, command in zip(of, planned, strict=True):
+                answers[scene] = command
+        return answers
+
+    def _along(self, followed: list[ReferencePath]) -> PathBatch:
+        """The paths that are followed, laid out once for as long as they are the same."""
+        if [*map(id, followed)] != [*map(id, self._followed)]:
+            self._followed, self._paths = followed, PathBatch([path.points for path in followed])
+        return self._paths
