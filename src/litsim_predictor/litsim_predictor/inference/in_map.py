@@ -118,8 +118,9 @@ def headings(mean: FloatArray, start: FloatArray, yaw: FloatArray) -> FloatArray
         start: (n, 2) positions before [m].
         yaw: (n,) headings before [rad], kept while a vehicle does not move.
     """
+    mean, start, yaw = (np.ascontiguousarray(array, np.float64) for array in (mean, start, yaw))
     dx, dy = np.empty(mean.shape[:2]), np.empty(mean.shape[:2])
-    steps_between(mean, np.ascontiguousarray(start), dx, dy)
+    steps_between(mean, start, dx, dy)
     along = np.arctan2(dy, dx)
     keep_headings(dx, dy, yaw, along)
     return along
