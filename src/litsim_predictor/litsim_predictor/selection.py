@@ -44,24 +44,29 @@ def agents_read(table: AgentTable, ego_id: Egos) -> BoolArray:
     off his log, within :data:`MEETING_S`, everybody at the velocity of now. It is not certain that nobody else is
     taken over: such a one has no forecast in that one step, and from the next on he is off his log.
     """
-    off = _off_log(table, ego_id)
-    return off | _may_meet(table, np.flatnonzero(~off), np.flatnonzero(off))
+    return _read(table, _off_log(table, ego_id))
 
 
 def selected(table: AgentTable, ego_id: Egos, roi_m: float, wanted: Wanted) -> tuple[AgentTable, IntArray]:
     """The agents of interest, and the rows among them of those to forecast; nobody at all where there are none."""
-    seen = agents_of_interest(table, ego_id, roi_m)
+    off = _off_log(table, ego_id)
+    seen = around(table, off, roi_m)
     if wanted == Wanted.ALL:
         forecast = seen
     elif wanted == Wanted.EGO:
         forecast = seen & table.mask(np.atleast_1d(ego_id))
     else:
-        forecast = seen & agents_read(table, ego_id)
-    return table.take(seen), np.flatnonzero(forecast[seen])
+        forecast = seen & _read(table, off)
+    return table.take(seen), forecast[seen].nonzero()[0]
 
 
 def _off_log(table: AgentTable, ego_id: Egos) -> BoolArray:
     return table.off_log | table.mask(np.atleast_1d(ego_id))
+
+
+def _read(table: AgentTable, off: BoolArray) -> BoolArray:
+    """(n,) :func:`agents_read`, of those that are `off` (n,) their logs."""
+    return off | _may_meet(table, (~off).nonzero()[0], off.nonzero()[0])
 
 
 def _may_meet(table: AgentTable, agents: IntArray, others: IntArray) -> BoolArray:

@@ -112,19 +112,23 @@ class TakeoverManager:
             return TakeoverTable(table.step)
         log = self.scenario.log
         self._off = self._off.take(table.rows(self._off.agent) >= 0)
-        for row in ((table.controller == POLICY) & ~self._is_off(table)).nonzero()[0]:
-            self._adopt(table, int(row))
+        was_off = self._is_off(table)
+        entered = ((table.controller == POLICY) & ~was_off).nonzero()[0].tolist()
+        for row in entered:
+            self._adopt(table, row)
+        was_off = self._is_off(table) if entered else was_off
         self._choose_lags(table)
         lag, walking = self._lag[log.ids.searchsorted(table.id)], table.obstacle
-        lagged, was_off = (lag > 0) & (table.controller == LOG), self._is_off(table)
+        lagged = (lag > 0) & (table.controller == LOG)
         scene = ConflictScene(self._detector, table, forecast, lag, lagged | walking, lambda: self._intents(table))
         is_off = self._take_over(table, scene, was_off, lagged, walking)
         rows, log_rows = self._rows(table, self._off)
-        residuals = Residuals.of(log, log_rows, lag[rows], table, rows)
-        self._review(table, scene, was_off[rows], rows, residuals, is_off | lagged | walking)
+        lags = lag[rows]
+        residuals = Residuals.of(log, log_rows, lags, table, rows)
+        self._review(table, scene, was_off[rows], rows, lags, residuals, is_off | lagged | walking)
         if self._passing is not None and len(self._off):
-            self._passing.look_for_lanes(table, self._off, rows, self._lags(self._off))
-        takeovers = self._off.report(table.x[rows], table.y[rows], residuals.reported, lag[rows])
+            self._passing.look_for_lanes(table, self._off, rows, lags)
+        takeovers = self._off.report(table.x[rows], table.y[rows], residuals.reported, lags)
         self._off = self._off.take(self._off.state != RELEASED)
         return TakeoverTable(table.step, takeovers, int(self.iterations.max()), bool(self.converged.all()))
 
@@ -175,10 +179,6 @@ class TakeoverManager:
     def _rows(self, table: AgentTable, off: OffLog) -> tuple[IntArray, IntArray]:
         """Rows (r,) of agents off their logs in `table`, and in the log."""
         return table.rows(off.agent), self.scenario.log.ids.searchsorted(off.agent)
-
-    def _lags(self, off: OffLog) -> IntArray:
-        """(r,) steps by which the logs lag that agents off their logs would go back to."""
-        return self._lag[self.scenario.log.ids.searchsorted(off.agent)]
 
     def _is_off(self, table: AgentTable) -> BoolArray:
         """(n,) the ego, and those that are driven."""
@@ -267,6 +267,7 @@ class TakeoverManager:
         scene: ConflictScene,
         known: BoolArray,
         rows: IntArray,
+        lags: IntArray,
         residuals: Residuals,
         off_log: BoolArray,
     ) -> None:
@@ -277,6 +278,7 @@ class TakeoverManager:
             scene: of the step.
             known: mask (r,) of them.
             rows: (r,) of all that are off their logs in `table`.
+            lags: (r,) steps by which their logs lag.
             residuals: of these.
             off_log: mask (n,) of those whose forecasts count, and of those that follow a log that lags.
         """
@@ -288,7 +290,7 @@ class TakeoverManager:
         excuse, unneeded = self._excuse(table), self._unneeded(table, rows)[known]
         mine_now, residuals = rows[known], residuals.take(known)
         if self._passing is not None:
-            returns = self._passing.may_return(table, off, mine_now, self._lags(off), residuals)
+            returns = self._passing.may_return(table, off, mine_now, lags[known], residuals)
             residuals = replace(residuals, known=residuals.known & returns)
         review(self.config, off, table, mine_now, residuals, in_conflict[mine_now], excuse, unneeded)
         if off is not self._off:
