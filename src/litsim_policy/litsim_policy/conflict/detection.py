@@ -220,7 +220,7 @@ class ConflictDetector:
 
     def _brakes_hard(self, table: AgentTable) -> BoolArray:
         """(n,) egos that brake so hard that they are taken to go on; see `ConflictConfig.braking_time`."""
-        return (-table.acceleration >= self._config.braking_hard) & (table.controller == Controller.EGO)
+        return (-table.acceleration >= self._config.braking_hard) & (table.controller == EGO)
 
     def _hold_back(self, states: FloatArray, table: AgentTable, row: int) -> None:
         """Move a motion `states` (T, 6) of the agent in `row` back to where its braking leads, in place."""

@@ -31,6 +31,7 @@ from litsim_sim.scenario.signals import Signals
 HIDDEN = 128
 LAYERS = ("hidden0", "hidden1", "mean")
 FORMAT = "litsim policy C, 1"
+POLICY, GUARDED = int(ControlSource.POLICY), int(ControlSource.GUARDED)  # numpy takes plain numbers much faster
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> C
 def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray, safety: SafetyLayer) -> ControlTable:
     """Controls of the m agents of `scene` that ask for accelerations [m/s2] and yaw rates [rad/s] (m,)."""
     agents, safe = scene.agents, safety.guard(scene, acceleration, yaw_rate)
-    source = np.where(safe.guarded, ControlSource.GUARDED, ControlSource.POLICY).astype(np.uint8)
+    source = np.where(safe.guarded, GUARDED, POLICY).astype(np.uint8)
     return ControlTable.without_slip(agents.table, agents.rows, safe.acceleration, safe.yaw_rate, source)
 
 

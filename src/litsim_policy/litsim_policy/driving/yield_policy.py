@@ -45,9 +45,9 @@ EGO = int(Controller.EGO)
 CLOSE_UP = 5.0  # [m] to whoever is ahead, below which it matters whether the log itself runs into him
 LEADER_BRAKES = 1.0  # [m/s2] from which on a leader is taken to brake until it stands
 SOURCES = {
-    TakeoverState.HELD: ControlSource.POLICY,
-    TakeoverState.HANDBACK: ControlSource.HANDBACK,
-    TakeoverState.RELEASED: ControlSource.LATE,
+    TakeoverState.HELD: int(ControlSource.POLICY),
+    TakeoverState.HANDBACK: int(ControlSource.HANDBACK),
+    TakeoverState.RELEASED: int(ControlSource.LATE),
 }
 
 
@@ -208,12 +208,30 @@ def braking_needed(agents: PathFollowers, leads: BoolArray) -> FloatArray:
 
     The model brakes as hard for a gap that is merely shorter than it likes; a leader that brakes is taken to stop.
     """
-    speed, lead = agents.speed[:, None], np.maximum(agents.view.speed, 0.0)
-    room = np.where(leads, np.maximum(agents.view.gap, GAP_MIN), np.inf)
-    braking = np.maximum(-agents.table.acceleration, 0.0)
-    stops = np.divide(lead**2, 2.0 * braking, out=np.full(lead.shape, np.inf), where=braking > LEADER_BRAKES)
-    needed = np.maximum(np.maximum(speed - lead, 0.0) ** 2 / room, speed**2 / (room + stops))
-    return np.asarray(0.5 * needed.max(axis=1, initial=0.0))
+    return _braking_needed(agents.speed, agents.view.gap, agents.view.speed, leads, agents.table.acceleration)
+
+
+@kernel(OUT_FLOATS(FLOATS, FLOATS2, FLOATS2, BOOLS2, FLOATS))
+def _braking_needed(
+    speed: FloatArray, gap: FloatArray, along: FloatArray, leads: BoolArray, acceleration: FloatArray
+) -> FloatArray:
+    """See :func:`braking_needed`.
+
+    Args:
+        speed: (m,) of the agents [m/s].
+        gap, along: (m, n) to everybody and of everybody along the path [m], [m/s].
+        leads: (m, n) who leads.
+        acceleration: (n,) of everybody [m/s2].
+    """
+    found = np.zeros(len(speed))
+    for i in range(len(speed)):
+        for j in range(len(acceleration)):
+            if leads[i, j]:
+                lead, room, braking = max(along[i, j], 0.0), max(gap[i, j], GAP_MIN), max(-acceleration[j], 0.0)
+                stops = lead**2 / (2.0 * braking) if braking > LEADER_BRAKES else np.inf
+                needed = max(max(speed[i] - lead, 0.0) ** 2 / room, speed[i] ** 2 / (room + stops))
+                found[i] = max(found[i], 0.5 * needed)
+    return found
 
 
 @kernel(boolean(FLOATS, FLOATS, FLOATS, INTS, int64, int64))

@@ -54,6 +54,9 @@ class Controller(IntEnum):
     BASELINE = 3
 
 
+_LOG = int(Controller.LOG)
+
+
 @dataclass(frozen=True)
 class AgentTable:
     """All agents at one step; every array has shape (n,) and `id` ascends.
@@ -118,7 +121,7 @@ class AgentTable:
     @property
     def off_log(self) -> BoolArray:
         """(n,) agents whose motion is not the recorded one, the ego included."""
-        return self.controller != Controller.LOG
+        return self.controller != _LOG
 
     @cached_property
     def scene(self) -> IntArray:

@@ -27,6 +27,7 @@ from litsim_sim.recordings.recording import Recording
 
 REPLAYS = 4
 """Kept replays of a log: most runs of a scenario end with it, a few before."""
+LOG = int(Controller.LOG)
 LAG_TOLERANCE = 0.2  # [m] by which one place may be farther than another and yet count as near
 
 
@@ -135,7 +136,7 @@ class Log:
             step=step,
             id=self.ids.take(rows),
             kind=self.kind.take(rows),
-            controller=np.full(len(rows), Controller.LOG, np.uint8),
+            controller=np.full(len(rows), LOG, np.uint8),
             x=x,
             y=y,
             yaw=yaw,

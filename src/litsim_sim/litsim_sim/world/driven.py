@@ -14,6 +14,10 @@ from litsim_sim.core.scene import AgentTable, Controller, ControlSource, Control
 from litsim_sim.core.vehicle import Actuators
 from litsim_sim.scenario.setting import Setting
 
+# numpy compares plain numbers much faster than members of an enumeration
+POLICY, EGO, BASELINE = int(Controller.POLICY), int(Controller.EGO), int(Controller.BASELINE)
+LATE, OF_BASELINE = int(ControlSource.LATE), int(ControlSource.BASELINE)
+
 
 def check_answers(
     step: int, ego_ids: IntArray, controls: ControlTable, egos: Sequence[EgoCommand], table: AgentTable
@@ -77,16 +81,16 @@ class DrivenVehicles:
             those of them that were on the road, ids ascending; gone is who has left the net after the end of its log,
             but for egos.
         """
-        stay = controls.source != ControlSource.LATE
+        stay = controls.source != LATE
         ids, acceleration, yaw_rate = controls.id[stay], controls.acceleration[stay], controls.yaw_rate[stay]
-        controller = np.where(controls.source[stay] == ControlSource.BASELINE, Controller.BASELINE, Controller.POLICY)
+        controller = np.where(controls.source[stay] == OF_BASELINE, BASELINE, POLICY)
         driving = [k for k, ego in enumerate(egos) if ego is not None]
         if driving:
             effects = np.array([self._actuate(table, k, ego) for k, ego in enumerate(egos) if ego is not None])
             ids = np.concatenate([ids, self._ego_ids[driving]])
             acceleration = np.concatenate([acceleration, effects[:, 0]])
             yaw_rate = np.concatenate([yaw_rate, effects[:, 1]])
-            controller = np.concatenate([controller, np.full(len(driving), Controller.EGO)])
+            controller = np.concatenate([controller, np.full(len(driving), EGO)])
         rows = table.rows(ids)
         listed = rows >= 0
         rows, order = rows[listed], np.argsort(rows[listed], kind="stable")
