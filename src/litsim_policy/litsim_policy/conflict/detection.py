@@ -348,6 +348,8 @@ class ConflictDetector:
 
     def _overlap_in_log(self, table: AgentTable, pairs: IntArray) -> BoolArray:
         """(m,) whether `pairs` (m, 2) of rows overlap at some step of the log; of the ego that is not asked."""
+        if not len(pairs):
+            return np.zeros(0, np.bool_)
         found: BoolArray = np.asarray((table.controller[pairs] != EGO).all(axis=1))
         at = found.nonzero()[0]
         found[at] = self._overlaps.any(self._log.ids.searchsorted(table.id[pairs[at]]))

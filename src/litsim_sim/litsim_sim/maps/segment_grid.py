@@ -77,10 +77,10 @@ class SegmentGrid:
 
         Beyond its ends a lane is continued straight.
         """
-        shape = np.broadcast_shapes(lane.shape, s.shape)
-        lanes = np.ascontiguousarray(np.broadcast_to(lane, shape)).reshape(-1)
-        lengths = np.ascontiguousarray(np.broadcast_to(s, shape)).reshape(-1)
-        segment = _segments_at(lanes, lengths, *self._places).reshape(shape)
+        if lane.shape != s.shape:
+            lane, s = np.broadcast_arrays(lane, s)
+        lanes, lengths = np.ascontiguousarray(lane).reshape(-1), np.ascontiguousarray(s).reshape(-1)
+        segment = _segments_at(lanes, lengths, *self._places).reshape(s.shape)
         along = s - self.start_s[segment]
         x = self.start_x[segment] + along * self.cos[segment]
         y = self.start_y[segment] + along * self.sin[segment]
