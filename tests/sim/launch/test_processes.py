@@ -2,34 +2,43 @@
 
 from __future__ import annotations
 
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
+import domain_coordinator
 import pytest
 
-from litsim_sim.launch.middleware import ENCLAVE, RANGE, SECURITY
+from litsim_sim.core.stages import BRIDGE
+from litsim_sim.launch.domain_ports import DOMAIN_PORTS, EMPTY, FIRST_PORT
+from litsim_sim.launch.middleware import ENCLAVE, PROFILES, RANGE, SECURITY
 from litsim_sim.launch.processes import STACK, Graph
 
 
 def environment(folder: Path) -> dict[str, str]:
     """What a node that is started by the launcher finds in its environment."""
     folder.mkdir()
-    program = folder / "node"
-    program.write_text("#!/bin/sh\nenv\n")
-    program.chmod(0o755)
     graph = Graph(folder / "out", 7)
-    graph.start("node", program, {})
+    graph.start("node", says_variables(folder), {})
     try:
         graph.children["node"].process.wait(60.0)
     finally:
         graph.stop()
-    return variables(graph.children["node"].log)
+    return variables(graph.children["node"].log.read_text())
 
 
-def variables(log: Path) -> dict[str, str]:
+def says_variables(folder: Path) -> Path:
+    """A program in `folder` that does what ``env`` does."""
+    program = folder / "node"
+    program.write_text("#!/bin/sh\nenv\n")
+    program.chmod(0o755)
+    return program
+
+
+def variables(text: str) -> dict[str, str]:
     """What ``env`` has said."""
-    return dict(line.split("=", 1) for line in log.read_text().splitlines() if "=" in line)
+    return dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
 
 
 def test_nodes_stay_on_this_machine_unless_the_user_says_otherwise(
@@ -40,6 +49,36 @@ def test_nodes_stay_on_this_machine_unless_the_user_says_otherwise(
     assert (found["ROS_DOMAIN_ID"], found[RANGE]) == ("7", "LOCALHOST")
     monkeypatch.setenv(RANGE, "SUBNET")
     assert environment(tmp_path / "chosen")[RANGE] == "SUBNET"
+
+
+def test_the_bridge_alone_is_told_that_nobody_was_in_the_domain(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(RANGE, raising=False)
+    monkeypatch.delenv(PROFILES[0], raising=False)
+    monkeypatch.delenv(EMPTY, raising=False)
+    program = says_variables(tmp_path)
+    with domain_coordinator.domain_id() as domain:
+        assert told(Graph(tmp_path / "alone", domain), program) == {BRIDGE: str(domain), "other": None}
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as somebody:
+            somebody.bind(("127.0.0.1", FIRST_PORT + DOMAIN_PORTS * domain + 10))
+            graph = Graph(tmp_path / "beside", domain)
+        assert told(graph, program) == {BRIDGE: None, "other": None}
+
+
+def told(graph: Graph, program: Path) -> dict[str, str | None]:
+    """What the bridge and another process of `graph` find in :data:`EMPTY`; `program` says it."""
+    try:
+        for name in (BRIDGE, "other"):
+            graph.start(name, program, {})
+        bridge = graph.children[BRIDGE].process.stdout
+        assert bridge is not None
+        lines = {BRIDGE: bridge.read()}
+        graph.children["other"].process.wait(60.0)
+        lines["other"] = graph.children["other"].log.read_text()
+    finally:
+        graph.stop()
+    return {name: variables(text).get(EMPTY) for name, text in lines.items()}
 
 
 def test_a_stack_is_in_an_enclave_of_its_own_where_runs_are_secured(
@@ -55,7 +94,7 @@ def test_a_stack_is_in_an_enclave_of_its_own_where_runs_are_secured(
             graph.children[STACK].process.wait(60.0)
         finally:
             graph.stop()
-        found[secured] = variables(graph.children[STACK].log)
+        found[secured] = variables(graph.children[STACK].log.read_text())
     assert ENCLAVE not in found["false"]
     assert found["true"][ENCLAVE] == "/litsim/ads"
 

@@ -12,7 +12,7 @@ from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.cli.program import interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
-from litsim_sim.core.stages import BRIDGE
+from litsim_sim.core.garbage import without_collection
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
@@ -32,16 +32,17 @@ def launch(arguments: argparse.Namespace) -> int:
     Raises:
         InputError: something cannot be used; found before anything is started.
     """
-    check_security(os.environ)
-    plan = plan_of(arguments)
-    if arguments.command and plan.ego != EXTERNAL:
-        raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
-    domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
-    options = _options(arguments, plan)
-    nodes = nodes_of(plan, options)
-    nodes = nodes if arguments.apart else in_company(nodes)
-    paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
-    check_output(options.out, options.overwrite)
+    with without_collection():
+        check_security(os.environ)
+        plan = plan_of(arguments)
+        if arguments.command and plan.ego != EXTERNAL:
+            raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
+        domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
+        options = _options(arguments, plan)
+        nodes = nodes_of(plan, options)
+        nodes = nodes if arguments.apart else in_company(nodes)
+        paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
+        check_output(options.out, options.overwrite)
     with domain as domain_id:
         graph = Graph(options.out, domain_id, options.answer_timeout_s)
         _announce(arguments, plan, domain_id)
@@ -66,10 +67,9 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
     try:
         if arguments.command:  # first: it may take long to get ready
             graph.start_stack(arguments.command)
-        for node in reversed(nodes):
+        prepare_nodes()
+        for node in reversed(nodes):  # the bridge first: it takes longest to get ready
             graph.start(node.name, paths[node.name], node.parameters, forked=True, several=node.several)
-            if node.name == BRIDGE:  # it loads SUMO and looks for other runs meanwhile
-                prepare_nodes()
         graph.watch(arguments.quiet)
     except KeyboardInterrupt:
         print("\ninterrupted: ending the graph", file=sys.stderr)

@@ -101,8 +101,7 @@ def keep_ready(*modules: str) -> None:
 
 def keep_imports() -> None:
     """Have what there is by now shared with the copies that are made from here on: the collector would touch it all."""
-    gc.collect()
-    gc.freeze()
+    gc.freeze()  # without collecting first: that takes longer than the copies of what little garbage there is
 
 
 def _end_of(wanted: IO[str] | int) -> tuple[IO[str] | None, IO[str] | Connection | None]:

@@ -203,6 +203,7 @@ def run_stages(*makes: Callable[[Company], StageNode]) -> None:
     with process(interrupted=0):
         company = Company()
         nodes = [make(company) for make in makes]
+        load_kernels()  # while others get ready; a run may need more
         executor = executor_of(*nodes)
         for node in nodes:
             node.get_logger().info(f"waiting for a run on {RUN_INFO.name}")
