@@ -28,7 +28,7 @@ def test_egos_that_follow_with_models_of_their_own_answer_as_alone(make_scenario
             ("log", {}),
             ("idm", {}),
         ]
-        return [make_ego(name, scene, **given) for scene, (name, given) in zip(scenes, [*makes, makes[0]], strict=True)]
+        return [make_ego(name, scene, **given) for scene, (name, given) in zip(scenes, makes, strict=True)]
 
     joined, alone, modes = JoinedScenario.of(scenes), egos(), []
     assert [isinstance(ego, FollowingEgo) for ego in alone] == [True, True, True, False, True]

@@ -11,9 +11,10 @@ from litsim_policy.driving.task import NOBODY
 from litsim_policy.ego.log import LogEgo
 from litsim_policy.learning.drafts import Drafts
 from litsim_policy.learning.draw import Start
-from litsim_policy.learning.task import TaskConfig, nearest, recorded_task
+from litsim_policy.learning.task import TaskConfig, all_nearest, nearest, recorded_task
 from litsim_policy.motion.reference_path import logged_path
-from litsim_sim.scenario.joined import JoinedScenario
+from litsim_sim.core.scene import ARRAY_FIELDS
+from litsim_sim.scenario.joined import BITS, JoinedScenario, JoinedTable
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -54,6 +55,8 @@ def test_the_nearest_is_of_the_same_scene(agent_table: Any) -> None:
     table = agent_table(0, {"id": 1, "x": 0.0}, {"id": 2, "x": 9.0}, {"id": 3, "x": 5.0})
     assert [nearest(table, row) for row in range(3)] == [3, 3, 2]
     assert nearest(agent_table(0, {"id": 1, "x": 0.0}), 0) == NOBODY
+    scenes = JoinedTable(0, table.id + np.array([0, 0, 1 << BITS]), *(getattr(table, f) for f in ARRAY_FIELDS[1:]))
+    assert all_nearest(scenes, np.arange(3)).tolist() == [2, 1, NOBODY]
 
 
 @pytest.mark.parametrize("goal_steps", [(5, 4), (-20, 0)])

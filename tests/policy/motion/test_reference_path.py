@@ -20,6 +20,7 @@ from litsim_policy.motion.reference_path import (
 )
 from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
 from litsim_sim.core.geometry import wrap_angle
+from litsim_sim.scenario.joined import JoinedScenario
 
 FAR = 1e4  # [m] by which shapely's lines are prolonged, as ours are without end
 
@@ -213,3 +214,16 @@ def test_a_path_along_the_route_changes_no_lane(make_scenario, track) -> None:
     np.testing.assert_allclose(path.points[0], [100.0, -5.49], atol=0.01)
     np.testing.assert_allclose(path.points[:, 1], -5.49, atol=0.1)
     assert logged_path(scenario.log, scenario.lane_map, 2).points[50, 1] > -4.0, "its log does"
+
+
+def test_a_logged_path_is_made_once_for_all_runs_of_a_log_alone_or_joined(make_scenario, track) -> None:
+    scenario = make_scenario(track(4, x=60.0), track(9, x=90.0))
+    other = make_scenario(track(4, x=65.0))
+    lanes = scenario.lane_map
+    path = logged_path(scenario.log, lanes, 9)
+    assert logged_path(scenario.around(9, 1).log, lanes, 9) is path
+    joined = JoinedScenario.of((other, scenario))
+    assert logged_path(joined.log, lanes, joined.agent(1, 9)) is path
+    first = logged_path(joined.log, lanes, joined.agent(0, 4))
+    assert first is logged_path(other.log, lanes, 4)
+    assert first is not logged_path(scenario.log, lanes, 4)

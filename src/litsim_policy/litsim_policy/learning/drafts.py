@@ -9,7 +9,7 @@ import numpy as np
 
 from litsim_policy.driving.task import NOBODY
 from litsim_policy.learning.draw import Start, drafted_tasks
-from litsim_policy.learning.task import TaskConfig, nearest, recorded_task
+from litsim_policy.learning.task import TaskConfig, all_nearest, recorded_task
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
 from litsim_sim.core.scene import AgentTable, FloatArray
@@ -88,16 +88,14 @@ class Drafts:
         at, paths = rows[here], self._paths.take(here)
         s = paths.project(np.arange(len(here)), table.x[at], table.y[at]).s
         begin, end = (ends.tolist() for ends in paths.window(s))
-        own: dict[int, AgentTable] = {}
+        opponents = all_nearest(table, at).tolist()
         found = []
-        for k, row, i, j in zip(here.tolist(), at.tolist(), begin, end, strict=True):
+        for k, opponent, i, j in zip(here.tolist(), opponents, begin, end, strict=True):
             one = self._drafted[k]
             if table.step > one.passed:
-                if not own:
-                    own = dict(enumerate(self._joined.tables(table)))
-                self._renew(one, own[one.scene])
-            opponent = nearest(table, row) if one.has_opponent else NOBODY
-            found.append(Draft(self._agents[k], one.path.points[i:j], one.goal, one.due_step, opponent))
+                self._renew(one, self._joined.table(one.scene, table))
+            minded = opponent if one.has_opponent else NOBODY
+            found.append(Draft(self._agents[k], one.path.points[i:j], one.goal, one.due_step, minded))
         return found
 
     def _renew(self, one: _Drafted, table: AgentTable) -> None:

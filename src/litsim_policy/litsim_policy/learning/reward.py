@@ -13,7 +13,7 @@ import numpy as np
 from numba.types import Tuple, UniTuple
 
 from litsim_sim.core.compiled import FLOATS, INTS, OUT_BOOLS2, OUT_FLOATS, OUT_FLOATS3, kernel
-from litsim_sim.core.pair_geometry import overlap, within
+from litsim_sim.core.pair_geometry import overlap, within, within_scenes
 from litsim_sim.core.quantities import NonNegative, Number, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
@@ -145,14 +145,15 @@ def _contacts(
 ) -> tuple[BoolArray, FloatArray]:
     """See :func:`others_near`; the first six arrays (n,) are columns of the table."""
     touching, near = np.zeros((len(rows), len(x)), np.bool_), np.empty(len(rows))
+    begin, end = within_scenes(scene, rows)
     for i in range(len(rows)):
         own, least = rows[i], np.inf
         cos, sin = math.cos(yaw[own]), math.sin(yaw[own])
-        for j in range(len(x)):
+        for j in range(begin[i], end[i]):
             dx, dy = x[j] - x[own], y[j] - y[own]
             ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
             half_length, half_width = 0.5 * (length[j] + length[own]), 0.5 * (width[j] + width[own])
-            if j == own or scene[j] != scene[own] or not ahead > -0.5 * half_length:
+            if j == own or not ahead > -0.5 * half_length:
                 continue
             # whoever is farther away than this along or across cannot touch, whatever the headings
             if abs(ahead) < half_length + half_width and abs(left) < half_length + half_width:

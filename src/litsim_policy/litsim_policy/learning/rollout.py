@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count, islice
+from itertools import count, islice, pairwise
 from typing import Protocol
 
 import numpy as np
@@ -21,7 +21,8 @@ from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.scenario.joined import BITS, kind
 
 EMPTY_EPISODES_MAX = 100  # episodes in a row without anybody to drive, after which there is no point in going on
-TOGETHER = 8  # episodes that are stepped together at most
+TOGETHER = 16  # episodes that are stepped together at most
+COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard")  # of penalties, what is summed up
 VALIDATION_SEED = 10_000_019  # of the first episode of every validation
 
 
@@ -170,16 +171,24 @@ def _drive_together(
             if not outcome.driven_on[k]:
                 ended = bool(outcome.terminated[k])
                 tracks[scene[k]].append(_track(open_tracks.pop(agent), outcome.following[k], terminated=ended))
-        for number in np.unique(scene).tolist():
-            own, terms, there = sums[number], outcome.terms, outcome.present >> BITS == number
-            own["transitions"] += int((scene == number).sum())
-            own["penalty"] += float(outcome.penalty[scene == number].sum())
-            for name in ("collision", "off_road", "edge", "proximity", "hard_brake", "guard"):
-                own[name] += float(getattr(terms, name)[there].sum())
-            collided[number] |= terms.collision[there].any()
+        counted = np.array([getattr(outcome.terms, name) for name in COUNTED], np.float64)
+        there = _scenes(outcome.present >> BITS, count)
+        for number, (begin, end) in enumerate(_scenes(scene, count)):
+            if end > begin:
+                own, present = sums[number], slice(*there[number])
+                own["transitions"] += end - begin
+                own["penalty"] += float(outcome.penalty[begin:end].sum())
+                for name, total in zip(COUNTED, counted[:, present].sum(axis=1).tolist(), strict=True):
+                    own[name] += total
+                collided[number] |= outcome.terms.collision[present].any()
     for own, has_collided in zip(sums, collided.tolist(), strict=True):
         own["collided_episodes"] += float(has_collided)
     return [Episode(of_one, dict(own)) for of_one, own in zip(tracks, sums, strict=True)]
+
+
+def _scenes(scene: IntArray, count: int) -> list[tuple[int, int]]:
+    """The first row and the one behind the last of each of `count` scenes among agents of scenes (m,), which ascend."""
+    return list(pairwise(scene.searchsorted(np.arange(count + 1)).tolist()))
 
 
 def _noise(scene: IntArray, generators: Sequence[torch.Generator]) -> FloatArray:

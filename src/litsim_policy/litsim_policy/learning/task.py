@@ -8,13 +8,17 @@ other did not, or one side always had an opponent, the sides could be told apart
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from pydantic import model_validator
 
 from litsim_policy.driving.task import NOBODY, DrivingTask
 from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.compiled import FLOATS, INTS, OUT_INTS, kernel
+from litsim_sim.core.pair_geometry import within_scenes
 from litsim_sim.core.quantities import Duration, NonNegative, Share, Steps, configuration
-from litsim_sim.core.scene import STEP_S, AgentTable
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
 from litsim_sim.scenario.log import Log
 
 
@@ -59,8 +63,23 @@ def recorded_task(
 
 def nearest(table: AgentTable, row: int) -> int:
     """Id of the agent of the same scene whose box centre is nearest to that of the agent in `row`; NOBODY if alone."""
-    distance = np.hypot(table.x - table.x[row], table.y - table.y[row])
-    distance[row] = np.inf
-    distance[table.scene != table.scene[row]] = np.inf
-    least = int(np.argmin(distance))
-    return int(table.id[least]) if np.isfinite(distance[least]) else NOBODY
+    return int(all_nearest(table, np.array([row]))[0])
+
+
+def all_nearest(table: AgentTable, rows: IntArray) -> IntArray:
+    """The same (m,) of the agents in `rows` (m,)."""
+    least = _nearest(table.scene, table.x, table.y, rows)
+    return np.where(least < 0, NOBODY, table.id[least])
+
+
+@kernel(OUT_INTS(INTS, FLOATS, FLOATS, INTS))
+def _nearest(scene: IntArray, x: FloatArray, y: FloatArray, rows: IntArray) -> IntArray:
+    """Rows (m,) of those nearest to the agents in `rows` (m,), below 0 for nobody; the others (n,) are of everybody."""
+    found, (begin, end) = np.full(len(rows), -1), within_scenes(scene, rows)
+    for i in range(len(rows)):
+        own, least = rows[i], np.inf
+        for j in range(begin[i], end[i]):
+            distance = math.hypot(x[j] - x[own], y[j] - y[own])
+            if j != own and distance < least:
+                found[i], least = j, distance
+    return found

@@ -74,7 +74,17 @@ class ReferencePath:
 
 
 def logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
-    """Where `agent` went in the recording, and then on along its last lane."""
+    """Where `agent` went in the recording, and then on along its last lane; made once for all runs of a log."""
+    own, recorded = log.recorded(agent)
+    made_of = id(lane_map), recorded
+    if made_of not in own.paths:
+        own.paths[made_of] = lane_map, _logged_path(own, lane_map, recorded)  # who is kept keeps his id
+    path: ReferencePath = own.paths[made_of][1]
+    return path
+
+
+def _logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
+    """See :func:`logged_path`."""
     row = int(np.searchsorted(log.ids, agent))
     valid = log.valid[row]
     points = np.column_stack([log.x[row][valid], log.y[row][valid]])

@@ -42,6 +42,7 @@ class JoinedLog(Log):
     """The logs of several scenes."""
 
     table_type: ClassVar[type[AgentTable]] = JoinedTable
+    logs: tuple[Log, ...]
 
     @classmethod
     def of(cls, logs: Sequence[Log]) -> JoinedLog:
@@ -53,7 +54,14 @@ class JoinedLog(Log):
             if field.name != "ids"
         }
         ids = np.concatenate([(k << BITS) + np.arange(len(log.ids)) for k, log in enumerate(logs)])
-        return cls(ids=ids, **columns)
+        joined = cls(ids=ids, **columns)
+        object.__setattr__(joined, "logs", tuple(logs))  # the columns are all that its table is made of
+        return joined
+
+    def recorded(self, agent: int) -> tuple[Log, int]:
+        """See :meth:`Log.recorded`."""
+        log = self.logs[agent >> BITS]
+        return log, int(log.ids[agent & ((1 << BITS) - 1)])
 
 
 @dataclass(frozen=True, eq=False)

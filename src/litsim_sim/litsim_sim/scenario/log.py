@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numba.types import UniTuple
@@ -114,6 +115,15 @@ class Log:
     def steps(self) -> int:
         """Number of steps that the log covers, step 0 included."""
         return self.valid.shape[1]
+
+    @cached_property
+    def paths(self) -> dict[Hashable, Any]:
+        """Paths that others have made of it, kept for all runs of it in this process; by what they were made of."""
+        return {}
+
+    def recorded(self, agent: int) -> tuple[Log, int]:
+        """The log of the scenario that `agent` is in, and its id there: this one."""
+        return self, agent
 
     def row(self, agent: int) -> int:
         """Row of `agent`, or -1 where the log has no such agent."""
