@@ -61,24 +61,24 @@ class FollowingEgo(ABC):
 
 
 def commands(
-    paths: PathBatch, table: AgentTable, rows: IntArray, followings: Sequence[Following], stop_lines: StopLines
+    paths: PathBatch, table: AgentTable, rows: IntArray, drivers: Sequence[Following], stop_lines: StopLines
 ) -> list[EgoCommand]:
     """Answers of m egos that drive along paths; none depends on another's.
 
     Args:
-        paths: m paths, those of `followings`.
+        paths: m paths, those of `drivers`.
         table: everybody.
         rows: (m,) of the egos.
-        followings: m of them.
+        drivers: m of them.
         stop_lines: of the road.
     """
     x, y, yaw, speed = (getattr(table, name)[rows] for name in ("x", "y", "yaw", "speed"))
     target = paths.point(paths.project(paths.each, x, y).s + pursuit_reach(speed))
     yaw_rate = towards(target, x, y, yaw, speed)
-    acceleration = np.array([following.acceleration for following in followings])
-    minding = [k for k, following in enumerate(followings) if following.model is not None]
+    acceleration = np.array([driver.acceleration for driver in drivers])
+    minding = [k for k, driver in enumerate(drivers) if driver.model is not None]
     if minding:
-        behind = _behind(paths, table, rows, followings, minding, stop_lines)
+        behind = _behind(paths, table, rows, drivers, minding, stop_lines)
         acceleration[minding] = np.where(behind < acceleration[minding], behind, acceleration[minding])
     return [EgoCommand(table.step, *both) for both in zip(acceleration.tolist(), yaw_rate.tolist(), strict=True)]
 
@@ -87,7 +87,7 @@ def _behind(
     paths: PathBatch,
     table: AgentTable,
     rows: IntArray,
-    followings: Sequence[Following],
+    drivers: Sequence[Following],
     minding: list[int],
     stop_lines: StopLines,
 ) -> FloatArray:
@@ -98,10 +98,10 @@ def _behind(
     if stop_lines.any:
         s = view.s[np.arange(len(own)), own]
         line = stop_lines.gaps(table.step, paths.take(path), s, table.length[own], table.speed[own])
-        line[[not followings[k].stops for k in minding]] = FREE
+        line[[not drivers[k].stops for k in minding]] = FREE
         # a red light is a leader that stands
         gap, along = np.column_stack([gap, line]), np.column_stack([along, np.zeros(len(line))])
         leads = np.column_stack([leads, line < FREE])
-    models = [model for k in minding if (model := followings[k].model) is not None]
-    desired = np.array([followings[k].desired_speed for k in minding])
+    models = [model for k in minding if (model := drivers[k].model) is not None]
+    desired = np.array([drivers[k].desired_speed for k in minding])
     return idm_acceleration(models, table.speed[own], desired, gap, along, leads)

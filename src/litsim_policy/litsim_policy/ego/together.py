@@ -39,9 +39,9 @@ class EgosTogether:
             else:
                 answers[scene] = found
         if driving:
-            of, followings = list(driving), list(driving.values())
-            paths = self._along([following.path for following in followings])
-            planned = commands(paths, table, rows[of], followings, self._stop_lines)
+            of, drivers = list(driving), list(driving.values())
+            paths = self._along([driver.path for driver in drivers])
+            planned = commands(paths, table, rows[of], drivers, self._stop_lines)
             for scene, command in zip(of, planned, strict=True):
                 answers[scene] = command
         return answers
