@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import yaml
 
 from litsim_policy.run import throughput
 from litsim_policy.run.throughput import (
@@ -19,7 +20,9 @@ from litsim_policy.run.throughput import (
     ITERATIONS,
     RATIO,
     TRAIN,
+    TRAINING,
     Side,
+    generated_data,
     measure_throughput,
     throughput_rows,
     time_evaluation,
@@ -108,11 +111,19 @@ def test_agent_steps_are_those_of_the_iterations(tmp_path: Path) -> None:
     assert (tmp_path / "out/data/manifest.yaml").is_file(), "nothing is generated within the time"
 
 
+def test_each_checkout_trains_on_what_it_has_generated(tmp_path: Path) -> None:
+    side = Told("data/manifest.yaml", {"written": "by its own program"})
+    (tmp_path / "out/data").mkdir(parents=True)
+    assert (generated_data(side, tmp_path / "out") / "manifest.yaml").is_file()
+    (call,) = side.calls
+    assert yaml.safe_load(Path(call[call.index("--config") + 1]).read_text()) == TRAINING
+
+
 def test_sides_take_turns_and_ratios_are_those_of_pairs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     turns: list[str] = []
     here, there = Side.here(), Side(("other",), "litsim_policy.train", {})
     monkeypatch.setattr(Side, "beside", lambda _: there)
-    monkeypatch.setattr(throughput, "write_segment_set", lambda *_: None)
+    monkeypatch.setattr(throughput, "generated_data", lambda *_: tmp_path)
 
     def evaluated(side: Side, *_: object) -> dict[str, float]:
         turns.append(HERE if side == here else BESIDE)
