@@ -350,16 +350,17 @@ def main() -> int:
     p.add_argument("--folder", type=Path, default=Path("bags/soak"), help="where results are kept as they come")
     p.add_argument("--page", type=Path, default=Path("docs/soak.md"))
     arguments = p.parse_args()
+    folder = arguments.folder.absolute()  # nets are named from where their scenarios lie
     try:
         runs = 2 if arguments.long else arguments.runs
-        results = [each for each in soak(arguments.folder, runs, long=arguments.long) if not each.spoilt]
+        results = [each for each in soak(folder, runs, long=arguments.long) if not each.spoilt]
     except InputError as error:
         print_error(error)
         return EXIT_INPUT
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     finally:
-        write_page(arguments.folder, arguments.page)
+        write_page(folder, arguments.page)
     return EXIT_FAILED if len(results) < runs or any(each.wrong for each in results) else 0
 
 
