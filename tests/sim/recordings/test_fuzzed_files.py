@@ -60,9 +60,7 @@ def spoilt_text(draw: st.DrawFn, text: str) -> bytes:
     lines = text.splitlines()
     for _ in range(draw(st.integers(1, 3))):
         at = draw(st.integers(0, len(lines) - 1))
-        way = draw(
-            st.sampled_from(["word", "word", "word", "cut", "twice", "left out", "joined", "turned", "anything"])
-        )
+        way = draw(st.sampled_from(LINE_WAYS))
         separator = "," if "," in lines[at] else "  "
         if way == "word":
             words = lines[at].split(separator)

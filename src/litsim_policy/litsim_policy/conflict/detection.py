@@ -25,11 +25,9 @@ from litsim_sim.core.quantities import (
     at_most,
     configuration,
 )
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
-
-EGO = int(Controller.EGO)
 
 
 @configuration
@@ -220,7 +218,7 @@ class ConflictDetector:
 
     def _brakes_hard(self, table: AgentTable) -> BoolArray:
         """(n,) egos that brake so hard that they are taken to go on; see `ConflictConfig.braking_time`."""
-        return (-table.acceleration >= self._config.braking_hard) & (table.controller == EGO)
+        return (-table.acceleration >= self._config.braking_hard) & table.of_ego
 
     def _hold_back(self, states: FloatArray, table: AgentTable, row: int) -> None:
         """Move a motion `states` (T, 6) of the agent in `row` back to where its braking leads, in place."""
@@ -350,7 +348,7 @@ class ConflictDetector:
         """(m,) whether `pairs` (m, 2) of rows overlap at some step of the log; of the ego that is not asked."""
         if not len(pairs):
             return np.zeros(0, np.bool_)
-        found: BoolArray = np.asarray((table.controller[pairs] != EGO).all(axis=1))
+        found: BoolArray = np.asarray(~table.of_ego[pairs].any(axis=1))
         at = found.nonzero()[0]
         found[at] = self._overlaps.any(self._log.ids.searchsorted(table.id[pairs[at]]))
         return found

@@ -83,6 +83,12 @@ def followed(
     return found
 
 
+@kernel(float64(*[float64] * 4))
+def touching(length_a: float, width_a: float, length_b: float, width_b: float) -> float:
+    """Distance [m] of the centres of two boxes from which on they cannot overlap, however they are turned."""
+    return 0.5 * (math.hypot(length_a, width_a) + math.hypot(length_b, width_b))
+
+
 @kernel(boolean(FLOATS2, FLOATS2, int64, int64, float64, float64))
 def may_meet(bounds_a: FloatArray, bounds_b: FloatArray, i: int, j: int, reach: float, tail: float) -> bool:
     """Whether agent `i` of futures a and `j` of futures b are ever nearer than `reach` [m] and `tail` spreads each."""
@@ -110,7 +116,7 @@ def within_bounds(
     found = np.empty(len(pairs), np.bool_)
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
-        reach = 0.5 * (math.hypot(length[i], width[i]) + math.hypot(length[j], width[j]))
+        reach = touching(length[i], width[i], length[j], width[j])
         found[k] = may_meet(bounds_a, bounds_b, i, j, reach, tail)
     return found
 
@@ -146,7 +152,7 @@ def write_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Returns:
         whether it is at least `least` anywhere.
     """
-    reach = 0.5 * (math.hypot(length_a, width_a) + math.hypot(length_b, width_b))
+    reach = touching(length_a, width_a, length_b, width_b)
     matters, tail = False, max(0.0, -quantile)
     for t in range(len(found)):
         if not (valid_a[t] and valid_b[t]):
@@ -210,7 +216,7 @@ def overlap_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
     found, tail = np.zeros((len(pairs), states_a.shape[1])), max(0.0, -quantile)
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
-        reach = 0.5 * (math.hypot(length[i], width[i]) + math.hypot(length[j], width[j]))
+        reach = touching(length[i], width[i], length[j], width[j])
         if may_meet(bounds_a, bounds_b, i, j, reach, tail):
             write_chances(
                 states_a[i],
@@ -256,7 +262,7 @@ def closing_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
     found = np.zeros((len(pairs), states.shape[1]))
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
-        reach = 0.5 * (math.hypot(length[i], width[i]) + math.hypot(length[j], width[j]))
+        reach = touching(length[i], width[i], length[j], width[j])
         cos, sin = math.cos(yaw[j]), math.sin(yaw[j])
         for t in range(min(count, states.shape[1])):
             if not valid[i, t]:

@@ -6,8 +6,8 @@ from dataclasses import field
 
 import numpy as np
 
-from litsim_policy.conflict.life_cycle import Residuals
-from litsim_policy.conflict.off_log import OffLog
+from litsim_policy.conflict.life_cycle import HELD, RELEASED, Residuals
+from litsim_policy.conflict.off_log import LOGGED, OffLog
 from litsim_policy.motion.car_following import along_paths
 from litsim_policy.motion.lane_change import LaneChangeConfig, LaneChanges, weigh_changes
 from litsim_policy.motion.lane_lines import NO_LANE, LaneLines
@@ -24,7 +24,6 @@ from litsim_sim.core.quantities import (
     configuration,
 )
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
-from litsim_sim.core.takeover import PathSource, TakeoverState
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 
@@ -32,7 +31,6 @@ IN_LANE = 1.0  # [m] from the middle of a lane within which somebody drives in i
 APART = 1.8  # [m] from the logged path beyond which somebody is not in the lane of the log: half a lane
 ABREAST = 40.0  # [m] within which only one agent begins to change lane at a step: the others see it at the next
 WAY_APART = 7.5  # [m] between two lanes' lines beyond which they no longer lead the same way: two lanes
-HELD, RELEASED, LOGGED = int(TakeoverState.HELD), int(TakeoverState.RELEASED), int(PathSource.LOGGED)
 INTENT = 2.0  # [s] of an agent's path that tell which lane it is coming into
 
 

@@ -10,7 +10,7 @@ from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.motion.reference_path import logged_path, route_path
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.nearby import around
-from litsim_sim.core.scene import AgentTable, BoolArray, Controller, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverTable
 from litsim_sim.scenario.setting import Setting
 
@@ -41,7 +41,7 @@ class RegionManager:
         self._off = self._off.take(table.rows(self._off.agent) >= 0)
         ego = table.mask(self._ego_ids)
         off = ego | table.mask(self._off.agent)
-        late = table.controller == Controller.POLICY
+        late = table.of_policy
         near = around(table, ego, self._roi_m) & ~table.obstacle
         for row in np.flatnonzero((near | late) & ~off):
             self._open(table, int(row), TakeoverReason.BLOCKED_ENTRY if late[row] else TakeoverReason.REGION)

@@ -11,7 +11,7 @@ import numpy as np
 from litsim_policy.conflict.detection import Conflict, ConflictConfig, ConflictDetector
 from litsim_policy.conflict.hindsight import Hindsight
 from litsim_policy.conflict.intended import Intents
-from litsim_policy.conflict.life_cycle import Excuse, Residuals, review
+from litsim_policy.conflict.life_cycle import RELEASED, Excuse, Residuals, review
 from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.conflict.passing import Passing, PassingConfig
 from litsim_policy.conflict.scene import ConflictScene
@@ -30,13 +30,11 @@ from litsim_sim.core.quantities import (
     Whole,
     configuration,
 )
-from litsim_sim.core.scene import AgentTable, BoolArray, Controller, IntArray
-from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverState, TakeoverTable
+from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
+from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverTable
 from litsim_sim.scenario.setting import Setting
 
 # numpy compares plain numbers much faster than members of an enumeration
-LOG, POLICY, EGO = int(Controller.LOG), int(Controller.POLICY), int(Controller.EGO)
-RELEASED = int(TakeoverState.RELEASED)
 
 
 @configuration
@@ -113,13 +111,13 @@ class TakeoverManager:
         log = self.scenario.log
         self._off = self._off.take(table.rows(self._off.agent) >= 0)
         was_off = self._is_off(table)
-        entered = ((table.controller == POLICY) & ~was_off).nonzero()[0].tolist()
+        entered = (table.of_policy & ~was_off).nonzero()[0].tolist()
         for row in entered:
             self._adopt(table, row)
         was_off = self._is_off(table) if entered else was_off
         self._choose_lags(table)
         lag, walking = self._lag[log.ids.searchsorted(table.id)], table.obstacle
-        lagged = (lag > 0) & (table.controller == LOG)
+        lagged = (lag > 0) & ~table.off_log
         scene = ConflictScene(self._detector, table, forecast, lag, lagged | walking, lambda: self._intents(table))
         is_off = self._take_over(table, scene, was_off, lagged, walking)
         rows, log_rows = self._rows(table, self._off)
@@ -169,7 +167,7 @@ class TakeoverManager:
         """For background agents that, on the way to their places in the log, meet whoever overlaps them there."""
 
         def excuse(row: int, other: int) -> bool:
-            if table.controller[other] == EGO:
+            if table.of_ego[other]:
                 return False
             a, b = self.scenario.log.ids.searchsorted(table.id[[row, other]]).tolist()
             return self._overlaps.meets(a, b, table.step - self._lag[a], table.x[other], table.y[other])

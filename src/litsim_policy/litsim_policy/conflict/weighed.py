@@ -10,7 +10,7 @@ import numpy as np
 from numba.types import Tuple
 
 from litsim_policy.conflict.futures import PredictedMotion
-from litsim_policy.conflict.pairs import may_meet, overlap_chances, write_chances
+from litsim_policy.conflict.pairs import may_meet, overlap_chances, touching, write_chances
 from litsim_sim.core.compiled import (
     BOOLS2,
     FLOATS,
@@ -136,7 +136,7 @@ def _weighed(  # noqa: PLR0917 - a kernel takes arrays and numbers
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         several, matters = begin[j] != NONE, False
-        reach = 0.5 * (math.hypot(length[i], width[i]) + math.hypot(length[j], width[j]))
+        reach = touching(length[i], width[i], length[j], width[j])
         for weighing in (False, True):
             if weighing and not (several and matters):
                 break

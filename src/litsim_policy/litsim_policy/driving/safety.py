@@ -17,6 +17,7 @@ from pydantic import model_validator
 
 from litsim_policy.driving.look_ahead import first_touch, rolled_out, stay_on_road, steps_of
 from litsim_policy.driving.task import DrivingScene, DrivingTask
+from litsim_policy.motion.car_following import LEADER_BRAKES, braking_behind
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines
 from litsim_sim.core.compiled import (
@@ -54,8 +55,6 @@ from litsim_sim.scenario.signals import Signals
 GUARDS = ("limits", "following", "contact", "road")
 SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as the one that was asked for
 SPEED_MIN = 1e-3  # [m/s] up to which the bound on lateral acceleration is that of this speed
-ROOM_MIN = 0.1  # [m] less room than this is taken as this
-BRAKING_MIN = 0.1  # [m/s2] a leader is taken to brake no less hard
 
 
 @configuration
@@ -101,7 +100,7 @@ class SafetyConfig:
     relax: Positive[Duration] = 1.0
     widening: Positive[Acceleration] = 2.5
     imminent: NonNegative[Acceleration] = 3.0
-    leader_brakes: NonNegative[Acceleration] = 1.0
+    leader_brakes: NonNegative[Acceleration] = LEADER_BRAKES
     horizon: Horizon = 1.5
     settle: Positive[Duration] = 0.5
     margin: NonNegative[Length] = 0.15
@@ -372,11 +371,7 @@ def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
             room, lead = gap[i, j] - standstill_gap, max(leader_speed[i, j], 0.0)
             stop = 2.0 * own_braking * max(room, 0.0) + lead**2 * own_braking / leader_braking
             cap = max((-lag + math.sqrt(lag**2 + stop) - speed[i]) / relax, -widening)
-            needed = max(speed[i] - lead, 0.0) ** 2 / (2.0 * max(room, ROOM_MIN))
-            braking = max(-leader_acceleration[j], BRAKING_MIN)
-            if braking > leader_brakes:
-                stopped = lead**2 / (2.0 * braking)
-                needed = max(needed, speed[i] ** 2 / (2.0 * max(room + stopped, ROOM_MIN)))
+            needed = braking_behind(speed[i], lead, leader_acceleration[j], room, leader_brakes)
             least = min(least, min(cap, -needed) if needed > imminent else cap)
         caps[i] = within(least, -braking_max, acceleration_max)
     return caps

@@ -10,7 +10,7 @@ import numpy as np
 
 from litsim_policy.driving.handback import HandbackConfig, catch_up
 from litsim_policy.driving.task import opponent_of
-from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, idm, idm_acceleration
+from litsim_policy.motion.car_following import GAP_MIN, LEADER_BRAKES, IdmConfig, braking_behind, idm, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
@@ -31,7 +31,6 @@ from litsim_sim.core.scene import (
     STEP_S,
     AgentTable,
     BoolArray,
-    Controller,
     ControlSource,
     ControlTable,
     FloatArray,
@@ -41,9 +40,7 @@ from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
 
-EGO = int(Controller.EGO)
 CLOSE_UP = 5.0  # [m] to whoever is ahead, below which it matters whether the log itself runs into him
-LEADER_BRAKES = 1.0  # [m/s2] from which on a leader is taken to brake until it stands
 SOURCES = {
     TakeoverState.HELD: int(ControlSource.POLICY),
     TakeoverState.HANDBACK: int(ControlSource.HANDBACK),
@@ -160,7 +157,7 @@ class YieldPolicy:
         """(m, n) whom the agents overlap in the log, within a few seconds of steps `now` (m,), and who is there."""
         view, table = agents.view, agents.table
         found = np.zeros(view.gap.shape, np.bool_)
-        near = view.ahead & view.in_path & (view.gap < CLOSE_UP) & (table.controller != EGO)
+        near = view.ahead & view.in_path & (view.gap < CLOSE_UP) & ~table.of_ego
         for k, row in np.transpose(near.nonzero()).tolist():
             a, b = int(log_rows[k]), int(self._log.ids.searchsorted(table.id[row]))
             found[k, row] = self._overlaps.meets(a, b, now[k], table.x[row], table.y[row])
@@ -227,10 +224,8 @@ def _braking_needed(
     for i in range(len(speed)):
         for j in range(len(acceleration)):
             if leads[i, j]:
-                lead, room, braking = max(along[i, j], 0.0), max(gap[i, j], GAP_MIN), max(-acceleration[j], 0.0)
-                stops = lead**2 / (2.0 * braking) if braking > LEADER_BRAKES else np.inf
-                needed = max(max(speed[i] - lead, 0.0) ** 2 / room, speed[i] ** 2 / (room + stops))
-                found[i] = max(found[i], 0.5 * needed)
+                lead, room = max(along[i, j], 0.0), max(gap[i, j], GAP_MIN)
+                found[i] = max(found[i], braking_behind(speed[i], lead, acceleration[j], room, LEADER_BRAKES))
     return found
 
 

@@ -36,7 +36,9 @@ SIGHT = 120.0  # [m] beyond which nobody is looked at
 MARGIN = 0.2  # [m] kept to the side of others, unless said otherwise
 MERGE = 15.0  # [m] over which a vehicle beside its path is taken to come onto it
 DESIRED_MIN = 0.1  # [m/s] a desired speed below is taken as this
-GAP_MIN = 0.1  # [m] below which the model is not evaluated: it has a pole at zero
+GAP_MIN = 0.1  # [m] less than this is taken as this: there is a pole at zero
+LEADER_BRAKES = 1.0  # [m/s2] from which on a leader is taken to brake until it stands
+BRAKING_MIN = 0.1  # [m/s2] no less hard then
 
 Poses = tuple[FloatArray, FloatArray, FloatArray]
 """x, y [m] and yaw [rad] of m agents; arrays (m,)."""
@@ -205,6 +207,26 @@ def idm(  # noqa: PLR0917 - a kernel takes arrays and numbers
             wanted = standstill_gap + max(0.0, speed * headway + closing)
             interaction = max(interaction, acceleration * (wanted / max(gap[j], GAP_MIN)) ** 2)
     return within(free - interaction, -braking_max, acceleration)
+
+
+@kernel(float64(*[float64] * 5))
+def braking_behind(
+    speed: float, leader_speed: float, leader_acceleration: float, room: float, leader_brakes: float
+) -> float:
+    """Constant braking [m/s2] with which a leader is not reached who goes on as it does now, or stops.
+
+    Args:
+        speed, leader_speed: along the path [m/s].
+        leader_acceleration: [m/s2].
+        room: to the leader [m].
+        leader_brakes: braking [m/s2] from which on the leader is taken to brake until it stands.
+    """
+    needed = max(speed - leader_speed, 0.0) ** 2 / (2.0 * max(room, GAP_MIN))
+    braking = max(-leader_acceleration, BRAKING_MIN)
+    if braking > leader_brakes:
+        stopped = leader_speed**2 / (2.0 * braking)
+        needed = max(needed, speed**2 / (2.0 * max(room + stopped, GAP_MIN)))
+    return needed
 
 
 @kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS2, FLOATS2, BOOLS2, FLOATS2))

@@ -12,7 +12,7 @@ import shapely
 from litsim_sim.analysis.contacts import Contact, LogContacts, Pair, contacts
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import box_corners, wrap_angle
-from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.scene import AgentTable
 from litsim_sim.core.steps import Steps
 from litsim_sim.record.run import Run
 
@@ -132,8 +132,7 @@ def _agents(steps: Steps) -> frozenset[int]:
 def controlled_agents(tables: Iterable[AgentTable]) -> frozenset[int]:
     """Ids of all agents that are ever under POLICY or BASELINE control."""
     table = Steps.of(tables).stacked
-    under = (table.controller == Controller.POLICY) | (table.controller == Controller.BASELINE)
-    return frozenset(np.unique(table.id[under]).tolist())
+    return frozenset(np.unique(table.id[table.under_control]).tolist())
 
 
 def judge(table: AgentTable, ego: int, agent: int, in_lane: InLane | None = None) -> EgoContact:

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from litsim_sim.core.scene import BoolArray, Controller, FloatArray, IntArray
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.record.run import Run
 
 HORIZONS_S = (5, 10, 15, 20, 25)  # of simulation, as in the LitSim paper's table II
-
-_CONTROLLED = (Controller.POLICY, Controller.BASELINE)
 
 
 @dataclass(frozen=True)
@@ -161,6 +159,6 @@ def _columns(steps: Steps, logged: Steps, history_steps: int, ego_id: int) -> Co
     x[was], y[was] = table.x[at[was]], table.y[at[was]]
     here = present[number, agent]
     controlled = here.copy()
-    controlled[here] = np.isin(table.controller[at[here]], _CONTROLLED)
+    controlled[here] = table.under_control[at[here]]
     distance = np.hypot(x - log.x[now], y - log.y[now])
     return steps.step[number], logged.ids[agent], distance, controlled, here

@@ -10,7 +10,7 @@ import numpy as np
 
 from litsim_sim.analysis.collision import InLane
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.scene import AgentTable
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.record.run import NET_FILE, Run
 
@@ -41,8 +41,7 @@ def off_road_controlled(run: Run) -> float | None:
     """Share of the agent-steps under control at which the box centre is on no lane; None without any, or a net."""
     lane_map = lane_map_of(run)
     table = run.simulated.stacked
-    driven = (table.controller == Controller.POLICY) | (table.controller == Controller.BASELINE)
-    x, y = table.x[driven], table.y[driven]
+    x, y = table.x[table.under_control], table.y[table.under_control]
     return float(np.mean(~lane_map.inside_road(x, y))) if lane_map is not None and len(x) else None
 
 

@@ -196,7 +196,7 @@ def _overlapping(  # noqa: PLR0917 - a kernel takes arrays and numbers
 def handbacks(run: Run) -> list[Handback]:
     """Returns to the log, in order: an agent is under POLICY at one step and under LOG at the next."""
     steps, table = run.steps, run.steps.stacked
-    held = np.flatnonzero((table.controller == Controller.POLICY) & (table.number < len(steps) - 1))
+    held = np.flatnonzero(table.of_policy & (table.number < len(steps) - 1))
     after = steps.rows[table.number[held] + 1, steps.agent[held]]
     back = held[(after >= 0) & (table.controller[after] == Controller.LOG)]
     return [

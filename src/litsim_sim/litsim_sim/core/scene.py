@@ -54,7 +54,7 @@ class Controller(IntEnum):
     BASELINE = 3
 
 
-_LOG = int(Controller.LOG)
+_LOG, _POLICY, _EGO, _BASELINE = (int(controller) for controller in Controller)  # plain numbers likewise
 
 
 @dataclass(frozen=True)
@@ -122,6 +122,21 @@ class AgentTable:
     def off_log(self) -> BoolArray:
         """(n,) agents whose motion is not the recorded one, the ego included."""
         return self.controller != _LOG
+
+    @property
+    def of_policy(self) -> BoolArray:
+        """(n,) agents that the policy drives."""
+        return self.controller == _POLICY
+
+    @property
+    def of_ego(self) -> BoolArray:
+        """(n,) egos."""
+        return self.controller == _EGO
+
+    @property
+    def under_control(self) -> BoolArray:
+        """(n,) agents of the background that the policy or a baseline drives."""
+        return self.of_policy | (self.controller == _BASELINE)
 
     @cached_property
     def scene(self) -> IntArray:

@@ -16,7 +16,6 @@ from litsim_policy.motion.reference_path import ReferencePath, route_path
 from litsim_sim.core.scene import (
     AgentTable,
     BoolArray,
-    Controller,
     ControlTable,
     EgoCommand,
     EgoMode,
@@ -149,7 +148,7 @@ class TrafficEpisodes:
     def _see(self, table: AgentTable) -> None:
         """Make `table` the current step."""
         self._table = table
-        for row in np.flatnonzero(table.controller == Controller.POLICY).tolist():
+        for row in np.flatnonzero(table.of_policy).tolist():
             if int(table.id[row]) not in self._paths:
                 self._take_over(table, row)
         agents = np.array(sorted(self._paths), np.int64)
