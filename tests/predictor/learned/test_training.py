@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from torch.optim.swa_utils import AveragedModel
 
 from litsim_predictor.cli import train
 from litsim_predictor.learned.models.registry import build
@@ -67,7 +68,11 @@ def test_a_training_leaves_weights_curves_and_history(config: Path, tmp_path: Pa
     assert (tmp_path / "a" / CURVES).read_bytes().startswith(b"\x89PNG")
 
 
-def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(config: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("options", ["", "averaging: 0.5\n"])
+def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(
+    config: Path, tmp_path: Path, options: str
+) -> None:
+    config.write_text(SMALL + options)
     for name in ("a", "b"):
         run(config, tmp_path / name)
     run(config, tmp_path / "other", "--seed", "1")
@@ -83,6 +88,30 @@ def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(config: Pat
     run(config, cut, "--resume")
     resumed = torch.load(cut / CHECKPOINT, weights_only=True)
     assert all(torch.equal(whole["model"][name], resumed["model"][name]) for name in whole["model"])
+    assert same(tmp_path / "a", cut)
+
+
+def test_averaged_weights_lag_behind_those_that_are_trained(config: Path, tmp_path: Path) -> None:
+    """What is saved is the average, by its share, of all weights that there were after a step."""
+    share, steps = 0.8, []
+    update = AveragedModel.update_parameters
+
+    def seen(averaged: AveragedModel, model: torch.nn.Module) -> None:
+        steps.append({name: value.clone() for name, value in model.state_dict().items()})
+        update(averaged, model)
+
+    config.write_text(SMALL + f"agents_per_batch: 20\naveraging: {share}\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(AveragedModel, "update_parameters", seen)
+        run(config, tmp_path / "a", "--epochs", "1")
+    assert len(steps) > 2
+    saved = load_model(str(tmp_path / "a" / WEIGHTS))[0].state_dict()
+    for name, value in saved.items():
+        average = steps[0][name]
+        for step in steps[1:]:
+            average = share * average + (1.0 - share) * step[name]
+        torch.testing.assert_close(value, average)
+    assert not all(torch.equal(saved[name], steps[-1][name]) for name in saved)
 
 
 def interrupt_at(epoch: int) -> Callable[..., float]:

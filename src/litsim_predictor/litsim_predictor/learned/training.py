@@ -7,12 +7,13 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 import torch
 from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
 from litsim_predictor.inference.contract import AT_SECONDS, MANEUVERS, SECONDS
@@ -30,7 +31,7 @@ from litsim_predictor.learned.data.sources import (
     load,
 )
 from litsim_predictor.learned.data.tracks import Tracks
-from litsim_predictor.learned.models.model import negative_log_likelihood
+from litsim_predictor.learned.models.model import SceneModel, negative_log_likelihood
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import save_model
 from litsim_sim.core.errors import InputError
@@ -64,6 +65,8 @@ class TrainingConfig(BaseModel):
         stride: frames between the scenes of an epoch.
         learning_rate: of Adam; times `decay` every `decay_every` epochs, or to zero along a cosine if that is 0.
         weight_decay: of AdamW; 0 is Adam.
+        averaging: of the exponential moving average of the weights, which is what is validated and saved: the share of
+            it that a step of the optimiser leaves; 0 for the weights themselves.
         error_weight, maneuver_weight: of squared error [1/m2] and manoeuvre cross-entropy beside the likelihood.
         predicted_share: of the agents of a batch, that are trained with the most probable manoeuvre instead of the true
             one: the former is what is used and scored in the end, the latter is what a manoeuvre means.
@@ -85,6 +88,7 @@ class TrainingConfig(BaseModel):
     decay: Annotated[float, Field(gt=0, le=1)] = 0.1
     decay_every: Annotated[int, Field(ge=0)] = 0
     weight_decay: Annotated[float, Field(ge=0)] = 0.0
+    averaging: Annotated[float, Field(ge=0, lt=1)] = 0.0
     error_weight: Annotated[float, Field(ge=0)] = 0.0
     maneuver_weight: Annotated[float, Field(ge=0)] = 1.0
     predicted_share: Annotated[float, Field(ge=0, le=1)] = 0.0
@@ -138,6 +142,9 @@ class Training:
         self._config, self._folder, self._command, self._device = config, folder, command, device
         torch.manual_seed(config.seed)
         self.model = build(config.model, config.parameters, "training configuration").to(device)
+        self._averaged = (
+            AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(config.averaging)) if config.averaging else None
+        )
         self._random = np.random.default_rng(config.seed)
         self._optimizer = torch.optim.AdamW(
             self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay
@@ -157,7 +164,7 @@ class Training:
                 self.history.append(figures)
                 if not self._best or figures["val_nll"] <= self._best["val_nll"]:
                     self._best = figures
-                    save_model(self.model, self._provenance(), self._folder / WEIGHTS)
+                    save_model(self._result, self._provenance(), self._folder / WEIGHTS)
                 self._save()
                 bar.update()
                 bar.set_postfix({"val m": f"{figures['val_error']:.2f}", "5 s": f"{figures['val_rmse_5']:.2f}"})
@@ -178,10 +185,17 @@ class Training:
         if json.loads(state["config"]) != self._config.model_dump(mode="json"):
             raise InputError(f"{path}: checkpoint of another configuration; train into another folder")
         self.model.load_state_dict(state["model"])
+        if self._averaged is not None:
+            self._averaged.load_state_dict(state["averaged"])
         self._optimizer.load_state_dict(state["optimizer"])
         self._random.bit_generator.state = json.loads(state["random"])
         torch.set_rng_state(state["torch_random"].cpu())
         self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
+
+    @property
+    def _result(self) -> SceneModel:
+        """What is validated and saved: the model, or that of its averaged weights."""
+        return self.model if self._averaged is None else cast(SceneModel, self._averaged.module)
 
     def _epoch(self, epoch: int, *, progress: bool) -> dict[str, float]:
         config = self._config
@@ -204,6 +218,8 @@ class Training:
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_LIMIT)
             self._optimizer.step()
+            if self._averaged is not None:
+                self._averaged.update_parameters(self.model)
             agents = int(batch.target.sum())
             sums += agents * np.array([float(part.detach()) for part in losses])
             count += agents
@@ -232,11 +248,11 @@ class Training:
     @torch.no_grad()
     def _validate(self) -> dict[str, float]:
         """Errors by second with the most probable manoeuvre, of the validation part, complete histories and futures."""
-        self.model.eval()
+        model = self._result.eval()
         squared, nll, right, count = torch.zeros(len(SECONDS)), 0.0, 0, 0
         for batch in self._validation():
             moved = batch.to(self._device)
-            prediction = self.model(moved)
+            prediction = model(moved)
             error = ((prediction.mean[:, :, 0] - moved.future) ** 2).sum(dim=-1)[moved.target]
             squared += error[:, AT_SECONDS].sum(dim=0).cpu()
             nll += float(negative_log_likelihood(prediction, moved.future)[:, :, 0][moved.target].mean(dim=1).sum())
@@ -274,6 +290,7 @@ class Training:
         state = {
             "config": json.dumps(self._config.model_dump(mode="json")),
             "model": self.model.state_dict(),
+            "averaged": {} if self._averaged is None else self._averaged.state_dict(),
             "optimizer": self._optimizer.state_dict(),
             "random": json.dumps(self._random.bit_generator.state),
             "torch_random": torch.get_rng_state(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,40 @@ class TestScenes:
         assert torch.equal(turned.position, plain.position * torch.tensor([1.0, -1.0]))
         assert torch.equal(turned.raster[:, :, :3], plain.raster[:, :, :3].flip(-1))
         assert torch.equal(turned.raster[:, :, SINE].int() - 128, 128 - plain.raster[:, :, SINE].flip(-1).int())
+
+    def test_a_stretched_scene_is_traffic_at_another_speed(self, straight: Straight) -> None:
+        # Along the road of the net and a little across it; one is a lane beside and behind.
+        table = straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0))
+        table["y"] += 0.02 * table["frame"]
+        table["yaw"], table["speed"] = np.arctan2(0.2, table["speed"]), np.hypot(0.2, table["speed"])
+        tracks = Tracks.from_table("made", table, net_path(NET))
+        stretch = Augmentation(**{**vars(UNVARIED), "stretch": 1.0, "stretch_by": (1.5, 1.5)})
+        plain, long = (
+            next(training_batches([(tracks, 1.0)], 2, 30, how, np.random.default_rng(0))) for how in (UNVARIED, stretch)
+        )
+        near = partial(torch.testing.assert_close, atol=1e-4, rtol=1e-5)
+        along = torch.tensor([1.5, 1.0])
+        near(long.history[..., :2], plain.history[..., :2] * along)
+        near(long.future, plain.future * along)
+        near(long.position[0, 1] - long.position[0, 0], (plain.position[0, 1] - plain.position[0, 0]) * along)
+        for channels, yaw, speed in (("history", 2, 3), ("state", 3, 2)):
+            before, after = getattr(plain, channels), getattr(long, channels)
+            near(after[..., speed] * after[..., yaw].cos(), 1.5 * before[..., speed] * before[..., yaw].cos())
+            near(after[..., speed] * after[..., yaw].sin(), before[..., speed] * before[..., yaw].sin())
+        assert torch.equal(long.state[..., :2], plain.state[..., :2])
+        assert torch.equal(long.raster, plain.raster)
+        assert torch.equal(long.maneuver, plain.maneuver)
+
+    def test_scenes_of_several_roads_are_not_stretched(self, straight: Straight) -> None:
+        table = straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0))
+        table.loc[table["vehicle_id"] == 2, "yaw"] = 0.5 * np.pi
+        tracks = Tracks.from_table("made", table, None)
+        stretch = Augmentation(**{**vars(UNVARIED), "stretch": 1.0, "stretch_by": (1.5, 1.5)})
+        plain, same = (
+            next(training_batches([(tracks, 1.0)], 2, 30, how, np.random.default_rng(0))) for how in (UNVARIED, stretch)
+        )
+        assert plain.agent.sum() == 2
+        assert torch.equal(same.history, plain.history) and torch.equal(same.position, plain.position)
 
     def test_occluded_agents_are_seen_now_at_least(self, straight: Straight) -> None:
         tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), frames=200), None)

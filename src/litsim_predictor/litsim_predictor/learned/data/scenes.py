@@ -8,16 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.contract import HISTORY, HORIZON, AgentInputs
 from litsim_predictor.inference.features import agent_inputs
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS, MapRaster
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.data.tracks import Tracks
-from litsim_sim.core.geometry import to_body
+from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 NO_MAP = MapRaster(None)
 SINE_CHANNEL = 3
+SAME_ROAD = 0.35  # [rad] by which headings differ from their mean, at most, where all drive along one road
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class Augmentation:
         no_map: of a scene, that the map is not known.
         crop: of a scene, that only agents within a random distance of one of them are seen, as in a region of interest.
         crop_m: least and greatest such distance [m].
+        stretch: of a scene, that it is made longer along the road, for traffic at other speeds; see :func:`_stretched`.
+        stretch_by: least and greatest factor, drawn evenly on a logarithmic scale.
         position_m, yaw_rad, speed_mps: noise.
     """
 
@@ -38,6 +42,8 @@ class Augmentation:
     no_map: float = 0.1
     crop: float = 0.5
     crop_m: tuple[float, float] = (20.0, 80.0)
+    stretch: float = 0.0
+    stretch_by: tuple[float, float] = (0.8, 1.5)
     position_m: float = 0.03
     yaw_rad: float = 0.005
     speed_mps: float = 0.1
@@ -153,6 +159,8 @@ def _varied(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.r
         distance = np.hypot(*(tracks.motion[rows, :2] - centre).T)
         rows = rows[distance <= random.uniform(*augmentation.crop_m)]
     scene = _scene(tracks, rows, NO_MAP if random.random() < augmentation.no_map else None)
+    if augmentation.stretch and random.random() < augmentation.stretch:
+        scene = _stretched(scene, float(np.exp(random.uniform(*np.log(augmentation.stretch_by)))))
     inputs, n = scene.inputs, len(rows)
     first = np.where(random.random(n) < augmentation.occlude, random.integers(0, HISTORY, n), 0)
     observed = inputs.observed & (np.arange(HISTORY) >= first[:, None])
@@ -167,6 +175,39 @@ def _varied(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.r
     history[:, -1, 3] = state[:, 2]
     scene = replace(scene, inputs=replace(inputs, history=history, observed=observed, state=state))
     return _mirrored(scene) if random.random() < augmentation.mirror else scene
+
+
+def _stretched(scene: _Scene, factor: float) -> _Scene:
+    """The same scene with all lengths along the road times `factor`, vehicles and the map excepted.
+
+    Speeds, gaps and accelerations along the road change with it; headways in time, and how fast vehicles drift across
+    lanes, do not. Scenes whose vehicles drive in different directions are left as they are: they have no one road.
+    """
+    inputs = scene.inputs
+    heading = inputs.frame[:, 2]
+    common = np.arctan2(np.sin(heading).sum(keepdims=True), np.cos(heading).sum(keepdims=True))
+    if np.abs(wrap_angle(heading - common)).max() > SAME_ROAD:
+        return scene
+    ahead, left = to_body(inputs.frame[:, 0], inputs.frame[:, 1], common)
+    x, y = to_body(factor * ahead, left, -common)
+    history, state = inputs.history.copy(), inputs.state.copy()
+    history[..., 0] *= factor
+    history[..., 2], history[..., 3] = _stretched_motion(history[..., 2], history[..., 3], factor)
+    state[:, 3], state[:, 2] = _stretched_motion(state[:, 3], state[:, 2], factor)
+    stretched = AgentInputs(
+        frame=np.stack([x, y, heading], axis=-1),
+        history=history,
+        observed=inputs.observed,
+        state=state,
+        raster=inputs.raster,
+    )
+    return replace(scene, inputs=stretched, future=scene.future * [factor, 1.0])
+
+
+def _stretched_motion(yaw: Float32Array, speed: Float32Array, factor: float) -> tuple[Float32Array, Float32Array]:
+    """Yaw [rad] and speed [m/s] whose part along the road is `factor` times what it was; any shape."""
+    along, across = factor * np.cos(yaw), np.sin(yaw)
+    return np.arctan2(across, along), speed * np.hypot(along, across)
 
 
 def _mirrored(scene: _Scene) -> _Scene:
