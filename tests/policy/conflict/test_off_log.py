@@ -21,7 +21,7 @@ def opened(agent: int, path: ReferencePath = ROUTE, x: float = 50.0) -> OffLog:
 
 
 def test_tables_join_in_order_of_ids_and_keep_their_columns_together() -> None:
-    both = opened(9, x=50.0).joined(opened(4, STRAIGHT, x=60.0)).joined(opened(6, x=70.0))
+    both = opened(9, x=50.0).joined(opened(4, STRAIGHT, x=60.0), opened(6, x=70.0))
     assert both.agent.tolist() == [4, 6, 9] and both.opponent.tolist() == [104, 106, 109]
     assert both.goal_s.tolist() == pytest.approx([60.0, 50.0, 30.0])
     assert both.source.tolist() == [PathSource.LOGGED, PathSource.ROUTE, PathSource.ROUTE]
@@ -29,6 +29,15 @@ def test_tables_join_in_order_of_ids_and_keep_their_columns_together() -> None:
     assert kept.agent.tolist() == [4, 9] and kept.pose[:, 0].tolist() == [60.0, 50.0]
     assert [path is ROUTE for path in kept.path] == [False, True]
     assert len(OffLog.empty().joined(kept)) == 2 and len(OffLog.empty()) == 0
+
+
+def test_who_stays_keeps_the_layout_of_its_paths() -> None:
+    both = opened(1).joined(opened(2, STRAIGHT))
+    here = np.array([0]), np.array([100.0]), np.array([0.0])
+    assert both.paths.project(np.array([1]), *here[1:]).s.tolist() == [100.0]
+    kept = both.take(np.array([False, True]))
+    assert kept.paths.count.tolist() == [len(STRAIGHT.points)] and kept.paths.project(*here).s.tolist() == [100.0]
+    assert kept.logged_paths.count.tolist() == [len(STRAIGHT.points)]
 
 
 def test_who_returns_follows_the_logged_path_to_the_same_goal() -> None:

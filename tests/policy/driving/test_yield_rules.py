@@ -26,7 +26,7 @@ def test_who_is_in_the_way_is_followed_and_others_are_given_way_to(random) -> No
     x[5], y[5] = x[6], y[6]  # neither is ahead of the other
     speed, wanted = random.uniform(0.0, 15.0, (2, AGENTS))
     opponent = random.choice(ids, AGENTS)
-    places = (ids, x, y, yaw, rows, speed, wanted, opponent)
+    places = (np.zeros(AGENTS, np.int64), ids, x, y, yaw, rows, speed, wanted, opponent)
     found = give_way(gap, along, ahead, in_path, aside, *places, CONFIG.courtesy_deceleration, *CONFIG.idm.of_model)
     leads = ahead & in_path & (gap > 0)
     follow = idm_acceleration(CONFIG.idm, speed, wanted, gap, along, leads)
@@ -50,7 +50,7 @@ def test_the_side_is_taken_by_whoever_is_or_soon_will_be_alongside(random) -> No
     target = np.column_stack([x[rows], y[rows]]) + random.normal(0.0, [5.0, 1.0], (AGENTS, 2))
     target[0] = x[rows[0]], y[rows[0]]
     bounds = (CONFIG.side_gap, CONFIG.side_horizon, CONFIG.side_margin, CONFIG.side_drift)
-    scene = random.integers(0, 2, OTHERS)
+    scene = np.sort(random.integers(0, 2, OTHERS))
     found = side_taken(scene, x, y, speed, length, width, rows, heading, target, *bounds)
     off_x, off_y = target[:, 0] - x[rows], target[:, 1] - y[rows]
     move = (-np.sin(heading) * off_x + np.cos(heading) * off_y)[:, None]

@@ -14,7 +14,9 @@ from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import CHUNK
 from litsim_policy.motion.reference_path import ReferencePath, pursuit_yaw_rate
+from litsim_sim.core.scene import ARRAY_FIELDS
 from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.scenario.joined import BITS, JoinedTable
 
 
 @st.composite
@@ -87,6 +89,39 @@ def test_every_vehicle_sees_what_it_would_see_alone(
             assert (getattr(together, field.name)[k] == getattr(alone, field.name)).all(), field.name
         s, d = path.project(table.x[[row]], table.y[[row]])
         assert (alone.s[row], alone.d[row]) == (s[0], d[0])
+
+
+@given(several_paths(), st.integers(0, 2**32))
+def test_in_each_of_several_scenes_vehicles_see_what_they_would_see_without_the_others(
+    agent_table, paths, seed
+) -> None:
+    random = np.random.default_rng(seed)
+    scenes = [
+        agent_table(
+            0,
+            *(
+                {"id": k, "x": x, "y": y, "yaw": yaw, "speed": speed}
+                for k, (x, y, yaw, speed) in enumerate(random.normal(0.0, [60.0, 10.0, 1.0, 5.0], (size, 4)).tolist())
+            ),
+        )
+        for size in (5, 12, 8)
+    ]
+    columns = {f: np.concatenate([getattr(scene, f) for scene in scenes]) for f in ARRAY_FIELDS[1:]}
+    ids = np.concatenate([(k << BITS) + scene.id for k, scene in enumerate(scenes)])
+    batch = PathBatch([path.points for path in paths])
+    rows, path = random.permutation(len(ids))[:9], random.integers(len(paths), size=9)
+    view = along_paths(batch, JoinedTable(0, ids, **columns), rows, path=path)
+    begin = np.array([0, 5, 17])
+    for k, row in enumerate(rows.tolist()):
+        at = int(np.searchsorted(begin, row, "right")) - 1
+        alone = along_paths(batch, scenes[at], np.array([row - begin[at]]), path=path[k : k + 1])
+        assert view.first[k] == begin[at] and (view.own_s[k], view.own_d[k]) == (alone.own_s[0], alone.own_d[0])
+        for name in ("s", "d", "gap", "speed", "ahead", "aside", "in_path"):
+            seen = getattr(view, name)
+            assert seen.shape == (9, 12) and (seen[k, : len(scenes[at])] == getattr(alone, name)[0]).all(), name
+        assert not view.ahead[k, len(scenes[at]) :].any() and (view.s[k, len(scenes[at]) :] == -np.inf).all()
+    expected = [(k, column, view.first[k] + column) for k, column in np.argwhere(view.ahead).tolist()]
+    assert list(view.pairs(view.ahead)) == expected
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from litsim_sim.core.geometry import boxes_overlap, wrap_angle
-from litsim_sim.core.pair_geometry import overlap, within, within_scenes, wrapped
+from litsim_sim.core.pair_geometry import behind_scene, overlap, within, within_scenes, wrapped
 
 
 def test_overlap_is_that_of_arrays() -> None:
@@ -56,3 +56,4 @@ def test_a_scene_is_a_range_of_rows() -> None:
     scene, rows = np.array([0, 0, 2, 2, 2, 5]), np.array([3, 0, 5])
     begin, end = within_scenes(scene, rows)
     assert begin.tolist() == [2, 0, 5] and end.tolist() == [5, 2, 6]
+    assert [behind_scene(scene, row) for row in range(6)] == [2, 2, 5, 5, 5, 6]

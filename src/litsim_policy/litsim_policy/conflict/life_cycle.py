@@ -154,10 +154,10 @@ def obstructed(
     place = paths.project(at, residuals.x[at], residuals.y[at])
     sight = OBSTACLE_SIGHT + 2.0 * residuals.position[at]
     view = along_paths(paths, table, rows, sight=sight, path=at)
-    to_place = place.s - view.s[np.arange(len(at)), rows]
+    to_place = place.s - view.own_s
     between = view.ahead & view.in_path & (view.gap < to_place[:, None])
-    for k, row in np.transpose(between.nonzero()).tolist():
-        between[k, row] = not excuse(int(rows[k]), row)
+    for k, column, row in view.pairs(between):
+        between[k, column] = not excuse(int(rows[k]), row)
     return np.asarray(between.any(axis=1))
 
 

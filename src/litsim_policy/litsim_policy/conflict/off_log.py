@@ -18,6 +18,7 @@ from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, Takeo
 
 ObjectArray = npt.NDArray[Any]
 LOGGED = int(PathSource.LOGGED)
+LAID_OUT = ("paths", "logged_paths")  # of a table, what is made when it is asked for first, and kept
 STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
 
 
@@ -112,12 +113,18 @@ class OffLog:
 
     def take(self, which: BoolArray) -> OffLog:
         """The agents of the mask `which` (r,)."""
-        return self if which.all() else OffLog(*(getattr(self, field.name)[which] for field in fields(self)))
+        if which.all():
+            return self
+        kept = which.nonzero()[0]
+        taken = OffLog(*(getattr(self, field.name)[kept] for field in fields(self)))
+        taken.__dict__.update({name: self.__dict__[name].take(kept) for name in LAID_OUT if name in self.__dict__})
+        return taken
 
-    def joined(self, other: OffLog) -> OffLog:
-        """Both tables in one; no agent is in both."""
-        order = np.argsort(np.concatenate([self.agent, other.agent]), kind="stable")
-        columns = (np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self))
+    def joined(self, *others: OffLog) -> OffLog:
+        """All these tables in one; no agent is in two of them."""
+        tables = (self, *others)
+        order = np.argsort(np.concatenate([table.agent for table in tables]), kind="stable")
+        columns = (np.concatenate([getattr(table, f.name) for table in tables]) for f in fields(self))
         return OffLog(*(column[order] for column in columns))
 
     @cached_property

@@ -38,6 +38,7 @@ from litsim_sim.core.compiled import (
     int64,
     kernel,
 )
+from litsim_sim.core.pair_geometry import behind_scene
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer, nobody follows anybody
@@ -50,10 +51,13 @@ def near(scene: IntArray, x: FloatArray, y: FloatArray, of: BoolArray, others: B
     The radius is in metres.
     """
     count, found = 0, np.empty((of.sum() * others.sum(), 2), np.int64)
+    begin, end = 0, 0
     for i in range(len(x)):
+        if i == end:
+            begin, end = i, behind_scene(scene, i)
         if of[i]:
-            for j in range(len(x)):
-                if not others[j] or i == j or scene[j] != scene[i]:
+            for j in range(begin, end):
+                if not others[j] or i == j:
                     continue
                 if (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= radius**2:
                     found[count, 0], found[count, 1] = i, j

@@ -8,7 +8,7 @@ import numpy as np
 
 from litsim_policy.conflict.life_cycle import HELD, RELEASED, Residuals
 from litsim_policy.conflict.off_log import LOGGED, OffLog
-from litsim_policy.motion.car_following import along_paths
+from litsim_policy.motion.car_following import AlongPath, along_paths
 from litsim_policy.motion.lane_change import LaneChangeConfig, LaneChanges, weigh_changes
 from litsim_policy.motion.lane_lines import NO_LANE, LaneLines
 from litsim_policy.motion.path_kernels import nearest
@@ -194,20 +194,27 @@ class Passing:
         x, y = lines.point(s, line).T
         heading = lines.heading(line, lines.segment(s[:, None], line)[:, 0])
         view = along_paths(lines, table, me, poses=(x, y, heading), path=line)
-        claimed = self._claims(table, off, rows, line[count:], there)
+        claimed = self._claims(table, off, rows, line[count:], there, view[:count])
         me, reach = me[:count], self._config.change_time * table.speed[me[:count]]
         return weigh_changes(self._config.mobil, table, me, wanted[at], view[:count], view[count:], claimed, reach)
 
-    def _claims(self, table: AgentTable, off: OffLog, rows: IntArray, line: IntArray, there: IntArray) -> BoolArray:
-        """(k, n) who is coming into the lanes `there` (k,), whose lines are `line`, as their own paths tell."""
+    def _claims(
+        self, table: AgentTable, off: OffLog, rows: IntArray, line: IntArray, there: IntArray, view: AlongPath
+    ) -> BoolArray:
+        """(k, w) who is coming into the lanes `there` (k,), whose lines are `line`, as their own paths tell.
+
+        Looked at are those in the scenes of the agents that have the `view` (k, w).
+        """
         s = off.paths.project(off.paths.each, table.x[rows], table.y[rows]).s
         x, y = off.paths.point(s + INTENT * table.speed[rows]).T
         lines = self._lines.made
         half_width = 0.5 * self._lines.width(there)
-        return _in_lanes(lines.segments, lines.circles, lines.count, line, half_width, rows, x, y, len(table))
+        return _in_lanes(
+            lines.segments, lines.circles, lines.count, line, half_width, rows, x, y, view.first, view.s.shape[1]
+        )
 
 
-@kernel(OUT_BOOLS2(FLOATS3, FLOATS3, INTS, INTS, FLOATS, INTS, FLOATS, FLOATS, int64))
+@kernel(OUT_BOOLS2(FLOATS3, FLOATS3, INTS, INTS, FLOATS, INTS, FLOATS, FLOATS, INTS, int64))
 def _in_lanes(  # noqa: PLR0917 - a kernel takes arrays and numbers
     segments: FloatArray,
     circles: FloatArray,
@@ -217,21 +224,23 @@ def _in_lanes(  # noqa: PLR0917 - a kernel takes arrays and numbers
     rows: IntArray,
     x: FloatArray,
     y: FloatArray,
-    everybody: int,
+    first: IntArray,
+    most: int,
 ) -> BoolArray:
-    """Return (k, n) which of n agents are in k lanes.
+    """Return (k, w) which agents are in k lanes.
 
     Args:
         segments, circles, count: of lines, as :mod:`litsim_policy.motion.path_kernels` has them.
         line, half_width: (k,) position of the line of each lane, and half the width of the lane [m].
-        rows, x, y: (r,) of the agents that are looked at, and where each is taken to be [m].
-        everybody: number n of agents.
+        rows, x, y: (r,) of the agents that are looked at, rows ascending, and where each is taken to be [m].
+        first, most: of each lane (k,), the row that column 0 stands for; number w of columns.
     """
-    found = np.zeros((len(line), everybody), np.bool_)
+    found = np.zeros((len(line), most), np.bool_)
     for k in range(len(line)):
         p = line[k]
-        for i in range(len(rows)):
-            found[k, rows[i]] = abs(nearest(segments[p], circles[p], count[p], x[i], y[i])[2]) < half_width[k]
+        for i in range(np.searchsorted(rows, first[k]), np.searchsorted(rows, first[k] + most)):
+            off = nearest(segments[p], circles[p], count[p], x[i], y[i])[2]
+            found[k, rows[i] - first[k]] = abs(off) < half_width[k]
     return found
 
 

@@ -18,6 +18,7 @@ from litsim_policy.conflict.scene import ConflictScene
 from litsim_policy.motion.reference_path import ReferencePath, logged_path
 from litsim_policy.motion.route import Router
 from litsim_predictor.forecast import Forecast
+from litsim_sim.core.pair_geometry import within_scenes
 from litsim_sim.core.quantities import (
     Angle,
     Duration,
@@ -111,10 +112,10 @@ class TakeoverManager:
         log = self.scenario.log
         self._off = self._off.take(table.rows(self._off.agent) >= 0)
         was_off = self._is_off(table)
-        entered = (table.of_policy & ~was_off).nonzero()[0].tolist()
-        for row in entered:
-            self._adopt(table, row)
-        was_off = self._is_off(table) if entered else was_off
+        entered = (table.of_policy & ~was_off).nonzero()[0]
+        if len(entered):
+            self._adopt(table, entered, was_off)
+            was_off = self._is_off(table)
         self._choose_lags(table)
         lag, walking = self._lag[log.ids.searchsorted(table.id)], table.obstacle
         lagged = (lag > 0) & ~table.off_log
@@ -240,18 +241,27 @@ class TakeoverManager:
         opened = OffLog.opened(conflict, table.step, TakeoverReason.CONFLICT, path, source, logged)
         self._off = self._off.joined(opened)
 
-    def _adopt(self, table: AgentTable, row: int) -> None:
-        """Take over an agent that entered late: its log began where the road was not free."""
-        others = (np.arange(len(table)) != row) & (table.scene == table.scene[row])
-        off = np.flatnonzero(self._is_off(table) & others)
-        nearest = (
-            off[np.argmin(np.hypot(table.x[off] - table.x[row], table.y[off] - table.y[row]))] if len(off) else row
-        )
-        pose = np.array([table.x[row], table.y[row], table.yaw[row]])
-        conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, pose, 1.0)
-        logged = self._logged_path(conflict.agent)
-        opened = OffLog.opened(conflict, table.step, TakeoverReason.BLOCKED_ENTRY, logged, PathSource.LOGGED, logged)
-        self._off = self._off.joined(opened)
+    def _adopt(self, table: AgentTable, rows: IntArray, was_off: BoolArray) -> None:
+        """Take over agents that entered late: their logs began where the road was not free.
+
+        The opponent of each is whoever is nearest of those off their logs, the ones before it included.
+
+        Args:
+            table: everybody.
+            rows: (k,) of the agents.
+            was_off: mask (n,) of those that are off their logs already.
+        """
+        off, (begin, end), opened = was_off.copy(), within_scenes(table.scene, rows), []
+        for row, first, last in zip(rows.tolist(), begin.tolist(), end.tolist(), strict=True):
+            others = first + off[first:last].nonzero()[0]
+            apart = np.hypot(table.x[others] - table.x[row], table.y[others] - table.y[row])
+            nearest = others[apart.argmin()] if len(others) else row
+            pose = np.array([table.x[row], table.y[row], table.yaw[row]])
+            conflict = Conflict(int(table.id[row]), int(table.id[nearest]), 0.0, pose, 1.0)
+            logged, reason = self._logged_path(conflict.agent), TakeoverReason.BLOCKED_ENTRY
+            opened.append(OffLog.opened(conflict, table.step, reason, logged, PathSource.LOGGED, logged))
+            off[row] = True
+        self._off = self._off.joined(*opened)
 
     def _logged_path(self, agent: int) -> ReferencePath:
         """Where `agent` went in the recording; made once."""

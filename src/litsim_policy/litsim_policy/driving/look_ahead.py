@@ -24,7 +24,7 @@ from litsim_sim.core.compiled import (
     read_array,
     written_array,
 )
-from litsim_sim.core.pair_geometry import overlap
+from litsim_sim.core.pair_geometry import overlap, within_scenes
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
@@ -139,15 +139,15 @@ def _first_touch(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> FloatArray:
     """See :func:`first_touch`; the first eight arrays (n,) are columns of the table."""
     agents, commands = poses.shape[1:3]
-    found = np.full((agents, commands), np.inf)
+    found, (begin, end) = np.full((agents, commands), np.inf), within_scenes(scene, rows)
     horizon = STEP_S * instants
     for i in range(agents):
         own = rows[i]
         cos, sin = math.cos(yaw[own]), math.sin(yaw[own])
-        for j in range(len(x)):
+        for j in range(begin[i], end[i]):
             dx, dy = x[j] - x[own], y[j] - y[own]
             reach = length[j] + length[own] + (speed[j] + speed[own]) * horizon
-            if j == own or scene[j] != scene[own] or not dx * dx + dy * dy < reach * reach:
+            if j == own or not dx * dx + dy * dy < reach * reach:
                 continue
             ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
             follows = ahead < -0.5 * (length[j] + length[own]) and abs(left) < 0.5 * (width[j] + width[own])

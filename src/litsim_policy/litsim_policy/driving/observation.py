@@ -409,7 +409,7 @@ def _see_leader(
 ) -> None:
     """Write who is the first on the path within `sight` [m], for agents of `speed` (m,) [m/s].
 
-    The first four arrays (m, n) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
+    The first four arrays (m, w) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
     """
     first = features.shape[1] - WAY + 5
     for i in range(len(speed)):

@@ -25,6 +25,7 @@ from litsim_sim.core.compiled import (
     FLOATS,
     FLOATS2,
     FLOATS3,
+    INTS,
     OUT_BOOLS,
     OUT_FLOATS,
     OUT_FLOATS2,
@@ -255,13 +256,15 @@ def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
     it does now, is braked for at once where it is more than `imminent`.
     """
     view = agents.view
-    return _cap_behind(config, agents, view.gap, view.speed, view.ahead & view.in_path, agents.table.acceleration)
+    leads = view.ahead & view.in_path
+    return _cap_behind(config, agents, view.gap, view.speed, leads, view.first, agents.table.acceleration)
 
 
 def stopping_cap(config: SafetyConfig, agents: PathFollowers, gap: FloatArray) -> FloatArray:
     """Accelerations (m,) [m/s2] above which agents could not stop at lines `gap` (m,) [m] ahead."""
     line = gap[:, None]
-    return _cap_behind(config, agents, line, np.zeros(line.shape), np.isfinite(line), np.zeros(1))
+    nobody = np.zeros(len(gap), np.int64)
+    return _cap_behind(config, agents, line, np.zeros(line.shape), np.isfinite(line), nobody, np.zeros(1))
 
 
 def _cap_behind(
@@ -270,16 +273,18 @@ def _cap_behind(
     gap: FloatArray,
     leader_speed: FloatArray,
     leads: BoolArray,
-    leader_acceleration: FloatArray,
+    first: IntArray,
+    acceleration: FloatArray,
 ) -> FloatArray:
-    """See :func:`following_cap`, behind those of n that lead; `gap` to `leads` (m, n), `leader_acceleration` (n,)."""
+    """See :func:`following_cap`, behind those that lead; for the arrays see :func:`_following_cap`."""
     return _following_cap(
         gap,
         leader_speed,
         leads,
         agents.speed,
         agents.table.length[agents.rows],
-        leader_acceleration,
+        first,
+        acceleration,
         config.standstill_gap,
         config.own_braking,
         config.leader_braking,
@@ -333,14 +338,15 @@ def _limited(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return limited, changed
 
 
-@kernel(OUT_FLOATS(FLOATS2, FLOATS2, BOOLS2, FLOATS, FLOATS, FLOATS, *[float64] * 9))
+@kernel(OUT_FLOATS(FLOATS2, FLOATS2, BOOLS2, FLOATS, FLOATS, INTS, FLOATS, *[float64] * 9))
 def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
     gap: FloatArray,
     leader_speed: FloatArray,
     leads: BoolArray,
     speed: FloatArray,
     length: FloatArray,
-    leader_acceleration: FloatArray,
+    first: IntArray,
+    acceleration: FloatArray,
     standstill_gap: float,
     own_braking: float,
     leader_braking: float,
@@ -354,10 +360,11 @@ def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """See :func:`following_cap`.
 
     Args:
-        gap, leader_speed: (m, n) to everybody and of everybody along the path [m], [m/s].
-        leads: (m, n) who is ahead on the path.
+        gap, leader_speed: (m, w) to others and of others along the path [m], [m/s].
+        leads: (m, w) who of them is ahead on the path.
         speed, length: (m,) of the agents [m/s], [m].
-        leader_acceleration: (n,) of everybody [m/s2].
+        first: (m,) place in `acceleration` of the first of the others.
+        acceleration: (n,) of everybody [m/s2].
         standstill_gap, own_braking, leader_braking, relax, widening, imminent, leader_brakes, braking_max,
             acceleration_max: as in :class:`SafetyConfig`.
     """
@@ -371,7 +378,7 @@ def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
             room, lead = gap[i, j] - standstill_gap, max(leader_speed[i, j], 0.0)
             stop = 2.0 * own_braking * max(room, 0.0) + lead**2 * own_braking / leader_braking
             cap = max((-lag + math.sqrt(lag**2 + stop) - speed[i]) / relax, -widening)
-            needed = braking_behind(speed[i], lead, leader_acceleration[j], room, leader_brakes)
+            needed = braking_behind(speed[i], lead, acceleration[first[i] + j], room, leader_brakes)
             least = min(least, min(cap, -needed) if needed > imminent else cap)
         caps[i] = within(least, -braking_max, acceleration_max)
     return caps

@@ -26,6 +26,7 @@ from litsim_sim.core.compiled import (
     int64,
     kernel,
 )
+from litsim_sim.core.pair_geometry import within_scenes
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Speed, configuration
 from litsim_sim.core.scene import (
     STEP_S,
@@ -122,6 +123,7 @@ class YieldPolicy:
             view.ahead,
             view.in_path,
             view.aside,
+            view.first,
             table.id,
             table.x,
             table.y,
@@ -154,13 +156,14 @@ class YieldPolicy:
         return idm_at_signals(self._config.idm, agents.speed, free, np.minimum(wanted, follow), line)
 
     def _overlapped_in_log(self, agents: PathFollowers, log_rows: IntArray, now: IntArray) -> BoolArray:
-        """(m, n) whom the agents overlap in the log, within a few seconds of steps `now` (m,), and who is there."""
+        """(m, w) whom the agents overlap in the log, within a few seconds of steps `now` (m,), and who is there."""
         view, table = agents.view, agents.table
-        found = np.zeros(view.gap.shape, np.bool_)
-        near = view.ahead & view.in_path & (view.gap < CLOSE_UP) & ~table.of_ego
-        for k, row in np.transpose(near.nonzero()).tolist():
+        found, of_ego = np.zeros(view.gap.shape, np.bool_), table.of_ego
+        for k, column, row in view.pairs(view.ahead & view.in_path & (view.gap < CLOSE_UP)):
+            if of_ego[row]:
+                continue
             a, b = int(log_rows[k]), int(self._log.ids.searchsorted(table.id[row]))
-            found[k, row] = self._overlaps.meets(a, b, now[k], table.x[row], table.y[row])
+            found[k, column] = self._overlaps.meets(a, b, now[k], table.x[row], table.y[row])
         return found
 
     def _steer(self, agents: PathFollowers) -> FloatArray:
@@ -201,31 +204,38 @@ class YieldPolicy:
 
 
 def braking_needed(agents: PathFollowers, leads: BoolArray) -> FloatArray:
-    """Constant braking (m,) [m/s2] with which agents reach nobody who leads: (m, n), as far as they go on, or stop.
+    """Constant braking (m,) [m/s2] with which agents reach nobody who leads: (m, w), as far as they go on, or stop.
 
     The model brakes as hard for a gap that is merely shorter than it likes; a leader that brakes is taken to stop.
     """
-    return _braking_needed(agents.speed, agents.view.gap, agents.view.speed, leads, agents.table.acceleration)
+    view = agents.view
+    return _braking_needed(agents.speed, view.gap, view.speed, leads, view.first, agents.table.acceleration)
 
 
-@kernel(OUT_FLOATS(FLOATS, FLOATS2, FLOATS2, BOOLS2, FLOATS))
+@kernel(OUT_FLOATS(FLOATS, FLOATS2, FLOATS2, BOOLS2, INTS, FLOATS))
 def _braking_needed(
-    speed: FloatArray, gap: FloatArray, along: FloatArray, leads: BoolArray, acceleration: FloatArray
+    speed: FloatArray,
+    gap: FloatArray,
+    along: FloatArray,
+    leads: BoolArray,
+    first: IntArray,
+    acceleration: FloatArray,
 ) -> FloatArray:
     """See :func:`braking_needed`.
 
     Args:
         speed: (m,) of the agents [m/s].
-        gap, along: (m, n) to everybody and of everybody along the path [m], [m/s].
-        leads: (m, n) who leads.
+        gap, along: (m, w) to others and of others along the path [m], [m/s].
+        leads: (m, w) who of them leads.
+        first: (m,) row of the first of the others.
         acceleration: (n,) of everybody [m/s2].
     """
     found = np.zeros(len(speed))
     for i in range(len(speed)):
-        for j in range(len(acceleration)):
+        for j in range(gap.shape[1]):
             if leads[i, j]:
-                lead, room = max(along[i, j], 0.0), max(gap[i, j], GAP_MIN)
-                found[i] = max(found[i], braking_behind(speed[i], lead, acceleration[j], room, LEADER_BRAKES))
+                lead, room, brakes = max(along[i, j], 0.0), max(gap[i, j], GAP_MIN), acceleration[first[i] + j]
+                found[i] = max(found[i], braking_behind(speed[i], lead, brakes, room, LEADER_BRAKES))
     return found
 
 
@@ -243,7 +253,7 @@ def _goes_first(x: FloatArray, y: FloatArray, yaw: FloatArray, ids: IntArray, j:
 @kernel(
     OUT_FLOATS(
         *(FLOATS2, FLOATS2, BOOLS2, BOOLS2, FLOATS2),
-        *(INTS, FLOATS, FLOATS, FLOATS),
+        *(INTS, INTS, FLOATS, FLOATS, FLOATS),
         *(INTS, FLOATS, FLOATS, INTS),
         *[float64] * 6,
     )
@@ -254,6 +264,7 @@ def give_way(  # noqa: PLR0917 - a kernel takes arrays and numbers
     ahead: BoolArray,
     in_path: BoolArray,
     aside: FloatArray,
+    first: IntArray,
     ids: IntArray,
     x: FloatArray,
     y: FloatArray,
@@ -272,8 +283,8 @@ def give_way(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Accelerations (m,) [m/s2] of agents that follow whatever is on their paths, and give way.
 
     Args:
-        gap, along, ahead, in_path, aside: (m, n) of :class:`litsim_policy.motion.car_following.AlongPath`; `along` is
-            the speed there.
+        gap, along, ahead, in_path, aside, first: (m, w), (m,) of
+            :class:`litsim_policy.motion.car_following.AlongPath`; `along` is the speed there.
         ids, x, y, yaw: (n,) of everybody.
         rows, speed, wanted: (m,) of the agents: rows, speeds and the speeds that they would drive [m/s].
         opponent: (m,) ids.
@@ -281,15 +292,16 @@ def give_way(  # noqa: PLR0917 - a kernel takes arrays and numbers
         headway, standstill_gap, acceleration, deceleration, braking_max: of the car following.
     """
     found = np.empty(len(rows))
-    leads, courted = np.empty(len(ids), np.bool_), np.empty(len(ids), np.bool_)
+    count = gap.shape[1]
+    leads, courted = np.empty(count, np.bool_), np.empty(count, np.bool_)
     model = (headway, standstill_gap, acceleration, deceleration, braking_max)
     for i in range(len(rows)):
         courted_any, in_the_way = False, False
-        for j in range(len(ids)):
+        for j in range(count):
             leads[j] = ahead[i, j] and in_path[i, j] and gap[i, j] > 0.0
-            courted[j] = ahead[i, j] and (in_path[i, j] or ids[j] == opponent[i]) and not leads[j]
+            courted[j] = ahead[i, j] and (in_path[i, j] or ids[first[i] + j] == opponent[i]) and not leads[j]
             if courted[j] and not gap[i, j] > 0.0:
-                courted[j] = _goes_first(x, y, yaw, ids, j, rows[i])
+                courted[j] = _goes_first(x, y, yaw, ids, first[i] + j, rows[i])
             if courted[j]:
                 courted_any = True
                 in_the_way = in_the_way or (aside[i, j] < 0.0 and along[i, j] < speed[i])
@@ -327,15 +339,13 @@ def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
         target: (m, 2) which they move to [m].
         side_gap, side_horizon, side_margin, side_drift: as in :class:`YieldConfig`.
     """
-    taken = np.zeros(len(rows), np.bool_)
+    taken, (begin, end) = np.zeros(len(rows), np.bool_), within_scenes(scene, rows)
     for i in range(len(rows)):
         own, cos, sin = rows[i], math.cos(lane_heading[i]), math.sin(lane_heading[i])
         move = -sin * (target[i, 0] - x[own]) + cos * (target[i, 1] - y[own])
         if not abs(move) > side_drift:
             continue
-        for j in range(len(x)):
-            if scene[j] != scene[own]:
-                continue
+        for j in range(begin[i], end[i]):
             dx, dy = x[j] - x[own], y[j] - y[own]
             ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
             faster = speed[j] - speed[own]

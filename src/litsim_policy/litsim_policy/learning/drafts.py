@@ -85,9 +85,9 @@ class Drafts:
         here = np.flatnonzero(rows >= 0)
         if not len(here):
             return []
-        at, paths = rows[here], self._paths.take(here)
-        s = paths.project(np.arange(len(here)), table.x[at], table.y[at]).s
-        begin, end = (ends.tolist() for ends in paths.window(s))
+        at, s = rows[here], np.zeros(len(rows))
+        s[here] = self._paths.project(here, table.x[at], table.y[at]).s
+        begin, end = (ends[here].tolist() for ends in self._paths.window(s))
         opponents = all_nearest(table, at).tolist()
         found = []
         for k, opponent, i, j in zip(here.tolist(), opponents, begin, end, strict=True):

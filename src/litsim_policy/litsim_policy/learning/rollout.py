@@ -21,7 +21,7 @@ from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.scenario.joined import BITS, kind
 
 EMPTY_EPISODES_MAX = 100  # episodes in a row without anybody to drive, after which there is no point in going on
-TOGETHER = 16  # episodes that are stepped together at most
+TOGETHER = 48  # episodes that are stepped together at most
 COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard")  # of penalties, what is summed up
 VALIDATION_SEED = 10_000_019  # of the first episode of every validation
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -24,8 +24,10 @@ from litsim_sim.core.compiled import (
     OUT_FLOATS,
     OUT_FLOATS2,
     OUT_FLOATS3,
+    OUT_INTS,
     OUT_INTS2,
     float64,
+    int64,
     kernel,
 )
 from litsim_sim.core.pair_geometry import within, within_scenes
@@ -103,7 +105,11 @@ def idm_acceleration(
 
 @dataclass(frozen=True)
 class AlongPath:
-    """Agents as a vehicle on a path sees them, or as m vehicles do: arrays (n,) or (m, n), columns as in their table.
+    """The agents of its scene as a vehicle on a path sees them, or as m vehicles do, each those of its own.
+
+    Arrays are (w,) or (m, w) unless said otherwise: column c is the agent in row `first` + c of the table, and w is
+    the number of agents in the largest of these scenes. Columns behind the last agent of a smaller one are as those
+    of agents out of sight.
 
     Attributes:
         s: arc length of the agent's place on the path [m]; -inf out of sight.
@@ -113,6 +119,8 @@ class AlongPath:
         ahead: whether the agent's centre is ahead of the vehicle's.
         aside: [m] between the agent's side and the vehicle's where they pass; negative in the strip that it sweeps.
         in_path: whether the agent's box reaches into that strip, widened by the margin.
+        first: one number or (m,): row of the first agent of the vehicle's scene in the table.
+        own_s, own_d: one number or (m,): the same as `s` and `d` of the vehicle itself [m].
     """
 
     s: FloatArray
@@ -122,6 +130,14 @@ class AlongPath:
     ahead: BoolArray
     aside: FloatArray
     in_path: BoolArray
+    first: IntArray
+    own_s: FloatArray
+    own_d: FloatArray
+
+    def pairs(self, which: BoolArray) -> Iterator[tuple[int, int, int]]:
+        """Position of the vehicle, column, and row of the agent in the table, of all in the mask `which` (m, w)."""
+        vehicle, column = which.nonzero()
+        return zip(vehicle.tolist(), column.tolist(), (self.first[vehicle] + column).tolist(), strict=True)
 
     def __getitem__(self, which: int | slice) -> AlongPath:
         """What one, or some, of the m vehicles see."""
@@ -129,7 +145,7 @@ class AlongPath:
 
 
 def along_path(path: ReferencePath, agents: AgentTable, row: int, margin: float = MARGIN) -> AlongPath:
-    """Agents relative to the one in `row`, which follows `path`; see :func:`along_paths`. Arrays (n,)."""
+    """Agents relative to the one in `row`, which follows `path`; see :func:`along_paths`. Arrays (w,)."""
     return along_paths(path.batch, agents, np.array([row]), margin)[0]
 
 
@@ -146,7 +162,7 @@ def along_paths(
 
     Args:
         paths: m paths.
-        agents: everybody, n agents.
+        agents: everybody.
         rows: (m,) of the agents that look.
         margin: [m] kept to the side of the agents' boxes.
         sight: (m,) or one for all: how far away each still sees somebody [m]; no farther than SIGHT.
@@ -154,11 +170,11 @@ def along_paths(
         path: (m,) positions in `paths` of what they follow, where that is not one after the other.
 
     Returns:
-        arrays (m, n).
+        arrays (m, w).
     """
     own = poses or (agents.x[rows], agents.y[rows], agents.yaw[rows])
     reach = np.minimum(sight, SIGHT) if isinstance(sight, np.ndarray) else np.full(len(rows), min(sight, SIGHT))
-    pair, (s, d, turn, unit_x, unit_y) = _projected(
+    first, most, pair, (s, d, turn, unit_x, unit_y) = _projected(
         agents.scene,
         agents.x,
         agents.y,
@@ -172,10 +188,10 @@ def along_paths(
         paths.count,
     )
     turn -= np.arctan2(unit_y, unit_x)
-    seen, where = _along(pair, s, d, turn, agents.speed, agents.length, agents.width, rows, margin)
+    box = agents.length, agents.width
+    (ahead, in_path), where, (own_s, own_d) = _along(pair, s, d, turn, agents.speed, *box, rows, first, most, margin)
     s, d, gap, speed, aside = where
-    ahead, in_path = seen
-    return AlongPath(s, d, gap, speed, ahead, aside, in_path)
+    return AlongPath(s, d, gap, speed, ahead, aside, in_path, first, own_s, own_d)
 
 
 @kernel(float64(float64, float64, FLOATS, FLOATS, BOOLS, *[float64] * 5))
@@ -252,7 +268,7 @@ def _idm_accelerations(
 
 
 @kernel(
-    Tuple((OUT_INTS2, OUT_FLOATS2))(
+    Tuple((OUT_INTS, int64, OUT_INTS2, OUT_FLOATS2))(
         INTS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS3, FLOATS3, INTS
     )
 )
@@ -270,7 +286,7 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
     segments: FloatArray,
     circles: FloatArray,
     count: IntArray,
-) -> tuple[IntArray, FloatArray]:
+) -> tuple[IntArray, int, IntArray, FloatArray]:
     """Who sees whom, and where those are on the paths of those that look.
 
     Args:
@@ -283,14 +299,17 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
         segments, circles, count: of paths, as :mod:`litsim_policy.motion.path_kernels` has them.
 
     Returns:
+        the first row (m,) of each scene that is looked into, and how many agents are in the largest of them;
         k pairs, those of the first that looks first: (2, k) position among those that look, and row of whom it sees;
         (5, k) arc length and offset of that one's place on the path [m], its heading [rad], and the direction, x and
         y, of the path there.
     """
     begin, end = within_scenes(scene, rows)
-    most = (end - begin).sum()
-    pair, found = np.empty((2, most), np.int64), np.empty((5, most))
-    before = np.full((len(count), len(x)), -1, np.int64)  # the pair that has found the place of an agent on a path
+    most, pairs = 0, 0
+    for i in range(len(rows)):
+        most, pairs = max(most, end[i] - begin[i]), pairs + end[i] - begin[i]
+    pair, found = np.empty((2, pairs), np.int64), np.empty((5, pairs))
+    before = np.full((len(count), most), -1, np.int64)  # the pair that has found the place of an agent on a path
     k = 0
     for i in range(len(rows)):
         p = path[i]
@@ -300,16 +319,17 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
             if not dx * dx + dy * dy < sight[i] * sight[i]:
                 continue
             pair[0, k], pair[1, k] = i, j
-            if j != rows[i] and on_path[j] >= 0:
+            known = on_path[j - begin[i]]
+            if j != rows[i] and known >= 0 and pair[1, known] == j:  # not of another scene's on the same path
                 for field in range(5):
-                    found[field, k] = found[field, on_path[j]]
+                    found[field, k] = found[field, known]
                 k += 1
                 continue
             place_x, place_y, heading = x[j], y[j], yaw[j]
             if j == rows[i]:
                 place_x, place_y, heading = own_x[i], own_y[i], own_yaw[i]
             else:
-                on_path[j] = k
+                on_path[j - begin[i]] = k
             segment, s, d = nearest(vertices, chunks, last + 2, place_x, place_y)
             # at a vertex, the direction is that of the segment that begins there
             if segment < last and s >= vertices[segment + 1, S]:
@@ -317,10 +337,10 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
             found[0, k], found[1, k], found[2, k] = s, d, heading
             found[3, k], found[4, k] = vertices[segment, UNIT_X], vertices[segment, UNIT_Y]
             k += 1
-    return pair[:, :k].copy(), found[:, :k].copy()
+    return begin, most, pair[:, :k].copy(), found[:, :k].copy()
 
 
-@kernel(Tuple((OUT_BOOLS3, OUT_FLOATS3))(INTS2, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, float64))
+@kernel(Tuple((OUT_BOOLS3, OUT_FLOATS3, OUT_FLOATS2))(INTS2, *[FLOATS] * 6, INTS, INTS, int64, float64))
 def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     pair: IntArray,
     s: FloatArray,
@@ -330,21 +350,28 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     length: FloatArray,
     width: FloatArray,
     rows: IntArray,
+    first: IntArray,
+    most: int,
     margin: float,
-) -> tuple[BoolArray, FloatArray]:
-    """Return the fields of :class:`AlongPath`: ahead and in_path (2, m, n); s, d, gap, speed and aside (5, m, n).
+) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """Return the fields of :class:`AlongPath`.
+
+    These are ahead and in_path (2, m, w); s, d, gap, speed and aside (5, m, w); own_s and own_d (2, m).
 
     Args:
         pair, s, d: k pairs as :func:`_projected` gives them.
         turn: (k,) heading of the agents against the paths [rad].
         speed, length, width: (n,) of everybody [m/s], [m].
         rows: (m,) of those that look.
+        first, most: first rows (m,) of their scenes, and the number w of agents of the largest of these.
         margin: as in :func:`along_paths`.
     """
-    shape = (len(rows), len(speed))
+    shape = (len(rows), most)
     seen, where = np.zeros((2, *shape), np.bool_), np.empty((5, *shape))
     where[0], where[1], where[2], where[3], where[4] = -np.inf, np.inf, -np.inf, 0.0, np.inf
-    own_s, own_d = np.full(len(rows), -np.inf), np.full(len(rows), np.inf)
+    own = np.empty((2, len(rows)))
+    own[0], own[1] = -np.inf, np.inf
+    own_s, own_d = own
     for k in range(len(s)):
         if pair[1, k] == rows[pair[0, k]]:
             own_s[pair[0, k]], own_d[pair[0, k]] = s[k], d[k]
@@ -356,9 +383,10 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
         # the strip is swept from where the vehicle is to the path: over the first metres it includes its offset
         offset = own_d[i] * within(1.0 - (s[k] - own_s[i]) / MERGE, 0.0, 1.0)
         passing, half_width = abs(d[k] - offset), 0.5 * width[rows[i]]
-        where[0, i, j], where[1, i, j] = s[k], d[k]
-        where[2, i, j] = s[k] - half_along - own_s[i] - 0.5 * length[rows[i]]
-        where[3, i, j], where[4, i, j] = speed[j] * cos, passing - (half_across + half_width)
-        seen[0, i, j] = j != rows[i] and s[k] > own_s[i]
-        seen[1, i, j] = passing < half_across + (half_width + margin)
-    return seen, where
+        c = j - first[i]
+        where[0, i, c], where[1, i, c] = s[k], d[k]
+        where[2, i, c] = s[k] - half_along - own_s[i] - 0.5 * length[rows[i]]
+        where[3, i, c], where[4, i, c] = speed[j] * cos, passing - (half_across + half_width)
+        seen[0, i, c] = j != rows[i] and s[k] > own_s[i]
+        seen[1, i, c] = passing < half_across + (half_width + margin)
+    return seen, where, own

@@ -45,18 +45,18 @@ class PathFollowers:
 
     @cached_property
     def view(self) -> AlongPath:
-        """Everybody as the followers see them, (m, n)."""
+        """Everybody in their scenes as the followers see them, (m, w)."""
         return along_paths(self.paths, self.table, self.rows, poses=self._poses)
 
-    @cached_property
+    @property
     def s(self) -> FloatArray:
         """Arc length of the followers on their paths [m]."""
-        return self.view.s[np.arange(len(self)), self.rows]
+        return self.view.own_s
 
-    @cached_property
+    @property
     def d(self) -> FloatArray:
         """Offset of the followers from their paths, to the left [m]."""
-        return self.view.d[np.arange(len(self)), self.rows]
+        return self.view.own_d
 
     @cached_property
     def lane(self) -> LanePosition:

@@ -75,12 +75,12 @@ def weigh_changes(
 
     Args:
         config: criteria.
-        table: everybody, n agents.
+        table: everybody.
         rows: (k,) of the agents.
         wanted: (k,) speeds that they would drive on a free road [m/s].
-        here: (k, n) everybody as seen along the line of the lane that each is on, from its middle.
-        there: (k, n) the same along the lane that each would change to, as if it were there.
-        claimed: mask (k, n) of those that are changing to that lane, and count as if they were there.
+        here: (k, w) everybody in their scenes as seen along the line of the lane that each is on, from its middle.
+        there: (k, w) the same along the lane that each would change to, as if it were there.
+        claimed: mask (k, w) of those that are changing to that lane, and count as if they were there.
         reach: (k,) of road that the change takes [m].
     """
     return LaneChanges(
@@ -88,6 +88,7 @@ def weigh_changes(
             table.speed,
             table.length,
             rows,
+            here.first,
             wanted,
             here.s,
             here.gap,
@@ -143,7 +144,7 @@ def _behind(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 @kernel(Tuple((int64, float64))(FLOATS, BOOLS, BOOLS, int64))
 def _leader(gap: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> tuple[int, float]:
-    """The first ahead in a lane, of everybody (n,), and the gap to it [m]; NOBODY and infinity where there is none."""
+    """The first ahead in a lane, of w agents, and the gap to it [m]; NOBODY and infinity where there is none."""
     first, least = NOBODY, np.inf
     for j in range(len(gap)):
         if j != me and ahead[j] and in_lane[j] and gap[j] < least:
@@ -166,7 +167,7 @@ def _follower(s: FloatArray, length: FloatArray, ahead: BoolArray, in_lane: Bool
 
 @kernel(
     Tuple((OUT_FLOATS, OUT_BOOLS, OUT_BOOLS))(
-        *(FLOATS, FLOATS, INTS, FLOATS),
+        *(FLOATS, FLOATS, INTS, INTS, FLOATS),
         *(FLOATS2, FLOATS2, FLOATS2, BOOLS2, BOOLS2),
         *(FLOATS2, FLOATS2, FLOATS2, BOOLS2, BOOLS2),
         FLOATS,
@@ -177,6 +178,7 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
     speed: FloatArray,
     length: FloatArray,
     rows: IntArray,
+    first: IntArray,
     wanted: FloatArray,
     here_s: FloatArray,
     here_gap: FloatArray,
@@ -205,20 +207,22 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         speed, length: (n,) of everybody [m/s], [m].
         rows, wanted, reach: (k,) as :func:`weigh_changes` has them.
-        here_s, here_gap, here_along, here_ahead, here_in: (k, n) of :class:`AlongPath`; `along` is the speed there,
+        first: (k,) of :class:`AlongPath`.
+        here_s, here_gap, here_along, here_ahead, here_in: (k, w) of :class:`AlongPath`; `along` is the speed there,
             `in` who is in the lane.
-        there_s, there_gap, there_along, there_ahead, there_in: (k, n) likewise.
+        there_s, there_gap, there_along, there_ahead, there_in: (k, w) likewise.
         politeness, braking_safe, gap_min: as in :class:`LaneChangeConfig`.
         headway, standstill_gap, acceleration, deceleration, braking_max: of the car following.
     """
     gain, safe, room = np.empty(len(rows)), np.empty(len(rows), np.bool_), np.empty(len(rows), np.bool_)
     model = (headway, standstill_gap, acceleration, deceleration, braking_max)
     for i in range(len(rows)):
-        me, own = rows[i], speed[rows[i]]
+        me, own = rows[i] - first[i], speed[rows[i]]
+        lengths = length[first[i] : first[i] + here_s.shape[1]]  # fewer than columns, where more are nobody
         old_leader, old_gap = _leader(here_gap[i], here_ahead[i], here_in[i], me)
         new_leader, new_gap = _leader(there_gap[i], there_ahead[i], there_in[i], me)
-        old_follower, old_back = _follower(here_s[i], length, here_ahead[i], here_in[i], me)
-        follower, back = _follower(there_s[i], length, there_ahead[i], there_in[i], me)
+        old_follower, old_back = _follower(here_s[i], lengths, here_ahead[i], here_in[i], me)
+        follower, back = _follower(there_s[i], lengths, there_ahead[i], there_in[i], me)
         old_speed = 0.0 if old_leader < 0 else here_along[i, old_leader]
         new_speed = 0.0 if new_leader < 0 else there_along[i, new_leader]
         now = _behind(own, wanted[i], old_gap, old_speed, *model)
@@ -228,14 +232,14 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
         room[i] = room[i] and max(own - new_speed, 0.0) ** 2 <= 2.0 * braking_safe * new_gap
         if follower >= 0:
             its = there_along[i, follower]
-            before = _behind(its, its, back + length[me] + new_gap, new_speed, *model)
+            before = _behind(its, its, back + lengths[me] + new_gap, new_speed, *model)
             braking = _behind(its, its, back, own, *model)
             others += braking - before
             room[i] = room[i] and max(its - own, 0.0) ** 2 <= 2.0 * braking_safe * back
         if old_follower >= 0:
             its = here_along[i, old_follower]
             before = _behind(its, its, old_back, own, *model)
-            others += _behind(its, its, old_back + length[me] + old_gap, old_speed, *model) - before
+            others += _behind(its, its, old_back + lengths[me] + old_gap, old_speed, *model) - before
         gain[i] = then - now + politeness * others
         safe[i] = braking >= -braking_safe and then >= -braking_safe and new_gap >= gap_min and back >= gap_min
         if old_leader >= 0:  # it must be passed to the side before it is reached

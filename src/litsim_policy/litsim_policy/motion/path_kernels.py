@@ -2,7 +2,8 @@
 
 The kernels take m polylines as one array (m, L, 5), `segments`. Row [p, k] is vertex k of path p and the segment that
 begins there: x, y [m], arc length from the first vertex [m], and the unit vector of the segment. Path p has `count[p]`
-vertices, at least 2; behind them the last one is repeated. First and last segments count as prolonged without end.
+vertices, at least 2; what is behind them means nothing, and so does the unit vector of the last. First and last
+segments count as prolonged without end.
 
 Circles (m, C, 3) hold chunks of CHUNK segments each: centre x, y, which is a vertex, and radius [m]. They say which
 segments can be nearest to a place.
@@ -47,21 +48,20 @@ def lay_out(points: FloatArray, count: IntArray) -> tuple[FloatArray, FloatArray
     longest = 2
     for n in count:
         longest = max(longest, n)
-    segments = np.zeros((len(count), longest, 5))
-    circles = np.zeros((len(count), (longest + CHUNK - 2) // CHUNK, 3))
+    segments = np.empty((len(count), longest, 5))
+    circles = np.empty((len(count), (longest + CHUNK - 2) // CHUNK, 3))
     first = 0
     for p in range(len(count)):
         n = count[p]
-        for k in range(longest):
-            at = first + min(k, n - 1)
-            segments[p, k, X], segments[p, k, Y] = points[at, 0], points[at, 1]
-        for k in range(1, longest):
+        for k in range(n):
+            segments[p, k, X], segments[p, k, Y] = points[first + k, 0], points[first + k, 1]
+        segments[p, 0, S] = 0.0
+        for k in range(1, n):
             step_x = segments[p, k, X] - segments[p, k - 1, X]
             step_y = segments[p, k, Y] - segments[p, k - 1, Y]
             segments[p, k, S] = segments[p, k - 1, S] + math.hypot(step_x, step_y)
             length = segments[p, k, S] - segments[p, k - 1, S]
-            if k < n:
-                segments[p, k - 1, UNIT_X], segments[p, k - 1, UNIT_Y] = step_x / length, step_y / length
+            segments[p, k - 1, UNIT_X], segments[p, k - 1, UNIT_Y] = step_x / length, step_y / length
         for c in range((n + CHUNK - 2) // CHUNK):
             begin, end = c * CHUNK, min((c + 1) * CHUNK, n - 1)
             middle = (begin + end) // 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from litsim_sim.core.compiled import BOOLS, FLOATS, INTS, OUT_BOOLS, float64, kernel
+from litsim_sim.core.pair_geometry import behind_scene
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 
@@ -13,9 +14,11 @@ def around(table: AgentTable, centres: BoolArray, radius: float) -> BoolArray:
 
 @kernel(OUT_BOOLS(INTS, FLOATS, FLOATS, BOOLS, float64))
 def _around(scene: IntArray, x: FloatArray, y: FloatArray, centres: BoolArray, radius: float) -> BoolArray:
-    found = centres.copy()
+    found, begin, end = centres.copy(), 0, 0
     for i in range(len(x)):
+        if i == end:
+            begin, end = i, behind_scene(scene, i)
         if centres[i]:
-            for j in range(len(x)):
-                found[j] |= scene[j] == scene[i] and (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= radius**2
+            for j in range(begin, end):
+                found[j] |= (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= radius**2
     return found

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba.types import UniTuple
 
-from litsim_sim.core.compiled import INTS, OUT_INTS, boolean, float64, kernel
+from litsim_sim.core.compiled import INTS, OUT_INTS, boolean, float64, int64, kernel
 from litsim_sim.core.scene import IntArray
 
 
@@ -58,6 +58,12 @@ def within(value: float, low: float, high: float) -> float:
     return min(high, max(low, value))  # of equal numbers, the first
 
 
+@kernel(int64(INTS, int64))
+def behind_scene(scene: IntArray, row: int) -> int:
+    """The row behind the last of the scene that the agent in `row` is in; `scene` (n,) as in :func:`within_scenes`."""
+    return int(np.searchsorted(scene, scene[row], "right"))
+
+
 @kernel(UniTuple(OUT_INTS, 2)(INTS, INTS))
 def within_scenes(scene: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
     """The first row (m,), and the one behind the last (m,), of the scenes that agents in `rows` (m,) are in.
@@ -67,5 +73,5 @@ def within_scenes(scene: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
     begin, end = np.empty(len(rows), np.int64), np.empty(len(rows), np.int64)
     for i in range(len(rows)):
         begin[i] = np.searchsorted(scene, scene[rows[i]])
-        end[i] = np.searchsorted(scene, scene[rows[i]], "right")
+        end[i] = behind_scene(scene, rows[i])
     return begin, end

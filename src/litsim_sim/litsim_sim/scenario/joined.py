@@ -49,7 +49,7 @@ class JoinedLog(Log):
         """Return `logs` as one, which is as long as the longest: nobody is on the road beyond the end of his."""
         steps = max(log.steps for log in logs)
         columns = {
-            field.name: np.concatenate([_padded(getattr(log, field.name), steps) for log in logs])
+            field.name: _stacked([getattr(log, field.name) for log in logs], steps)
             for field in fields(Log)
             if field.name != "ids"
         }
@@ -190,6 +190,12 @@ def kind(scenario: Scenario) -> Hashable:
     return scenario.net_path, scenario.history_steps, scenario.roi_m, signals, vehicle
 
 
-def _padded(values: np.ndarray, steps: int) -> np.ndarray:
-    """`values` (n,) or (n, s), the latter with zeros up to (n, `steps`)."""
-    return values if values.ndim == 1 else np.pad(values, ((0, 0), (0, steps - values.shape[1])))
+def _stacked(parts: Sequence[np.ndarray], steps: int) -> np.ndarray:
+    """All of `parts` (n,) or (n, s), one below the other; rows of the latter with zeros up to (n, `steps`)."""
+    if parts[0].ndim == 1:
+        return np.concatenate(parts)
+    found, first = np.zeros((sum(map(len, parts)), steps), parts[0].dtype), 0
+    for part in parts:
+        found[first : first + len(part), : part.shape[1]] = part
+        first += len(part)
+    return found

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from litsim_sim.core.geometry import boxes_overlap, to_body
+import numpy as np
+from numba.types import UniTuple
+
+from litsim_sim.core.compiled import FLOATS, float64, int64, kernel
+from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, configuration
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray
 from litsim_sim.scenario.log import Log
 
 SIDE_ROOM = 0.3  # [m] beyond touching boxes within which somebody is in the path of an agent that enters
+LOOK_EVERY = 2.0 * STEP_S  # [s] of the horizon of an entry
 
 
 @configuration
@@ -115,25 +120,70 @@ class Entries:
 
     def _speed(self, entry: AgentTable, row: int, others: AgentTable) -> float | None:
         """Speed [m/s], at most the logged one, at which an agent can enter among `others`; None where it cannot."""
-        config, log_speed = self._config, float(entry.speed[row])
-        others = others.take(others.scene == entry.scene[row])
-        if config is None or not len(others):
-            return log_speed
-        dx, dy = others.x - entry.x[row], others.y - entry.y[row]
-        ahead, left = to_body(dx, dy, entry.yaw[row])
-        in_path = np.abs(left) < 0.5 * (others.width + entry.width[row]) + SIDE_ROOM
-        gap = ahead - 0.5 * (others.length + entry.length[row]) - config.gap
-        leads = in_path & (ahead > 0)
-        speed = log_speed
-        if leads.any():
-            room = np.maximum(gap[leads], 0.0) * 2.0 * config.deceleration
-            speed = min(speed, float(np.sqrt(others.speed[leads] ** 2 + room).min()))
-            if (gap[leads] < 0).any():
-                return None
-        times = np.arange(0.0, config.horizon, 2 * STEP_S)[:, None]
-        relative_x = dx + times * (others.speed * np.cos(others.yaw) - speed * np.cos(entry.yaw[row]))
-        relative_y = dy + times * (others.speed * np.sin(others.yaw) - speed * np.sin(entry.yaw[row]))
-        size = (entry.length[row] + config.gap, entry.width[row])
-        follows = in_path & (ahead <= 0)
-        hit = boxes_overlap(relative_x, relative_y, entry.yaw[row], others.yaw, size, (others.length, others.width))
-        return None if (hit & ((times == 0.0) | follows)).any() else speed
+        config = self._config
+        if config is None:
+            return float(entry.speed[row])
+        scene = int(entry.scene[row])
+        begin, end = others.scene.searchsorted((scene, scene + 1)).tolist()
+        where = others.x, others.y, others.yaw, others.speed, others.length, others.width
+        pose = entry.x[row], entry.y[row], entry.yaw[row]
+        vehicle = entry.speed[row], entry.length[row], entry.width[row]
+        speed = _entry_speed(*where, begin, end, *pose, *vehicle, config.gap, config.horizon, config.deceleration)
+        return None if speed < 0.0 else speed
+
+
+@kernel(float64(*[FLOATS] * 6, int64, int64, *[float64] * 9))
+def _entry_speed(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    begin: int,
+    end: int,
+    own_x: float,
+    own_y: float,
+    own_yaw: float,
+    own_speed: float,
+    own_length: float,
+    own_width: float,
+    gap: float,
+    horizon: float,
+    deceleration: float,
+) -> float:
+    """Speed [m/s], at most its own, at which an agent can enter among others; below 0 where it cannot.
+
+    Args:
+        x, y, yaw, speed, length, width: (n,) of everybody [m], [rad], [m/s].
+        begin, end: rows of the first of the others and the one behind the last.
+        own_x, own_y, own_yaw, own_speed, own_length, own_width: of the agent as it is logged.
+        gap, horizon, deceleration: as in :class:`EntryConfig`.
+    """
+    cos, sin, found = math.cos(own_yaw), math.sin(own_yaw), own_speed
+    for j in range(begin, end):
+        ahead, left = _from(own_x, own_y, cos, sin, x[j], y[j])
+        if ahead > 0.0 and abs(left) < 0.5 * (width[j] + own_width) + SIDE_ROOM:
+            room = ahead - 0.5 * (length[j] + own_length) - gap
+            if room < 0.0:
+                return -1.0
+            found = min(found, math.sqrt(speed[j] ** 2 + room * 2.0 * deceleration))
+    instants = math.ceil(horizon / LOOK_EVERY)
+    for j in range(begin, end):
+        ahead, left = _from(own_x, own_y, cos, sin, x[j], y[j])
+        follows = ahead <= 0.0 and abs(left) < 0.5 * (width[j] + own_width) + SIDE_ROOM
+        nearing_x = speed[j] * math.cos(yaw[j]) - found * cos
+        nearing_y = speed[j] * math.sin(yaw[j]) - found * sin
+        for k in range(instants if follows else 1):
+            time = k * LOOK_EVERY
+            dx, dy = x[j] - own_x + time * nearing_x, y[j] - own_y + time * nearing_y
+            if overlap(dx, dy, own_yaw, yaw[j], own_length + gap, own_width, length[j], width[j]):
+                return -1.0
+    return found
+
+
+@kernel(UniTuple(float64, 2)(*[float64] * 6))
+def _from(x: float, y: float, cos: float, sin: float, other_x: float, other_y: float) -> tuple[float, float]:
+    """How far another place is ahead of a place and to its left [m]; `cos` and `sin` of the heading there."""
+    dx, dy = other_x - x, other_y - y
+    return dx * cos + dy * sin, dy * cos - dx * sin

@@ -214,13 +214,17 @@ class World:
         lane_map = self.scenario.lane_map
         if table.step <= self.scenario.history_steps:
             return table
-        leavers = []
-        for scene, row in enumerate(table.rows(self._ego_ids).tolist()):
+        rows, leavers = table.rows(self._ego_ids), []
+        inside = np.zeros(len(rows), np.bool_)
+        here = rows[rows >= 0]
+        inside[rows >= 0] = lane_map.inside_road(table.x[here], table.y[here])
+        for scene in (~inside).nonzero()[0].tolist():
+            row = int(rows[scene])
             if self.ends[scene] is not None:
                 continue
             if row < 0:
                 self.ends[scene] = RunEnd(EndReason.LOG_OVER, table.step)
-            elif not lane_map.inside_road(table.x[row : row + 1], table.y[row : row + 1])[0]:
+            else:
                 lane = lane_map.ends.passed(float(table.x[row]), float(table.y[row]))
                 if lane is not None:
                     self.ends[scene] = RunEnd(EndReason.NET_END, table.step, lane)
