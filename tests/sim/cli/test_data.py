@@ -21,15 +21,18 @@ from litsim_sim.analysis import trajectories as export
 from litsim_sim.cli import data
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller
+from litsim_sim.core.signals import SignalState
 from litsim_sim.record.run import Run, RunInfo
 from litsim_sim.recordings.ngsim import download as fetching
 from litsim_sim.recordings.ngsim.download import COUNT_PATH, DATASET, EXPORT_PATH, download
 from litsim_sim.recordings.ngsim.sites import I80, US101
 from litsim_sim.recordings.recording import COLUMNS, Recording
 from litsim_sim.scenario.scenario import packaged
+from litsim_sim.scenario.signals import Signals
 from made_ngsim import Traffic, table, write_portal, write_text
 
 EMBEDDED = packaged("scenarios/us101_like.parquet")
+STREET = packaged("suites/small/street_train_14.parquet")
 
 
 @pytest.fixture(scope="module")
@@ -221,6 +224,9 @@ def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[st
         (["plot", str(EMBEDDED), "out.gif"], "expected a name that ends with .png or .html"),
         (["plot", str(EMBEDDED), "out.png", "--net", "absent.net.xml"], "absent.net.xml"),
         (["plot", str(EMBEDDED), "/dev/null/out.png"], "cannot be written"),
+        (["plot", str(EMBEDDED), "out.png", "--at", "1"], "moments are drawn of an intersection"),
+        (["plot", str(STREET), "out.png", "--at", "99"], "moment 99: expected 0 to 20 s"),
+        (["plot", str(STREET), "out.png", "--signals", "absent.yaml"], "absent.yaml"),
         (["export", "absent", "out.csv"], "absent"),
     ],
 )
@@ -281,6 +287,50 @@ def test_plot_finds_the_net_that_the_header_names(
     assert lanes == [True, True, True, False]
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 1 and "drawn without lanes" in said[0] and "absent.net.xml" in said[0]
+
+
+def test_plot_of_an_intersection_shows_its_signals_at_each_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from litsim_sim.report import recording_plots
+
+    drawn: list[tuple[tuple[str, ...], int]] = []
+    boxes: list[int] = []
+    lines, agents = recording_plots.draw_stop_lines, recording_plots.draw_boxes
+    monkeypatch.setattr(
+        recording_plots, "draw_stop_lines", lambda a, s, k: (drawn.append((s.groups, k)), lines(a, s, k))
+    )
+    monkeypatch.setattr(recording_plots, "draw_boxes", lambda a, t, c: (boxes.append(len(t.id)), agents(a, t, c)))
+    data.main(["plot", str(STREET), str(tmp_path / "out.html"), "--at", "2", "9.5"])
+    assert (tmp_path / "out.html").read_text().count("data:image/png;base64,") == 1
+    assert [step for _, step in drawn] == [0, 20, 95], "of the first frame with the tracks, and of each moment"
+    assert "A0" in drawn[0][0]
+    frames = Recording.read(STREET).table["frame"]
+    assert boxes == [int((frames == frames.min() + step).sum()) for step in (20, 95)]
+
+
+def test_plot_shows_the_signals_that_are_named_instead_of_the_recordings_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from litsim_sim.maps.signal_links import read_links
+    from litsim_sim.report import recording_plots
+
+    given: list[Signals] = []
+    monkeypatch.setattr(recording_plots, "draw", lambda *drawn: given.append(drawn[4]))
+    link = read_links(packaged("nets/urban_like.net.xml"))[0].name
+    (tmp_path / "mine.yaml").write_text(f"groups: {{mine: ['{link}']}}\nchanges: [[0.0, mine, green]]\n")
+    options = [str(tmp_path / "out.png"), "--signals", str(tmp_path / "mine.yaml")]
+    data.main(["plot", str(STREET), *options])
+    (signals,) = given
+    assert signals.groups == ("mine",) and signals.link_names == (link,)
+    assert set(signals.states.ravel().tolist()) == {int(SignalState.GREEN)}
+
+    part = Recording.read(STREET)
+    Recording.of_table(replace(part.header, net="", signals={}), part.table).write(tmp_path / "netless.parquet")
+    with pytest.raises(SystemExit) as stopped:
+        data.main(["plot", str(tmp_path / "netless.parquet"), *options])
+    assert stopped.value.code == 2
+    assert "signals need a net: name it with --net" in capsys.readouterr().err
 
 
 def test_plot_of_one_vehicle_without_lane(tmp_path: Path, track: type) -> None:

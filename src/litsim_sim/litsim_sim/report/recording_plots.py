@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import shapely
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure, FigureBase
 
-from litsim_sim.analysis.plan_view import NEAR, Area, draw_lanes, draw_signals, draw_stop_lines, groups_in
+from litsim_sim.analysis.plan_view import NEAR, Area, draw_boxes, draw_lanes, draw_signals, draw_stop_lines, groups_in
 from litsim_sim.analysis.plan_view import frame as show_area
 from litsim_sim.core.colours import INK
 from litsim_sim.core.errors import InputError
@@ -26,6 +28,7 @@ from litsim_sim.maps.lane_crossings import lane_crossings
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.report.pages import render_page
+from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.signals import Signals
 
 DPI = 100
@@ -39,7 +42,12 @@ UNKNOWN_LANE = "#8a9099"
 
 
 def draw(
-    recording: Recording, path: Path, text: str, lane_map: LaneMap | None = None, signals: Signals | None = None
+    recording: Recording,
+    path: Path,
+    text: str,
+    lane_map: LaneMap | None = None,
+    signals: Signals | None = None,
+    moments: Sequence[float] = (),
 ) -> None:
     """Draw `recording` to a PNG, or to a self-contained HTML page if `path` ends so.
 
@@ -52,18 +60,22 @@ def draw(
         text: what the page says of the recording.
         lane_map: lanes under the tracks.
         signals: of the recording, from its first frame on.
+        moments: [s] from the first frame on, at which an intersection is drawn as it was then.
 
     Raises:
-        InputError: `path` has another ending.
+        InputError: `path` has another ending, or the recording has no such moments, or shows no intersection.
         OSError: `path` cannot be written.
     """
     if path.suffix not in (".png", ".html", ".htm"):
         raise InputError(f"{path}: expected a name that ends with .png or .html")
+    crossing = lane_map if lane_map is not None and _is_intersection(recording, lane_map) else None
+    if crossing is None and moments:
+        raise InputError(f"{path}: moments are drawn of an intersection, and no lanes of a net cross under the tracks")
     if path.suffix == ".png":
-        path.write_bytes(_bytes(_overview(recording, lane_map, signals)))
+        path.write_bytes(_bytes(_overview(recording, lane_map, crossing, signals, moments)))
         return
-    if lane_map is not None and _is_intersection(recording, lane_map):
-        pictures = {"Plan": intersection(recording, lane_map, signals)}
+    if crossing is not None:
+        pictures = {"Plan": intersection(recording, crossing, signals, moments)}
     else:
         pictures = {"Space and time, by lane": space_time(recording), "Tracks": track_map(recording, lane_map)}
     page = render_page(
@@ -99,36 +111,78 @@ def main_direction(table: pd.DataFrame) -> float:
     return float(wrap_angle(np.array([axis + np.pi]))[0]) if turned else axis
 
 
-def intersection(recording: Recording, lane_map: LaneMap, signals: Signals | None = None) -> Figure:
-    """All tracks in frame map, coloured by speed, over the lanes and the stop lines; below, the signals over time."""
-    table = recording.table.sort_values(["vehicle_id", "frame"], ignore_index=True)
-    points, frames = table[["x", "y"]].to_numpy(), table["frame"].to_numpy()
-    area = Area.around(points)
+def intersection(
+    recording: Recording, lane_map: LaneMap, signals: Signals | None = None, moments: Sequence[float] = ()
+) -> Figure:
+    """All tracks in frame map, coloured by speed, over the lanes and the stop lines; below, the signals over time.
+
+    Between them, at each of the `moments` [s] from the first frame on, who was where, and what the stop lines showed.
+
+    Raises:
+        InputError: the recording is shorter than a moment says.
+    """
+    table = recording.table
+    first, steps = int(table["frame"].min()), int(table["frame"].max() - table["frame"].min())
+    shown = [_step(moment, steps) for moment in moments]
+    area = Area.around(table[["x", "y"]].to_numpy())
     groups = [] if signals is None else groups_in(signals, area, [])
     wide, high = area.high - area.low
     plan = float(np.clip(WIDTH * high / wide, 4.0, 14.0))
-    below = 0.9 + 0.22 * len(groups) if groups else 0.0
-    figure = Figure(figsize=(WIDTH, plan + below + 0.6), dpi=DPI, layout="constrained", facecolor="white")
-    grid = figure.add_gridspec(2 if groups else 1, 1, height_ratios=(plan, below) if groups else (1,))
-    axes = figure.add_subplot(grid[0])
-    draw_lanes(axes, lane_map)
-    if signals is not None:
-        draw_stop_lines(axes, signals, 0)
-    pieces, at = _pieces(table, np.ones(len(table), np.bool_), points)
+    heights = [*[plan] * (1 + len(shown)), *([0.9 + 0.22 * len(groups)] if groups else [])]
+    figure = Figure(figsize=(WIDTH, sum(heights) + 0.6), dpi=DPI, layout="constrained", facecolor="white")
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    plans = [figure.add_subplot(grid[k]) for k in range(1 + len(shown))]
     speeds = Normalize(0.0, max(1.0, float(table["speed"].quantile(0.98))))
-    colour = table["speed"].to_numpy()[at]
-    axes.add_collection(LineCollection(pieces, array=colour, cmap=SPEEDS, norm=speeds, linewidths=0.7, zorder=4))
-    show_area(axes, area)
-    figure.colorbar(ScalarMappable(speeds, SPEEDS), ax=axes, label="speed [m/s]", shrink=0.8, pad=0.01)
-    _plain(axes)
+    for axes, step in zip(plans, (None, *shown), strict=True):
+        draw_lanes(axes, lane_map)
+        if step is None:
+            _paths(axes, table, speeds)
+        else:
+            _boxes(axes, recording, first + step, speeds)
+            axes.set_title(f"{step * STEP_S:.1f} s, frame {first + step}", loc="left", fontsize=9, color=INK)
+        if signals is not None:
+            draw_stop_lines(axes, signals, step or 0)
+        show_area(axes, area)
+        _plain(axes)
+    figure.colorbar(
+        ScalarMappable(speeds, SPEEDS), ax=plans, label="speed [m/s]", shrink=0.8, pad=0.01, aspect=20 * len(plans)
+    )
     if signals is not None and groups:
-        lower = figure.add_subplot(grid[1])
-        draw_signals(lower, signals, groups, int(frames.max() - frames.min()))
-        lower.set_title(f"Signals; time from frame {frames.min()}", loc="left", fontsize=9, color=INK)
+        lower = figure.add_subplot(grid[-1])
+        draw_signals(lower, signals, groups, steps)
+        for step in shown:
+            lower.axvline(step * STEP_S, color=INK, lw=1.2)
+        lower.set_title(f"Signals; time from frame {first}", loc="left", fontsize=9, color=INK)
         _plain(lower)
     else:
-        axes.set_title("no signals are known", loc="left", fontsize=9, color=INK)
+        plans[0].set_title("no signals are known", loc="left", fontsize=9, color=INK)
     return figure
+
+
+def _step(moment: float, steps: int) -> int:
+    """The step nearest to a moment [s] of a recording of `steps` steps after the first frame.
+
+    Raises:
+        InputError: it lies outside.
+    """
+    step = round(moment / STEP_S)
+    if not 0 <= step <= steps:
+        raise InputError(f"moment {moment:g}: expected 0 to {steps * STEP_S:g} s from the first frame that is drawn")
+    return step
+
+
+def _paths(axes: Axes, table: pd.DataFrame, speeds: Normalize) -> None:
+    """All tracks, coloured by speed."""
+    table = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
+    pieces, at = _pieces(table, np.ones(len(table), np.bool_), table[["x", "y"]].to_numpy())
+    colour = table["speed"].to_numpy()[at]
+    axes.add_collection(LineCollection(pieces, array=colour, cmap=SPEEDS, norm=speeds, linewidths=0.7, zorder=4))
+
+
+def _boxes(axes: Axes, recording: Recording, frame: int, speeds: Normalize) -> None:
+    """Everybody's box at `frame`, coloured by speed."""
+    agents = Log.from_recording(recording, frame, 1).table(0)
+    draw_boxes(axes, agents, [to_hex(colour) for colour in colormaps[SPEEDS](speeds(agents.speed))])
 
 
 def _is_intersection(recording: Recording, lane_map: LaneMap) -> bool:
@@ -140,10 +194,17 @@ def _is_intersection(recording: Recording, lane_map: LaneMap) -> bool:
     return bool((shapely.distance(shapely.points(crossings), tracks) <= NEAR).any())
 
 
-def _overview(recording: Recording, lane_map: LaneMap | None, signals: Signals | None) -> Figure:
+def _overview(
+    recording: Recording,
+    lane_map: LaneMap | None,
+    crossing: LaneMap | None,
+    signals: Signals | None,
+    moments: Sequence[float],
+) -> Figure:
+    """Everything in one picture; `crossing` is the map of what is an intersection."""
     title = f"{recording.header.name}   {recording.header.source}"
-    if lane_map is not None and _is_intersection(recording, lane_map):
-        figure = intersection(recording, lane_map, signals)
+    if crossing is not None:
+        figure = intersection(recording, crossing, signals, moments)
         figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK)
         return figure
     diagrams = DIAGRAM * len(_groups(recording.table)) + 0.6

@@ -14,7 +14,7 @@ from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import recorded_signals
-from litsim_sim.scenario.signals import Signals, build
+from litsim_sim.scenario.signals import Signals, build, read_signals
 
 
 def add(subparsers: Any) -> None:
@@ -27,6 +27,10 @@ def add(subparsers: Any) -> None:
     command.add_argument(
         "--net", help="net under the tracks: file, or name of a packaged one; default: that of the header"
     )
+    signals_help = "file of signals (YAML, see docs/signals.md) to show, instead of those that the recording carries"
+    command.add_argument("--signals", type=Path, metavar="FILE", help=signals_help)
+    at_help = "draw an intersection as it was S seconds after the first frame, with what its stop lines showed then"
+    command.add_argument("--at", type=float, nargs="+", default=[], metavar="S", help=at_help)
     crop_help = "draw rows with COLUMN, as named in the file, from LOW through HIGH; may be repeated"
     command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help=crop_help)
     command.set_defaults(run=run)
@@ -36,7 +40,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Draw.
 
     Raises:
-        InputError: the recording or the net cannot be used, or OUT cannot be written.
+        InputError: the recording, the net or the signals cannot be used, or OUT cannot be written.
     """
     from litsim_sim.cli.data.convert import parse_crop
     from litsim_sim.report.recording_plots import draw  # matplotlib takes half a second to load
@@ -44,26 +48,32 @@ def run(arguments: argparse.Namespace) -> None:
     recording = load_recording(arguments.recording, parse_crop(arguments.crop))
     net = _net(recording, arguments.recording, arguments.net)
     lane_map = None if net is None else LaneMap.from_net(net)
-    signals = None if net is None else _signals(recording, net, arguments.recording)
+    signals = _signals(recording, net, arguments)
     try:
-        draw(recording, arguments.out, describe(recording), lane_map, signals)
+        draw(recording, arguments.out, describe(recording), lane_map, signals, arguments.at)
     except OSError as error:
         raise InputError(f"{arguments.out}: cannot be written: {error.strerror or error}") from error
     print(arguments.out)
 
 
-def _signals(recording: Recording, net: Path, path: Path) -> Signals | None:
-    """What the signals of the recording showed, if it carries any of this net.
+def _signals(recording: Recording, net: Path | None, arguments: argparse.Namespace) -> Signals | None:
+    """What the signals that are named showed, or else those that the recording carries, if they are of this net.
 
     Raises:
-        InputError: they cannot be used.
+        InputError: they cannot be used; or some are named, and there is no net.
     """
-    given = recorded_signals(recording.header, net, str(path))
+    named: Path | None = arguments.signals
+    if net is None:
+        if named is not None:
+            raise InputError(f"{named}: signals need a net: name it with --net")
+        return None
+    where = str(named or arguments.recording)
+    given = recorded_signals(recording.header, net, where) if named is None else read_signals(named)
     if given is None:
         return None
     frames = recording.table["frame"]
     first, count = int(frames.min()), int(frames.max() - frames.min()) + 1
-    return build(given, net, Log.from_recording(recording, first, count), first, str(path))
+    return build(given, net, Log.from_recording(recording, first, count), first, where)
 
 
 def _net(recording: Recording, path: Path, named: str | None) -> Path | None:
