@@ -8,11 +8,12 @@ import pytest
 
 from litsim_policy.cli.paper import CAPTIONS, main
 from litsim_policy.paper import running
+from litsim_policy.paper.experiments import CHANGES
 from litsim_policy.paper.page import marks
 from litsim_sim.campaign.results import read_campaign
 from litsim_sim.scenario.run_info import BASELINES
 
-PARTS = ("table", "ablation", "oracles", "sanity", "figures", "times")
+PARTS = ("table", "ablation", "changes", "oracles", "sanity", "figures", "times")
 EMPTY = "Not made yet."
 
 
@@ -67,13 +68,23 @@ def test_figures_are_of_what_has_been_run(out: Path, monkeypatch: pytest.MonkeyP
         ("ablation", ("M0", "M1", "M2")),
         ("oracles", ("litsim", "true future", "conflicts by hindsight", "ideal hand-back")),
         ("sanity", ("replay", *BASELINES)),
+        ("changes", ("litsim", *CHANGES, "paper")),
     ],
 )
 def test_the_other_experiments(out: Path, what: str, rows: tuple[str, ...]) -> None:
     main([what, *options(out)])
     made = (out / f"out/{what}.md").read_text()
+    assert "off road %, of those driven" in made
     for name in rows:
         assert f"| `{name}` | 2 |" in made
+
+
+def test_oracles_are_run_with_each_ego_that_is_asked_for(out: Path) -> None:
+    main(["oracles", *options(out), "--ego", "idm", "perturbed"])
+    made = (out / "out/oracles.md").read_text()
+    for ego in ("idm", "perturbed"):
+        assert f"### Ego `{ego}`; generated motorway" in made
+        assert {result.case.ego.name for result in read_campaign(out / f"out/oracles_{ego}").results} == {ego}
 
 
 def test_the_case_study_of_the_street(out: Path) -> None:

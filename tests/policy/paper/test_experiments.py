@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from litsim_policy.paper.experiments import ABLATION, ABLATIONS, SANITY, TABLE, oracles
+from litsim_policy.paper.experiments import ABLATION, ABLATIONS, CHANGED, EGOS, SANITY, TABLE, oracles
 from litsim_policy.paper.roads import roads, shortened
 from litsim_policy.run.runner import configured
 from litsim_sim.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
@@ -15,7 +15,8 @@ from litsim_sim.core.parameters import by_stage
 from litsim_sim.scenario.run_info import BASELINES
 from litsim_sim.scenario.scenario import Scenario
 
-EVERY = (*packaged_setups(), *TABLE.policies, *ABLATIONS.policies, *SANITY.policies, *oracles(Path("happened")))
+EXPERIMENTS = (TABLE, ABLATIONS, CHANGED, SANITY)
+EVERY = (*packaged_setups(), *(row for each in EXPERIMENTS for row in each.policies), *oracles(Path("happened")))
 
 
 @pytest.mark.parametrize("policy", EVERY, ids=lambda policy: policy if isinstance(policy, str) else policy.name)
@@ -28,6 +29,19 @@ def test_every_row_has_parameters_that_its_stages_know(policy: str | PolicySetup
 def test_the_table_has_every_baseline_replay_ours_and_the_papers_configuration() -> None:
     assert TABLE.policies == ("replay", *BASELINES, "litsim", "paper")
     assert TABLE.egos[0] == "bat"
+
+
+def test_what_is_compared_within_ours_is_so_with_every_ego_of_the_table() -> None:
+    assert TABLE.egos == ABLATIONS.egos == CHANGED.egos == EGOS
+
+
+def test_the_changes_together_are_the_papers_configuration() -> None:
+    ours, *taken_back, paper = CHANGED.policies
+    assert (ours, paper) == ("litsim", "paper")
+    parameters = [setup_of(row).parameters for row in taken_back]
+    together = {name: value for each in parameters for name, value in each.items()}
+    assert together == setup_of("paper").parameters
+    assert sum(map(len, parameters)) == len(together), "none is in two rows"
 
 
 def test_an_ablation_of_the_roi_is_of_the_stages_alone() -> None:

@@ -11,8 +11,9 @@ from pathlib import Path
 from litsim_policy.paper import tables
 from litsim_policy.paper.experiments import (
     ABLATIONS,
+    CHANGED,
+    EGOS,
     EXPERIMENTS,
-    ORACLE_EGOS,
     ORACLES,
     OURS,
     PAPER_EGO,
@@ -42,8 +43,8 @@ CASES = "cases"
 FIGURES = "figures"
 ALL = "all"
 CAPTIONS = {
-    "contacts_by_fault": "Contacts that the log has not, by whose fault they were; ego `bat`, all sets.",
-    "ade_over_time": "ADE up to each horizon, paired over the agents that any of the methods drives; ego `bat`.",
+    "contacts_by_fault": "Contacts that the log has not, by whose fault they were; by ego, all sets together.",
+    "ade_over_time": "ADE up to each horizon, paired over the agents that any of the methods drives; by ego and set.",
     "takeovers": "Time off the log, and distance from the log at the release; all egos, all sets.",
     "realism": "Realism of the agents near the ego's log, by set, with the spread over seeds; ego `bat`.",
     "case_lane_change": "An ego changes lane where its log did not, on US-101: replay above, LitSim below.",
@@ -87,13 +88,14 @@ class Work:
     def experiment(self, experiment: Experiment) -> None:
         """Run `experiment`, and write its tables."""
         campaign = self._campaign(experiment)
-        lines = list(_tables(campaign, experiment, self._egos(experiment), self._sets))
+        sets = (None,) if experiment is CHANGED else self._sets
+        lines = list(_tables(campaign, experiment, self._egos(experiment), sets))
         self._write(experiment.name, lines)
 
     def oracles(self) -> None:
         """Run ours with each stage in turn done as well as can be, and write the tables."""
         lines: list[str] = []
-        for ego in self._arguments.ego or ORACLE_EGOS[: 1 if self._arguments.quick else None]:
+        for ego in self._arguments.ego or EGOS[: 1 if self._arguments.quick else None]:
             happened = (self._out / "happened" / f"{ego}_{code_versions()['sources']}").resolve()
             experiment = of_oracles(ego, happened)
             if not self._arguments.as_it_is:
@@ -106,15 +108,15 @@ class Work:
         from litsim_policy.paper import figures  # matplotlib takes half a second to load
 
         campaign = self._campaign(TABLE)
-        ego = self._egos(TABLE)[0]
-        everything = tables.methods_of(campaign, ego, None)
-        by_set = {name: tables.methods_of(campaign, ego, name) for name in self._sets}
-        every_ego = _merged(tables.methods_of(campaign, each, None) for each in self._egos(TABLE))
+        egos = self._egos(TABLE)
+        together = {ego: tables.methods_of(campaign, ego, None) for ego in egos}
+        by_set = {ego: {name: tables.methods_of(campaign, ego, name) for name in self._sets} for ego in egos}
+        every_ego = _merged(together.values())
         made = {
-            "contacts_by_fault": figures.contacts_by_fault(everything),
+            "contacts_by_fault": figures.contacts_by_fault(together),
             "ade_over_time": figures.ade_over_time(by_set),
             "takeovers": figures.takeovers(every_ego, (OURS, PAPER_SETUP)),
-            "realism": figures.realism(by_set),
+            "realism": figures.realism(by_set[egos[0]]),
         }
         for name, canvas in made.items():
             figures.save(canvas, self._images, name)
@@ -204,8 +206,13 @@ def _available(sets: Sequence[str]) -> tuple[str, ...]:
     return found
 
 
-def _tables(campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets: Sequence[str]) -> Iterable[str]:
-    """Lines of all tables of an experiment: for each ego and set, as in the paper, beside it, counts, differences."""
+def _tables(
+    campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets: Sequence[str | None]
+) -> Iterable[str]:
+    """Lines of all tables of an experiment: for each ego and set, as in the paper, beside it, counts, differences.
+
+    A set of None is all of them together.
+    """
     published = PUBLISHED.get(experiment.name, {})
     for ego in egos:
         for tag in sets:
@@ -215,7 +222,7 @@ def _tables(campaign: Campaign, experiment: Experiment, egos: Sequence[str], set
             yield from (*tables.table(methods, tables.OF_THE_PAPER, as_paper), "")
             yield from (*tables.table(methods, tables.BESIDE), "")
             yield from ("Contacts that the log has not, by whose fault:", "", *tables.counts(methods), "")
-            if experiment is TABLE:
+            if experiment in (TABLE, CHANGED):
                 yield from ("Differences, with 95 % intervals:", "")
                 yield from (*tables.differences(methods, tables.OF_THE_PAPER), "")
                 yield from _won(methods)
@@ -250,6 +257,7 @@ def main(argv: list[str] | None = None) -> int:
         FIGURES: work.figures,
         CASES: work.cases,
         ABLATIONS.name: partial(work.experiment, ABLATIONS),
+        CHANGED.name: partial(work.experiment, CHANGED),
         SANITY.name: partial(work.experiment, SANITY),
         ORACLES: work.oracles,
     }

@@ -9,7 +9,7 @@ from typing import Any
 
 from litsim_policy.paper.roads import Roads, roads, shortened
 from litsim_sim.campaign.criteria import Criteria
-from litsim_sim.campaign.policy_setup import PolicySetup
+from litsim_sim.campaign.policy_setup import PolicySetup, setup_of
 from litsim_sim.campaign.suite import EgoSetup, Suite
 from litsim_sim.scenario.run_info import BASELINES, REPLAY
 
@@ -49,6 +49,39 @@ def oracles(happened: Path) -> tuple[Policy, ...]:
         PolicySetup(name="conflicts by hindsight", kind=OURS, parameters=conflicts),
         PolicySetup(name="ideal hand-back", kind=OURS, parameters=AT_ONCE),
     )
+
+
+CHANGES = {
+    "its predictor": ("predictor.model", "predictor.modes.most"),
+    "its horizon": ("conflict.horizon",),
+    "mean forecasts": (
+        "conflict.sigma_scale",
+        "conflict.braking_time",
+        "conflict.closing_time",
+        "conflict.intent.used",
+    ),
+    "ROI around the ego": ("conflict.region",),
+    "no confirmation": ("conflict.confirm_steps", "conflict.held_steps_min", "conflict.clear_steps"),
+    "no passing": ("conflict.passing",),
+    "its hand-back": (
+        "conflict.handback",
+        "conflict.release_position",
+        "conflict.release_speed",
+        "conflict.release_yaw",
+    ),
+    "no guards": ("policy.safety.following", "policy.safety.contact", "policy.safety.road"),
+}
+"""What ours does otherwise than the paper, by what a row is called that does it as the paper: names of parameters."""
+
+
+def changes() -> tuple[Policy, ...]:
+    """Ours, ours with each of its changes in turn taken back to the paper's, and with all of them."""
+    given = setup_of(PAPER_SETUP).parameters
+    taken_back = (
+        PolicySetup(name=name, kind=OURS, parameters={each: given[each] for each in names})
+        for name, names in CHANGES.items()
+    )
+    return (OURS, *taken_back, PAPER_SETUP)
 
 
 @dataclass(frozen=True)
@@ -100,7 +133,13 @@ ABLATIONS = Experiment(
     name="ablation",
     description="M0, M1, M2 and M* of the ablation study.",
     policies=ABLATION,
-    egos=(PAPER_EGO, "idm"),
+    egos=EGOS,
+)
+CHANGED = Experiment(
+    name="changes",
+    description="Ours with one of its changes at a time taken back to what the paper does.",
+    policies=changes(),
+    egos=EGOS,
 )
 SANITY = Experiment(
     name="sanity",
@@ -109,11 +148,9 @@ SANITY = Experiment(
     egos=("log",),
     prepare=_ten_seconds,
 )
-EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, SANITY)}
+EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, CHANGED, SANITY)}
 
 ORACLES = "oracles"
-ORACLE_EGOS = ("idm",)
-"""Who is slower than his log has more conflicts than the paper's ego, so more can be lost."""
 
 
 def of_oracles(ego: str, happened: Path) -> Experiment:

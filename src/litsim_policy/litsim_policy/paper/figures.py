@@ -45,40 +45,46 @@ def save(canvas: Canvas, folder: Path, name: str) -> list[Path]:
     return paths
 
 
-def contacts_by_fault(methods: Methods) -> Canvas:
-    """Contacts that the log has not, by whose fault they were, for each method."""
-    canvas = Canvas((WIDTH, 3.4), layout="constrained")
-    axes = canvas.add_subplot()
-    bottom = np.zeros(len(methods))
-    for key, (label, colour) in FAULTS.items():
-        values = np.array([count(runs, key) for runs in methods.values()])
-        axes.bar(range(len(methods)), values, bottom=bottom, color=colour, label=label)
-        bottom += values
-    for k, total in enumerate(bottom):
-        axes.annotate(f"{total:.0f}", (k, total), ha="center", va="bottom", fontsize=8)
-    axes.set_xticks(range(len(methods)), list(methods))
-    axes.set_ylabel("contacts that the log has not")
-    axes.legend(frameon=False, title="at the fault", fontsize=8, title_fontsize=8)
-    _plain(axes)
+def contacts_by_fault(by_ego: Mapping[str, Methods]) -> Canvas:
+    """Contacts that the log has not, by whose fault they were, for each method; a panel for each ego."""
+    canvas = Canvas((WIDTH, 0.9 + 2.1 * len(by_ego)), layout="constrained")
+    panels = canvas.subplots(len(by_ego), 1, squeeze=False)[:, 0]
+    for axes, (ego, methods) in zip(panels, by_ego.items(), strict=True):
+        bottom = np.zeros(len(methods))
+        for key, (label, colour) in FAULTS.items():
+            values = np.array([count(runs, key) for runs in methods.values()])
+            axes.bar(range(len(methods)), values, bottom=bottom, color=colour, label=label)
+            bottom += values
+        for k, total in enumerate(bottom):
+            axes.annotate(f"{total:.0f}", (k, total), ha="center", va="bottom", fontsize=8)
+        axes.set_xticks(range(len(methods)), list(methods))
+        axes.set_title(f"ego {ego}", loc="left", fontsize=9)
+        _plain(axes)
+    canvas.supylabel("contacts that the log has not", fontsize=9)
+    panels[0].legend(frameon=False, title="at the fault", fontsize=8, title_fontsize=8)
     return canvas
 
 
-def ade_over_time(by_set: Mapping[str, Methods]) -> Canvas:
-    """ADE over the horizon, paired over the agents that any of the methods drives; a panel for each set."""
-    canvas = Canvas((WIDTH, 3.2), layout="constrained")
-    panels = canvas.subplots(1, len(by_set), sharey=True, squeeze=False)[0]
-    for axes, (name, methods) in zip(panels, by_set.items(), strict=True):
-        parts = {horizon: ade_parts(methods, horizon, "driven") for horizon in HORIZONS_S}
-        for k, method in enumerate(methods):
-            points = [(h, found.value) for h in HORIZONS_S if (found := figure(parts[h][method]))]
-            if points:
-                axes.plot(*zip(*points, strict=True), marker="o", ms=3, color=COLOURS[k % len(COLOURS)], label=method)
-        axes.set_title(name, fontsize=9)
+def ade_over_time(by_ego: Mapping[str, Mapping[str, Methods]]) -> Canvas:
+    """ADE over the horizon, paired over the agents that any of the methods drives; a row for each ego, then by set."""
+    canvas = Canvas((WIDTH, 0.5 + 2.4 * len(by_ego)), layout="constrained")
+    sets = list(next(iter(by_ego.values())))
+    grid = canvas.subplots(len(by_ego), len(sets), sharex=True, sharey="row", squeeze=False)
+    for row, (ego, by_set) in zip(grid, by_ego.items(), strict=True):
+        for axes, (name, methods) in zip(row, by_set.items(), strict=True):
+            parts = {horizon: ade_parts(methods, horizon, "driven") for horizon in HORIZONS_S}
+            for k, method in enumerate(methods):
+                points = [(h, found.value) for h in HORIZONS_S if (found := figure(parts[h][method]))]
+                if points:
+                    colour = COLOURS[k % len(COLOURS)]
+                    axes.plot(*zip(*points, strict=True), marker="o", ms=3, color=colour, label=method)
+            axes.set_title(f"ego {ego}, {name}", fontsize=9)
+            axes.set_xticks(HORIZONS_S)
+            _plain(axes)
+        row[0].set_ylabel("ADE, m")
+    for axes in grid[-1]:
         axes.set_xlabel("up to, s")
-        axes.set_xticks(HORIZONS_S)
-        _plain(axes)
-    panels[0].set_ylabel("ADE, m")
-    panels[0].legend(frameon=False, fontsize=7)
+    grid[0, -1].legend(frameon=False, fontsize=7)
     return canvas
 
 

@@ -71,6 +71,7 @@ BESIDE = (
     Measure("collision_driven_beyond", "the same without the log's", min, 100.0),
     Measure("reactivity_beyond", "reactivity %, without the log's", max, 100.0, 1),
     Measure("relevant_ours", "relevant %, all taken over", min, 100.0),
+    Measure("off_road", "off road %, of those driven", min, 100.0),
     Measure("realism", "realism", max, digits=3),
 )
 """Columns by our reading, where it differs."""
