@@ -39,15 +39,13 @@ def weigh(lines, agent_table):
         table: AgentTable = agent_table(
             0, *({"y": 0.0} | agent for agent in ({"id": ME, "x": 100.0, "speed": SPEED}, *others))
         )
-        rows, s = table.rows(np.array([ME])), np.array([100.0])
-        views = [
-            along_paths(lines.made, table, rows, poses=(s, np.array([y]), np.zeros(1)), path=line)
-            for line, y in ((lines.rows(np.array([RIGHT])), 0.0), (lines.rows(np.array([LEFT])), 3.5))
-        ]
+        rows, line = table.rows(np.array([ME])), lines.rows(np.array([RIGHT, LEFT]))
+        poses = np.full(2, 100.0), np.array([0.0, 3.5]), np.zeros(2)
+        view = along_paths(lines.made, table, np.repeat(rows, 2), poses=poses, path=line)
         comes = np.zeros((1, len(table)), np.bool_)
         if claimed is not None:
             comes[0, table.row(claimed)] = True
-        return weigh_changes(CONFIG, table, rows, np.array([WANTED]), *views, comes, np.array([reach]))
+        return weigh_changes(CONFIG, table, rows, np.array([WANTED]), view, comes, np.array([reach]))
 
     return weigh
 

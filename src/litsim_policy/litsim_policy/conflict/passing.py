@@ -194,16 +194,16 @@ class Passing:
         x, y = lines.point(s, line).T
         heading = lines.heading(line, lines.segment(s[:, None], line)[:, 0])
         view = along_paths(lines, table, me, poses=(x, y, heading), path=line)
-        claimed = self._claims(table, off, rows, line[count:], there, view[:count])
+        claimed = self._claims(table, off, rows, line[count:], there, view)
         me, reach = me[:count], self._config.change_time * table.speed[me[:count]]
-        return weigh_changes(self._config.mobil, table, me, wanted[at], view[:count], view[count:], claimed, reach)
+        return weigh_changes(self._config.mobil, table, me, wanted[at], view, claimed, reach)
 
     def _claims(
         self, table: AgentTable, off: OffLog, rows: IntArray, line: IntArray, there: IntArray, view: AlongPath
     ) -> BoolArray:
         """(k, w) who is coming into the lanes `there` (k,), whose lines are `line`, as their own paths tell.
 
-        Looked at are those in the scenes of the agents that have the `view` (k, w).
+        Looked at are those in the scenes of the agents that have the `view`, whose first k are theirs.
         """
         s = off.paths.project(off.paths.each, table.x[rows], table.y[rows]).s
         x, y = off.paths.point(s + INTENT * table.speed[rows]).T

@@ -66,8 +66,7 @@ def weigh_changes(
     table: AgentTable,
     rows: IntArray,
     wanted: FloatArray,
-    here: AlongPath,
-    there: AlongPath,
+    view: AlongPath,
     claimed: BoolArray,
     reach: FloatArray,
 ) -> LaneChanges:
@@ -78,8 +77,8 @@ def weigh_changes(
         table: everybody.
         rows: (k,) of the agents.
         wanted: (k,) speeds that they would drive on a free road [m/s].
-        here: (k, w) everybody in their scenes as seen along the line of the lane that each is on, from its middle.
-        there: (k, w) the same along the lane that each would change to, as if it were there.
+        view: (2 k, w) everybody in their scenes: first as each sees them along the line of the lane that it is on, from
+            its middle; then along the lane that it would change to, as if it were there.
         claimed: mask (k, w) of those that are changing to that lane, and count as if they were there.
         reach: (k,) of road that the change takes [m].
     """
@@ -88,18 +87,14 @@ def weigh_changes(
             table.speed,
             table.length,
             rows,
-            here.first,
+            view.first,
             wanted,
-            here.s,
-            here.gap,
-            here.speed,
-            here.ahead,
-            here.in_path,
-            there.s,
-            there.gap,
-            there.speed,
-            there.ahead,
-            there.in_path | claimed & (there.s > -np.inf),
+            view.s,
+            view.gap,
+            view.speed,
+            view.ahead,
+            view.in_path,
+            claimed,
             reach,
             config.politeness,
             config.braking_safe,
@@ -169,8 +164,7 @@ def _follower(s: FloatArray, length: FloatArray, ahead: BoolArray, in_lane: Bool
     Tuple((OUT_FLOATS, OUT_BOOLS, OUT_BOOLS))(
         *(FLOATS, FLOATS, INTS, INTS, FLOATS),
         *(FLOATS2, FLOATS2, FLOATS2, BOOLS2, BOOLS2),
-        *(FLOATS2, FLOATS2, FLOATS2, BOOLS2, BOOLS2),
-        FLOATS,
+        *(BOOLS2, FLOATS),
         *[float64] * 8,
     )
 )
@@ -180,16 +174,12 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
     rows: IntArray,
     first: IntArray,
     wanted: FloatArray,
-    here_s: FloatArray,
-    here_gap: FloatArray,
-    here_along: FloatArray,
-    here_ahead: BoolArray,
-    here_in: BoolArray,
-    there_s: FloatArray,
-    there_gap: FloatArray,
-    there_along: FloatArray,
-    there_ahead: BoolArray,
-    there_in: BoolArray,
+    s: FloatArray,
+    gap: FloatArray,
+    along: FloatArray,
+    ahead: BoolArray,
+    in_lane: BoolArray,
+    claimed: BoolArray,
     reach: FloatArray,
     politeness: float,
     braking_safe: float,
@@ -207,37 +197,40 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         speed, length: (n,) of everybody [m/s], [m].
         rows, wanted, reach: (k,) as :func:`weigh_changes` has them.
-        first: (k,) of :class:`AlongPath`.
-        here_s, here_gap, here_along, here_ahead, here_in: (k, w) of :class:`AlongPath`; `along` is the speed there,
-            `in` who is in the lane.
-        there_s, there_gap, there_along, there_ahead, there_in: (k, w) likewise.
+        first: (2 k,) of :class:`AlongPath`; of each agent both are the same.
+        s, gap, along, ahead, in_lane: (2 k, w) of :class:`AlongPath`; `along` is the speed there.
+        claimed: (k, w) as :func:`weigh_changes` has them.
         politeness, braking_safe, gap_min: as in :class:`LaneChangeConfig`.
         headway, standstill_gap, acceleration, deceleration, braking_max: of the car following.
     """
     gain, safe, room = np.empty(len(rows)), np.empty(len(rows), np.bool_), np.empty(len(rows), np.bool_)
     model = (headway, standstill_gap, acceleration, deceleration, braking_max)
+    comes = np.empty(s.shape[1], np.bool_)
     for i in range(len(rows)):
+        there = len(rows) + i
+        for j in range(len(comes)):
+            comes[j] = in_lane[there, j] or (claimed[i, j] and s[there, j] > -np.inf)
         me, own = rows[i] - first[i], speed[rows[i]]
-        lengths = length[first[i] : first[i] + here_s.shape[1]]  # fewer than columns, where more are nobody
-        old_leader, old_gap = _leader(here_gap[i], here_ahead[i], here_in[i], me)
-        new_leader, new_gap = _leader(there_gap[i], there_ahead[i], there_in[i], me)
-        old_follower, old_back = _follower(here_s[i], lengths, here_ahead[i], here_in[i], me)
-        follower, back = _follower(there_s[i], lengths, there_ahead[i], there_in[i], me)
-        old_speed = 0.0 if old_leader < 0 else here_along[i, old_leader]
-        new_speed = 0.0 if new_leader < 0 else there_along[i, new_leader]
+        lengths = length[first[i] : first[i] + len(comes)]  # fewer than columns, where more are nobody
+        old_leader, old_gap = _leader(gap[i], ahead[i], in_lane[i], me)
+        new_leader, new_gap = _leader(gap[there], ahead[there], comes, me)
+        old_follower, old_back = _follower(s[i], lengths, ahead[i], in_lane[i], me)
+        follower, back = _follower(s[there], lengths, ahead[there], comes, me)
+        old_speed = 0.0 if old_leader < 0 else along[i, old_leader]
+        new_speed = 0.0 if new_leader < 0 else along[there, new_leader]
         now = _behind(own, wanted[i], old_gap, old_speed, *model)
         then = _behind(own, wanted[i], new_gap, new_speed, *model)
         others, braking = 0.0, 0.0
         room[i] = new_gap > 0.0 and back > 0.0
         room[i] = room[i] and max(own - new_speed, 0.0) ** 2 <= 2.0 * braking_safe * new_gap
         if follower >= 0:
-            its = there_along[i, follower]
+            its = along[there, follower]
             before = _behind(its, its, back + lengths[me] + new_gap, new_speed, *model)
             braking = _behind(its, its, back, own, *model)
             others += braking - before
             room[i] = room[i] and max(its - own, 0.0) ** 2 <= 2.0 * braking_safe * back
         if old_follower >= 0:
-            its = here_along[i, old_follower]
+            its = along[i, old_follower]
             before = _behind(its, its, old_back, own, *model)
             others += _behind(its, its, old_back + lengths[me] + old_gap, old_speed, *model) - before
         gain[i] = then - now + politeness * others

@@ -86,8 +86,14 @@ class Kernel:
         self.stamp, self.uses = _stamp(function), _kernels_of(function)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the machine code; arguments that do not fit the signature are a TypeError."""
-        return self.loaded(*arguments)
+        """Call the machine code; arguments that do not fit the signature are a TypeError.
+
+        Once it is loaded, a call goes to numba's dispatcher at once: a function in between costs as much as a small
+        kernel. Python looks for `__call__` in the class alone, so the kernel gets one of its own.
+        """
+        loaded = self.loaded
+        self.__class__ = type(type(self).__name__, (type(self),), {"__call__": staticmethod(loaded)})
+        return loaded(*arguments)
 
     @cached_property
     def loaded(self) -> Any:

@@ -72,6 +72,9 @@ def within_scenes(scene: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
     """
     begin, end = np.empty(len(rows), np.int64), np.empty(len(rows), np.int64)
     for i in range(len(rows)):
+        if i > 0 and scene[rows[i]] == scene[rows[i - 1]]:
+            begin[i], end[i] = begin[i - 1], end[i - 1]
+            continue
         begin[i] = np.searchsorted(scene, scene[rows[i]])
         end[i] = behind_scene(scene, rows[i])
     return begin, end

@@ -16,6 +16,7 @@ _ROUTE, _TYPE = "litsim", "litsim"
 _TYPES = {Kind.BICYCLE: "bicycle", Kind.PEDESTRIAN: "pedestrian"}  # SUMO's class and shape; all others are cars to it
 _NEVER = "86400"  # [s] between two decisions of SUMO's own driver models: they drive nobody here, but cost time
 _KEEP_ROUTE = 2  # moveToXY: exactly there, on the network or off it
+_LANE_WITHIN = 10.0  # [m] moveToXY: within which SUMO looks for an agent's lane; within 100, as by default, takes long
 
 
 class SumoMirror:
@@ -47,7 +48,7 @@ class SumoMirror:
             libsumo.vehicletype.copy(_TYPE, name)
             libsumo.vehicletype.setVehicleClass(name, name)
             libsumo.vehicletype.setShapeClass(name, name)
-        self._present: set[int] = set()
+        self._names: dict[int, str] = {}  # in SUMO, of the agents that are there
         self._signals = signals
         lights = libsumo.trafficlight.getIDList()
         self._links = {light: len(libsumo.trafficlight.getRedYellowGreenState(light)) for light in lights}
@@ -55,31 +56,32 @@ class SumoMirror:
 
     def show(self, table: AgentTable) -> None:
         """Place the agents of `table`, remove those that are gone, and advance SUMO by one step."""
-        present = set(table.id.tolist())
-        for agent in self._present - present:
-            libsumo.vehicle.remove(str(agent))
-        new = present - self._present
-        front_x = (table.x + 0.5 * table.length * np.cos(table.yaw)).tolist()
-        front_y = (table.y + 0.5 * table.length * np.sin(table.yaw)).tolist()
-        degrees = ((90.0 - np.degrees(table.yaw)) % 360.0).tolist()
-        kinds = table.kind.tolist()
-        lengths, widths = table.length.tolist(), table.width.tolist()
-        for row, agent in enumerate(table.id.tolist()):
-            name = str(agent)
-            if agent in new:
-                libsumo.vehicle.add(name, _ROUTE, _TYPE)
-                if (kind := kinds[row]) in _TYPES:  # only then: the route may not be for them
-                    libsumo.vehicle.setType(name, _TYPES[Kind(kind)])
-                libsumo.vehicle.setLength(name, lengths[row])
-                libsumo.vehicle.setWidth(name, widths[row])
-                libsumo.vehicle.setSpeedMode(name, 0)
-                libsumo.vehicle.setLaneChangeMode(name, 0)
-            libsumo.vehicle.moveToXY(name, "", -1, front_x[row], front_y[row], degrees[row], _KEEP_ROUTE)
+        names, agents, move = self._names, table.id.tolist(), libsumo.vehicle.moveToXY
+        for agent in names.keys() - set(agents):
+            libsumo.vehicle.remove(names.pop(agent))
+        for row, agent in enumerate(agents):
+            if agent not in names:
+                names[agent] = str(agent)
+                self._add(names[agent], int(table.kind[row]), float(table.length[row]), float(table.width[row]))
+        half = 0.5 * table.length
+        front = table.x + half * np.cos(table.yaw), table.y + half * np.sin(table.yaw)
+        degrees = (90.0 - np.degrees(table.yaw)) % 360.0
+        for agent, x, y, angle in zip(agents, *(values.tolist() for values in (*front, degrees)), strict=True):
+            move(names[agent], "", -1, x, y, angle, _KEEP_ROUTE, _LANE_WITHIN)
         if self._lights:
             self._show_signals(table.step)
         libsumo.simulationStep()
-        self._present = present
-        self._front = (np.asarray(front_x), np.asarray(front_y))
+        self._front = front
+
+    def _add(self, name: str, kind: int, length: float, width: float) -> None:
+        """Add an agent, which is placed before SUMO's next step."""
+        libsumo.vehicle.add(name, _ROUTE, _TYPE)
+        if kind in _TYPES:  # only then: the route may not be for them
+            libsumo.vehicle.setType(name, _TYPES[Kind(kind)])
+        libsumo.vehicle.setLength(name, length)
+        libsumo.vehicle.setWidth(name, width)
+        libsumo.vehicle.setSpeedMode(name, 0)
+        libsumo.vehicle.setLaneChangeMode(name, 0)
 
     def _show_signals(self, step: int) -> None:
         """Set the lights that change: a state that is set holds until it is set again."""
