@@ -95,6 +95,7 @@ def test_bounds_hold_the_centres_while_they_are_valid_and_the_largest_spread(see
 def test_some_agents_futures_are_replaced_by_others() -> None:
     one = PredictedMotion(np.zeros((3, 2, XY + 1)), np.zeros((3, 2), np.bool_))
     other = PredictedMotion(np.ones((3, 2, XY + 1)), np.ones((3, 2), np.bool_))
-    found = one.with_known(np.array([False, True, False]), other)
-    assert found.states[:, 0, 0].tolist() == [0.0, 1.0, 0.0] and found.valid[:, 0].tolist() == [False, True, False]
-    assert one.with_known(np.zeros(3, np.bool_), other) is one
+    one.put(np.zeros(3, np.bool_), other)
+    assert not one.states.any() and not one.valid.any()
+    one.put(np.array([False, True, False]), other)
+    assert one.states[:, 0, 0].tolist() == [0.0, 1.0, 0.0] and one.valid[:, 0].tolist() == [False, True, False]

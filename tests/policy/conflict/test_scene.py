@@ -57,7 +57,8 @@ def test_answers_are_those_of_everybody(crowd) -> None:
     lag, rng = np.zeros(len(table), np.int64), np.random.default_rng(12)
     lag[rng.choice(len(table), 5, replace=False)] = 3
     logged = detector.logged_future(table, lag)
-    expected = detector.expected_future(table, straight_on(table), lag == 0).with_known(lag > 0, logged)
+    expected = detector.expected_future(table, straight_on(table), lag == 0)
+    expected.put(lag > 0, logged)
     found = 0
     for _ in range(10):
         off = rng.random(len(table)) < 0.1

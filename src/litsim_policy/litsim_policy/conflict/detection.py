@@ -274,10 +274,9 @@ class ConflictDetector:
         An agent that the other one merely follows is not in conflict: whoever runs into a leader's rear could have
         kept his distance, and the leader cannot help it by yielding.
         """
-        pairs = self.near(table, on_log, off_log)
-        pairs = pairs[~followed(pairs, table.x, table.y, table.yaw, table.length, table.width)]
         threshold = self._config.probability_threshold
-        pairs = self._within_reach(table, logged, expected, pairs, threshold)
+        pairs = self._within_reach(table, logged, expected, self.near(table, on_log, off_log), threshold)
+        pairs = pairs[~followed(pairs, table.x, table.y, table.yaw, table.length, table.width)]
         chance = self.overlap_probability(table, logged, expected, pairs, threshold)
         closing = self._closing(table, logged, pairs)
         np.maximum(chance, closing, out=chance)

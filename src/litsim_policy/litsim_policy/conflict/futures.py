@@ -106,13 +106,13 @@ class PredictedMotion:
         """
         return bounds(self.states, self.valid)
 
-    def with_known(self, rows: BoolArray, other: PredictedMotion) -> PredictedMotion:
-        """These, with those of `other` for the agents of the mask `rows` (n,), of which nothing was expected yet."""
-        if not rows.any():
-            return self
-        states, valid = self.states.copy(), self.valid.copy()
-        states[rows], valid[rows] = other.states[rows], other.valid[rows]
-        return PredictedMotion(states, valid, self.others)
+    def put(self, rows: BoolArray, other: PredictedMotion) -> None:
+        """Let agents of the mask `rows` (n,), of which nothing was expected yet, move as in `other`; in place.
+
+        To be called before bounds are asked for.
+        """
+        at = rows.nonzero()[0]
+        self.states[at], self.valid[at] = other.states[at], other.valid[at]
 
 
 @kernel(OUT_FLOATS2(FLOATS3, BOOLS2))

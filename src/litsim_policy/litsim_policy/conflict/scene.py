@@ -80,5 +80,5 @@ class ConflictScene:
         rows, lagged = self._rows, self._lagged[self._rows]
         foreseen = self._foreseen & self._covered
         driven = None if self._intents is None else self._intents().among(foreseen & ~self._lagged).moved_to(rows)
-        expected = self._detector.expected_future(self._near, self._forecast, foreseen[rows] & ~lagged, driven)
-        self._expected = expected.with_known(lagged, self._logged)
+        self._expected = self._detector.expected_future(self._near, self._forecast, foreseen[rows] & ~lagged, driven)
+        self._expected.put(lagged, self._logged)
