@@ -105,6 +105,39 @@ def test_the_way(scenario, agent_table, lane_centres) -> None:
     assert alone["the opponent is there"] == alone["opponent ahead"] == 0.0
 
 
+def test_how_those_ahead_drive(scenario, agent_table, lane_centres) -> None:
+    y = lane_centres[2]
+    config = ObservationConfig(ahead=True)
+    others = [
+        {"id": 1, "x": 120.0, "y": y, "speed": 8.0, "acceleration": -2.0},  # first, from 2.25 m ahead of the agent on
+        {"id": 3, "x": 121.0, "y": y + 1.0, "speed": 8.0, "acceleration": 1.0},  # beside the first: no second
+        {"id": 4, "x": 135.0, "y": y, "speed": 6.0, "acceleration": -3.0},  # second
+        {"id": 5, "x": 150.0, "y": y, "speed": 1.0, "acceleration": -4.0},
+    ]
+    table = agent_table(NOW, {"id": 2, "x": 100.0, "y": y, "speed": 10.0}, *others)
+    observer = Observer(scenario.lane_map, config)
+    row = observer.observe(table, [task(2, y)])[0]
+    seen = dict(zip(o.AHEAD_FEATURES, row[config.ahead_at : config.ahead_at + o.AHEAD].tolist(), strict=True))
+    assert seen["acceleration of the first one on the path"] * o.ACCELERATION == pytest.approx(-2.0)
+    assert seen["a second one is on the path"] == 1.0
+    assert seen["gap to the second one"] * o.DISTANCE == pytest.approx(35.0 - 4.5)
+    assert seen["speed of that one less the own"] * o.SPEED == pytest.approx(-4.0)
+    assert seen["acceleration of that one"] * o.ACCELERATION == pytest.approx(-3.0)
+    usual = Observer(scenario.lane_map).observe(table, [task(2, y)])[0]
+    assert (np.delete(row, np.s_[config.ahead_at : config.ahead_at + o.AHEAD]) == usual).all()
+    # the leader stops after 16 m, so that 10 m/s have to be lost on 15.5 - 1 + 16 m
+    allowed = seen["acceleration that those on the path allow who may brake"] * o.ACCELERATION
+    assert allowed == pytest.approx(-(10.0**2) / (2.0 * (15.5 - 1.0 + 8.0**2 / (2.0 * 2.0))), abs=0.01)
+
+
+def test_where_nobody_is_ahead_nobody_brakes(scenario, agent_table, lane_centres) -> None:
+    y, config = lane_centres[2], ObservationConfig(ahead=True)
+    table = agent_table(NOW, {"id": 2, "x": 100.0, "y": y}, {"id": 1, "x": 80.0, "y": y, "acceleration": -4.0})
+    row = Observer(scenario.lane_map, config).observe(table, [task(2, y)])[0]
+    seen = row[config.ahead_at : config.ahead_at + o.AHEAD]
+    assert seen.tolist() == [0.0, o.FORESEEN.acceleration_max / o.ACCELERATION, 0.0, 0.0, 0.0, 0.0]
+
+
 def test_agents_are_observed_as_if_each_were_alone(scenario, agent_table, lane_centres) -> None:
     rows = [{"id": i, "x": 100.0 + 9.0 * i, "y": lane_centres[i % 5], "speed": 3.0 * i} for i in range(1, 6)]
     table = agent_table(NOW, *rows)

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
 from litsim_policy.driving.action import HIGH, LOW, consistent, executed_yaw_rate, normalised, physical
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.observation import ACCELERATION, AHEAD, ObservationConfig
 from litsim_policy.driving.policy_c import FORMAT, PolicyC, PolicyNetwork, shipped_weights
 from litsim_policy.driving.registry import make_policy
-from litsim_policy.learning.network import GaussianPolicy, driving_network, save
+from litsim_policy.learning.network import GaussianPolicy, driving_network, pedal_bounds, restore, save
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ControlSource
 
@@ -74,22 +74,34 @@ def test_agents_do_not_change_each_others_last_bits(policy, seen) -> None:
     assert network.mean(seen[:0]).shape == (0, 3)
 
 
-def test_densities_integrate_to_one(policy) -> None:
+@pytest.mark.parametrize("acceleration", [0.0, -1.5, -6.0, 2.4])  # [m/s2] of the step before
+def test_densities_and_the_masses_beyond_the_bounds_on_jerk_sum_to_one(policy, acceleration: float) -> None:
     """Over the first action, for the squashed density."""
-    nodes = torch.linspace(-0.99995, 0.99995, 20001, dtype=torch.float32)
-    mean = policy(torch.zeros((1, ObservationConfig().size))).detach()
-    raw = torch.atanh(nodes)[:, None].repeat(1, 3)
-    raw[:, 1:] = mean[:, 1:]
-    at_mean = raw.clone()
-    at_mean[:, 0] = mean[0, 0]
-    observation = torch.zeros((len(raw), ObservationConfig().size))
+    seen = np.zeros((1, ObservationConfig().size))
+    seen[0, 3] = acceleration / ACCELERATION
+    low, high = (float(bound[0]) for bound in pedal_bounds(seen))
+    inside = torch.linspace(np.tanh(low), np.tanh(high), 20001, dtype=torch.float64)[1:-1]
+    first = torch.cat([torch.tensor([low - 1.0, high + 1.0], dtype=torch.float64), torch.atanh(inside)])
+    observation = torch.as_tensor(np.repeat(seen, len(first), axis=0), dtype=torch.float32)
     with torch.no_grad():
-        density = policy.log_probability(observation, raw)
-        peak = policy.log_probability(observation, at_mean)
-        std = torch.exp(policy.log_std[0])
-        peak_first = -torch.log(std * (2 * np.pi) ** 0.5) - torch.log(1 - torch.tanh(mean[0, 0]) ** 2)
-    first = torch.exp(density - peak + peak_first)
-    assert float(torch.trapezoid(first, nodes)) == pytest.approx(1.0, abs=1e-3)
+        mean = policy(observation)
+        raw = torch.cat([first[:, None].float(), mean[:, 1:]], dim=1)
+        lateral = -torch.log(policy.std()[1:] * (2 * np.pi) ** 0.5) - torch.log(1 - torch.tanh(mean[0, 1:]) ** 2)
+        density = torch.exp(policy.log_probability(observation, raw) - lateral.sum()).double()
+    assert float(density[:2].sum() + torch.trapezoid(density[2:], inside)) == pytest.approx(1.0, abs=1e-3)
+    assert float(density[:2].sum()) > 0.1  # many draws are cut
+
+
+def test_accelerations_beyond_the_bounds_on_jerk_are_all_as_likely(policy) -> None:
+    """What they are is not executed, so nothing is to be learned from it; see driving/safety.py for the bounds."""
+    seen = np.zeros((3, ObservationConfig().size))
+    low, high = pedal_bounds(seen)
+    assert physical(np.tanh(np.column_stack([low, low, low])))[0, 0] == pytest.approx(-0.837)
+    assert physical(np.tanh(np.column_stack([high, high, high])))[0, 0] == pytest.approx(0.413)
+    raw = torch.zeros((3, 3))
+    raw[:, 0] = torch.tensor([low[0] - 0.1, low[0] - 0.5, low[0] + 0.01])
+    below, far_below, inside = policy.log_probability(torch.as_tensor(seen, dtype=torch.float32), raw).tolist()
+    assert below == far_below != inside
 
 
 # Files
@@ -107,6 +119,26 @@ def test_another_observation_comes_back(tmp_path: Path) -> None:
     path = tmp_path / "w.safetensors"
     save(GaussianPolicy(ObservationConfig("distance", 5, 40.0)), path)
     assert PolicyNetwork.load(path).observation == ObservationConfig("distance", 5, 40.0)
+
+
+@pytest.mark.parametrize("ahead", [True, False])
+def test_whether_it_is_seen_how_those_ahead_brake_comes_back(tmp_path: Path, *, ahead: bool) -> None:
+    path = tmp_path / "w.safetensors"
+    save(GaussianPolicy(ObservationConfig(ahead=ahead)), path)
+    assert PolicyNetwork.load(path).observation == ObservationConfig(ahead=ahead)
+
+
+def test_what_the_weights_have_not_seen_counts_nothing_at_first(policy, seen, tmp_path: Path) -> None:
+    save(policy, tmp_path / "w.safetensors")
+    config = ObservationConfig(ahead=True)
+    more = GaussianPolicy(config)
+    restore(more, tmp_path / "w.safetensors")
+    around, way = seen[:, : config.ahead_at], seen[:, config.ahead_at :]
+    extended = np.concatenate([around, np.full((len(seen), AHEAD), 2.0), way], axis=1)
+    assert driving_network(more).mean(extended) == pytest.approx(driving_network(policy).mean(seen), abs=1e-12)
+    save(more, tmp_path / "more.safetensors")
+    with pytest.raises(InputError, match=r"was trained to see .*ahead=True.*, expected .*ahead=False"):
+        restore(policy, tmp_path / "more.safetensors")
 
 
 def changed(path: Path, out: Path, tensors: dict[str, torch.Tensor | None], **metadata: str) -> Path:
@@ -127,6 +159,8 @@ def changed(path: Path, out: Path, tensors: dict[str, torch.Tensor | None], **me
         ({}, {"observation.slots": "9"}, r"hidden0.weight has shape .* expected \(128, 88\)"),
         ({}, {"observation.arrange": "by colour"}, "expected sector or distance"),
         ({}, {"observation.slots": "many"}, "expected sector or distance"),
+        ({}, {"observation.ahead": "perhaps"}, "True or False"),
+        ({}, {"observation.ahead": "True"}, r"hidden0.weight has shape .* expected \(128, 87\)"),
     ],
 )
 def test_files_that_do_not_fit(policy, tmp_path: Path, tensors, metadata, said: str) -> None:

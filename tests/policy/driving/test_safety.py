@@ -66,8 +66,17 @@ def test_limits_hold_whatever_is_asked_for(alone, agent_table, lane_centres, ask
         got = layer.apply(table, [errand_of(alone, table, 2)], np.array([asked[0]]), np.array([asked[1]]))
         acceleration, yaw_rate = float(got.acceleration[0]), float(got.yaw_rate[0])
         assert -SAFE.deceleration_max - 1e-9 <= acceleration <= SAFE.acceleration_max + 1e-9
-        assert abs(acceleration - before[0]) <= SAFE.jerk_max * STEP_S + 1e-9
+        jerk = (acceleration - before[0]) / STEP_S
+        assert -SAFE.braking_jerk_max - 1e-9 <= jerk <= SAFE.jerk_max + 1e-9
         assert abs(yaw_rate) * speed <= SAFE.lateral_acceleration_max + 1e-9 and abs(yaw_rate) <= SAFE.yaw_rate_max
+
+
+def test_braking_grows_faster_than_it_is_eased(alone, agent_table, lane_centres) -> None:
+    config = SafetyConfig(following=False, contact=False, road=False, jerk_max=2.0, braking_jerk_max=9.0)
+    table = agent_table(5, {"id": 2, "x": 100.0, "y": lane_centres[1], "speed": 12.0, "acceleration": -1.0})
+    layer, errand = SafetyLayer(alone.lane_map, config), errand_of(alone, table, 2)
+    harder, softer = (layer.apply(table, [errand], np.array([a]), np.zeros(1)).acceleration[0] for a in (-4.0, 2.0))
+    assert (harder, softer) == (pytest.approx(-1.9), pytest.approx(-0.8))
 
 
 def test_what_is_reasonable_is_left_alone(alone, agent_table, lane_centres) -> None:

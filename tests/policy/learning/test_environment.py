@@ -11,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.learning.environment import NOBODY, EnvironmentConfig, PolicyEnvironment
+from litsim_policy.learning.episodes import Course, Episodes, Outcome
 from litsim_policy.learning.expert import ExpertConfig, expert_pairs
 from litsim_policy.learning.reward import PenaltyConfig, penalties
 from litsim_policy.learning.task import TaskConfig
@@ -60,6 +61,25 @@ def test_equal_seeds_give_equal_episodes(environment, traffic) -> None:
     assert all((a[0] == b[0]).all() and a[1] == b[1] for a, b in zip(first, second, strict=True))
     other = episode(environment, 4)
     assert len(other) != len(first) or any((a[0] != b[0]).any() for a, b in zip(first, other, strict=False))
+
+
+def test_who_makes_others_brake_shares_their_penalties(make_scenario, track, lane_centres) -> None:
+    """The one ahead brakes as hard as it may, so that the one behind, who brakes as hard, is taken over."""
+    y = lane_centres[1]
+    tracks = [track(k, x=150.0 - 12.0 * k, y=y, speed=12.0, last=80) for k in range(1, 6)]
+    scenario, config = make_scenario(*tracks), EnvironmentConfig(steps_max=40, slots=6, drafted=5, draft_radius=90.0)
+
+    def driven(share: float) -> list[Outcome]:
+        course = Course([scenario], config, penalty=PenaltyConfig(share=share))
+        episodes, found = Episodes(course, [course.start(np.random.default_rng(0))]), []
+        while episodes.running.any():
+            found.append(episodes.step(np.tile([-1.0, 0.0, 0.0], (len(episodes.driven), 1))))
+        return found
+
+    alone, shared = driven(0.0), driven(1.0)
+    assert [each.agents.tolist() for each in alone] == [each.agents.tolist() for each in shared]
+    more = [(a.penalty - b.penalty).min() for a, b in zip(shared, alone, strict=True) if len(a.agents)]
+    assert min(more) < 0.0 and all((a.penalty <= b.penalty).all() for a, b in zip(shared, alone, strict=True))
 
 
 def test_slots_say_whose_they_are(environment) -> None:

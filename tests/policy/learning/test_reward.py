@@ -7,11 +7,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from litsim_policy.learning.reward import NEAR_ACROSS, NEAR_ALONG, Penalties, PenaltyConfig, penalties
+from litsim_policy.driving.task import NOBODY
+from litsim_policy.learning.reward import NEAR_ACROSS, NEAR_ALONG, Penalties, PenaltyConfig, passed_on, penalties
 from litsim_sim.core.geometry import boxes_overlap, to_body
 from litsim_sim.core.scene import AgentTable
 
-TERMS = tuple(field.name for field in fields(PenaltyConfig))
+TERMS = tuple(field.name for field in fields(PenaltyConfig) if field.name != "share")
 ONCE = ("collision", "off_road")
 LASTING = tuple(name for name in TERMS if name not in ONCE)
 WEIGHTS = PenaltyConfig(**{name: 2.0 + k for k, name in enumerate(TERMS)})
@@ -40,6 +41,14 @@ def test_of_those_that_last_the_worst_counts_and_what_ends_the_episode_comes_on_
     once = sum(getattr(WEIGHTS, name) for name in ONCE)
     assert total(**dict.fromkeys(TERMS, 1.0)) == -(worst + once)
     assert total(edge=0.5) == pytest.approx(-0.5 * WEIGHTS.edge)
+
+
+def test_what_agents_do_to_those_behind_comes_back_to_them() -> None:
+    penalty, agents = np.array([-1.0, -2.0, -4.0, -8.0]), np.array([3, 5, 8, 9])
+    because = np.array([NOBODY, 3, 3, 7])  # 7 is not driven
+    assert passed_on(penalty, agents, because).tolist() == [-6.0, 0.0, 0.0, 0.0]
+    assert passed_on(penalty, agents, np.array([9, 9, 5, 5])).tolist() == [0.0, -12.0, 0.0, -3.0]
+    assert passed_on(np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64)).shape == (0,)
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -145,6 +145,20 @@ def test_training_scenarios_never_stand_in_for_missing_ones_to_validate_on(file:
     assert len(apart.train) == len(apart.validation) == 1 and not set(apart.train) & set(apart.validation)
 
 
+def test_tuning_egos_validate_in_place_of_those_that_are_reported(
+    make_scenario, track, lane_centres, tmp_path: Path
+) -> None:
+    tracks = [track(k, x=60.0 + 20.0 * k, y=lane_centres[1], last=45) for k in range(1, 6)]
+    given = yaml.safe_load(make_scenario(*tracks).to_yaml()) | {"ego": 1, "egos": [1, 2], "tuning": [4, 5]}
+    (tmp_path / "reported.yaml").write_text(yaml.safe_dump(given))
+    (tmp_path / "other.yaml").write_text(yaml.safe_dump(given | {"name": "other", "tuning": []}))
+    files = {"scenarios": (str(tmp_path / "other.yaml"),), "tuning": (str(tmp_path / "reported.yaml"),)}
+    (validating,) = prepare(DataConfig(**files), tmp_path).validation
+    assert validating.egos == (4, 5) and validating.ego_id == 4
+    with pytest.raises(InputError, match=r"tuning: scenario .*other\.yaml names no tuning egos"):
+        prepare(DataConfig(scenarios=files["scenarios"], tuning=files["scenarios"]), tmp_path)
+
+
 @pytest.mark.parametrize(("frames", "fits"), [((748, 828), True), ((126, 315), True), ((126, 316), False)])
 def test_what_is_reported_on_is_never_learned_from(frames: tuple[int, int], *, fits: bool) -> None:
     assert REPORTED == (316, 543)

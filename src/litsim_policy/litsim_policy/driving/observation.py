@@ -6,6 +6,7 @@ Everything is seen from the agents' box centres, divided by fixed scales and cut
 - surrounding (7 per slot): present, distance of the front ends, speed, sine and cosine of the bearing, sine and cosine
   of the relative heading. A slot without an agent is all zeros.
 - road (7): left and right lane marking, left and right road edge, lane offset, curvature, heading to the lane.
+- ahead (6, where it is asked for): what those on the path are about to do, see :data:`AHEAD_FEATURES`.
 - way (14): see :data:`WAY_FEATURES`; the paper has the policy drive along the reference path to the goal, but does not
   say how it is told.
 """
@@ -19,6 +20,7 @@ from typing import Literal
 import numpy as np
 from numba.types import Tuple, UniTuple
 
+from litsim_policy.driving.safety import SafetyConfig, following_cap
 from litsim_policy.driving.task import DrivingScene, DrivingTask
 from litsim_policy.motion.car_following import Poses
 from litsim_policy.motion.followers import PathFollowers
@@ -40,7 +42,7 @@ from litsim_sim.core.compiled import (
     void,
 )
 from litsim_sim.core.pair_geometry import within_scenes, wrapped
-from litsim_sim.core.quantities import Length, Positive, Whole, configuration
+from litsim_sim.core.quantities import Flag, Length, Positive, Whole, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
@@ -55,9 +57,19 @@ CURVATURE = 0.05  # [1/m]
 HEADING = 0.2  # [rad] to lane and path
 YAW_RATE = 0.2  # [rad/s]
 TIME = 5.0  # [s]
+FORESEEN = SafetyConfig(own_braking=4.0, leader_braking=5.0, imminent=1.0)
+"""With what of braking the acceleration is seen that those on the path allow: as much as the network may command."""
 CURVE_LENGTH = 10.0  # [m] of lane around the agent over which its curvature is taken
 
-CORE, SLOT, ROAD, WAY = 4, 7, 7, 14
+CORE, SLOT, ROAD, AHEAD, WAY = 4, 7, 7, 6, 14
+AHEAD_FEATURES = (
+    "acceleration of the first one on the path",
+    "acceleration that those on the path allow who may brake",
+    "a second one is on the path",
+    "gap to the second one",
+    "speed of that one less the own",
+    "acceleration of that one",
+)
 WAY_FEATURES = (
     "offset from the path",
     "heading to the path",
@@ -85,16 +97,23 @@ class ObservationConfig:
             counter-clockwise; `distance` sees the `slots` nearest agents, nearest first.
         slots: k.
         sight: beyond which nobody is seen.
+        ahead: whether it is seen how those on the path brake, and who is second there.
     """
 
     arrange: Literal["sector", "distance"] = "sector"
     slots: Positive[Whole] = 8
     sight: Positive[Length] = 60.0
+    ahead: Flag = False
 
     @property
     def size(self) -> int:
         """Number of features."""
-        return CORE + SLOT * self.slots + ROAD + WAY
+        return self.ahead_at + (AHEAD if self.ahead else 0) + WAY
+
+    @property
+    def ahead_at(self) -> int:
+        """Position of the first of :data:`AHEAD_FEATURES`, where they are."""
+        return CORE + SLOT * self.slots + ROAD
 
 
 class LaneFeatures:
@@ -137,6 +156,8 @@ class Observer:
             _see_core(table.length, table.width, table.speed, table.acceleration, rows, features)
             self._see_surrounding(scene.agents, features)
             self._road.write(scene.agents, CORE + SLOT * self.config.slots, features)
+            if self.config.ahead:
+                self._see_ahead(scene.agents, features)
             self._see_way(scene, features)
             np.minimum(np.maximum(features, -LIMIT, out=features), LIMIT, out=features)
         return features
@@ -160,6 +181,23 @@ class Observer:
             table.length,
             config.arrange == "sector",
             config.slots,
+            features,
+        )
+
+    def _see_ahead(self, agents: PathFollowers, features: FloatArray) -> None:
+        """Write what those on the paths are about to do, in the order of AHEAD_FEATURES."""
+        view, sight = agents.view, self.config.sight
+        features[:, self.config.ahead_at + 1] = following_cap(FORESEEN, agents) / ACCELERATION
+        _see_ahead(
+            view.gap,
+            view.speed,
+            view.ahead & view.in_path,
+            view.first,
+            agents.table.length,
+            agents.table.acceleration,
+            agents.speed,
+            sight,
+            self.config.ahead_at,
             features,
         )
 
@@ -395,6 +433,50 @@ def _see_path(
         features[i, first + 4] = yaw_rate[i] / YAW_RATE
         features[i, first + 8] = to_goal[i] / DISTANCE
         features[i, first + 9] = steps_left[i] * STEP_S / TIME
+
+
+@kernel(void(FLOATS2, FLOATS2, BOOLS2, INTS, FLOATS, FLOATS, FLOATS, float64, int64, OUT_FLOATS2))
+def _see_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    gap: FloatArray,
+    along: FloatArray,
+    leads: BoolArray,
+    begin: IntArray,
+    length: FloatArray,
+    acceleration: FloatArray,
+    speed: FloatArray,
+    sight: float,
+    first: int,
+    features: FloatArray,
+) -> None:
+    """Write how the first and the second on the path drive, but for what :func:`_see_leader` writes of the first.
+
+    Args:
+        gap, along, leads: (m, w) to others and of others along the paths [m], [m/s]; who of them is ahead on them.
+        begin: (m,) row of the first of the others.
+        length, acceleration: (n,) of everybody [m], [m/s2].
+        speed: (m,) of the agents [m/s].
+        sight: how far is looked [m].
+        first: position of the first feature.
+        features: (m, size) into which is written.
+    """
+    for i in range(len(speed)):
+        leader, least = -1, np.inf
+        for j in range(gap.shape[1]):
+            if leads[i, j] and gap[i, j] < min(sight, least):
+                leader, least = j, gap[i, j]
+        if leader < 0 or least == -np.inf:
+            continue
+        features[i, first] = acceleration[begin[i] + leader] / ACCELERATION
+        second, beyond = -1, np.inf
+        for j in range(gap.shape[1]):
+            # whoever drives beside the first one is no second
+            behind = gap[i, j] > least + 0.5 * length[begin[i] + leader]
+            if leads[i, j] and j != leader and behind and gap[i, j] < min(sight, beyond):
+                second, beyond = j, gap[i, j]
+        if second >= 0:
+            features[i, first + 2], features[i, first + 3] = 1.0, beyond / DISTANCE
+            features[i, first + 4] = (along[i, second] - speed[i]) / SPEED
+            features[i, first + 5] = acceleration[begin[i] + second] / ACCELERATION
 
 
 @kernel(void(FLOATS2, FLOATS2, BOOLS2, BOOLS2, FLOATS, float64, OUT_FLOATS2))

@@ -184,12 +184,14 @@ def merged(first: ControlTable, second: ControlTable) -> ControlTable:
 def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
     """The observation that a file's metadata names."""
     arrange, slots, sight = (metadata.get(f"observation.{field}", "") for field in ("arrange", "slots", "sight"))
+    ahead = metadata.get("observation.ahead", "False")  # files from before it could be seen do not say
     try:
-        if arrange in ("sector", "distance"):
-            return ObservationConfig(cast(Literal["sector", "distance"], arrange), int(slots), float(sight))
+        if arrange in ("sector", "distance") and ahead in ("True", "False"):
+            arranged = cast(Literal["sector", "distance"], arrange)
+            return ObservationConfig(arranged, int(slots), float(sight), ahead == "True")
     except ValueError:
         pass
     raise InputError(
-        f"{path}: metadata observation is {arrange!r}, {slots!r}, {sight!r}, expected sector or distance, a number of "
-        f"slots and a sight in metres"
+        f"{path}: metadata observation is {arrange!r}, {slots!r}, {sight!r}, {ahead!r}, expected sector or distance, a "
+        f"number of slots, a sight in metres, and True or False"
     )

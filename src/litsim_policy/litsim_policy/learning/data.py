@@ -63,9 +63,11 @@ class DataConfig(BaseModel):
 
     Attributes:
         generated, real: see there.
-        real_weight: times that each real window counts when an episode draws its scenario: they are few.
+        real_weight: times that each real window counts when an episode draws its scenario: they are few. So do those
+            of `tuning` in validation.
         scenarios: names or files of further ones to train on.
         validation: names or files of further ones to validate on.
+        tuning: names or files of scenarios to validate on around their tuning egos, which no result is reported of.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -75,6 +77,7 @@ class DataConfig(BaseModel):
     real_weight: int = Field(1, gt=0)
     scenarios: tuple[str, ...] = ()
     validation: tuple[str, ...] = ()
+    tuning: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _is_apart(self) -> DataConfig:
@@ -117,6 +120,7 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
     train += windows * config.real_weight
     train += [Scenario.load(name) for name in config.scenarios]
     validation += [Scenario.load(name) for name in config.validation]
+    validation += [_around_tuning_egos(name) for name in config.tuning] * config.real_weight
     if not train:
         raise InputError("data: nothing to train on: expected generated, real or scenarios")
     if not validation:
@@ -124,6 +128,15 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
             "data: nothing to validate on: expected validation, or generated segments enough to leave some"
         )
     return TrainingData(tuple(train), tuple(validation), frozenset(window.name for window in windows))
+
+
+def _around_tuning_egos(name: str) -> Scenario:
+    """The scenario of that name or file, with its tuning egos in place of those that results are reported of."""
+    scenario = Scenario.load(name)
+    if not scenario.tuning_egos:
+        raise InputError(f"data: field tuning: scenario {name} names no tuning egos")
+    egos = list(scenario.tuning_egos)
+    return Scenario.load(name, ego=egos[0], egos=egos, tuning=[])
 
 
 def _real(window: RealWindow, folder: Path) -> Scenario:

@@ -19,16 +19,16 @@ from litsim_policy.driving.observation import ObservationConfig, Observer
 from litsim_policy.driving.policy_c import commanded, merged
 from litsim_policy.driving.registry import make_policy
 from litsim_policy.driving.safety import LIMITS_ONLY, SafetyConfig, SafetyLayer
-from litsim_policy.driving.task import DrivingScene, due_step, opponent_of
+from litsim_policy.driving.task import NOBODY, DrivingScene, due_step, opponent_of
 from litsim_policy.ego.together import EgosTogether
 from litsim_policy.learning.drafts import Drafts
 from litsim_policy.learning.draw import Start, drawn_ego, with_ego
-from litsim_policy.learning.reward import Penalties, PenaltyConfig, penalties
+from litsim_policy.learning.reward import Penalties, PenaltyConfig, passed_on, penalties
 from litsim_policy.learning.task import TaskConfig
 from litsim_predictor.models import ModelName, make_predictor
 from litsim_sim.core.quantities import Length, NonNegative, Positive, Steps, Whole, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, ControlSource, ControlTable, EgoCommand, FloatArray, IntArray
-from litsim_sim.core.takeover import TakeoverState, TakeoverTable
+from litsim_sim.core.takeover import PathSource, TakeoverState, TakeoverTable
 from litsim_sim.scenario.joined import BITS, JoinedScenario
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
@@ -122,13 +122,14 @@ class Outcome:
 
 
 class _Task(NamedTuple):
-    """What a driven agent is to do: see :class:`litsim_policy.driving.task.DrivingTask`."""
+    """What a driven agent is to do: see :class:`litsim_policy.driving.task.DrivingTask`; drafted, or taken over."""
 
     agent: int
     points: FloatArray
     goal: tuple[float, float]
     due_step: int
     opponent: int
+    taken_over: bool
 
 
 class Episodes:
@@ -214,14 +215,17 @@ class Episodes:
     def _choose(self) -> None:
         """Choose who is driven at the current step: who is held and who is drafted, so many of each episode."""
         tasks = {
-            t.agent: _Task(t.agent, t.reference_path, t.goal_pose[:2], due_step(t), opponent_of(t))
+            t.agent: _Task(t.agent, t.reference_path, t.goal_pose[:2], due_step(t), opponent_of(t), taken_over=True)
             for t in self._takeovers
-            if t.state == TakeoverState.HELD
+            if t.state == TakeoverState.HELD and t.path_source != PathSource.LANE  # rules drive those who pass
         }
         if self.step_number < self.joined.history_steps + self._config.draft_steps:
             for draft in self._drafts.of(self._table):
-                opponent = tasks[draft.agent].opponent if draft.agent in tasks else draft.opponent
-                tasks[draft.agent] = _Task(draft.agent, draft.points, draft.goal, draft.due_step, opponent)
+                held = draft.agent in tasks
+                opponent = tasks[draft.agent].opponent if held else draft.opponent
+                tasks[draft.agent] = _Task(
+                    draft.agent, draft.points, draft.goal, draft.due_step, opponent, taken_over=held
+                )
         counts = np.zeros(len(self.running), np.int64)
         self._tasks = []
         for agent in sorted(tasks):
@@ -265,6 +269,8 @@ class Episodes:
         terms = penalties(before, after, driven[here], self.joined.lane_map, guarded[here])
         penalty, terminated = np.zeros(len(driven)), np.zeros(len(driven), np.bool_)
         penalty[here], terminated[here] = terms.total(self._course.penalty), terms.collision | terms.off_road
+        because = np.array([task.opponent if task.taken_over else NOBODY for task in tasks], np.int64)
+        penalty += self._course.penalty.share * passed_on(penalty, driven, because)
         scene, collided = driven >> BITS, np.zeros(len(self.running), np.bool_)
         collided[scene[terminated]] = True
         driven_on = here & np.isin(driven, list(now)) & (after.step < self._end[scene]) & ~collided[scene]

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from safetensors.torch import load_file, save_file
+from scipy.special import log_ndtr
 from torch import Tensor, nn
 
-from litsim_policy.driving.action import ACTIONS
-from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.action import ACTIONS, HIGH, LOW
+from litsim_policy.driving.observation import ACCELERATION, AHEAD, ObservationConfig
 from litsim_policy.driving.policy_c import FORMAT, HIDDEN, PolicyNetwork
+from litsim_policy.driving.safety import LIMITS_ONLY
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import FloatArray
+from litsim_sim.core.scene import STEP_S, FloatArray
 
 LOG_STD_START = (-1.2, -2.5, -2.5)  # of the actions before tanh: pedals vary more than steering
 LOG_STD_MIN, LOG_STD_MAX = -4.0, 0.0
@@ -54,11 +56,16 @@ class GaussianPolicy(nn.Module):
         with torch.no_grad():
             mean = self(observation)
             raw = mean + self.std() * torch.randn(mean.shape, generator=generator)
-            return raw, self._log_density(mean, raw)
+            return raw, self._log_density(observation, mean, raw)
 
     def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
-        """Logarithm of the density (m,) of the squashed actions, given as they are before tanh (m, 3)."""
-        return self._log_density(self(observation), raw)
+        """Logarithm of the density (m,) of what is done of the actions, given as they are before tanh (m, 3).
+
+        An acceleration that is drawn beyond what the bounds on jerk let through is done as any other beyond it would
+        be: it is as likely as all of those together (Fujita 2018). Most draws are cut so, and what is learned from
+        them would be noise otherwise.
+        """
+        return self._log_density(observation, self(observation), raw)
 
     def entropy(self) -> Tensor:
         """Entropy of the Gaussian before tanh, a scalar in nats; that of the squashed one has no closed form."""
@@ -68,10 +75,27 @@ class GaussianPolicy(nn.Module):
         """Standard deviations (3,) of the actions before tanh."""
         return torch.exp(torch.clamp(self.log_std, LOG_STD_MIN, LOG_STD_MAX))
 
-    def _log_density(self, mean: Tensor, raw: Tensor) -> Tensor:
+    def _log_density(self, observation: Tensor, mean: Tensor, raw: Tensor) -> Tensor:
+        std = self.std()
         # checking the arguments would take longer than the density
-        gaussian = torch.distributions.Normal(mean, self.std(), validate_args=False).log_prob(raw)
-        return (gaussian - torch.log(1.0 - torch.tanh(raw) ** 2 + SQUASH_FLOOR)).sum(dim=-1)
+        gaussian = torch.distributions.Normal(mean, std, validate_args=False).log_prob(raw)
+        density = gaussian - torch.log(1.0 - torch.tanh(raw) ** 2 + SQUASH_FLOOR)
+        low, high = (torch.as_tensor(bound, dtype=mean.dtype) for bound in pedal_bounds(observation.numpy()))
+        below = torch.special.log_ndtr((low - mean[:, 0]) / std[0])
+        above = torch.special.log_ndtr((mean[:, 0] - high) / std[0])
+        pedal = torch.where(raw[:, 0] <= low, below, torch.where(raw[:, 0] >= high, above, density[:, 0]))
+        return pedal + density[:, 1] + density[:, 2]
+
+
+def pedal_bounds(observation: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Accelerations as actions before tanh, (m,) each, beyond which none is let through where (m, size) is observed."""
+    bounds = LIMITS_ONLY
+    rise, fall = bounds.jerk_max * STEP_S, bounds.braking_jerk_max * STEP_S
+    before = np.clip(observation[:, 3] * ACCELERATION, -bounds.deceleration_max, bounds.acceleration_max)
+    low, high = np.maximum(before - fall, -bounds.deceleration_max), np.minimum(before + rise, bounds.acceleration_max)
+    scaled = (np.where(bound < 0.0, -bound / LOW[0], bound / HIGH[0]) for bound in (low, high))
+    below, above = (np.arctanh(bound) for bound in scaled)
+    return below, above
 
 
 @dataclass(frozen=True)
@@ -100,7 +124,11 @@ class Sampler:
         mean = self.network.before_tanh(observation)
         raw = mean if noise is None else mean + self.std * noise
         gaussian = -0.5 * ((raw - mean) / self.std) ** 2 - np.log(self.std) - 0.5 * np.log(2.0 * np.pi)
-        return raw, (gaussian - np.log(1.0 - np.tanh(raw) ** 2 + SQUASH_FLOOR)).sum(axis=1)
+        density = gaussian - np.log(1.0 - np.tanh(raw) ** 2 + SQUASH_FLOOR)
+        low, high = pedal_bounds(observation)
+        below, above = log_ndtr((low - mean[:, 0]) / self.std[0]), log_ndtr((mean[:, 0] - high) / self.std[0])
+        density[:, 0] = np.where(raw[:, 0] <= low, below, np.where(raw[:, 0] >= high, above, density[:, 0]))
+        return raw, density.sum(axis=1)
 
 
 def multilayer(inputs: int, outputs: int) -> nn.Sequential:
@@ -130,10 +158,17 @@ def save(policy: GaussianPolicy, path: Path, about: dict[str, str] | None = None
 def restore(policy: GaussianPolicy, path: Path) -> None:
     """Give `policy` the weights that :func:`save` has written to `path`; changes it in place.
 
+    Where `policy` sees how those ahead brake and the network of the file did not, that counts nothing at first.
+
     Raises:
         InputError: the file is missing, damaged, or of a network that sees something else.
     """
-    saved = PolicyNetwork.load(path)
-    if saved.observation != policy.observation:
-        raise InputError(f"{path}: was trained to see {saved.observation}, expected {policy.observation}")
-    policy.load_state_dict(load_file(str(path)))
+    saved, sees = PolicyNetwork.load(path).observation, policy.observation
+    state = load_file(str(path))
+    if sees.ahead and saved == replace(sees, ahead=False):
+        weight = state["hidden0.weight"]
+        before, after = weight.split([sees.ahead_at, weight.shape[1] - sees.ahead_at], dim=1)
+        state["hidden0.weight"] = torch.cat([before, weight.new_zeros(len(weight), AHEAD), after], dim=1)
+    elif saved != sees:
+        raise InputError(f"{path}: was trained to see {saved}, expected {sees}")
+    policy.load_state_dict(state)

@@ -35,6 +35,8 @@ class PenaltyConfig:
         proximity: a step, at contact.
         hard_brake: a step, from 4.5 m/s2 on.
         guard: a step, with a command that a guard of the safety layer would have changed.
+        share: of the penalty of whoever was taken over because of an agent, that the agent gets as well: who brakes
+            harder than he has to leaves it to those behind.
     """
 
     collision: NonNegative[Number] = 20.0
@@ -43,6 +45,7 @@ class PenaltyConfig:
     proximity: NonNegative[Number] = 1.0
     hard_brake: NonNegative[Number] = 0.3
     guard: NonNegative[Number] = 1.0
+    share: NonNegative[Number] = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,22 @@ def penalties(
         hard_brake=ramp(-after.acceleration[rows], BRAKE_FROM, BRAKE_FULL),
         guard=guarded,
     )
+
+
+def passed_on(penalty: FloatArray, agents: IntArray, because: IntArray) -> FloatArray:
+    """What agents have done to those behind them: (m,) sums of the penalties of who was taken over because of each.
+
+    Args:
+        penalty: (m,) of all of them.
+        agents: (m,) ids, ascending.
+        because: (m,) id of the agent because of whom each was taken over; whoever is not among `agents` gets nothing.
+    """
+    found = np.zeros(len(agents))
+    if len(agents):
+        at = np.minimum(np.searchsorted(agents, because), len(agents) - 1)
+        known = agents[at] == because
+        np.add.at(found, at[known], penalty[known])
+    return found
 
 
 def edge_clearance(table: AgentTable, rows: IntArray, lane_map: LaneMap) -> FloatArray:
