@@ -97,6 +97,17 @@ def test_projection_finds_the_lane_that_a_pose_was_taken_from(data: st.DataObjec
     np.testing.assert_allclose(at.heading, heading, atol=0.02)
 
 
+@pytest.mark.parametrize("name", sorted(NETS))
+def test_headings_around_are_those_of_the_lane_before_and_beyond_even_where_it_ends(name: str) -> None:
+    lane_map, random = NETS[name], np.random.default_rng(3)
+    rows = random.integers(len(lane_map.lanes), size=60)
+    s = random.uniform(-10.0, 10.0 + np.array([lane_map.lanes[row].length for row in rows]))
+    found = lane_map.headings_around(rows, s, 20.0)
+    assert found.shape == (60, 2)
+    for column, by in enumerate((-20.0, 20.0)):
+        assert (found[:, column] == lane_map.pose_at(rows, s + by)[2]).all()
+
+
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(sorted(NETS)))
 def test_nearest_is_the_nearest_on_and_far_off_the_net(seed: int, name: str) -> None:

@@ -31,7 +31,7 @@ class PathFollowers:
     ) -> None:
         self.table, self.rows, self.paths = table, rows, paths
         self.x, self.y, self.yaw = poses or (table.x[rows], table.y[rows], table.yaw[rows])
-        self.speed, self._poses = table.speed[rows], poses
+        self.speed = table.speed[rows]
         self._lane_map = lane_map
 
     @classmethod
@@ -46,7 +46,7 @@ class PathFollowers:
     @cached_property
     def view(self) -> AlongPath:
         """Everybody in their scenes as the followers see them, (m, w)."""
-        return along_paths(self.paths, self.table, self.rows, poses=self._poses)
+        return along_paths(self.paths, self.table, self.rows, poses=(self.x, self.y, self.yaw))
 
     @property
     def s(self) -> FloatArray:

@@ -88,8 +88,7 @@ class SegmentGrid:
 
     def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
         """(n, 2) headings [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of the lanes in `lane` (n,)."""
-        before, beyond = (_segments_at(lane, s + by, *self._places) for by in (-reach, reach))
-        return np.column_stack([self.heading[before], self.heading[beyond]])
+        return _headings_around(lane, s, reach, self.heading, *self._places)
 
     @property
     def _places(self) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -257,19 +256,49 @@ def _any_within(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return found
 
 
-@kernel(OUT_INTS(INTS, FLOATS, FLOATS, INTS, FLOATS))
-def _segments_at(lane: IntArray, s: FloatArray, start_s: FloatArray, first: IntArray, length: FloatArray) -> IntArray:
-    """Segments (n,) of lanes at arc lengths; beyond its ends a lane is continued straight.
+@kernel(int64(int64, float64, FLOATS, INTS, FLOATS))
+def _segment_at(lane: int, s: float, start_s: FloatArray, first: IntArray, length: FloatArray) -> int:
+    """Segment of a lane at an arc length; beyond its ends a lane is continued straight.
 
     Args:
-        lane, s: (n,) positions of the lanes and arc lengths [m].
+        lane, s: position of the lane and arc length [m].
         start_s: (k,) arc lengths at which the segments begin [m].
         first: first segment of each lane, and behind the last one the number of all.
         length: of each lane [m].
     """
+    begin, end = first[lane], first[lane + 1]
+    at = begin + np.searchsorted(start_s[begin:end], within(s, 0.0, length[lane]), side="right") - 1
+    return int(min(max(at, begin), end - 1))
+
+
+@kernel(OUT_INTS(INTS, FLOATS, FLOATS, INTS, FLOATS))
+def _segments_at(lane: IntArray, s: FloatArray, start_s: FloatArray, first: IntArray, length: FloatArray) -> IntArray:
+    """Segments (n,) of lanes at arc lengths `lane` and `s` (n,); see :func:`_segment_at`."""
     found = np.empty(len(s), np.int64)
     for i in range(len(s)):
-        begin, end = first[lane[i]], first[lane[i] + 1]
-        at = begin + np.searchsorted(start_s[begin:end], within(s[i], 0.0, length[lane[i]]), side="right") - 1
-        found[i] = min(max(at, begin), end - 1)
+        found[i] = _segment_at(lane[i], s[i], start_s, first, length)
+    return found
+
+
+@kernel(OUT_FLOATS2(INTS, FLOATS, float64, FLOATS, FLOATS, INTS, FLOATS))
+def _headings_around(
+    lane: IntArray,
+    s: FloatArray,
+    reach: float,
+    heading: FloatArray,
+    start_s: FloatArray,
+    first: IntArray,
+    length: FloatArray,
+) -> FloatArray:
+    """See :meth:`SegmentGrid.headings_around`.
+
+    Args:
+        lane, s, reach: likewise.
+        heading: (k,) of the segments [rad].
+        start_s, first, length: see :func:`_segment_at`.
+    """
+    found = np.empty((len(s), 2))
+    for i in range(len(s)):
+        found[i, 0] = heading[_segment_at(lane[i], s[i] - reach, start_s, first, length)]
+        found[i, 1] = heading[_segment_at(lane[i], s[i] + reach, start_s, first, length)]
     return found
