@@ -114,6 +114,25 @@ def test_averaged_weights_lag_behind_those_that_are_trained(config: Path, tmp_pa
     assert not all(torch.equal(saved[name], steps[-1][name]) for name in saved)
 
 
+def test_a_training_begins_with_other_weights_of_the_same_model(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(config, tmp_path / "first")
+    begun = load_model(str(tmp_path / "first" / WEIGHTS))[0].state_dict()
+    # Steps so small that they leave the weights where they begin.
+    further = SMALL + "start: first/weights.safetensors\nlearning_rate: 1.0e-12\n"
+    config.write_text(further)
+    run(config, tmp_path / "second", "--epochs", "1")
+    model, made = load_model(str(tmp_path / "second" / WEIGHTS))
+    for name, value in model.state_dict().items():
+        torch.testing.assert_close(value, begun[name], atol=1e-9, rtol=0.0)
+    assert set(made.manifest["files"]) == {"made.parquet", "first/weights.safetensors"}
+    config.write_text(further.replace("hidden: 16", "hidden: 8"))
+    with pytest.raises(SystemExit):
+        run(config, tmp_path / "third")
+    assert "first/weights.safetensors: weights of model joint" in capsys.readouterr().err
+
+
 def interrupt_at(epoch: int) -> Callable[..., float]:
     """A learning rate that is interrupted, as by Ctrl-C, when it is asked for at `epoch`."""
     from litsim_predictor.learned.training import Training

@@ -33,7 +33,7 @@ from litsim_predictor.learned.data.sources import (
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_predictor.learned.models.model import SceneModel, negative_log_likelihood
 from litsim_predictor.learned.models.registry import build
-from litsim_predictor.learned.models.weights import save_model
+from litsim_predictor.learned.models.weights import load_model, save_model
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
 from litsim_sim.recordings.segments import Part
@@ -59,6 +59,8 @@ class TrainingConfig(BaseModel):
 
     Attributes:
         model, parameters: see :func:`.registry.build`.
+        start: file of weights of the same model to begin with, found as those of `data` are, such as of a training on
+            other data; empty to begin with random ones.
         data: sources; names of files are looked for beside the configuration and under LITSIM_DATA.
         epochs: of which the first `warm_epochs` minimise the squared error alone.
         agents_per_batch: agents in a batch of whole scenes, about.
@@ -79,6 +81,7 @@ class TrainingConfig(BaseModel):
 
     model: str
     parameters: dict[str, Any] = {}
+    start: str = ""
     data: tuple[Source, ...] = DEVELOPMENT_DATA
     epochs: Annotated[int, Field(ge=1)] = 20
     warm_epochs: Annotated[int, Field(ge=0)] = 2
@@ -141,7 +144,7 @@ class Training:
     def __init__(self, config: TrainingConfig, folder: Path, locate: Locator, command: str, device: str) -> None:
         self._config, self._folder, self._command, self._device = config, folder, command, device
         torch.manual_seed(config.seed)
-        self.model = build(config.model, config.parameters, "training configuration").to(device)
+        self.model = self._first_model(locate).to(device)
         self._averaged = (
             AveragedModel(self.model, multi_avg_fn=get_ema_multi_avg_fn(config.averaging)) if config.averaging else None
         )
@@ -150,7 +153,8 @@ class Training:
             self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )
         self._parts = load_parts(config, locate)
-        files = {name: digest_of(locate(name)) for source in config.data for name in files_of(source)}
+        names = [name for source in config.data for name in files_of(source)] + [config.start] * bool(config.start)
+        files = {name: digest_of(locate(name)) for name in names}
         self._manifest = {"files": files, "rows": self._rows()}
         self.history: list[dict[str, float]] = []
         self._best: dict[str, float] = {}
@@ -191,6 +195,18 @@ class Training:
         self._random.bit_generator.state = json.loads(state["random"])
         torch.set_rng_state(state["torch_random"].cpu())
         self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
+
+    def _first_model(self, locate: Locator) -> SceneModel:
+        config = self._config
+        if not config.start:
+            return build(config.model, config.parameters, "training configuration")
+        model, made = load_model(str(locate(config.start)))
+        if (made.model, made.parameters) != (config.model, config.parameters):
+            raise InputError(
+                f"{config.start}: weights of model {made.model} {made.parameters}, expected {config.model} "
+                f"{config.parameters} as in the training configuration"
+            )
+        return model
 
     @property
     def _result(self) -> SceneModel:
