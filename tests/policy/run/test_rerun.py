@@ -19,7 +19,7 @@ from litsim_policy.run.recorded_run import open_record
 from litsim_policy.run.rerun import rerun_stage, resimulate
 from litsim_policy.run.runner import Runner
 from litsim_predictor.messages import forecast_to_message
-from litsim_predictor.models import DEFAULT_MODEL, make_predictor
+from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig, make_predictor
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import BagWriter, qos_yaml
 from litsim_sim.ros import messages, topics
@@ -40,7 +40,7 @@ def answered(make_scenario: Any, track: Any, lane_centres: Any) -> tuple[Scenari
     scenario = make_scenario(*tracks)
     plan = RunPlan(scenario, "idm", "litsim")
     info = RunInfo(header=messages.header(0), **plan.facts())
-    predictor = make_predictor(DEFAULT_MODEL, scenario)
+    predictor = make_predictor(DEFAULT_MODEL, scenario, modes=PredictorConfig().modes)
     found: list[tuple[str, int, Any]] = []
     for now in Runner(plan).steps():
         step, run_id = now.table.step, plan.run_id
