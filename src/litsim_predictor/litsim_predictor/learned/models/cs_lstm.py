@@ -2,7 +2,9 @@
 
 After Deo & Trivedi, "Convolutional Social Pooling for Vehicle Trajectory Prediction", 2018: an LSTM over each history,
 the encodings of the neighbours laid on a 13 x 3 grid around the target (15 feet a cell) and convolved, and an LSTM
-decoder conditioned on the manoeuvre. It sees no map.
+decoder conditioned on the manoeuvre. It sees no map. Two things are not theirs: histories hold yaw and speed beside
+positions, and the decoder does not write positions, but how the velocity differs from constant velocity, so that
+forecasts begin where the agent is.
 """
 
 from __future__ import annotations
@@ -10,12 +12,13 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.inference.contract import HORIZON, LATERAL, LONGITUDINAL
+from litsim_predictor.inference.contract import DT, HISTORY_CHANNELS, HORIZON, LATERAL, LONGITUDINAL
 from litsim_predictor.inference.joint_units import GAUSSIAN_CHANNELS
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.model import (
     Decode,
     SceneModel,
+    constant_velocity,
     decoded_maneuvers,
     gaussian,
     maneuver_logits,
@@ -28,7 +31,7 @@ from litsim_predictor.learned.models.model import (
     same_agent,
 )
 
-LENGTH = 20.0  # [m] by which positions are scaled
+UNITS = (20.0, 2.0, 0.1, 10.0)  # of the channels of histories [m, m, rad, m/s]
 GRID = (13, 3)
 CELL_AHEAD, CELL_LEFT = 4.572, 3.66  # [m] 15 feet, and a lane
 
@@ -38,7 +41,7 @@ class CsLstm(SceneModel):
 
     Args:
         encoder, decoder: sizes of the LSTMs.
-        embedding: of positions, and of the target's own dynamics.
+        embedding: of the steps of histories, and of the target's own dynamics.
         convolution, second: channels of the social pooling.
     """
 
@@ -46,7 +49,7 @@ class CsLstm(SceneModel):
         self, *, encoder: int = 64, decoder: int = 128, embedding: int = 32, convolution: int = 64, second: int = 16
     ) -> None:
         super().__init__()
-        self.embed = nn.Sequential(nn.Linear(3, embedding), nn.LeakyReLU(0.1))
+        self.embed = nn.Sequential(nn.Linear(HISTORY_CHANNELS + 1, embedding), nn.LeakyReLU(0.1))
         self.encoder = nn.LSTM(embedding, encoder, batch_first=True)
         self.dynamics = nn.Sequential(nn.Linear(encoder, embedding), nn.LeakyReLU(0.1))
         self.social = nn.Sequential(
@@ -65,7 +68,8 @@ class CsLstm(SceneModel):
     def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`."""
         there = batch.agent
-        steps = torch.cat([batch.history[..., :2] / LENGTH, batch.observed[..., None].to(batch.history.dtype)], dim=-1)
+        seen = batch.observed[..., None].to(batch.history.dtype)
+        steps = torch.cat([batch.history / batch.history.new_tensor(UNITS), seen], dim=-1)
         _, (hidden, _) = self.encoder(self.embed(present(steps, there)))
         encoding = padded(hidden[0], there)
         target = rows_of(encoding, asked)
@@ -79,7 +83,8 @@ class CsLstm(SceneModel):
         read = torch.cat([context[:, :, None].expand(-1, -1, modes, -1), wanted], dim=-1).flatten(0, 2)
         raw = self.out(self.decoder(read[:, None].expand(-1, HORIZON, -1))[0]).unflatten(0, (b, n, modes))
         scale, correlation = gaussian(raw[..., 2:])
-        return Prediction(logits, LENGTH * raw[..., :2], scale, correlation)
+        base = constant_velocity(rows_of(batch.state, asked))[:, :, None]
+        return Prediction(logits, base + DT * raw[..., :2].cumsum(dim=-2), scale, correlation)
 
 
 def social_grid(batch: SceneBatch, encoding: Tensor, asked: Tensor | None = None) -> Tensor:
