@@ -183,6 +183,14 @@ def test_the_configuration_that_corrects_has_the_data_of_the_usual_one() -> None
     assert PolicyNetwork.load(CONFIG.parents[2] / corrected.start).observation == corrected.observation
 
 
+def test_the_long_training_learns_from_what_the_usual_one_does_and_is_a_hundred_times_as_long() -> None:
+    usual, long = (read_yaml(CONFIG / name, TrainConfig) for name in ("policy_c.yaml", "policy_c_long.yaml"))
+    same = {"real_weight": usual.data.real_weight, "tuning": usual.data.tuning}
+    assert long.data.model_copy(update=same) == usual.data and long.data.tuning == ("us101_0750",)
+    assert long.iterations * long.transitions >= 100 * usual.iterations * usual.transitions
+    restore(GaussianPolicy(long.observation), CONFIG.parents[2] / long.start)
+
+
 def test_a_training_begins_with_the_weights_that_it_is_given(file: Path, tmp_path: Path) -> None:
     config = with_iterations(file, 1)
     torch.manual_seed(3)
