@@ -1,0 +1,34 @@
+"""Tables of the documentation: each row has the cells of its head; what is beyond is not shown, without a word."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted((*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/*/*.md")))
+BETWEEN_CELLS = re.compile(r"(?<!\\)\|")
+
+
+def uneven_rows(text: str) -> Iterator[str]:
+    """Rows of the tables of a page that have more or fewer cells than the head of their table."""
+    head, fenced = 0, False
+    for line in map(str.strip, text.splitlines()):
+        fenced ^= line.startswith("```")
+        count = 0 if fenced or not line.startswith("|") else len(BETWEEN_CELLS.findall(line)) - 1
+        head = (head or count) if count else 0
+        if count != head:
+            yield line
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_rows_have_the_cells_of_their_head(page: Path) -> None:
+    assert list(uneven_rows(page.read_text(encoding="utf-8"))) == []
+
+
+def test_uneven_rows_are_found() -> None:
+    text = "| a | b |\n|---|---|\n| 1 \\| 2 | 3 |\n| short |\n\n```\n| no table\n```\n| c |\n|---|\n| long | er |\n"
+    assert list(uneven_rows(text)) == ["| short |", "| long | er |"]
