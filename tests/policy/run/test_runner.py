@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterable
 
 import numpy as np
@@ -22,6 +24,20 @@ from litsim_sim.world.sumo import SumoMirror
 
 EVERYBODY = (Controller.LOG, Controller.POLICY, Controller.EGO)
 DRIVEN = (Controller.POLICY, Controller.EGO)
+
+
+LOADED_LATE = """
+from litsim_policy.run.runner import Runner
+from litsim_sim.core import compiled
+from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.scenario import Scenario
+
+runner = Runner(RunPlan(Scenario.load("demo"), "idm", "litsim"))
+before = {each for each in compiled._kernels if "loaded" in vars(each)}
+for _ in zip(range(80), runner.steps()):
+    pass
+print(len(before) > 20, *(each.__name__ for each in compiled._kernels if "loaded" in vars(each) and each not in before))
+"""
 
 
 @pytest.fixture(scope="module")
@@ -289,3 +305,8 @@ def test_a_run_that_the_ego_does_not_leave_lasts_for_its_time(make_scenario, tra
     scenario = make_scenario(track(1, x=100.0, last=40))
     metrics = compute_metrics(record(Runner(RunPlan(scenario, "idm", "replay"))))
     assert metrics["ended"] == {"reason": "time", "step": 40, "time_s": 4.0, "lane": ""}
+
+
+def test_all_kernels_are_loaded_before_the_first_step() -> None:
+    ended = subprocess.run([sys.executable, "-c", LOADED_LATE], capture_output=True, text=True, check=True)
+    assert ended.stdout.split() == ["True"]

@@ -138,6 +138,11 @@ def test_kernels_are_loaded_before_a_run_but_for_those_that_only_others_call(tmp
     result(start(folder))  # compiled, so that the next one only loads
     run = start(folder, code + "; load_kernels()" + which)
     assert run.communicate()[0].split() == ["False", "False", "True", "False"]
+    outer = CALLED.replace("@kernel(float64(float64))", "@kernel(float64(float64), outer=True)")
+    (folder / "called.py").write_text(outer.format(package=folder.name))
+    result(start(folder))
+    run = start(folder, code + "; load_kernels()" + which)
+    assert run.communicate()[0].split() == ["False", "False", "True", "True"]
 
 
 def test_processes_may_compile_at_once(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import gc
 
 import pytest
 
-from litsim_sim.core.garbage import without_collection
+from litsim_sim.core.garbage import spared_from_collection, without_collection
 
 
 def test_nothing_is_collected_meanwhile_and_all_is_as_before_however_it_ends() -> None:
@@ -20,3 +20,17 @@ def test_nothing_is_collected_meanwhile_and_all_is_as_before_however_it_ends() -
     with pytest.raises(ValueError, match="in between"), without_collection():
         raise ValueError("in between")
     assert gc.isenabled()
+
+
+def test_what_there_is_is_spared_meanwhile_and_what_comes_is_collected() -> None:
+    assert gc.get_freeze_count() == 0
+    with spared_from_collection():
+        assert gc.get_freeze_count() > 0
+        loop: list[object] = []
+        loop.append(loop)
+        del loop
+        assert gc.collect() > 0
+    assert gc.get_freeze_count() == 0
+    with pytest.raises(ValueError, match="in between"), spared_from_collection():
+        raise ValueError("in between")
+    assert gc.get_freeze_count() == 0

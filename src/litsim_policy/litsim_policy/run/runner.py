@@ -14,6 +14,7 @@ from litsim_policy.ego.registry import Ego
 from litsim_policy.run.reaction import Reaction
 from litsim_sim.core import stage_registry
 from litsim_sim.core.compiled import load_kernels
+from litsim_sim.core.garbage import spared_from_collection
 from litsim_sim.core.parameters import Parameters
 from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand
 from litsim_sim.core.stage_registry import registered_name
@@ -79,6 +80,11 @@ class Runner:
 
     def steps(self) -> Iterator[StepResult]:
         """Every step of the run with its answers, in order: all of the scenario, or fewer if the ego leaves."""
+        with spared_from_collection():
+            yield from self._steps()
+
+    def _steps(self) -> Iterator[StepResult]:
+        """See :meth:`steps`."""
         begin = time.perf_counter()
         table = self.world.reset()
         try:

@@ -89,7 +89,7 @@ def rectify(values: Float32Array) -> None:
             values[i, j] = max(values[i, j], float32(0.0))
 
 
-@kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2))
+@kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2), outer=True)
 def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
     """Write to `out` (m, n) the product of `values` (m, k) and `weight` (k, n) plus `bias` (n,)."""
     for i in range(out.shape[0]):
@@ -98,7 +98,7 @@ def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: 
     add_product(values, weight, out)
 
 
-@kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2))
+@kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2), outer=True)
 def rectified_linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
     """Likewise, with 0 in the place of what is negative."""
     linear(values, weight, bias, out)

@@ -80,9 +80,9 @@ OUT_BOOLS, OUT_BOOLS2, OUT_BOOLS3 = (written_array(boolean, ndim) for ndim in (1
 class Kernel:
     """A compiled function; its machine code is loaded when it is called first, or by :func:`load_kernels`."""
 
-    def __init__(self, function: FunctionType, signature: Any) -> None:
+    def __init__(self, function: FunctionType, signature: Any, *, outer: bool = False) -> None:
         update_wrapper(self, function)
-        self._function, self._signature = function, signature
+        self._function, self._signature, self.outer = function, signature, outer
         self.stamp, self.uses = _stamp(function), _kernels_of(function)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -116,8 +116,10 @@ def _type_of_called(called: Kernel, _context: object) -> Any:
     return numba.typeof(called.loaded)
 
 
-def kernel(signature: Any) -> Callable[[F], F]:
+def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
     """Return a decorator that makes a function a kernel for one signature of numba's types.
+
+    One that other kernels call is loaded before a run only where it is said to be `outer`: called from Python as well.
 
     Of its module, the function may use numbers, enumerations, arrays and other kernels; of others, `math` and numpy.
     Arguments that do not fit the signature are a TypeError. Numbers divided by zero give what numpy gives.
@@ -127,7 +129,7 @@ def kernel(signature: Any) -> Callable[[F], F]:
     """
 
     def compiled(function: F) -> F:
-        found = Kernel(cast(FunctionType, function), signature)
+        found = Kernel(cast(FunctionType, function), signature, outer=outer)
         _kernels.append(found)
         return cast(F, found)
 
@@ -135,14 +137,14 @@ def kernel(signature: Any) -> Callable[[F], F]:
 
 
 def load_kernels() -> None:
-    """Load, or compile, all kernels that are defined so far, but for those that only others call: theirs have them.
+    """Load, or compile, all kernels that are defined so far, but for those that only others call, which have them.
 
     To be called before the first step of a run: loading takes a fifth of a second.
     """
     inner = {id(called) for caller in _kernels for called in caller.uses}
     with without_collection():
         for each in _kernels:
-            if id(each) not in inner:
+            if each.outer or id(each) not in inner:
                 each.loaded  # noqa: B018 - it is kept
 
 
