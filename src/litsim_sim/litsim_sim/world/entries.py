@@ -132,6 +132,13 @@ class Entries:
         return None if speed < 0.0 else speed
 
 
+@kernel(UniTuple(float64, 2)(*[float64] * 6))
+def _from(x: float, y: float, cos: float, sin: float, other_x: float, other_y: float) -> tuple[float, float]:
+    """How far another place is ahead of a place and to its left [m]; `cos` and `sin` of the heading there."""
+    dx, dy = other_x - x, other_y - y
+    return dx * cos + dy * sin, dy * cos - dx * sin
+
+
 @kernel(float64(*[FLOATS] * 6, int64, int64, *[float64] * 9))
 def _entry_speed(  # noqa: PLR0917 - a kernel takes arrays and numbers
     x: FloatArray,
@@ -180,10 +187,3 @@ def _entry_speed(  # noqa: PLR0917 - a kernel takes arrays and numbers
             if overlap(dx, dy, own_yaw, yaw[j], own_length + gap, own_width, length[j], width[j]):
                 return -1.0
     return found
-
-
-@kernel(UniTuple(float64, 2)(*[float64] * 6))
-def _from(x: float, y: float, cos: float, sin: float, other_x: float, other_y: float) -> tuple[float, float]:
-    """How far another place is ahead of a place and to its left [m]; `cos` and `sin` of the heading there."""
-    dx, dy = other_x - x, other_y - y
-    return dx * cos + dy * sin, dy * cos - dx * sin
