@@ -91,8 +91,8 @@ def test_limits_are_counted_whatever_is_switched_off(ask, lane_map) -> None:
 def scene(name: str, lane_centres: tuple[float, ...]) -> tuple[tuple[float, float], list[dict], dict[str, float]]:
     """What is asked for, the others, and agent 2, where the guard `name` and no other is needed."""
     return {
-        # closing at 8 m/s from 17 m: not to be touched within the look ahead, but no more time to lose
-        "following": ((0.0, 0.0), [{"id": 1, "x": 121.0, "speed": 2.0, "acceleration": -3.0}], {}),
+        # closing at 12 m/s from 22 m: not to be touched within the look ahead, but no more time to lose
+        "following": ((0.0, 0.0), [{"id": 1, "x": 127.0, "speed": 2.0, "acceleration": -3.0}], {"speed": 14.0}),
         "contact": ((0.0, 0.0), [{"id": 1, "x": 101.0, "y": lane_centres[0], "speed": 10.0}], {"yaw": 0.15}),
         "road": ((0.0, 0.0), [], {"y": lane_centres[0] + 0.3, "yaw": 0.15}),
     }[name]
@@ -131,12 +131,14 @@ def test_the_road_alone_is_kept_to_whoever_is_beside(ask, lane_centres) -> None:
 @pytest.mark.parametrize(
     ("leader", "braking"),
     [
-        # 51 m behind a bumper, of which 1 m is kept, at 20 m/s: braking later would do, but not as gently
-        ({"x": 155.5, "speed": 0.0}, 20.0**2 / (2.0 * 50.0)),
-        # 41 m; the leader, at 10 m/s, stops within 12.5 m
-        ({"x": 145.5, "speed": 10.0, "acceleration": -4.0}, 20.0**2 / (2.0 * 52.5)),
-        # the same leader, going on: 1.25 m/s2 would do, and there is time
-        ({"x": 145.5, "speed": 10.0}, None),
+        # 41 m behind a bumper, of which 1 m is kept, at 20 m/s: braking later would do, but not as gently
+        ({"x": 145.5, "speed": 0.0}, 20.0**2 / (2.0 * 40.0)),
+        # 51 m: 4 m/s2 would do, and that much the network may brake itself
+        ({"x": 155.5, "speed": 0.0}, None),
+        # 31 m; the leader, at 10 m/s, stops within 12.5 m
+        ({"x": 135.5, "speed": 10.0, "acceleration": -4.0}, 20.0**2 / (2.0 * 42.5)),
+        # the same leader, going on: 1.7 m/s2 would do, and there is time
+        ({"x": 135.5, "speed": 10.0}, None),
     ],
 )
 def test_what_an_approach_needs_is_braked_for_at_once_where_it_is_much(ask, leader: dict, braking) -> None:
@@ -145,9 +147,9 @@ def test_what_an_approach_needs_is_braked_for_at_once_where_it_is_much(ask, lead
     assert command(found)[0] == pytest.approx(-(braking or 0.0))
 
 
-@pytest.mark.parametrize(("gap", "leader_speed", "braking"), [(6.0, 15.0, 2.5), (9.0, 12.0, 8.0**2 / (2.0 * 8.0))])
+@pytest.mark.parametrize(("gap", "leader_speed", "braking"), [(6.0, 15.0, 2.5), (8.0, 12.0, 8.0**2 / (2.0 * 7.0))])
 def test_a_gap_that_is_merely_too_short_is_widened_gently(ask, gap: float, leader_speed: float, braking: float) -> None:
-    """At 20 m/s. By the safe speed alone it would brake by 3.8 and 4.8 m/s2; the second is an emergency."""
+    """At 20 m/s. By the safe speed alone it would brake by 3.8 and 5.2 m/s2; the second is an emergency."""
     found = ask(only("following"), (0.0, 0.0), {"id": 1, "x": 104.5 + gap, "speed": leader_speed}, speed=20.0)
     assert found.guarded[0] and command(found)[0] == pytest.approx(-braking)
 

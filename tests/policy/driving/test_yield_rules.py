@@ -51,7 +51,8 @@ def test_the_side_is_taken_by_whoever_is_or_soon_will_be_alongside(random) -> No
     target[0] = x[rows[0]], y[rows[0]]
     bounds = (CONFIG.side_gap, CONFIG.side_horizon, CONFIG.side_margin, CONFIG.side_drift)
     scene = np.sort(random.integers(0, 2, OTHERS))
-    found = side_taken(scene, x, y, speed, length, width, rows, heading, target, *bounds)
+    yaw = random.normal(0.0, 0.1, OTHERS)
+    found = side_taken(scene, x, y, yaw, speed, length, width, rows, heading, target, *bounds, 1.2)
     off_x, off_y = target[:, 0] - x[rows], target[:, 1] - y[rows]
     move = (-np.sin(heading) * off_x + np.cos(heading) * off_y)[:, None]
     ahead, left = to_body(x - x[rows, None], y - y[rows, None], heading[:, None])
@@ -59,6 +60,7 @@ def test_the_side_is_taken_by_whoever_is_or_soon_will_be_alongside(random) -> No
     reach = 0.5 * (length + length[rows, None]) + CONFIG.side_gap
     reach += np.where(np.sign(ahead) * faster < 0, np.abs(faster) * CONFIG.side_horizon, 0.0)
     clearance = np.abs(left) - 0.5 * (width + width[rows, None])
+    clearance -= np.maximum(-np.sign(left) * speed * np.sin(yaw - heading[:, None]), 0.0) * 1.2
     beside = (np.abs(ahead) < reach) & (left * move > 0) & (clearance < np.abs(move) + CONFIG.side_margin)
     beside &= scene == scene[rows, None]
     beside[np.arange(AGENTS), rows] = False

@@ -117,13 +117,22 @@ class Driver:
         """Controls of the agents of `scene`, whose ids ascend."""
         if not len(scene):
             return ControlTable.empty(scene.agents.table.step)
-        return commanded(scene, self._network.mean(self.observer.features(scene)), self.safety)
+        return guarded(scene, *self.asked(scene), self.safety)
+
+    def asked(self, scene: DrivingScene) -> tuple[FloatArray, FloatArray]:
+        """What the network asks of the agents of `scene`: accelerations [m/s2] and yaw rates [rad/s] (m,)."""
+        return executed(scene, self._network.mean(self.observer.features(scene)))
 
 
 def commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> ControlTable:
     """Controls of the m agents of `scene` from actions (m, 3) in [-1, 1]: what training and driving have in common."""
+    return guarded(scene, *executed(scene, action), safety)
+
+
+def executed(scene: DrivingScene, action: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Accelerations [m/s2] and yaw rates [rad/s] (m,) that actions (m, 3) in [-1, 1] ask of the agents of `scene`."""
     wanted = physical(action)
-    return guarded(scene, wanted[:, 0], executed_yaw_rate(wanted, scene.agents.speed), safety)
+    return wanted[:, 0], executed_yaw_rate(wanted, scene.agents.speed)
 
 
 def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray, safety: SafetyLayer) -> ControlTable:
@@ -137,7 +146,8 @@ class PolicyC:
     """The policy called `litsim`: the network drives whoever is held, rules whoever goes back to the log or passes.
 
     The network has learned to drive along its log among others; who passes is driven by the rules of policy `yield`,
-    behind the same safety layer.
+    behind the same safety layer. Who would move to the side of its lane where somebody else is waits in the lane, by
+    the same rule: the network would steer there until the layer stops it.
     """
 
     def __init__(
@@ -152,10 +162,21 @@ class PolicyC:
         others = tuple(t for t in takeovers.takeovers if t.state != TakeoverState.HELD)
         passing = [t for t in held if t.path_source == PathSource.LANE]
         keeping = [t for t in held if t.path_source != PathSource.LANE]
-        driven = self.driver.drive_scene(DrivingScene.of_takeovers(self._lane_map, table, keeping))
+        driven = self._keep(DrivingScene.of_takeovers(self._lane_map, table, keeping))
         returning = self._rules.act(table, TakeoverTable(takeovers.step, others))
         controls = merged(driven, returning)
         return merged(controls, self._pass(table, passing)) if passing else controls
+
+    def _keep(self, scene: DrivingScene) -> ControlTable:
+        """Controls of agents that the network drives."""
+        agents = scene.agents
+        if not len(scene):
+            return ControlTable.empty(agents.table.step)
+        acceleration, yaw_rate = self.driver.asked(scene)
+        to_path, asked = agents.path_yaw_rate - agents.lane_yaw_rate, yaw_rate - agents.lane_yaw_rate
+        waits = self._rules.side_taken(agents, or_will_be=True) & (to_path * asked > 0.0)
+        yaw_rate = np.where(waits, agents.lane_yaw_rate, yaw_rate)
+        return guarded(scene, acceleration, yaw_rate, self.driver.safety)
 
     def _pass(self, table: AgentTable, passing: Sequence[Takeover]) -> ControlTable:
         """Controls of agents that pass: they brake no harder than is comfortable, unless the layer makes them.

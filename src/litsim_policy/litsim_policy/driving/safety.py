@@ -80,7 +80,7 @@ class SafetyConfig:
         standstill_gap: kept behind whoever is ahead.
         relax: time constant with which a gap that is too short is widened.
         widening: hardest braking for that alone, where nobody is closed in on as on an emergency.
-        imminent: braking from which on an approach counts as an emergency.
+        imminent: braking from which on an approach counts as an emergency: more than the network itself may do.
         leader_brakes: braking from which on a leader is taken to stop.
         horizon: of the look ahead for other boxes.
         settle: time constant with which a turn is expected to end.
@@ -104,7 +104,7 @@ class SafetyConfig:
     standstill_gap: NonNegative[Length] = 1.0
     relax: Positive[Duration] = 1.0
     widening: Positive[Acceleration] = 2.5
-    imminent: NonNegative[Acceleration] = 3.0
+    imminent: NonNegative[Acceleration] = 4.05
     leader_brakes: NonNegative[Acceleration] = LEADER_BRAKES
     horizon: Horizon = 1.5
     settle: Positive[Duration] = 0.5

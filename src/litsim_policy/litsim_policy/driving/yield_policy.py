@@ -168,11 +168,16 @@ class YieldPolicy:
 
     def _steer(self, agents: PathFollowers) -> FloatArray:
         """Yaw rates (m,) [rad/s] along the paths, or along the lanes while the way to the side is taken."""
+        return np.where(self.side_taken(agents), agents.lane_yaw_rate, agents.path_yaw_rate)
+
+    def side_taken(self, agents: PathFollowers, *, or_will_be: bool = False) -> BoolArray:
+        """(m,) whether somebody is where the agents' paths lead to the side of their lanes, or comes over to there."""
         table, config = agents.table, self._config
-        taken = side_taken(
+        return side_taken(
             table.scene,
             table.x,
             table.y,
+            table.yaw,
             table.speed,
             table.length,
             table.width,
@@ -183,8 +188,8 @@ class YieldPolicy:
             config.side_horizon,
             config.side_margin,
             config.side_drift,
+            config.side_horizon if or_will_be else 0.0,
         )
-        return np.where(taken, agents.lane_yaw_rate, agents.path_yaw_rate)
 
     def _wanted_speed(self, agents: PathFollowers) -> FloatArray:
         """(m,) speeds [m/s] of the agents' own logs where they are now and at this time.
@@ -314,11 +319,12 @@ def give_way(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return found
 
 
-@kernel(OUT_BOOLS(INTS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, INTS, FLOATS, FLOATS2, *[float64] * 4))
+@kernel(OUT_BOOLS(INTS, *[FLOATS] * 6, INTS, FLOATS, FLOATS2, *[float64] * 5))
 def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
     scene: IntArray,
     x: FloatArray,
     y: FloatArray,
+    yaw: FloatArray,
     speed: FloatArray,
     length: FloatArray,
     width: FloatArray,
@@ -329,15 +335,17 @@ def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
     side_horizon: float,
     side_margin: float,
     side_drift: float,
+    coming_over: float,
 ) -> BoolArray:
     """(m,) whether somebody is alongside, or will be soon, where the moves to the side of their lanes lead.
 
     Args:
-        scene, x, y, speed, length, width: (n,) of everybody.
+        scene, x, y, yaw, speed, length, width: (n,) of everybody.
         rows: (m,) of the agents.
         lane_heading: (m,) of their lanes [rad].
         target: (m, 2) which they move to [m].
         side_gap, side_horizon, side_margin, side_drift: as in :class:`YieldConfig`.
+        coming_over: for which whoever comes over from the side is expected to go on doing so [s].
     """
     taken, (begin, end) = np.zeros(len(rows), np.bool_), within_scenes(scene, rows)
     for i in range(len(rows)):
@@ -352,7 +360,8 @@ def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
             reach = 0.5 * (length[j] + length[own]) + side_gap
             if np.sign(ahead) * faster < 0.0:
                 reach += abs(faster) * side_horizon
-            clearance = abs(left) - 0.5 * (width[j] + width[own])
+            comes_over = -np.sign(left) * speed[j] * math.sin(yaw[j] - lane_heading[i])
+            clearance = abs(left) - 0.5 * (width[j] + width[own]) - max(comes_over, 0.0) * coming_over
             if j != own and abs(ahead) < reach and left * move > 0.0 and clearance < abs(move) + side_margin:
                 taken[i] = True
                 break
