@@ -18,6 +18,7 @@ from litsim_policy.learning.reward import Penalties
 from litsim_policy.learning.rollout import (
     EMPTY_EPISODES_MAX,
     TOGETHER,
+    TOGETHER_AT_FIRST,
     Episode,
     Foresight,
     HereDriving,
@@ -143,7 +144,7 @@ def test_densities_are_those_that_training_takes_them_for(busy, policy) -> None:
 
 def test_no_more_episodes_are_begun_than_are_likely_to_be_asked_for() -> None:
     guess = Foresight()
-    assert guess.portion(1000.0, 0, 2) == guess.portion(np.inf, 0, 2) == TOGETHER // 2, "nothing is known yet"
+    assert guess.portion(1000.0, 0, 2) == guess.portion(np.inf, 0, 2) == TOGETHER_AT_FIRST, "nothing is known yet"
     guess.note(Episode([], {"transitions": 150.0}))
     guess.note(Episode([], {"transitions": 250.0}))
     assert [guess.portion(1000.0, 0, 2), guess.portion(1000.0, 3, 1)] == [3, 2]

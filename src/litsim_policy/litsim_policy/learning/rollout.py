@@ -22,6 +22,7 @@ from litsim_sim.scenario.joined import BITS, kind
 
 EMPTY_EPISODES_MAX = 100  # episodes in a row without anybody to drive, after which there is no point in going on
 TOGETHER = 48  # episodes that are stepped together at most
+TOGETHER_AT_FIRST = 8  # where nobody knows how many are worth it: other processes are to get some, too
 COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard")  # of penalties, what is summed up
 VALIDATION_SEED = 10_000_019  # of the first episode of every validation
 
@@ -75,7 +76,7 @@ class Foresight:
             free: processes that have nothing to do.
         """
         if not np.isfinite(missing) or not self.done:
-            return TOGETHER // 2
+            return TOGETHER_AT_FIRST
         mean = max(self.driven / self.done, 1.0)
         # one more beside others costs less than one alone later on
         needed = int(np.ceil(missing / mean)) + (1 if not begun else 0) - begun
