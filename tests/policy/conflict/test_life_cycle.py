@@ -60,7 +60,7 @@ def test_each_agent_goes_its_own_way(table_of) -> None:
     off.state[:] = [HELD, HELD, HELD, HELD, HANDBACK, HANDBACK, HANDBACK]
     off.detected_step[3] = NOW - 4
     found = residuals(off)
-    found = replace(found, known=np.array([True] * 6 + [False]), speed=np.array([0, 0, 0, 0, 0, 1.5, 0]))
+    found = replace(found, known=np.array([True] * 6 + [False]), speed=np.array([0, 0, 0, 0, 0, 2.0, 0]))
     blocked = np.array([False, False, True, False, False, False, False])
     review(CONFIG, off, table_of(off), np.arange(7), found, blocked)
     expected = [
@@ -86,7 +86,7 @@ def test_before_the_goal_an_agent_is_free_for_twice_as_long(table_of) -> None:
 
 
 @pytest.mark.parametrize(
-    ("field", "limit"), [("position", 0.5), ("speed", 1.0), ("speed", -1.0), ("yaw", 0.1), ("yaw", -0.1)]
+    ("field", "limit"), [("position", 0.5), ("speed", 1.5), ("speed", -1.5), ("yaw", 0.1), ("yaw", -0.1)]
 )
 def test_release_needs_every_residual_within_its_bound(table_of, field: str, limit: float) -> None:
     off = off_log(2)

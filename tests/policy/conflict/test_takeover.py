@@ -277,9 +277,9 @@ def test_somebody_between_an_agent_and_its_place_in_the_log_keeps_it_held(stage)
         ({"x": 0.55}, False),
         ({"x": -0.55}, False),
         ({"y": 0.55}, False),
-        ({"speed": 0.9}, True),
-        ({"speed": 1.1}, False),
-        ({"speed": -1.1}, False),
+        ({"speed": 1.4}, True),
+        ({"speed": 1.6}, False),
+        ({"speed": -1.6}, False),
         ({"yaw": 0.09}, True),
         ({"yaw": 0.11}, False),
     ],
@@ -444,7 +444,7 @@ def test_from_the_release_on_the_log_is_replayed_with_the_lag_that_was_recorded(
     row, logged = table.row(2), log.row(2)
     assert records[released].residual_position == np.hypot(table.x[row] - log.x[logged], table.y[row] - log.y[logged])
     assert records[released].residual_speed == table.speed[row] - log.speed[logged]
-    for step in range(released + 40, 201):
+    for step in range(released + 60, 201):
         table, log = run.results[step].table, run.scenario.log.table(step - lag)
         row, logged = table.row(2), log.row(2)
         assert table.controller[row] == Controller.LOG
@@ -518,7 +518,7 @@ def test_every_takeover_says_all_that_explains_it(lag_then_go) -> None:
     assert (first.residual_position, first.residual_speed, first.time_shift) == (0.0, 0.0, 0.0)
     assert {t.detected_step for t in records.values()} == {first.detected_step}
     assert last.path_source == PathSource.LOGGED and last.time_shift > 0.5
-    assert 0.0 < last.residual_position <= 0.5 and abs(last.residual_speed) <= 1.0
+    assert 0.0 < last.residual_position <= 0.5 and abs(last.residual_speed) <= 1.5
 
 
 @pytest.mark.parametrize(

@@ -244,7 +244,7 @@ def test_agents_off_their_logs_stay_on_the_road(demo: Scenario, litsim) -> None:
 def test_agents_do_not_flicker_between_holding_and_handing_back(litsim, demo: Scenario) -> None:
     times = {agent: litsim.life(agent).count(TakeoverState.HANDBACK) for agent in demo.log.ids.tolist()}
     begun = [count for count in times.values() if count]
-    assert begun and max(begun) <= 5 and np.mean(begun) <= 2.0, times
+    assert begun and max(begun) <= 3 and np.mean(begun) <= 2.0, times
 
 
 def test_how_eagerly_is_taken_over_can_be_chosen(demo: Scenario, recorded: Run) -> None:

@@ -64,7 +64,7 @@ class TakeoverConfig:
     clear_steps: NonNegative[Steps] = 5
     iterations_max: Positive[Whole] = 10
     release_position: NonNegative[Length] = 0.5
-    release_speed: NonNegative[Speed] = 1.0
+    release_speed: NonNegative[Speed] = 1.5
     release_yaw: NonNegative[Angle] = 0.1
     handback: Literal["catch_up", "time_shift"] = "time_shift"
     passing: Flag = True
