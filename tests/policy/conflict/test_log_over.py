@@ -59,5 +59,11 @@ def test_it_goes_when_the_ego_has_driven_away(scenario: Scenario, handback: str)
 def test_it_stays_as_long_as_the_ego_is_near(scenario: Scenario) -> None:
     """It follows the ego, and stands behind it, when its log is long over."""
     run, entry = ledger_of(scenario, 150, -1.0, "time_shift")
-    assert (entry["released_step"], entry["outcome"]) == (None, None)
+    assert (entry["released_step"], entry["outcome"]) == (None, "outlived_log")
     assert run.tables[-1].row(BEHIND) >= 0
+
+
+def test_who_is_still_off_a_log_that_goes_on_is_told_apart(make_scenario: Any, track: Any) -> None:
+    scenario = make_scenario(track(EGO, x=110.0, last=250), track(BEHIND, x=100.0, last=250))
+    _, entry = ledger_of(scenario, 150, -1.0, "time_shift")
+    assert (entry["released_step"], entry["outcome"]) == (None, None)

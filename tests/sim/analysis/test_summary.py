@@ -16,7 +16,11 @@ def metrics(**changes: Any) -> dict[str, Any]:
         "agents": 10,
         "reactive": True,
         "takeovers": 2,
-        "ledger": [{"released_step": 80, "held_s": 3.0}, {"released_step": None, "held_s": 5.5}],
+        "ledger": [
+            {"released_step": 80, "held_s": 3.0, "outcome": "back_on_log"},
+            {"released_step": None, "held_s": 3.5, "outcome": None},
+            {"released_step": None, "held_s": 2.0, "outcome": "outlived_log"},
+        ],
         "detection": {"bound_hits": 1, "max_rounds": 3},
         "false_alarms": 1,
         "comfort": {
@@ -70,7 +74,7 @@ def test_counts_are_summed_and_rates_averaged() -> None:
     assert (row["colliding_agents"], row["colliding_runs"], row["excess_pairs"], row["ego_contacts"]) == (3, 1, 2, 2)
     assert row["rate_all"] == pytest.approx(0.05) and row["reactive"] == pytest.approx(0.5)
     assert row["relevant_ratio"] == pytest.approx(0.3)
-    assert (row["releases"], row["held_s"], row["bound_hits"]) == (2, 17.0, 2)
+    assert (row["releases"], row["releases_missing"], row["held_s"], row["bound_hits"]) == (2, 2, 17.0, 2)
     assert (row["takeovers_per_run"], row["hard_brakes"], row["off_road"]) == (3.5, 8, 0.1)
     assert (row["guarded"], row["hard_brakes_log"]) == (0.1, 6)
 

@@ -38,6 +38,7 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
         "takeovers": sum(r["takeovers"] for r in runs),
         "takeovers_per_run": _mean(float(r["takeovers"]) for r in runs),
         "releases": sum(e["released_step"] is not None for r in runs for e in r["ledger"]),
+        "releases_missing": sum(e["released_step"] is None and e["outcome"] is None for r in runs for e in r["ledger"]),
         "held_s": sum(e["held_s"] for r in runs for e in r["ledger"]),
         "bound_hits": sum(r["detection"]["bound_hits"] for r in runs),
         "false_alarms": sum(r["false_alarms"] for r in runs),

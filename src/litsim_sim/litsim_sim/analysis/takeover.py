@@ -27,6 +27,7 @@ class Outcome(StrEnum):
     BACK_ON_LOG = "back_on_log"
     LOG_OVER = "log_over"  # released, and gone with its log, which was over
     LEFT_NET = "left_net"  # gone under control, beyond the end of its log and off the road
+    OUTLIVED_LOG = "outlived_log"  # under control to the last step, when its log was over
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class LedgerEntry:
             its lag [m]; None where that is over by then.
         residual_speed: speed beyond that of the same log at the same step [m/s].
         time_shift: lag of the log that it goes back to, at the last step of the takeover [s].
-        outcome: how it ended; None where the run ended before.
+        outcome: how it ended; None where the run ended before, and before the log.
         ego_distance: from the agent's centre to the ego's at the detection [m]; None where the ego is gone.
     """
 
@@ -276,7 +277,8 @@ def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome
     """How the takeover of `agent` ended whose last record is of `last_step`."""
     after = next((table for table in run.tables if table.step > last_step), None)
     if after is None:
-        return Outcome.BACK_ON_LOG if released else None
+        outlived = bool(run.log) and run.log[-1].row(agent) < 0
+        return Outcome.BACK_ON_LOG if released else Outcome.OUTLIVED_LOG if outlived else None
     there = after.row(agent) >= 0
     if released:
         return Outcome.BACK_ON_LOG if there else Outcome.LOG_OVER

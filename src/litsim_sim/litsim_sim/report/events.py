@@ -87,6 +87,8 @@ def _back(entry: dict[str, Any], dt: float) -> str:
     outcome, step = entry.get("outcome"), entry.get("released_step")
     if outcome == Outcome.LEFT_NET:
         return "left the net"
+    if outcome == Outcome.OUTLIVED_LOG:
+        return "no log left"
     at = NOTHING if step is None else f"{step * dt:.1f} s"
     return f"{at}, its log was over" if outcome == Outcome.LOG_OVER else at
 
