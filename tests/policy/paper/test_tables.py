@@ -66,9 +66,7 @@ def test_counts_of_contacts_by_fault(methods: dict[str, Any]) -> None:
 
 
 def test_what_another_wins_is_said(methods: dict[str, Any]) -> None:
-    assert won(methods, [COLLISION, PROGRESS]) == [
-        "- collision %: `idm` is clearly better, 1.00 where `litsim` has 2.45."
-    ]
+    assert won(methods, [COLLISION, PROGRESS]) == ["- collision %, 2.45 with `litsim`: `idm` 1.00\\*."]
     assert won({"idm": method(0.05, 1.0), "litsim": method(0.02, 1.0)}, [COLLISION]) == []
 
 

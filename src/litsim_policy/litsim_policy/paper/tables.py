@@ -180,23 +180,24 @@ def counts(methods: Methods) -> list[str]:
 
 
 def won(methods: Methods, measures: Sequence[Measure]) -> list[str]:
-    """What others are better at than ours, in a line each; replay, which reacts to nothing, is not asked."""
+    """What others are better at than ours, a line for each measure; replay, which reacts to nothing, is not asked."""
     parts = parts_of(methods, measures)
     found = []
     for measure in measures:
-        mine = figure(parts[measure.key].get(OURS, {}))
+        ours = parts[measure.key].get(OURS, {})
+        mine = figure(ours)
         if mine is None or measure.better is None:
             continue
+        others = []
         for name in methods:
             theirs = figure(parts[measure.key][name])
             if name in (OURS, REPLAY) or theirs is None or theirs.value == mine.value:
                 continue
             if measure.better([theirs.value, mine.value]) == theirs.value:
-                clear = " clearly" if _clear(parts[measure.key][OURS], parts[measure.key][name]) else ""
-                found.append(
-                    f"- {measure.heading}: `{name}` is{clear} better, {measure.text(theirs.value)} "
-                    f"where `{OURS}` has {measure.text(mine.value)}."
-                )
+                clear = CLEAR if _clear(ours, parts[measure.key][name]) else ""
+                others.append(f"`{name}` {measure.text(theirs.value)}{clear}")
+        if others:
+            found.append(f"- {measure.heading}, {measure.text(mine.value)} with `{OURS}`: {', '.join(others)}.")
     return found
 
 
