@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from litsim_sim.core.errors import EXIT_INTERRUPTED
 from litsim_sim.launch.child import Child
 from litsim_sim.launch.processes import Graph
 
@@ -94,6 +95,12 @@ def test_how_it_has_ended_is_known(tmp_path: Path, script: str, status: int, sai
     child = start(tmp_path, script)
     assert end_of(child) == status
     assert child.obituary() == said
+
+
+def test_interrupted_while_it_imports_it_says_nothing(tmp_path: Path) -> None:
+    child = start(tmp_path, "import os, signal\nos.kill(os.getpid(), signal.SIGINT)")
+    assert end_of(child) == EXIT_INTERRUPTED
+    assert child.log.read_text() == ""
 
 
 def test_the_bridge_is_read_while_it_writes_and_its_errors_go_to_its_log(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from typing import IO, Any
 
 import setproctitle
 
+from litsim_sim.core.errors import EXIT_INTERRUPTED
 from litsim_sim.launch.child import SIGNALS, begin_child
 
 _HERE, _READY = multiprocessing.get_context("fork"), multiprocessing.get_context("forkserver")
@@ -161,7 +162,10 @@ def _run_program(
     os.environ.update(environment)
     os.chdir(folder)
     sys.argv = list(words)
-    runpy.run_path(words[0], run_name="__main__")
+    try:
+        runpy.run_path(words[0], run_name="__main__")
+    except KeyboardInterrupt:  # while it was still importing; later on, programs end in good order by themselves
+        sys.exit(EXIT_INTERRUPTED)
 
 
 def _forget_signals() -> None:
