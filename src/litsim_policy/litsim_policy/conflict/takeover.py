@@ -35,8 +35,6 @@ from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
 from litsim_sim.core.takeover import PathSource, TakeoverReason, TakeoverTable
 from litsim_sim.scenario.setting import Setting
 
-# numpy compares plain numbers much faster than members of an enumeration
-
 
 @configuration
 class TakeoverConfig:

@@ -191,7 +191,8 @@ class Observer:
         _see_ahead(
             view.gap,
             view.speed,
-            view.ahead & view.in_path,
+            view.ahead,
+            view.in_path,
             view.first,
             agents.table.length,
             agents.table.acceleration,
@@ -435,11 +436,25 @@ def _see_path(
         features[i, first + 9] = steps_left[i] * STEP_S / TIME
 
 
-@kernel(void(FLOATS2, FLOATS2, BOOLS2, INTS, FLOATS, FLOATS, FLOATS, float64, int64, OUT_FLOATS2))
+@kernel(int64(FLOATS2, BOOLS2, BOOLS2, int64, float64, float64))
+def _next_on_path(gap: FloatArray, ahead: BoolArray, in_path: BoolArray, i: int, beyond: float, sight: float) -> int:
+    """Column of the first on the path of agent `i` with a gap of more than `beyond` and less than `sight` [m], or -1.
+
+    The arrays (m, w) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
+    """
+    found, least = -1, sight
+    for j in range(gap.shape[1]):
+        if ahead[i, j] and in_path[i, j] and beyond < gap[i, j] < least:
+            found, least = j, gap[i, j]
+    return found
+
+
+@kernel(void(FLOATS2, FLOATS2, BOOLS2, BOOLS2, INTS, FLOATS, FLOATS, FLOATS, float64, int64, OUT_FLOATS2))
 def _see_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
     gap: FloatArray,
     along: FloatArray,
-    leads: BoolArray,
+    ahead: BoolArray,
+    in_path: BoolArray,
     begin: IntArray,
     length: FloatArray,
     acceleration: FloatArray,
@@ -451,7 +466,8 @@ def _see_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Write how the first and the second on the path drive, but for what :func:`_see_leader` writes of the first.
 
     Args:
-        gap, along, leads: (m, w) to others and of others along the paths [m], [m/s]; who of them is ahead on them.
+        gap, along, ahead, in_path: (m, w) as in :class:`litsim_policy.motion.car_following.AlongPath`; `along` is the
+            speed there.
         begin: (m,) row of the first of the others.
         length, acceleration: (n,) of everybody [m], [m/s2].
         speed: (m,) of the agents [m/s].
@@ -460,21 +476,15 @@ def _see_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
         features: (m, size) into which is written.
     """
     for i in range(len(speed)):
-        leader, least = -1, np.inf
-        for j in range(gap.shape[1]):
-            if leads[i, j] and gap[i, j] < min(sight, least):
-                leader, least = j, gap[i, j]
-        if leader < 0 or least == -np.inf:
+        leader = _next_on_path(gap, ahead, in_path, i, -np.inf, sight)
+        if leader < 0:
             continue
         features[i, first] = acceleration[begin[i] + leader] / ACCELERATION
-        second, beyond = -1, np.inf
-        for j in range(gap.shape[1]):
-            # whoever drives beside the first one is no second
-            behind = gap[i, j] > least + 0.5 * length[begin[i] + leader]
-            if leads[i, j] and j != leader and behind and gap[i, j] < min(sight, beyond):
-                second, beyond = j, gap[i, j]
+        # whoever drives beside the first one is no second
+        beyond = gap[i, leader] + 0.5 * length[begin[i] + leader]
+        second = _next_on_path(gap, ahead, in_path, i, beyond, sight)
         if second >= 0:
-            features[i, first + 2], features[i, first + 3] = 1.0, beyond / DISTANCE
+            features[i, first + 2], features[i, first + 3] = 1.0, gap[i, second] / DISTANCE
             features[i, first + 4] = (along[i, second] - speed[i]) / SPEED
             features[i, first + 5] = acceleration[begin[i] + second] / ACCELERATION
 
@@ -495,12 +505,9 @@ def _see_leader(
     """
     first = features.shape[1] - WAY + 5
     for i in range(len(speed)):
-        leader, least = -1, np.inf
-        for j in range(gap.shape[1]):
-            if ahead[i, j] and in_path[i, j] and gap[i, j] < min(sight, least):
-                leader, least = j, gap[i, j]
-        if leader >= 0 and least > -np.inf:
-            features[i, first], features[i, first + 1] = 1.0, least / DISTANCE
+        leader = _next_on_path(gap, ahead, in_path, i, -np.inf, sight)
+        if leader >= 0:
+            features[i, first], features[i, first + 1] = 1.0, gap[i, leader] / DISTANCE
             features[i, first + 2] = (along[i, leader] - speed[i]) / SPEED
 
 

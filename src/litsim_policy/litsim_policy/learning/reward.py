@@ -15,7 +15,7 @@ from numba.types import Tuple, UniTuple
 from litsim_sim.core.compiled import FLOATS, INTS, OUT_BOOLS2, OUT_FLOATS, OUT_FLOATS3, kernel
 from litsim_sim.core.pair_geometry import overlap, within, within_scenes
 from litsim_sim.core.quantities import NonNegative, Number, configuration
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, places
 from litsim_sim.maps.lane_map import LaneMap
 
 BRAKE_FROM, BRAKE_FULL = 3.0, 4.5  # [m/s2] of braking between which the penalty rises
@@ -115,11 +115,8 @@ def passed_on(penalty: FloatArray, agents: IntArray, because: IntArray) -> Float
         agents: (m,) ids, ascending.
         because: (m,) id of the agent because of whom each was taken over; whoever is not among `agents` gets nothing.
     """
-    found = np.zeros(len(agents))
-    if len(agents):
-        at = np.minimum(np.searchsorted(agents, because), len(agents) - 1)
-        known = agents[at] == because
-        np.add.at(found, at[known], penalty[known])
+    found, at = np.zeros(len(agents)), places(agents, because)
+    np.add.at(found, at[at >= 0], penalty[at >= 0])
     return found
 
 

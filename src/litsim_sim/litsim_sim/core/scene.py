@@ -57,6 +57,14 @@ class Controller(IntEnum):
 _LOG, _POLICY, _EGO, _BASELINE = (int(controller) for controller in Controller)  # plain numbers likewise
 
 
+def places(ids: IntArray, agents: IntArray) -> IntArray:
+    """Place of each of `agents` (m,) among `ids` (n,), which ascend (m,); -1 for those that are not there."""
+    if not len(ids):
+        return np.full(len(agents), -1, np.int64)
+    at = ids.searchsorted(agents)
+    return np.where(ids.take(at, mode="clip") == agents, at, -1)  # beyond the last id is none that is equal
+
+
 @dataclass(frozen=True)
 class AgentTable:
     """All agents at one step; every array has shape (n,) and `id` ascends.
@@ -97,10 +105,7 @@ class AgentTable:
 
     def rows(self, agents: IntArray) -> IntArray:
         """Row of each of `agents` (m,) in this table (m,); -1 for those that are not on the road."""
-        if not len(self.id):
-            return np.full(len(agents), -1, np.int64)
-        at = self.id.searchsorted(agents)
-        return np.where(self.id.take(at, mode="clip") == agents, at, -1)  # beyond the last id is none that is equal
+        return places(self.id, agents)
 
     def mask(self, agents: IntArray) -> BoolArray:
         """(n,) which of the agents of this table are among `agents` (m,)."""

@@ -12,13 +12,13 @@ from litsim_sim.core.compiled import FLOATS, boolean, kernel
 from litsim_sim.core.dynamics import Motion, VehicleLimits, bicycle_step
 from litsim_sim.core.scene import (
     AgentTable,
-    BoolArray,
     Controller,
     ControlSource,
     ControlTable,
     EgoCommand,
     FloatArray,
     IntArray,
+    places,
 )
 from litsim_sim.core.vehicle import Actuators
 from litsim_sim.scenario.setting import Setting
@@ -46,17 +46,12 @@ def check_answers(
         raise ValueError(f"controls at step {step} are not finite")
     if (controls.id[1:] <= controls.id[:-1]).any():
         raise ValueError(f"ids of the controls at step {step} do not ascend: {controls.id.tolist()}")
-    for ego_id in ego_ids[_listed(ego_ids, controls.id)].tolist():
+    for ego_id in ego_ids[places(controls.id, ego_ids) >= 0].tolist():
         raise ValueError(f"controls at step {step} list the ego, {ego_id}, which has a port of its own")
     walking = table.id[table.obstacle]
     if len(walking) and np.isin(controls.id, walking).any():
         listed = controls.id[np.isin(controls.id, walking)].tolist()
         raise ValueError(f"controls at step {step} list pedestrians or cyclists, {listed}, which follow their log")
-
-
-def _listed(agents: IntArray, ids: IntArray) -> BoolArray:
-    """Mask (k,) of those of `agents` (k,) that are among `ids` (n,), which ascend."""
-    return ids.take(ids.searchsorted(agents), mode="clip") == agents if len(ids) else np.zeros(len(agents), np.bool_)
 
 
 @kernel(boolean(FLOATS, FLOATS, FLOATS))
