@@ -114,6 +114,26 @@ def test_averaged_weights_lag_behind_those_that_are_trained(config: Path, tmp_pa
     assert not all(torch.equal(saved[name], steps[-1][name]) for name in saved)
 
 
+def test_a_fraction_of_the_vehicles_makes_epochs_of_as_many_steps(config: Path, tmp_path: Path) -> None:
+    config.write_text(SMALL + "agents_per_batch: 20\n")
+    steps: list[int] = []
+    step = torch.optim.AdamW.step
+
+    def counted(optimiser: torch.optim.AdamW) -> None:
+        steps[-1] += 1
+        step(optimiser)
+
+    for name, options in (("all", ()), ("few", ("--fraction", "0.3"))):
+        steps.append(0)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(torch.optim.AdamW, "step", counted)
+            run(config, tmp_path / name, *options)
+    assert steps[0] == steps[1] > 2
+    made = load_model(str(tmp_path / "few" / WEIGHTS))[1]
+    assert made.manifest["rows"]["train"]["made"] == 2 * 110
+    assert made.training["fraction"] == 0.3 and "--fraction 0.3" in made.command
+
+
 def test_a_training_begins_with_other_weights_of_the_same_model(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -169,7 +189,11 @@ def test_bad_configurations_are_named(
 
 @pytest.mark.parametrize(
     ("option", "value", "named"),
-    [("--epochs", "0", "error: command line: field epochs"), ("--device", "abacus", "error: --device abacus")],
+    [
+        ("--epochs", "0", "error: command line: field epochs"),
+        ("--fraction", "0", "error: command line: field fraction"),
+        ("--device", "abacus", "error: --device abacus"),
+    ],
 )
 def test_wrong_options_are_named(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, named: str

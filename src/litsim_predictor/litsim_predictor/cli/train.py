@@ -20,6 +20,7 @@ def parser() -> argparse.ArgumentParser:
     names = ", ".join(sorted(packaged_configs()))
     p.add_argument("--config", default="default", help=f"{names}, or a YAML file (default: default)")
     p.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="weights, checkpoint, curves, history")
+    p.add_argument("--fraction", type=float, metavar="F", help="of the vehicles, instead of the configuration's")
     p.add_argument("--resume", action="store_true", help="go on where the checkpoint in FOLDER stopped")
     p.add_argument("--epochs", type=int, metavar="N", help="instead of the configuration's")
     p.add_argument("--seed", type=int, metavar="N", help="instead of the configuration's")
@@ -49,7 +50,8 @@ def _train(arguments: argparse.Namespace) -> int:
     from litsim_predictor.learned.training import CHECKPOINT, CURVES, WEIGHTS, Locator, Training, TrainingConfig
 
     file = packaged_configs().get(arguments.config, Path(arguments.config))
-    chosen = {name: getattr(arguments, name) for name in ("epochs", "seed") if getattr(arguments, name) is not None}
+    chosen = {name: getattr(arguments, name) for name in ("fraction", "epochs", "seed")}
+    chosen = {name: value for name, value in chosen.items() if value is not None}
     config = read_yaml(file, TrainingConfig)
     config = validate_yaml(config.model_dump() | chosen, TrainingConfig, "command line", "")
     folder: Path = arguments.out

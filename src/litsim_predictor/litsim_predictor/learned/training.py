@@ -62,6 +62,8 @@ class TrainingConfig(BaseModel):
         start: file of weights of the same model to begin with, found as those of `data` are, such as of a training on
             other data; empty to begin with random ones.
         data: sources; names of files are looked for beside the configuration and under LITSIM_DATA.
+        fraction: of the vehicles of each source that are trained on; see :meth:`.Tracks.learned_of`. An epoch takes the
+            moments that are left so much more often that it has as many steps of the optimiser as with all vehicles.
         epochs: of which the first `warm_epochs` minimise the squared error alone.
         agents_per_batch: agents in a batch of whole scenes, about.
         stride: frames between the scenes of an epoch.
@@ -83,6 +85,7 @@ class TrainingConfig(BaseModel):
     parameters: dict[str, Any] = {}
     start: str = ""
     data: tuple[Source, ...] = DEVELOPMENT_DATA
+    fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
     epochs: Annotated[int, Field(ge=1)] = 20
     warm_epochs: Annotated[int, Field(ge=0)] = 2
     agents_per_batch: Annotated[int, Field(ge=1)] = 512
@@ -124,6 +127,12 @@ def load_parts(config: TrainingConfig, locate: Locator) -> dict[Part, list[tuple
     for source in config.data:
         for part, pieces in load(source, locate).items():
             parts[part] += [(tracks, source.share) for tracks in pieces if len(tracks)]
+    if config.fraction < 1.0:
+        random = np.random.default_rng(config.seed)
+        for k, (tracks, share) in enumerate(parts["train"]):
+            fewer = tracks.learned_of(config.fraction, random)
+            left = np.isin(tracks.frame, fewer.target_frames).mean()  # of all agents, those in moments that are left
+            parts["train"][k] = fewer, share / float(left)
     for part in ("train", "val"):
         if not parts[part]:
             raise InputError(f"training configuration: field data: no source has anything for part {part}")

@@ -15,7 +15,7 @@ import torch
 from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.data.scenes import Augmentation, scene_batches, training_batches
-from litsim_predictor.learned.data.sources import Us101TrackSource, Us101WindowSource, load, net_path
+from litsim_predictor.learned.data.sources import I80PairSource, Us101TrackSource, Us101WindowSource, load, net_path
 from litsim_predictor.learned.data.tracks import Tracks, parts_of
 from litsim_predictor.learned.training import TEST_FRAMES, TRACKS, WINDOWS, Locator
 from litsim_sim.core.errors import InputError
@@ -140,6 +140,28 @@ class TestScenes:
         assert all(bool(row[-1]) for row in seen)
         assert len({int(row.sum()) for row in seen}) > 5
 
+    def test_of_fewer_vehicles_to_learn_the_others_are_still_seen(self, straight: Straight) -> None:
+        vehicles = [(k, 20.0 * k, 0.0, 10.0) for k in range(8)]
+        tracks = Tracks.from_table("made", straight(*vehicles, frames=60), None)
+        found = set()
+        for seed in range(20):
+            fewer = tracks.learned_of(0.25, np.random.default_rng(seed))
+            one, other = np.unique(fewer.vehicle[fewer.target])
+            assert other - one in (1, 7), "neighbours, or the last and the first"
+            found.add(int(one))
+            batch = next(training_batches([(fewer, 1.0)], 8, 10, UNVARIED, np.random.default_rng(0)))
+            assert int(batch.agent.sum()) == 8 and int(batch.target.sum()) == 2
+        assert len(found) > 3
+        assert np.array_equal(tracks.learned_of(1.0, np.random.default_rng(0)).target, tracks.target)
+        assert tracks.learned_of(0.01, np.random.default_rng(0)).target.sum() == 60
+
+    def test_moments_without_anybody_to_learn_are_none(self, straight: Straight) -> None:
+        table = straight((1, 0.0, 0.0, 10.0), frames=120)
+        tracks = Tracks.from_table("made", table, None, np.asarray(table["frame"] >= 60))
+        batches = list(training_batches([(tracks, 1.0)], 3, 1, UNVARIED, np.random.default_rng(0)))
+        assert len(batches) == 60 / 3, "they fill no batches either"
+        assert sum(int(batch.target.sum()) for batch in batches) == 60 - 2  # the last two have no future
+
     def test_epochs_depend_on_their_seed_alone(self, straight: Straight) -> None:
         tracks = Tracks.from_table("made", straight((1, 150.0, -5.5, 10.0), (2, 170.0, -9.0, 8.0)), net_path(NET))
 
@@ -177,6 +199,34 @@ class TestSources:
             # Leaders are known by headways only, and might be test vehicles: nothing of the test's time is seen at all.
             assert not ((tracks.frame >= TEST_FRAMES[0]) & (tracks.frame <= TEST_FRAMES[1])).any()
         assert not set(singles["train"][0].vehicle) & set(singles["val"][0].vehicle[singles["val"][0].target])
+
+    def test_pairs_are_followers_and_leaders_along_a_lane_and_share_nobody_with_validation(
+        self, tmp_path: Path
+    ) -> None:
+        """Ten pairs one after the other in one lane; of three, somebody is in another pair as well."""
+        others = {3: {"follower": 1002}, 6: {"leader": 107}, 8: {"leader": 106}}  # number 7 is for validation
+        frames, rows = np.arange(5), []
+        for pair in range(10):
+            ids = {"follower": 100 + pair, "leader": 1000 + pair} | others.get(pair, {})
+            front = 1000.0 * pair + 0.5 * frames
+            columns = {"period": 1600, "pair": pair, "lane": 2, **ids, "frame": frames, "follower_y_m": front}
+            columns |= {"leader_y_m": front + 12.0, "leader_length_m": 3.5 + pair}
+            rows.append(pd.DataFrame(columns | {"follower_speed_mps": 5.0, "leader_speed_mps": 6.0}))
+        pd.concat(rows).to_parquet(tmp_path / "pairs.parquet")
+        parts = load(I80PairSource(kind="i80_pairs", file="pairs.parquet"), Locator(tmp_path))
+        (val,), (train,) = parts["val"], parts["train"]
+        assert set(val.vehicle) == {107, 1007}
+        left = [pair for pair in range(10) if pair not in (6, 7)]
+        named = [{"follower": 100 + p, "leader": 1000 + p} | others.get(p, {}) for p in left]
+        assert set(train.vehicle) == {number for pair in named for number in pair.values()}
+        follower, leader = (train.rows_at(2)[np.isin(train.vehicle[train.rows_at(2)], v)] for v in (100, 1000))
+        assert train.motion[follower, 0] == pytest.approx(1.0 - 2.35)
+        assert train.motion[leader, 0] == pytest.approx(13.0 - 1.75)
+        assert train.motion[leader, 3] == pytest.approx(6.0) and train.size[leader, 0] == pytest.approx(3.5)
+        # Who leads in one pair and follows in another has one length; a lane is straight and without a map.
+        assert set(train.size[train.vehicle == 1002, 0]) == {3.5 + 2}
+        assert set(train.size[train.vehicle == 106, 0]) == {3.5 + 8}
+        assert not train.motion[:, 1:3].any() and train.target.all()
 
     def test_missing_files_and_columns_are_named(self, tmp_path: Path) -> None:
         source = Us101TrackSource(kind="us101_tracks", file="a.parquet", windows="a.parquet", test_frames=(0, 1))

@@ -84,7 +84,8 @@ def training_batches(
     """Scenes of one epoch, shuffled and varied.
 
     Args:
-        sources: with the share of its moments that an epoch takes of each; above 1, moments are taken several times.
+        sources: with the share of its moments that an epoch takes of each; above 1, moments are taken several times. A
+            moment is a frame with a target.
         agents_per_batch: agents in a batch, about.
         stride: frames between the scenes of a source; each epoch starts at another one.
         augmentation: how scenes are varied.
@@ -92,7 +93,7 @@ def training_batches(
     """
     moments = []
     for tracks, share in sources:
-        frames = tracks.frames[int(random.integers(stride)) :: stride]
+        frames = tracks.target_frames[int(random.integers(stride)) :: stride]
         times = np.floor(share + random.random(len(frames))).astype(np.int64)
         moments += [(tracks, int(frame)) for frame in np.repeat(frames, times)]
     # Scenes of like size share a batch, so that little is padded; batches then come in any order.

@@ -73,6 +73,16 @@ class I80LaneSource(_Source):
     file: str
 
 
+class I80PairSource(_Source):
+    """I-80 followers and leaders along their lane; a tenth of the pairs, by number, is for validation.
+
+    Other pairs with a vehicle of these are left out.
+    """
+
+    kind: Literal["i80_pairs"]
+    file: str
+
+
 class UrbanSource(_Source):
     """Windows of signalised streets in their own metres; scenarios whose name begins as `test` does are for tests."""
 
@@ -82,7 +92,8 @@ class UrbanSource(_Source):
 
 
 Source = Annotated[
-    RecordingSource | Us101WindowSource | Us101TrackSource | I80LaneSource | UrbanSource, Field(discriminator="kind")
+    RecordingSource | Us101WindowSource | Us101TrackSource | I80LaneSource | I80PairSource | UrbanSource,
+    Field(discriminator="kind"),
 ]
 
 
@@ -97,6 +108,7 @@ def load(source: Source, locate: Callable[[str], Path]) -> dict[Part, list[Track
         "us101_windows": _us101_windows,
         "us101_tracks": _us101_tracks,
         "i80_lanes": _i80_lanes,
+        "i80_pairs": _i80_pairs,
         "urban_windows": _urban_windows,
     }
     return readers[source.kind](source, locate)
@@ -253,25 +265,44 @@ def _neutral(
 
 def _i80_lanes(source: I80LaneSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
     table = read_table(locate(source.file), ("period", "lane", "vehicle_id", "frame", "local_y_m", "speed_mps"))
+    table = table.rename(columns={"local_y_m": "front", "speed_mps": "speed"}).assign(length=np.float32(LEADER_SIZE[0]))
     parts: dict[Part, list[Tracks]] = {"train": [], "val": []}
-    for (period, lane), rows in table.groupby(["period", "lane"]):
-        straight = pd.DataFrame(
-            {
-                "vehicle_id": rows["vehicle_id"],
-                "frame": rows["frame"],
-                "x": rows["local_y_m"] - 0.5 * LEADER_SIZE[0],
-                "y": 0.0,
-                "yaw": 0.0,
-                "speed": rows["speed_mps"],
-                "length": LEADER_SIZE[0],
-                "width": LEADER_SIZE[1],
-            }
-        ).drop_duplicates(["vehicle_id", "frame"])
-        tracks = Tracks.from_table(f"i80_{period}_lane{lane}", straight, None)
+    for tracks in _along_lanes(table):
         val = parts_of(tracks.vehicle) == PARTS.index("val")
         parts["train"].append(tracks.take(~val))
         parts["val"].append(tracks.take(val))
     return parts
+
+
+def _i80_pairs(source: I80PairSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
+    common, values = ["period", "pair", "lane", "frame"], {"y_m": "front", "speed_mps": "speed", "length_m": "length"}
+    of = {
+        who: {who: "vehicle_id"} | {f"{who}_{name}": column for name, column in values.items()}
+        for who in ("follower", "leader")
+    }
+    del of["follower"]["follower_length_m"]  # is not told
+    table = read_table(locate(source.file), (*common, *of["follower"], *of["leader"]))
+    rows = pd.concat([table[[*common, *names]].rename(columns=names) for names in of.values()], ignore_index=True)
+    vehicle = ["period", "vehicle_id"]
+    rows["length"] = rows.groupby(vehicle)["length"].transform("first").fillna(LEADER_SIZE[0])
+
+    val = parts_of(rows["pair"].to_numpy(np.int64)) == PARTS.index("val")
+    key = pd.MultiIndex.from_frame(rows[vehicle])
+    shared = rows["pair"].isin(rows["pair"][key.isin(key[val])])
+    return {"train": _along_lanes(rows[~shared]), "val": _along_lanes(rows[val])}
+
+
+def _along_lanes(table: pd.DataFrame) -> list[Tracks]:
+    """I-80 vehicles by period and lane, on straight lanes of their own.
+
+    `table` has columns period, lane, vehicle_id, frame, front [m] along the lane, speed [m/s] and length [m].
+    """
+    found = []
+    for (period, lane), rows in table.groupby(["period", "lane"]):
+        straight = rows.drop_duplicates(["vehicle_id", "frame"]).assign(y=0.0, yaw=0.0, width=LEADER_SIZE[1])
+        straight["x"] = straight["front"] - 0.5 * straight["length"]
+        found.append(Tracks.from_table(f"i80_{period}_lane{lane}", straight, None))
+    return found
 
 
 def _urban_windows(source: UrbanSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -79,10 +79,24 @@ class Tracks:
             self.raster,
         )
 
+    def learned_of(self, fraction: float, random: np.random.Generator) -> Tracks:
+        """The tracks with `fraction` of the target vehicles (one at least); the other rows are seen, not learned.
+
+        Those are taken whose ids follow each other from a `random` one on, as in a shorter recording.
+        """
+        ids = np.unique(self.vehicle[self.target])
+        kept = np.roll(ids, -int(random.integers(max(1, len(ids)))))[: max(1, round(fraction * len(ids)))]
+        return replace(self, target=self.target & np.isin(self.vehicle, kept))
+
     @cached_property
     def frames(self) -> IntArray:
         """Numbers of the frames in which there is any vehicle, ascending."""
         return np.unique(self.frame)
+
+    @cached_property
+    def target_frames(self) -> IntArray:
+        """Numbers of the frames in which there is any target, ascending."""
+        return np.unique(self.frame[self.target])
 
     @cached_property
     def _by_frame(self) -> tuple[IntArray, IntArray]:
