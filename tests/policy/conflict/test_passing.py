@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from litsim_policy.conflict.detection import Conflict
+from litsim_policy.conflict.life_cycle import Residuals
 from litsim_policy.conflict.off_log import OffLog
 from litsim_policy.conflict.passing import Passing, PassingConfig
 from litsim_policy.motion.reference_path import logged_path
@@ -137,3 +139,70 @@ def test_a_change_that_has_begun_is_given_up_where_somebody_is_or_closes_in(
     Passing(lane_map, scenario.log, router, config).look_for_lanes(table, off, np.array([row]), np.array([0]))
     assert (off.source[0] == PathSource.LANE) == goes_on
     assert (off.beside[0] == lane) == goes_on and (off.path[0] is logged) != goes_on
+
+
+SPLIT = 389.0  # [m] x where the rightmost of six lanes becomes the ramp, the others the road on, in us101_like
+RAMP_LANE, NEXT_LANE, THIRD_LANE = "weave_0", "weave_1", "weave_2"
+
+
+@pytest.fixture
+def before_ramp(make_scenario, track, placed) -> Callable[..., Any]:
+    """One off its log before the ramp, in some lane and at some x, whose log is in the lane next to that of the ramp.
+
+    Returns what it does at a look for lanes, and what is needed to ask more.
+    """
+
+    def make(lane: str, x: float, *others: tuple[str, float], passes: bool = False, speed: float = 8.0):
+        def y(name: str, at: float) -> float:
+            return float(lane_map.pose_at(lane_map.row(name), at - 176.0)[1])
+
+        lane_map = make_scenario(track(EGO, x=20.0)).lane_map
+        tracks = [track(HELD, x=x, y=y(NEXT_LANE, x), speed=SPEED, last=60), track(EGO, x=20.0, last=60)]
+        tracks += [track(10 + k, x=at, y=y(name, at), speed=6.0, last=60) for k, (name, at) in enumerate(others)]
+        scenario = make_scenario(*tracks, coverage_min=0.0)
+        logged = logged_path(scenario.log, lane_map, HELD)
+        table = replace(placed(scenario.log.table(0), HELD, y=y(lane, x), speed=speed), step=50)
+        row = table.row(HELD)
+        pose = np.array([table.x[row], table.y[row], table.yaw[row]])
+        off = OffLog.opened(
+            Conflict(HELD, EGO, 2.0, pose, 1.0), 0, TakeoverReason.CONFLICT, logged, PathSource.ROUTE, logged
+        )
+        if passes:
+            path = Router(lane_map).beside(pose, 20.0, lane_map.row(lane))
+            off.pass_along(0, path, lane_map.row(lane), 0)
+        passing = Passing(lane_map, scenario.log, Router(lane_map), PassingConfig())
+        passing.look_for_lanes(table, off, np.array([row]), np.array([0]))
+        taken = None if off.beside[0] < 0 else lane_map.lanes[off.beside[0]].id
+        return taken, passing, table, off
+
+    return make
+
+
+def test_nobody_passes_in_a_lane_that_is_about_to_lead_elsewhere(before_ramp) -> None:
+    blocked = [(NEXT_LANE, 30.0), (THIRD_LANE, 5.0), (THIRD_LANE, -8.0)]
+    far, near = SPLIT - 170.0, SPLIT - 130.0
+    assert before_ramp(NEXT_LANE, far, *((lane, far + gap) for lane, gap in blocked))[0] == RAMP_LANE
+    assert before_ramp(NEXT_LANE, near, *((lane, near + gap) for lane, gap in blocked))[0] is None
+    assert before_ramp(NEXT_LANE, near, *((lane, near + gap) for lane, gap in blocked[:1]))[0] == THIRD_LANE
+
+
+def test_who_passes_in_a_lane_that_is_about_to_lead_elsewhere_goes_back_where_there_is_room(before_ramp) -> None:
+    """Though nobody is ahead of it there, so that there is nothing to be gained."""
+    assert before_ramp(RAMP_LANE, SPLIT - 160.0, passes=True, speed=SPEED)[0] == RAMP_LANE
+    near = SPLIT - 140.0
+    assert before_ramp(RAMP_LANE, near, passes=True, speed=SPEED)[0] == NEXT_LANE
+    assert before_ramp(RAMP_LANE, near, (NEXT_LANE, near + 1.0), passes=True, speed=SPEED)[0] == RAMP_LANE
+
+
+def test_who_has_passed_onto_another_road_is_not_handed_back(before_ramp) -> None:
+    """From the ramp the way to the log leads over the grass between."""
+
+    def may_return(x: float) -> bool:
+        _, passing, table, off = before_ramp(RAMP_LANE, x, passes=True, speed=SPEED)
+        zero, row = np.zeros(1), table.rows(off.agent)
+        residuals = Residuals(np.array([True]), table.x[row], np.full(1, -16.47), zero, zero, zero)
+        return bool(passing.may_return(table, off, row, np.array([0]), residuals)[0])
+
+    assert may_return(SPLIT - 160.0)
+    off_ramp = SPLIT + 40.0
+    assert not may_return(off_ramp)

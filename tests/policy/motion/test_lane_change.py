@@ -118,6 +118,33 @@ def test_lines_begin_before_their_lanes_and_know_who_is_beside() -> None:
     assert s == pytest.approx([50.0, 50.0]), "from where the lane before begins; nothing leads into the other"
 
 
+def test_lines_know_how_far_they_lead_beside_each_other() -> None:
+    """Over a junction until a ramp branches off, until a lane ends, and for good where both leave the net."""
+    lane_map = LaneMap(
+        [
+            made_lane("a_0", (0, 0), (100, 0), (":j_0",), left="a_1"),
+            made_lane("a_1", (0, 3.5), (100, 3.5), (":k_0",), right="a_0", left="a_2"),
+            made_lane("a_2", (0, 7.0), (100, 7.0), (":l_0",), right="a_1"),
+            made_lane(":j_0", (100, 0), (120, -1), ("ramp_0",)),
+            made_lane(":k_0", (100, 3.5), (120, 3.5), ("b_0",)),
+            made_lane(":l_0", (100, 7.0), (120, 7.0), ("b_1",)),
+            made_lane("ramp_0", (120, -1), (300, -30)),
+            made_lane("b_0", (120, 3.5), (200, 3.5), ("c_0",), left="b_1"),
+            made_lane("b_1", (120, 7.0), (200, 7.0), right="b_0"),
+            made_lane("c_0", (200, 3.5), (300, 3.5)),
+        ]
+    )
+    lines = LaneLines(lane_map)
+
+    def beside(lane: str, other: str) -> float:
+        return float(lines.beside(np.array([lane_map.row(lane)]), np.array([lane_map.row(other)]))[0])
+
+    assert beside("a_0", "a_1") == beside("a_1", "a_0") == 100.0, "then one is on the ramp"
+    assert beside("a_1", "a_2") == beside("a_2", "a_1") == 200.0, "with 20 m inside the junction; then one ends"
+    two = LaneMap([made_lane("e_0", (0, 0), (50, 0), left="e_1"), made_lane("e_1", (0, 3.5), (50, 3.5), right="e_0")])
+    assert np.isinf(LaneLines(two).beside(np.array([0, 1]), np.array([1, 0]))).all()
+
+
 def test_a_change_that_has_begun_goes_on_unless_somebody_closes_in(weigh) -> None:
     """The model finds 9 m at the same speed too little to begin; who is there already only looks for danger."""
     near = {"id": 4, "x": 86.5, "y": 3.5}

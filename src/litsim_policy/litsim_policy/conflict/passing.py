@@ -30,7 +30,6 @@ from litsim_sim.scenario.log import Log
 IN_LANE = 1.0  # [m] from the middle of a lane within which somebody drives in it, rather than between two
 APART = 1.8  # [m] from the logged path beyond which somebody is not in the lane of the log: half a lane
 ABREAST = 40.0  # [m] within which only one agent begins to change lane at a step: the others see it at the next
-WAY_APART = 7.5  # [m] between two lanes' lines beyond which they no longer lead the same way: two lanes
 INTENT = 2.0  # [s] of an agent's path that tell which lane it is coming into
 
 
@@ -43,7 +42,7 @@ class PassingConfig:
         patience: steps in a row for which it is held back before it looks for another lane.
         again: steps from one change of lane to the next, at least.
         change_time: that a change of lane takes.
-        look: ahead, over which both lanes have to lead the same way.
+        look: ahead, over which both lanes have to lead the same way: enough to change, to pass, and to change back.
         mobil: criteria.
     """
 
@@ -51,7 +50,7 @@ class PassingConfig:
     patience: Positive[Steps] = 1
     again: NonNegative[Steps] = 40
     change_time: Positive[Duration] = 3.5
-    look: NonNegative[Length] = 80.0
+    look: NonNegative[Length] = 150.0
     mobil: LaneChangeConfig = field(default_factory=LaneChangeConfig)
 
 
@@ -65,7 +64,8 @@ class Passing:
     def may_return(
         self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray, residuals: Residuals
     ) -> BoolArray:
-        """Mask (r,) of the agents that can go back to the lanes of their logs, if they have left them to pass.
+        """Mask (r,) of the agents that can go back to the lanes of their logs, if they have left them to pass: who is
+        on another road since then, such as a ramp, cannot.
 
         Args:
             table: everybody.
@@ -81,7 +81,8 @@ class Passing:
             yaw = self._log.yaw[log_rows, self._clipped(table.step - lag[at])]
             here = self._lane_map.nearest(table.x[me], table.y[me], table.yaw[me]).lane
             there = self._lane_map.nearest(residuals.x[at], residuals.y[at], yaw).lane
-            other = here != there
+            may[at] = self._lines.road[here] == self._lines.road[there]
+            other = may[at] & (here != there)
             at = at[other]
             may[at] = self._weighed(table, off, rows, self._wanted(off, table, lag), at, here[other], there[other]).safe
         return may
@@ -100,26 +101,37 @@ class Passing:
         self._stay_beside(table, off, rows)
         self._give_up(table, off, rows, wanted)
         waits = (off.slowed >= config.patience) & (table.step - off.changed_step >= config.again)
-        at = (waits & (off.state != RELEASED)).nonzero()[0]
+        at = ((waits | (off.beside != NO_LANE)) & (off.state != RELEASED)).nonzero()[0]
         if not len(at):
             return
         here = self._lane_map.nearest(table.x[rows[at]], table.y[rows[at]], table.yaw[rows[at]])
         inside = np.abs(here.d) <= IN_LANE
-        at, lane = at[inside], here.lane[inside]
-        both, there = np.concatenate([at, at]), np.concatenate([self._lines.left[lane], self._lines.right[lane]])
-        exists = there != NO_LANE
-        both, here_lane, there = both[exists], np.concatenate([lane, lane])[exists], there[exists]
-        same_way = self._lead_same_way(table, rows[both], here_lane, there)
-        both, here_lane, there = both[same_way], here_lane[same_way], there[same_way]
+        at, lane, ahead = at[inside], here.lane[inside], here.s[inside] + config.look
+        both, here_lane = np.concatenate([at, at]), np.concatenate([lane, lane])
+        there = np.concatenate([self._lines.left[lane], self._lines.right[lane]])
+        part = self._lines.beside(here_lane, there) < np.concatenate([ahead, ahead])
+        must = part & np.concatenate(self._to_either_side(table, off, rows, at, lane))
+        can = (there != NO_LANE) & (must | (waits[both] & ~part))
+        both, here_lane, there, must = both[can], here_lane[can], there[can], must[can]
         if not len(both):
             return
         changes = self._weighed(table, off, rows, wanted, both, here_lane, there)
-        worth = changes.safe & (changes.gain > config.mobil.threshold)
+        worth = changes.safe & (must | (changes.gain > config.mobil.threshold))
         if not worth.any():
             return
         me = rows[both]
         for k in _chosen(both, changes.gain, worth, table.scene[me], table.x[me], table.y[me], ABREAST).tolist():
             self._change(table, off, int(both[k]), int(rows[both[k]]), int(there[k]))
+
+    def _to_either_side(
+        self, table: AgentTable, off: OffLog, rows: IntArray, at: IntArray, lane: IntArray
+    ) -> tuple[BoolArray, BoolArray]:
+        """Masks (k,) of the agents at positions `at` that are in the `lane` (k,) that they have taken to pass, and have
+        those of their logs to the left; to the right.
+        """
+        d = off.logged_paths.project(at, table.x[rows[at]], table.y[rows[at]]).d
+        passes = off.beside[at] == lane
+        return passes & (d < -APART), passes & (d > APART)
 
     def _change(self, table: AgentTable, off: OffLog, at: int, row: int, lane: int) -> None:
         """Let the agent at position `at` of `off`, in `row` of the table, change to `lane`; not where it cannot."""
@@ -162,15 +174,6 @@ class Passing:
     def _clipped(self, step: IntArray) -> IntArray:
         """`step`, or the first or the last one of the log."""
         return np.minimum(np.maximum(step, 0), self._log.steps - 1)
-
-    def _lead_same_way(self, table: AgentTable, me: IntArray, here: IntArray, there: IntArray) -> BoolArray:
-        """(k,) whether lanes `here` and `there` (k,) are still beside each other ahead of the agents in rows `me`."""
-        if not len(me):
-            return np.zeros(0, np.bool_)
-        line, me = self._lines.rows(np.concatenate([here, there])), np.concatenate([me, me])
-        lines = self._lines.made
-        ends = lines.point(lines.project(line, table.x[me], table.y[me]).s + self._config.look, line)
-        return np.asarray(np.hypot(*(ends[: len(here)] - ends[len(here) :]).T) <= WAY_APART)
 
     def _weighed(
         self,

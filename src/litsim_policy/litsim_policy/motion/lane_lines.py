@@ -14,6 +14,7 @@ from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 
 NO_LANE = -1  # in place of the position of a lane in `LaneMap.lanes`
+FAR = 1000.0  # [m] ahead, beyond which nobody asks where lanes lead
 BEFORE = 150.0  # [m] by which the line of a lane begins before it: who comes from behind is on it, too
 
 
@@ -30,6 +31,8 @@ class LaneLines:
         """(lanes,) position of the lane to the left in the same edge; NO_LANE where there is none."""
         self.right = _neighbours(lane_map, (lane.right for lane in lane_map.lanes))
         """(lanes,) likewise to the right."""
+        self.road = np.unique([lane.edge_id for lane in lane_map.lanes], return_inverse=True)[1]
+        """(lanes,) a number for the edge of each lane."""
 
     def rows(self, lanes: IntArray) -> IntArray:
         """Positions (k,) in `made` of the lines of `lanes` (k,), positions in `LaneMap.lanes`."""
@@ -40,6 +43,38 @@ class LaneLines:
                 self._points.append(self._line(lane))
             self.made = PathBatch(self._points)
         return self._row[lanes]
+
+    def beside(self, lanes: IntArray, others: IntArray) -> FloatArray:
+        """How far [m] from their beginnings `lanes` (k,) have `others` (k,), their neighbours, beside them.
+
+        Along the straightest way of both, over junctions, until one of them ends, or the road of the other is another
+        one; infinite where both leave the net side by side, or go on for FAR.
+        """
+        left = self.left[lanes] == others
+        return np.where(left, self._left_beside[lanes], self._right_beside[lanes])
+
+    @cached_property
+    def _left_beside(self) -> FloatArray:
+        return np.array([self._side_by_side(lane, other) for lane, other in enumerate(self.left.tolist())])
+
+    @cached_property
+    def _right_beside(self) -> FloatArray:
+        return np.array([self._side_by_side(lane, other) for lane, other in enumerate(self.right.tolist())])
+
+    def _side_by_side(self, lane: int, other: int) -> float:
+        """See :meth:`beside`, of one lane and its neighbour on either side."""
+        if other == NO_LANE:
+            return 0.0
+        lanes, side = self._lane_map.lanes, self.left if self.left[lane] == other else self.right
+        length = lanes[lane].length
+        while length < FAR:
+            (ahead, inside), (beside, _) = self._lane_map.road_ahead(lane), self._lane_map.road_ahead(other)
+            if ahead is None and beside is None:
+                return np.inf
+            if ahead is None or beside is None or side[ahead] != beside:
+                return length
+            lane, other, length = ahead, beside, length + inside + lanes[ahead].length
+        return np.inf
 
     def width(self, lanes: IntArray) -> FloatArray:
         """Widths (k,) of `lanes` (k,) [m]."""

@@ -148,9 +148,22 @@ class LaneMap:
 
     def _leads_to(self, lane: int | None, edges: Collection[str]) -> bool:
         """Whether the first edge outside junctions from the lane at position `lane` on is one of `edges`."""
-        while lane is not None and self.lanes[lane].is_internal:
-            lane = self._straightest[lane]
+        if lane is not None and self.lanes[lane].is_internal:
+            lane, _ = self.road_ahead(lane)
         return lane is not None and self.lanes[lane].edge_id in edges
+
+    def road_ahead(self, lane: int) -> tuple[int | None, float]:
+        """Where the straightest way from the lane at position `lane` leads.
+
+        Returns:
+            position of the next lane outside junctions, None where the net ends before one; length of the lanes inside
+            junctions on the way there [m].
+        """
+        following, length = self._straightest[lane], 0.0
+        while following is not None and self.lanes[following].is_internal:
+            length += self.lanes[following].length
+            following = self._straightest[following]
+        return following, length
 
     def inside_road(self, x: FloatArray, y: FloatArray) -> BoolArray:
         """(n,) whether points lie within half a lane width of some lane's centre line."""
