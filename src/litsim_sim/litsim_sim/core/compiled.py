@@ -35,6 +35,7 @@ from llvmlite import binding
 from numba import types
 from numba.extending import typeof_impl
 
+from litsim_sim.core import machine_code
 from litsim_sim.core.garbage import without_collection
 
 MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # in the source of every module that holds kernels
@@ -97,8 +98,20 @@ class Kernel:
 
     @cached_property
     def loaded(self) -> Any:
-        """Numba's dispatcher of the function."""
-        directory = cache_directory(Path(self._function.__code__.co_filename))
+        """Numba's dispatcher of the function, to be called: its machine code is loaded, or made."""
+        directory = cache_directory(self._file)
+        kept = None if directory is None else directory / self._name
+        found = machine_code.load(kept, self._function, self._signature, OPTIONS) if kept else None
+        if found is None:
+            found = self.compiled
+            if kept:
+                machine_code.keep(kept, found, self._signature)
+        return found
+
+    @cached_property
+    def compiled(self) -> Any:
+        """Numba's dispatcher of the function, with all that others need to be compiled that call it."""
+        directory = cache_directory(self._file)
         if directory is None or not any(directory.glob(f"*-{self.stamp}.*.nbi")):
             _announce()
         _spare_blas()
@@ -109,11 +122,22 @@ class Kernel:
         finally:
             numba.config.CACHE_LOCATOR_CLASSES = before
 
+    @property
+    def _file(self) -> Path:
+        """Of its source."""
+        return Path(self._function.__code__.co_filename)
+
+    @property
+    def _name(self) -> str:
+        """Of the file of its machine code, after which no other is named."""
+        line, python = self._function.__code__.co_firstlineno, sys.implementation.cache_tag
+        return f"{self._file.stem}.{self._function.__name__}-{line}-{self.stamp}.{python}.kernel"
+
 
 @typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
 def _type_of_called(called: Kernel, _context: object) -> Any:
-    """What numba takes a kernel for that another one calls: it is loaded only where that one has to be compiled."""
-    return numba.typeof(called.loaded)
+    """What numba takes a kernel for that another one calls, which has to be compiled."""
+    return numba.typeof(called.compiled)
 
 
 def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
@@ -139,7 +163,7 @@ def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
 def load_kernels() -> None:
     """Load, or compile, all kernels that are defined so far, but for those that only others call, which have them.
 
-    To be called before the first step of a run: loading takes a fifth of a second.
+    To be called before the first step of a run: loading takes as long as several steps.
     """
     inner = {id(called) for caller in _kernels for called in caller.uses}
     with without_collection():
@@ -238,9 +262,15 @@ def _announce() -> None:
 
 @cache
 def _source_and_machine(file: str) -> bytes:
-    """Hash of a source file, numba's version, how it compiles, and this processor."""
-    machine = f"{numba.__version__} {OPTIONS} {binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
-    return hashlib.sha256(Path(file).read_bytes() + machine.encode()).digest()
+    """Hash of a source file, and of :func:`_machine`."""
+    return hashlib.sha256(Path(file).read_bytes() + _machine()).digest()
+
+
+@cache
+def _machine() -> bytes:
+    """What machine code depends on beside its source: numba's version, how it compiles, and this processor."""
+    processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
+    return f"{numba.__version__} {OPTIONS} {processor}".encode()
 
 
 def _stamp(function: FunctionType) -> str:
