@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from litsim_policy.motion.reference_path import ReferencePath
-from litsim_policy.motion.route import Router
+from litsim_policy.motion.route import CHANGE_COST, Router
 from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.maps.lane_map import LaneMap
@@ -140,6 +142,23 @@ def test_the_way_is_along_the_connections(town, town_router) -> None:
             lane, following = town.lanes[a], town.lanes[b]
             assert following.id in (*lane.successors, lane.left, lane.right)
         assert way[0] == first and way[-1] == last and (inner in way or len(way) > 3)
+
+
+@pytest.mark.parametrize("net", ["i80", "us101", "us101_like", "urban_like"])
+def test_ways_are_those_that_scipy_finds(net: str) -> None:
+    lane_map = LaneMap.from_net(packaged(f"nets/{net}.net.xml"))
+    router, lanes = Router(lane_map), lane_map.lanes
+    costs = np.zeros((len(lanes), len(lanes)))
+    for row, lane in enumerate(lanes):
+        for name in lane.successors:
+            costs[row, lane_map.row(name)] = lane.length
+        for name in filter(None, (lane.left, lane.right)):
+            costs[row, lane_map.row(name)] = CHANGE_COST
+    cost, before = dijkstra(csr_array(costs), return_predecessors=True)
+    for start, goal in np.ndindex(costs.shape):
+        way = router.lanes_between(start, goal)
+        assert (way is None) == np.isinf(cost[start, goal])
+        assert all(before[start, b] == a for a, b in pairwise(way or []))
 
 
 def test_there_is_no_way_back_on_a_motorway(motorway, motorway_router, lane_centres) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import scipy.sparse.csgraph  # noqa: F401 - routes need it, and nobody waits for this process yet
 from litsim_msgs.msg import RunInfo
 
 from litsim_policy.conflict.messages import takeovers_to_message

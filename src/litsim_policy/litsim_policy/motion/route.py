@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from functools import cached_property
-from importlib import import_module
+from heapq import heappop, heappush
 from itertools import groupby, pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +14,6 @@ from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
-SEARCH_MODULES = ("scipy.sparse", "scipy.sparse.csgraph")
 CHANGE_COST = 20.0  # [m] of way that a change of lane is worth
 CHANGE_LENGTH = 60.0  # [m] of road that a change of lane takes at most
 KNOT_SPACING = 15.0  # [m] between poses on a centre line that the curves pass through
@@ -39,8 +34,6 @@ class Router:
     def __init__(self, lane_map: LaneMap, limits: VehicleLimits | None = None) -> None:
         self._lanes = lane_map
         self._curvature_max = (limits or VehicleLimits()).curvature_max
-        # Not with this module, which the launcher reads as well: importing them takes longer than many a check of it.
-        self._sparse, self._search = (import_module(name) for name in SEARCH_MODULES)
 
     def lanes_between(self, start: int, goal: int) -> list[int] | None:
         """Positions in `LaneMap.lanes` of the lanes of the shortest way, both ends included; None where there is none.
@@ -48,14 +41,12 @@ class Router:
         Args:
             start, goal: positions of the first and the last lane.
         """
-        if start == goal:
-            return [start]
-        cost, before = self._search.dijkstra(self._graph, indices=start, return_predecessors=True)
-        if not np.isfinite(cost[goal]):
+        before = self._search(start, goal)
+        if before is None:
             return None
         way = [goal]
         while way[-1] != start:
-            way.append(int(before[way[-1]]))
+            way.append(before[way[-1]])
         return way[::-1]
 
     def path(self, pose: FloatArray, speed: float, goal: FloatArray) -> ReferencePath | None:
@@ -126,23 +117,36 @@ class Router:
             knots.append(np.stack(self._lanes.pose_at(group[-1], s), axis=-1))
         return np.concatenate(knots)
 
+    def _search(self, start: int, goal: int) -> dict[int, int] | None:
+        """By Dijkstra: of lanes on shortest ways from `start`, `goal` among them, the one before; None without a way.
+
+        scipy finds the same (all pairs of lanes of the nets here were compared), but importing it takes longer than all
+        the ways of a run.
+        """
+        cost, before, settled = {start: 0.0}, dict[int, int](), set[int]()
+        waiting = [(0.0, start)]
+        while waiting:
+            so_far, lane = heappop(waiting)
+            if lane == goal:
+                return before
+            if lane in settled:
+                continue
+            settled.add(lane)
+            for other, length in self._links[lane]:
+                if so_far + length < cost.get(other, np.inf):
+                    cost[other], before[other] = so_far + length, lane
+                    heappush(waiting, (cost[other], other))
+        return None
+
     @cached_property
-    def _graph(self) -> csr_array:
-        csr_array = self._sparse.csr_array
-        lanes = self._lanes.lanes
-        links = [
-            (row, self._lanes.row(name), lane.length) for row, lane in enumerate(lanes) for name in lane.successors
+    def _links(self) -> list[list[tuple[int, float]]]:
+        """Of each lane, those that it leads to, and at what cost [m]."""
+        row = self._lanes.row
+        return [
+            [(row(name), lane.length) for name in lane.successors]
+            + [(row(name), CHANGE_COST) for name in (lane.left, lane.right) if name is not None]
+            for lane in self._lanes.lanes
         ]
-        links += [
-            (row, self._lanes.row(name), CHANGE_COST)
-            for row, lane in enumerate(lanes)
-            for name in (lane.left, lane.right)
-            if name is not None
-        ]
-        if not links:
-            return csr_array((len(lanes), len(lanes)))
-        begin, end, cost = (np.array(column) for column in zip(*links, strict=True))
-        return csr_array((np.maximum(cost, 1e-3), (begin, end)), shape=(len(lanes), len(lanes)))
 
 
 def _thinned(start: FloatArray, knots: FloatArray, last: FloatArray, merge: float) -> FloatArray:
