@@ -16,6 +16,7 @@ from litsim_sim.core.garbage import without_collection
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
+from litsim_sim.launch.libraries import loading_sumo
 from litsim_sim.launch.middleware import check_security
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, in_company, nodes_of
 from litsim_sim.launch.output import check_output
@@ -38,11 +39,13 @@ def launch(arguments: argparse.Namespace) -> int:
         if arguments.command and plan.ego != EXTERNAL:
             raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
         domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
-        options = _options(arguments, plan)
-        nodes = nodes_of(plan, options)
-        nodes = nodes if arguments.apart else in_company(nodes)
-        paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
-        check_output(options.out, options.overwrite)
+        with loading_sumo():
+            options = _options(arguments, plan)
+            nodes = nodes_of(plan, options)
+            nodes = nodes if arguments.apart else in_company(nodes)
+            paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
+            check_output(options.out, options.overwrite)
+            prepare_nodes()
     with domain as domain_id:
         graph = Graph(options.out, domain_id, options.answer_timeout_s)
         _announce(arguments, plan, domain_id)
@@ -67,7 +70,6 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
     try:
         if arguments.command:  # first: it may take long to get ready
             graph.start_stack(arguments.command)
-        prepare_nodes()
         for node in reversed(nodes):  # the bridge first: it takes longest to get ready
             graph.start(node.name, paths[node.name], node.parameters, forked=True, several=node.several)
         graph.watch(arguments.quiet)

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.type_description_service import GetTypeDescription
+from rclpy.type_support import check_for_type_support
+
 import litsim_sim.ros.stage  # noqa: F401 - rclpy, messages, scenarios: what takes longest to import
 from litsim_sim.core.compiled import load_kernels
 from litsim_sim.launch.forked import keep_imports
+from litsim_sim.ros.topics import RECORDED_TOPICS
+
+OF_EVERY_NODE = (ParameterEvent, GetTypeDescription)
+"""A message and a service of the packages from which every node of rclpy has some."""
 
 
 def prepare_nodes() -> None:
     """Have all that nodes share be there by now, and stay shared."""
     load_kernels()
+    for each in {*OF_EVERY_NODE, *(topic.type for topic in RECORDED_TOPICS)}:  # with all others of their packages
+        check_for_type_support(each)
     keep_imports()
