@@ -13,8 +13,8 @@ from litsim_sim.core.stages import BRIDGE
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.record.run import Run, read_run
 
-LIBRARIES = ("numpy", "pandas", "pyarrow", "pydantic", "numba", "scipy.special", "onnxruntime", "libsumo", "rclpy")
-"""What the nodes of a run import, one or all of them, with what these import."""
+LIBRARIES = ("numpy", "shapely", "pyarrow", "pydantic", "numba", "libsumo", "rclpy.node")
+"""What the processes of this run import, one or all of them, with what these import; none that no process imports."""
 FIRST_STEP, SLOWEST, RATIO = "launcher to first step", "slowest import", "first step / slowest import"
 SECONDS = 4.0  # simulated, 3 s of history included
 
