@@ -180,7 +180,7 @@ def weigh_keys(
 ) -> None:
     """Add to `logits` (K, heads, lanes) the products of queries and the keys of neighbours; see :func:`attend`."""
     heads, channels = logits.shape[1], query.shape[1]
-    size = channels // heads
+    size, last = channels // heads, heads - heads % INNER
     products = np.empty(channels, np.float32)
     for i in range(len(rows)):
         row, own = rows[i], query[i]
@@ -188,7 +188,17 @@ def weigh_keys(
             key = key_value[index[row, k]]
             for j in range(channels):
                 products[j] = own[j] * key[j]
-            for head in range(heads):
+            for head in range(0, last, INNER):  # sums of several heads at a time: one alone waits for each addition
+                p0, p1 = products[head * size :], products[(head + 1) * size :]
+                p2, p3 = products[(head + 2) * size :], products[(head + 3) * size :]
+                t0, t1, t2, t3 = float32(0.0), float32(0.0), float32(0.0), float32(0.0)
+                for d in range(size):
+                    t0, t1, t2, t3 = t0 + p0[d], t1 + p1[d], t2 + p2[d], t3 + p3[d]
+                logits[k, head, i] += t0
+                logits[k, head + 1, i] += t1
+                logits[k, head + 2, i] += t2
+                logits[k, head + 3, i] += t3
+            for head in range(last, heads):
                 total = float32(0.0)
                 for j in range(head * size, head * size + size):
                     total += products[j]
@@ -249,11 +259,18 @@ def hear_values(
 def hear_relations(weights: Float32Array, near: Float32Array, of_value: Float32Array, out: Float32Array) -> None:
     """Add to `out` (m, W) what relations `near` (K, c, lanes) add to values, `of_value`, by the `weights`."""
     heads, size, width = of_value.shape
-    lanes = near.shape[2]
+    neighbours, lanes = near.shape[0], near.shape[2]
+    last = neighbours - neighbours % INNER
     told, added = np.empty((width, lanes), np.float32), np.empty((size, lanes), np.float32)
     for head in range(heads):
         told[:] = float32(0.0)
-        for k in range(len(near)):
+        for k in range(0, last, INNER):
+            w0, w1, w2, w3 = weights[k, head], weights[k + 1, head], weights[k + 2, head], weights[k + 3, head]
+            for c in range(width):
+                n0, n1, n2, n3, sums = near[k, c], near[k + 1, c], near[k + 2, c], near[k + 3, c], told[c]
+                for i in range(lanes):
+                    sums[i] = (((sums[i] + w0[i] * n0[i]) + w1[i] * n1[i]) + w2[i] * n2[i]) + w3[i] * n3[i]
+        for k in range(last, neighbours):
             weight = weights[k, head]
             for c in range(width):
                 channel, sums = near[k, c], told[c]

@@ -69,7 +69,7 @@ class MapMemory:
         new: list[int] = []
         first = first_alike(raster.reshape(len(raster), -1).view(np.int64))  # eight bytes at a time
         place = np.zeros(len(raster), np.int64)  # of those that are the first of their kind: below 0 where it is new
-        for row in np.flatnonzero(first == np.arange(len(raster))).tolist():
+        for row in (first == np.arange(len(raster))).nonzero()[0].tolist():
             key = raster[row].tobytes()
             code = self._codes.get(key)
             if code is None:

@@ -74,16 +74,15 @@ class LearnedPredictor:
 
     def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray) -> AgentFutures:
         """What the network answers for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
-        begins = np.flatnonzero(np.diff(scene[asked], prepend=-1))
-        if len(begins) == 1 and scene[0] == scene[-1]:
+        if scene[0] == scene[-1]:
             return self._network(inputs, asked, self._modes)
         if isinstance(self._network, NetworkOfScenes):
             rows = np.flatnonzero(np.isin(scene, scene[asked]))
             seen = inputs if len(rows) == len(scene) else _of(inputs, rows)
             first = np.flatnonzero(np.diff(scene[rows], prepend=-1))
             return self._network.of_scenes(seen, np.searchsorted(rows, asked), first, self._modes)
-        answers = []
-        for rows in np.split(asked, begins[1:]):
+        answers, begins = [], np.flatnonzero(np.diff(scene[asked]))
+        for rows in np.split(asked, begins + 1):
             begin, end = np.searchsorted(scene, scene[rows[0]]), np.searchsorted(scene, scene[rows[0]], "right")
             answers.append(self._network(_of(inputs, slice(begin, end)), rows - begin, self._modes))
         return _joined(answers)
@@ -91,7 +90,7 @@ class LearnedPredictor:
     def _inputs(self, agents: AgentTable) -> AgentInputs:
         series, observed = self._history.window(agents.id, HISTORY, STRIDE)
         heading = frame_headings(self._lane_map, agents.x, agents.y, agents.yaw)
-        return agent_inputs(series, observed, np.stack([agents.length, agents.width], axis=-1), heading, self._raster)
+        return agent_inputs(series, observed, np.array([agents.length, agents.width]).T, heading, self._raster)
 
 
 def _joined(answers: list[AgentFutures]) -> AgentFutures:

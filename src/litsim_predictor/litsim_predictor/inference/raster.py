@@ -13,6 +13,8 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
+from numba import types
 
 from litsim_sim.core.compiled import FLOATS, INTS, float32, int64, kernel, read_array, uint8, void, written_array
 from litsim_sim.core.scene import ByteArray, FloatArray, IntArray
@@ -32,19 +34,20 @@ NO_DIRECTION = 128  # where there is no road
 TURNS = np.arange(256) * (2 * np.pi / 256)
 COSINES = np.rint(128.0 + 127.0 * np.cos(TURNS)).astype(np.uint8)
 SINES = np.rint(128.0 + 127.0 * np.sin(TURNS)).astype(np.uint8)
+DIRECTIONS = COSINES.astype(np.uint16) | SINES.astype(np.uint16) << 8
+"""(256,) both in one number, so that they are looked up at once."""
 
-BYTES2, OUT_BYTES4 = read_array(uint8, 2), written_array(uint8, 4)
+CELLS2, OUT_BYTES4 = read_array(types.uint16, 2), written_array(uint8, 4)
 
 
-@kernel(void(FLOATS, FLOATS, FLOATS, FLOATS, INTS, BYTES2, BYTES2, OUT_BYTES4))
+@kernel(void(FLOATS, FLOATS, FLOATS, FLOATS, INTS, CELLS2, OUT_BYTES4))
 def cut_out(
     x: FloatArray,
     y: FloatArray,
     cos: FloatArray,
     sin: FloatArray,
     turn: IntArray,
-    closeness: ByteArray,
-    angle: ByteArray,
+    cells: npt.NDArray[np.uint16],
     out: ByteArray,
 ) -> None:
     """Write to `out` (n, CHANNELS, ROWS, COLUMNS) what is drawn around poses.
@@ -53,11 +56,11 @@ def cut_out(
         x, y: (n,) from the raster's corner, in cells.
         cos, sin: (n,) of a metre ahead, in cells.
         turn: (n,) headings in 256ths of a turn.
-        closeness, angle: the raster, whose last row and column are empty: there is all that lies outside of it.
+        cells: the raster, closeness in the lower byte of a cell and angle in the upper; its last row and column are
+            empty: there is all that lies outside of it.
     """
-    rows, columns = closeness.shape
-    drawn, directions = closeness.ravel(), angle.ravel()
-    at, close, turned = np.empty(COLUMNS, np.int64), np.empty(COLUMNS, np.uint8), np.empty(COLUMNS, np.int64)
+    rows, columns = cells.shape
+    drawn, at = cells.ravel(), np.empty(COLUMNS, np.int64)
     last_row, last_column = float32(rows - 1), float32(columns - 1)
     for i in range(len(x)):
         for r in range(ROWS):
@@ -69,14 +72,14 @@ def cut_out(
                 column = last_column if column < float32(0.0) else min(column, last_column)
                 row = last_row if row < float32(0.0) else min(row, last_row)
                 at[c] = int64(row) * columns + int64(column)
-            for c in range(COLUMNS):
-                close[c], turned[c] = drawn[at[c]], (int64(directions[at[c]]) - turn[i]) & 255  # bytes wrap as angles
             of = out[i]
             for c in range(COLUMNS):
-                road = close[c] > 0
-                of[0, r, c], of[1, r, c] = 255 if road else 0, close[c]
-                of[2, r, c] = COSINES[turned[c]] if road else NO_DIRECTION
-                of[3, r, c] = SINES[turned[c]] if road else NO_DIRECTION
+                cell = drawn[at[c]]
+                close, angle = cell & 255, int64(cell >> 8)
+                direction = DIRECTIONS[(angle - turn[i]) & 255]  # bytes wrap as angles
+                of[0, r, c], of[1, r, c] = 255 if close > 0 else 0, close
+                of[2, r, c] = direction & 255 if close > 0 else NO_DIRECTION
+                of[3, r, c] = direction >> 8 if close > 0 else NO_DIRECTION
 
 
 @dataclass(frozen=True)
@@ -108,22 +111,22 @@ class MapRaster:
         self._cell = CELL
         self._origin = (0.0, 0.0)
         # One more row and column than the net needs: empty, where everything outside of it is looked up.
-        self._closeness = np.zeros((2, 2), np.uint8)
-        self._angle = np.zeros((2, 2), np.uint8)
+        self._cells = np.zeros((2, 2), np.uint16)
         if lane_map is not None:
             self._draw(lane_map)
 
     @property
     def drawn(self) -> DrawnNet:
         """What is drawn."""
-        return DrawnNet(self._origin, self._cell, self._closeness, self._angle)
+        closeness, angle = self._cells & 255, self._cells >> 8
+        return DrawnNet(self._origin, self._cell, closeness.astype(np.uint8), angle.astype(np.uint8))
 
     def cut(self, x: FloatArray, y: FloatArray, heading: FloatArray) -> ByteArray:
         """(n, CHANNELS, ROWS, COLUMNS) around poses (n,) [m, rad]; directions are relative to `heading`."""
         cos, sin = np.cos(heading) / self._cell, np.sin(heading) / self._cell
         x, y = (x - self._origin[0]) / self._cell, (y - self._origin[1]) / self._cell
         cut = np.empty((len(x), CHANNELS, ROWS, COLUMNS), np.uint8)
-        cut_out(x, y, cos, sin, _angle_byte(heading).astype(np.int64), self._closeness, self._angle, cut)
+        cut_out(x, y, cos, sin, _angle_byte(heading).astype(np.int64), self._cells, cut)
         return cut
 
     def _draw(self, lane_map: LaneMap) -> None:
@@ -133,8 +136,7 @@ class MapRaster:
             self._cell *= 2.0
         self._origin = (x_min - MARGIN, y_min - MARGIN)
         shape = int(np.ceil(height / self._cell)) + 1, int(np.ceil(width / self._cell)) + 1
-        self._closeness = np.zeros(shape, np.uint8)
-        self._angle = np.zeros(shape, np.uint8)
+        self._cells = np.zeros(shape, np.uint16)
         for lane in lane_map.lanes:
             for start, end in zip(lane.centerline[:-1], lane.centerline[1:], strict=True):
                 self._draw_segment(lane, start, end)
@@ -144,7 +146,7 @@ class MapRaster:
         half = 0.5 * lane.width
         low = np.minimum(start, end) - half - self._origin
         high = np.maximum(start, end) + half - self._origin
-        last_row, last_column = self._closeness.shape[0] - 1, self._closeness.shape[1] - 1
+        last_row, last_column = self._cells.shape[0] - 1, self._cells.shape[1] - 1
         columns = np.arange(max(int(low[0] / self._cell), 0), min(int(high[0] / self._cell) + 1, last_column))
         rows = np.arange(max(int(low[1] / self._cell), 0), min(int(high[1] / self._cell) + 1, last_row))
         dx = self._origin[0] + (columns[None, :] + 0.5) * self._cell - start[0]
@@ -153,12 +155,12 @@ class MapRaster:
         along_x, along_y = (end - start) / size
         along, across = dx * along_x + dy * along_y, dy * along_x - dx * along_y
         distance = np.hypot(np.maximum(np.maximum(-along, along - size), 0.0), across)
-        closeness = np.rint(1.0 + 254.0 * np.maximum(1.0 - distance / half, 0.0)).astype(np.uint8)
+        closeness = np.rint(1.0 + 254.0 * np.maximum(1.0 - distance / half, 0.0)).astype(np.uint16)
+        angle = int(_angle_byte(np.arctan2(along_y, along_x)))
         window = np.ix_(rows, columns)
-        closer = (distance <= half) & (closeness > self._closeness[window])
-        self._closeness[window] = np.where(closer, closeness, self._closeness[window])
-        angle = _angle_byte(np.arctan2(along_y, along_x))
-        self._angle[window] = np.where(closer, angle, self._angle[window])
+        drawn = self._cells[window]
+        closer = (distance <= half) & (closeness > drawn & 255)
+        self._cells[window] = np.where(closer, closeness | angle << 8, drawn)
 
 
 def _angle_byte(angle: FloatArray) -> ByteArray:
