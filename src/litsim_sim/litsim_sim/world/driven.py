@@ -101,7 +101,7 @@ class DrivenVehicles:
             controller = np.concatenate([controller, np.full(len(driving), EGO)])
         rows = table.rows(ids)
         listed = rows >= 0
-        rows, order = rows[listed], np.argsort(rows[listed], kind="stable")
+        rows, order = rows[listed], rows[listed].argsort(kind="stable")
         now = table.take(rows[order])
         moved = self._move(now, acceleration[listed][order], yaw_rate[listed][order])
         driven = type(table)(
@@ -119,8 +119,10 @@ class DrivenVehicles:
             now.width,
         )
         log = self._scenario.log
-        stays = log.last_step[np.searchsorted(log.ids, driven.id)] > table.step
+        stays = log.last_step[log.ids.searchsorted(driven.id)] > table.step
         stays |= driven.mask(self._ego_ids)  # they leave by an end of the net, whatever their logs
+        if stays.all():
+            return driven
         return driven.take(stays | self._scenario.lane_map.inside_road(driven.x, driven.y))
 
     def _actuate(self, table: AgentTable, scene: int, ego: EgoCommand) -> tuple[float, float]:

@@ -68,8 +68,8 @@ class Entries:
         """
         here = (before.rows(logged.id) >= 0) | logged.obstacle
         off = np.zeros(len(logged), np.bool_) if displaced is None else displaced & (driven.rows(logged.id) < 0)
-        begins = self._log.first_step[np.searchsorted(self._log.ids, logged.id)] == logged.step
-        for row in np.flatnonzero(begins & ~here):
+        begins = self._log.first_step[self._log.ids.searchsorted(logged.id)] == logged.step
+        for row in (begins & ~here).nonzero()[0]:
             if self._blocked(logged, int(row), driven) or self._blocked_by_displaced(logged, int(row), off):
                 self.waiting[int(logged.id[row])] = logged.step
             else:

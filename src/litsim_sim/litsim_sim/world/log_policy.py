@@ -74,6 +74,11 @@ class LogPolicy:
         self.log = log
         self._residuals: dict[int, Residual] = {}
         self._lag = np.zeros(len(log.ids), np.int64)
+        self._prepared: AgentTable | None = None
+
+    def prepare(self, step: int) -> None:
+        """Look up where the logs have agents at `step`, for :meth:`table`, while there is time."""
+        self._prepared = self.log.table(step, self._lag)
 
     def release(self, table: AgentTable, agent: int, with_lag: bool = False) -> None:
         """Let `agent`, as it moves in `table`, follow its log again from the next step on.
@@ -85,6 +90,7 @@ class LogPolicy:
         """
         row = table.row(agent)
         log_row = self.log.row(agent)
+        self._prepared = None
         self._lag[log_row] = self.log.lag(log_row, table.step, table.x[row], table.y[row]) if with_lag else 0
         logged = self.log.table(table.step, self._lag)
         logged_row = logged.row(agent)
@@ -93,12 +99,14 @@ class LogPolicy:
 
     def displaced(self, table: AgentTable) -> BoolArray:
         """(n,) which agents of `table`, one of :meth:`table`, are not where and when their logs had them."""
-        late = self._lag[np.searchsorted(self.log.ids, table.id)] > 0
+        late = self._lag[self.log.ids.searchsorted(table.id)] > 0
         return late | table.mask(np.array(sorted(self._residuals), np.int64))
 
     def table(self, step: int) -> AgentTable:
         """The agents, with controller LOG, where policy L puts them at `step`."""
-        table = self.log.table(step, self._lag)
+        table, self._prepared = self._prepared, None
+        if table is None or table.step != step:
+            table = self.log.table(step, self._lag)
         for agent, residual in list(self._residuals.items()):
             row = table.row(agent)
             if row < 0 or step - residual.step >= residual.steps:

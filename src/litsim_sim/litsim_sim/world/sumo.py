@@ -48,7 +48,7 @@ class SumoMirror:
             libsumo.vehicletype.copy(_TYPE, name)
             libsumo.vehicletype.setVehicleClass(name, name)
             libsumo.vehicletype.setShapeClass(name, name)
-        self._names: dict[int, str] = {}  # in SUMO, of the agents that are there
+        self._names: dict[int, str] = {}  # in SUMO, of the agents that are there, ids ascending
         self._signals = signals
         lights = libsumo.trafficlight.getIDList()
         self._links = {light: len(libsumo.trafficlight.getRedYellowGreenState(light)) for light in lights}
@@ -56,22 +56,28 @@ class SumoMirror:
 
     def show(self, table: AgentTable) -> None:
         """Place the agents of `table`, remove those that are gone, and advance SUMO by one step."""
-        names, agents, move = self._names, table.id.tolist(), libsumo.vehicle.moveToXY
-        for agent in names.keys() - set(agents):
-            libsumo.vehicle.remove(names.pop(agent))
-        for row, agent in enumerate(agents):
-            if agent not in names:
-                names[agent] = str(agent)
-                self._add(names[agent], int(table.kind[row]), float(table.length[row]), float(table.width[row]))
+        agents, move = table.id.tolist(), libsumo.vehicle.moveToXY
+        if agents != list(self._names):
+            self._come_and_go(table, agents)
         half = 0.5 * table.length
         front = table.x + half * np.cos(table.yaw), table.y + half * np.sin(table.yaw)
         degrees = (90.0 - np.degrees(table.yaw)) % 360.0
-        for agent, x, y, angle in zip(agents, *(values.tolist() for values in (*front, degrees)), strict=True):
-            move(names[agent], "", -1, x, y, angle, _KEEP_ROUTE, _LANE_WITHIN)
+        poses = zip(self._names.values(), *(values.tolist() for values in (*front, degrees)), strict=True)
+        for name, x, y, angle in poses:
+            move(name, "", -1, x, y, angle, _KEEP_ROUTE, _LANE_WITHIN)
         if self._lights:
             self._show_signals(table.step)
         libsumo.simulationStep()
         self._front = front
+
+    def _come_and_go(self, table: AgentTable, agents: list[int]) -> None:
+        """Remove the agents that are gone, and add those of `table`, whose ids are `agents`, that are new."""
+        for agent in self._names.keys() - set(agents):
+            libsumo.vehicle.remove(self._names[agent])
+        for row, agent in enumerate(agents):
+            if agent not in self._names:
+                self._add(str(agent), int(table.kind[row]), float(table.length[row]), float(table.width[row]))
+        self._names = {agent: str(agent) for agent in agents}
 
     def _add(self, name: str, kind: int, length: float, width: float) -> None:
         """Add an agent, which is placed before SUMO's next step."""

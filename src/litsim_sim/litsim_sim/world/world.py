@@ -127,7 +127,7 @@ class World:
         for agent in table.id[rejoins & (driven.rows(table.id) < 0)]:
             self._log_policy.release(table, int(agent), with_lag=bool(np.isin(agent, lagged)))
         self._have_driven = driven.rows(self._ego_ids) >= 0
-        for scene in np.flatnonzero(~self._have_driven).tolist():
+        for scene in (~self._have_driven).nonzero()[0].tolist():
             self._vehicles.reset(scene)
         logged = self._log_policy.table(step + 1)
         if self._gone.any():
@@ -146,7 +146,7 @@ class World:
         self._table = self._table.take(~self._gone[self._table.scene])
 
     def catch_up(self) -> None:
-        """Do what is due for the current step and nobody waits for: note contacts, show it in the mirror.
+        """Do what is due for the current step and nobody waits for: note contacts, show it in the mirror, look ahead.
 
         Happens by itself before the next step, and where its results are asked for; whoever has the time calls it
         sooner. A second call for a step does nothing.
@@ -161,6 +161,7 @@ class World:
             if table.step % DEVIATION_STEPS == 0:
                 off = float(self._mirror.deviation(table).max(initial=0.0))
                 self._mirror_deviation = max(self._mirror_deviation, off)
+        self._log_policy.prepare(table.step + 1)
 
     @property
     def contacts(self) -> dict[tuple[int, int], int]:
