@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, places
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -99,10 +99,10 @@ class Forecast:
 
     def rows(self, agents: IntArray) -> IntArray:
         """Row of each of `agents` (m,), -1 where there is no valid forecast."""
-        if not len(self.id):
-            return np.full(len(agents), -1, np.int64)
-        at = np.minimum(np.searchsorted(self.id, agents), len(self.id) - 1)
-        return np.where((self.id[at] == agents) & self.valid[at], at, -1)
+        rows = places(self.id, agents)
+        if not self.valid.all():
+            rows[~self.valid[rows]] = -1
+        return rows
 
 
 class NoPredictor:

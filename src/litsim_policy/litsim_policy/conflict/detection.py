@@ -122,7 +122,7 @@ class ConflictDetector:
             table: n agents.
             lag: (n,) steps by which the replay of each log lags; None is not at all.
         """
-        log, rows = self._log, np.searchsorted(self._log.ids, table.id)
+        log, rows = self._log, self._log.ids.searchsorted(table.id)
         now = np.full(len(table), table.step) if lag is None else table.step - lag
         return PredictedMotion(
             *follow_logs(log.x, log.y, log.yaw, log.valid, rows, now, self._steps, table.x, table.y, ~table.off_log)

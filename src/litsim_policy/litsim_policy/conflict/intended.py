@@ -65,7 +65,7 @@ class Intents:
 
     def moved_to(self, rows: IntArray) -> Intents:
         """The same of a table that is made of the `rows` (k,), ascending, which hold all of them."""
-        return Intents(np.searchsorted(rows, self.rows), self.paths, self.fresh)
+        return Intents(rows.searchsorted(self.rows), self.paths, self.fresh)
 
 
 def intended_motion(

@@ -71,7 +71,7 @@ class ConflictScene:
         nothing_yet = not len(self._rows)
         if nothing_yet or missing.any():
             self._covered |= missing
-            self._rows = np.flatnonzero(self._covered)
+            self._rows = self._covered.nonzero()[0]
             self._near = self._table.take(self._rows)
             self._logged = self._detector.logged_future(self._near, self._lag[self._rows])
         elif not (off_log & ~self._foreseen).any():

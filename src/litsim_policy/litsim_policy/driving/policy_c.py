@@ -193,7 +193,7 @@ def merged(first: ControlTable, second: ControlTable) -> ControlTable:
     """Controls of both, ids ascending; no agent is in both."""
     if not len(first.id) or not len(second.id):
         return first if len(first.id) else second
-    order = np.argsort(np.concatenate([first.id, second.id]), kind="stable")
+    order = np.concatenate([first.id, second.id]).argsort(kind="stable")
 
     def both(field: str) -> np.ndarray:
         return np.asarray(np.concatenate([getattr(first, field), getattr(second, field)])[order])

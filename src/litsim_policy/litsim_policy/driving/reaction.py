@@ -91,13 +91,13 @@ class HumanReaction:
         """Whether the driver has not reacted yet."""
         if takeover.reason != TakeoverReason.CONFLICT or takeover.state != TakeoverState.HELD:
             return False
-        row = int(np.searchsorted(self._log.ids, takeover.agent))
+        row = int(self._log.ids.searchsorted(takeover.agent))
         return step - takeover.detected_step < int(self._steps[row])
 
     def _as_logged(self, takeover: Takeover, step: int) -> tuple[float, float] | None:
         """Acceleration [m/s2] and yaw rate [rad/s] of the agent's log, with its lag; None where that is over."""
         log: Log = self._log
-        row, now = int(np.searchsorted(log.ids, takeover.agent)), step - round(takeover.time_shift / STEP_S)
+        row, now = int(log.ids.searchsorted(takeover.agent)), step - round(takeover.time_shift / STEP_S)
         if now < 0 or now + 1 >= log.valid.shape[1] or not (log.valid[row, now] and log.valid[row, now + 1]):
             return None
         faster = (log.speed[row, now + 1] - log.speed[row, now]) / STEP_S

@@ -215,7 +215,7 @@ class SafetyLayer:
         first, on_road = self._look_ahead(agents.table, rows, commands[:, None])
         touches = config.contact & (first[:, 0] < np.inf)
         leaves = config.road & ~on_road[:, 0]
-        at = np.flatnonzero(touches | leaves)
+        at = (touches | leaves).nonzero()[0]
         if not len(at):
             return commands, touches, leaves
         choices = _choices(

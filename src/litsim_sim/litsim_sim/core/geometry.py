@@ -64,7 +64,7 @@ def overlapping_pairs(
     scene: IntArray | None = None,
 ) -> IntArray:
     """Pairs (m, 2) of positions i < j whose boxes overlap, among boxes (n,), and which are in the same `scene` (n,)."""
-    order = np.argsort(x, kind="stable") if scene is None else np.lexsort((x, scene))
+    order = x.argsort(kind="stable") if scene is None else np.lexsort((x, scene))
     scene = np.zeros(len(x), np.int64) if scene is None else scene
     x, y, yaw, length, width = (np.ascontiguousarray(v, np.float64) for v in (x, y, yaw, length, width))
     pairs = _overlapping(scene, x, y, yaw, length, width, order)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from litsim_sim.core.compiled import BOOLS2, FLOATS3, INTS, OUT_BOOLS2, OUT_FLOATS3, kernel, void
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, places
 
 
 class History:
@@ -40,12 +40,13 @@ class History:
         self._step, self._held = table.step, min(self._held + 1, self._length)
         row = table.step % self._length
         self._there[row] = False
-        columns, known = self._columns(table.id)
-        if not known.all():
+        columns = places(self._ids, table.id)
+        if (columns < 0).any():
             self._let_in(table.id)
-            columns, _ = self._columns(table.id)
+            columns = places(self._ids, table.id)
         self._there[row, columns] = True
-        self._values[row, columns] = np.stack([getattr(table, name) for name in self._fields], axis=-1)
+        for k, name in enumerate(self._fields):
+            self._values[row, columns, k] = getattr(table, name)
 
     def series(self, field: str, agents: IntArray) -> tuple[FloatArray, BoolArray]:
         """Values of `field` for `agents` (m,) over the history.
@@ -65,22 +66,11 @@ class History:
             mask (m, length) of where it was present; the newest step is the last.
         """
         back = stride * np.arange(length - 1, -1, -1)
-        if not len(self._ids):
-            return np.zeros((len(agents), length, len(self._fields))), np.zeros((len(agents), length), np.bool_)
-        rows = (self._step - back) % self._length
-        columns, known = self._columns(agents)
+        rows, columns = (self._step - back) % self._length, places(self._ids, agents)
         rows[back >= self._held] = -1
-        columns[~known] = -1
         values, valid = np.zeros((len(agents), length, len(self._fields))), np.zeros((len(agents), length), np.bool_)
         copy_window(self._values, self._there, rows, columns, values, valid)
         return values, valid
-
-    def _columns(self, agents: IntArray) -> tuple[IntArray, BoolArray]:
-        """Column of each of `agents` (m,), and whether it has one (m,); any column where it has none."""
-        if not len(self._ids):
-            return np.zeros(len(agents), np.int64), np.zeros(len(agents), np.bool_)
-        at = np.minimum(np.searchsorted(self._ids, agents), len(self._ids) - 1)
-        return at, self._ids[at] == agents
 
     def _let_in(self, agents: IntArray) -> None:
         """Give columns to `agents` (m,), and take them from those that are not in any step any more."""

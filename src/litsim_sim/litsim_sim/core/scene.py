@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property
-from typing import Self
+from operator import attrgetter
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
+
+from litsim_sim.core.compiled import INTS, OUT_INTS, kernel
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -57,12 +60,17 @@ class Controller(IntEnum):
 _LOG, _POLICY, _EGO, _BASELINE = (int(controller) for controller in Controller)  # plain numbers likewise
 
 
+@kernel(OUT_INTS(INTS, INTS))
 def places(ids: IntArray, agents: IntArray) -> IntArray:
     """Place of each of `agents` (m,) among `ids` (n,), which ascend (m,); -1 for those that are not there."""
-    if not len(ids):
-        return np.full(len(agents), -1, np.int64)
-    at = ids.searchsorted(agents)
-    return np.where(ids.take(at, mode="clip") == agents, at, -1)  # beyond the last id is none that is equal
+    found, at = np.full(len(agents), -1, np.int64), 0
+    for k in range(len(agents)):
+        if at == len(ids) or ids[at] != agents[k]:  # it does not follow the one before in both
+            at = np.searchsorted(ids, agents[k])
+        if at < len(ids) and ids[at] == agents[k]:
+            found[k] = at
+            at += 1
+    return found
 
 
 @dataclass(frozen=True)
@@ -116,7 +124,7 @@ class AgentTable:
     def take(self, rows: IntArray | BoolArray) -> Self:
         """A table of the agents in `rows`, which are ascending positions or a mask (n,)."""
         at = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
-        return type(self)(self.step, *(getattr(self, f).take(at) for f in ARRAY_FIELDS))
+        return type(self)(self.step, *[column[at] for column in COLUMNS(self)])
 
     @property
     def obstacle(self) -> BoolArray:
@@ -151,9 +159,9 @@ class AgentTable:
     @classmethod
     def merged(cls, step: int, tables: Sequence[AgentTable]) -> Self:
         """The agents of several tables, no two of which hold the same one, as one table of `step`."""
-        columns = {f: np.concatenate([getattr(t, f) for t in tables]) for f in ARRAY_FIELDS}
-        order = np.argsort(columns["id"], kind="stable")
-        return cls(step, **{f: values.take(order) for f, values in columns.items()})
+        columns = [np.concatenate(parts) for parts in zip(*map(COLUMNS, tables), strict=True)]
+        order = columns[ARRAY_FIELDS.index("id")].argsort(kind="stable")
+        return cls(step, *[values[order] for values in columns])
 
     @classmethod
     def empty(cls, step: int) -> AgentTable:
@@ -162,6 +170,8 @@ class AgentTable:
 
 
 ARRAY_FIELDS: tuple[str, ...] = tuple(f.name for f in fields(AgentTable) if f.name != "step")
+COLUMNS: Callable[[AgentTable], tuple[Any, ...]] = attrgetter(*ARRAY_FIELDS)
+"""The arrays of a table, in the order of ARRAY_FIELDS."""
 DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | {
     "id": np.int64,
     "kind": np.uint8,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -90,7 +91,7 @@ class SegmentGrid:
         """(n, 2) headings [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of the lanes in `lane` (n,)."""
         return _headings_around(lane, s, reach, self.heading, *self._places)
 
-    @property
+    @cached_property
     def _places(self) -> tuple[FloatArray, IntArray, FloatArray]:
         """What kernels need to find segments by arc length: `start_s`, the first segment of each lane, its length."""
         return self.start_s, self._first, self._length
@@ -118,7 +119,7 @@ class SegmentGrid:
         """(n,) whether points `x`, `y` [m] are no farther from some segment than its `reach` (k,), at most REACH."""
         return _any_within(x, y, *self._grid, reach)
 
-    @property
+    @cached_property
     def _grid(self) -> tuple[FloatArray, IntArray, float, float, int, int]:
         """What kernels need to find segments: lines, cells, corner of the grid [m], and its columns and rows."""
         return self._lines, self._cells, self._bounds[0], self._bounds[1], *self._shape
