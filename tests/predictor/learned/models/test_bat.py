@@ -208,15 +208,15 @@ def seen(batch: SceneBatch, target: int, other: int) -> Tensor:
 
 
 def test_polar_coordinates_are_about_the_last_position_of_the_target() -> None:
-    """The target looks along +y; the other is 20 m to its left, and drives towards -x, away from it, at 5 m/s."""
+    """The target looks along +y at 10 m/s; the other is 20 m to its left, and drives towards -x, away from it, at 5."""
     batch = alone((100.0, 50.0, torch.pi / 2, 10.0), (80.0, 50.0, torch.pi, 5.0))
-    torch.testing.assert_close(seen(batch, 0, 1)[-1], torch.tensor([2.0, 0.0, 1.0, 0.5, 1.0]), **TOLERANCE)
-    torch.testing.assert_close(seen(batch, 0, 1)[-6], torch.tensor([1.5, 0.0, 1.0, 0.5, 1.0]), **TOLERANCE)
+    torch.testing.assert_close(seen(batch, 0, 1)[-1], torch.tensor([2.0, 0.0, 1.0, 0.5, -4.0, 2.0, 1.0]), **TOLERANCE)
+    torch.testing.assert_close(seen(batch, 0, 1)[-6], torch.tensor([1.5, 0.0, 1.0, 0.5, -4.0, 2.0, 1.0]), **TOLERANCE)
     own = seen(batch, 0, 0)
-    torch.testing.assert_close(own[0], torch.tensor([3.0, -1.0, 0.0, -1.0, 1.0]), **TOLERANCE)
-    torch.testing.assert_close(own[-1], torch.tensor([0.0, 0.0, 0.0, -1.0, 1.0]), **TOLERANCE)
+    torch.testing.assert_close(own[0], torch.tensor([3.0, -1.0, 0.0, -1.0, 0.0, 0.0, 1.0]), **TOLERANCE)
+    torch.testing.assert_close(own[-1], torch.tensor([0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0]), **TOLERANCE)
     # from the other's seat, the target passes from behind on the left to where the other's rear points
-    torch.testing.assert_close(seen(batch, 1, 0)[-1], torch.tensor([2.0, -1.0, 0.0, 0.0, 1.0]), **TOLERANCE)
+    torch.testing.assert_close(seen(batch, 1, 0)[-1], torch.tensor([2.0, -1.0, 0.0, 0.0, -2.0, -4.0, 1.0]), **TOLERANCE)
 
 
 def test_what_was_not_observed_is_zero() -> None:
@@ -226,7 +226,7 @@ def test_what_was_not_observed_is_zero() -> None:
 
 
 def test_neighbours_are_those_on_the_grid_and_who_comes_close_ranks_first() -> None:
-    edge = 6.5 * CELL_LENGTH
+    edge = 13.5 * CELL_LENGTH
     batch = alone(
         (0.0, 0.0, 0.0, 10.0),
         (12.0, 0.0, 0.0, 10.0),  # keeps its distance
@@ -238,7 +238,7 @@ def test_neighbours_are_those_on_the_grid_and_who_comes_close_ranks_first() -> N
     found = neighbours(batch)
     of_first = found.target == 0
     assert found.other[of_first].tolist() == [1, 2, 3]
-    assert found.cell[of_first].tolist() == [3 * 9 + 1, 3 * 10 + 1, 3 * 12 + 2]
+    assert found.cell[of_first].tolist() == [3 * 16 + 1, 3 * 17 + 1, 3 * 26 + 2]
     assert found.rank[of_first].tolist() == [1, 0, 2]
     asked = neighbours(batch, torch.tensor([3, 0]))
     of_first = asked.target == 1

@@ -6,6 +6,8 @@ frames. Where the paper leaves a choice, or ours is another:
 
 - an angle enters as its sine and cosine: a target's own past lies at an angle of pi, where a number would jump;
 - the graph is one of the whole scene, so that centralities are computed once a scene and not once a target;
+- beside the radial velocity, motions have the whole velocity (so yaw and speed) relative to the target's of now;
+- the grid reaches 62 m ahead and behind, the paper's 30 m: those beyond the leader are seen, too;
 - the decoder says how the velocity differs from constant velocity, so that forecasts begin where the agent is;
 - neighbours are handled as a list of pairs, and not as a grid that is mostly empty; see :func:`neighbours`.
 """
@@ -39,10 +41,11 @@ from litsim_predictor.learned.models.model import (
     same_agent,
 )
 
-GRID_ROWS, GRID_COLUMNS = 13, 3
+GRID_ROWS, GRID_COLUMNS = 27, 3
 CELL_LENGTH, CELL_WIDTH = 4.57, 3.66  # [m]: 15 feet, as is usual on NGSIM, and a lane
-POLAR_CHANNELS = 5  # r, cos phi, sin phi, radial velocity, observed
+POLAR_CHANNELS = 7  # r, cos phi, sin phi, radial velocity, relative velocity ahead and to the left, observed
 LENGTH_UNIT, SPEED_UNIT = 10.0, 10.0  # [m], [m/s] that the networks count in
+RELATIVE_UNIT = 2.5  # [m/s] of relative velocities
 AT_ORIGIN = 1e-3  # [m] within which a position has no angle
 NEVER = -1e9  # logit of what is not attended to; finite, as there may be nothing else
 APPROACH_S = 3.0  # [s] over which neighbours are expected to keep their velocity, when they are ranked
@@ -204,7 +207,8 @@ class InteractionEncoder(nn.Module):
         super().__init__()
         self.heads = heads
         self.cell = nn.Embedding(GRID_ROWS * GRID_COLUMNS, embedding)
-        self.contribution = nn.Sequential(nn.Linear(embedding + 4, 128), nn.ReLU(), nn.Linear(128, 256), nn.ReLU())
+        seen = POLAR_CHANNELS - 1  # neighbours are observed now
+        self.contribution = nn.Sequential(nn.Linear(embedding + seen, 128), nn.ReLU(), nn.Linear(128, 256), nn.ReLU())
         self.query = nn.Linear(embedding, embedding)
         self.key_value = nn.Linear(embedding, 2 * embedding)
         self.size = embedding + 256
@@ -215,7 +219,7 @@ class InteractionEncoder(nn.Module):
         `seen` (P, HISTORY, POLAR_CHANNELS) are the motions of the neighbours about their targets.
         """
         other = other + rank_encoding(pairs.rank, other.shape[-1])
-        now = seen[:, -1, :4]
+        now = seen[:, -1, :-1]
         contribution = self.contribution(torch.cat([other, now], dim=-1))  # not negative
         slots, taken = slots_of(pairs.target[:-1], target.shape[0])
         pooled = (contribution[slots] * taken[..., None]).amax(dim=1)
@@ -276,8 +280,9 @@ def polar(motions: Motions, target: Tensor, other: Tensor) -> Tensor:
     """(P, HISTORY, POLAR_CHANNELS) motions of `other` about the last positions of `target`, both (P,) places.
 
     r and phi are in the target's frame, phi as cosine and sine. The radial velocity is positive where r grows; at
-    the origin itself it is that of one who arrives there. Lengths and speeds are in :data:`LENGTH_UNIT` and
-    :data:`SPEED_UNIT`; all channels are zero where `other` was not observed.
+    the origin itself it is that of one who arrives there. The relative velocity is that of `other` less that of the
+    target now, ahead and to the left of the target. Lengths and speeds are in :data:`LENGTH_UNIT`, :data:`SPEED_UNIT`
+    and :data:`RELATIVE_UNIT`; all channels are zero where `other` was not observed.
     """
     turn = -motions.heading[target][:, None]
     offset = rotate(motions.path[other] - motions.position[target][:, None], turn)
@@ -286,8 +291,9 @@ def polar(motions: Motions, target: Tensor, other: Tensor) -> Tensor:
     away = r > AT_ORIGIN
     unit = torch.where(away[..., None], offset / r.clamp_min(AT_ORIGIN)[..., None], 0.0)
     radial = torch.where(away, (unit * velocity).sum(dim=-1), -velocity.norm(dim=-1))
+    relative = (velocity - rotate(motions.velocity[target, -1], turn[:, 0])[:, None]) / RELATIVE_UNIT
     observed = motions.observed[other].to(r.dtype)
-    channels = [r / LENGTH_UNIT, unit[..., 0], unit[..., 1], radial / SPEED_UNIT, observed]
+    channels = [r / LENGTH_UNIT, unit[..., 0], unit[..., 1], radial / SPEED_UNIT, *relative.unbind(-1), observed]
     return torch.stack(channels, dim=-1) * observed[..., None]
 
 
