@@ -79,8 +79,9 @@ class Strips:
         Turned into the principal axes of the covariance and scaled by its standard deviations, the Gaussian is
         standard and the region is a polygon. Its probability is the integral over u of phi(u) [Phi(v2(u)) - Phi(v1(u))]
         with (v1, v2) the cut of the polygon at u: Gauss-Legendre over u, exact along v. With u along the minor axis the
-        cut changes gently. The error is below 0.02 (see the test against Monte Carlo), and nearly nil where the boxes
-        lie along the principal axes, as they do in a lane.
+        cut changes gently; where an edge is nearly across u, it changes at once, at an end of the u that are
+        integrated. The error is below 0.02 (see the test against Monte Carlo), and nearly nil where the boxes lie along
+        the principal axes, as they do in a lane.
 
         Args:
             dx, dy: (m,) mean distance, centre of b minus centre of a, frame map [m].
@@ -95,13 +96,18 @@ class Strips:
         by_u = sigma_u * (self.normal_x * cos + self.normal_y * sin)
         by_v = sigma_v * (self.normal_y * cos - self.normal_x * sin)
         mean_u, extent = dx * cos + dy * sin, self.extent(cos, sin)
-        low = np.clip((-extent - mean_u) / sigma_u, -REACH, REACH)
-        high = np.clip((extent - mean_u) / sigma_u, -REACH, REACH)
-        u = 0.5 * (high + low) + 0.5 * (high - low) * _NODE[:, None]
         flipped = by_v < 0.0
         steep = 1.0 / np.maximum(np.abs(by_v), FLAT)
         offset = np.where(flipped, -1.0, 1.0) * steep * middle
         slope = np.where(flipped, -1.0, 1.0) * steep * by_u
+        with np.errstate(divide="ignore", invalid="ignore"):
+            across = np.abs(slope) > FLAT
+            nearest, reach = -offset / slope, (self.half * steep + REACH) / np.abs(slope)
+            low = np.where(across, nearest - reach, -REACH).max(axis=0, initial=-REACH)
+            high = np.where(across, nearest + reach, REACH).min(axis=0, initial=REACH)
+        low, high = np.maximum(low, (-extent - mean_u) / sigma_u), np.minimum(high, (extent - mean_u) / sigma_u)
+        high = np.maximum(low, high)
+        u = 0.5 * (high + low) + 0.5 * (high - low) * _NODE[:, None]
         centre = -(offset[:, None] + slope[:, None] * u)
         width = (self.half * steep)[:, None]
         v_low, v_high = (centre - width).max(axis=0), (centre + width).min(axis=0)

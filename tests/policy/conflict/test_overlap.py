@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtri
 
@@ -73,6 +73,9 @@ def test_the_extent_is_that_of_the_minkowski_sum(yaw_a, yaw_b, size_a, size_b, d
 
 
 @settings(max_examples=150)
+@example(
+    (0.0, 1.5), (-2.5, -2.5, 0.75), (2.0, 1.0), (2.0, 1.5), (0.0625, 0.0547)
+)  # an edge nearly across the minor axis
 @given(
     st.tuples(offsets, offsets),
     st.tuples(angles, angles, angles),
@@ -84,7 +87,7 @@ def test_the_probability_is_that_of_monte_carlo(delta, yaws, size_a, size_b, sig
     covariance = spread(*sigmas, yaws[2])
     estimate = drawn(strips_of(*yaws[:2], size_a, size_b), *delta, covariance)
     noise = 5.0 * np.sqrt(max(estimate * (1.0 - estimate), 1.0 / DRAWS) / DRAWS)
-    assert probability((*yaws[:2], *size_a, *size_b), *delta, covariance) == pytest.approx(estimate, abs=0.04 + noise)
+    assert probability((*yaws[:2], *size_a, *size_b), *delta, covariance) == pytest.approx(estimate, abs=0.02 + noise)
 
 
 @settings(max_examples=60)

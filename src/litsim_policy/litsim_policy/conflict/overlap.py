@@ -106,8 +106,9 @@ def probability(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Turned into the principal axes of the covariance and scaled by its standard deviations, the Gaussian is standard
     and the region is a polygon. Its probability is the integral over u of phi(u) [Phi(v2(u)) - Phi(v1(u))] with
     (v1, v2) the cut of the polygon at u: Gauss-Legendre over u, exact along v. With u along the minor axis the cut
-    changes gently. The error is below 0.04 (see the test against Monte Carlo), and nearly nil where the boxes lie
-    along the principal axes, as they do in a lane.
+    changes gently; where an edge is nearly across u, it changes at once, at an end of the u that are integrated. The
+    error is below 0.02 (see the test against Monte Carlo), and nearly nil where the boxes lie along the principal axes,
+    as they do in a lane.
 
     Args:
         normal_x, normal_y, edge, half: of :func:`strips`.
@@ -119,14 +120,19 @@ def probability(  # noqa: PLR0917 - a kernel takes arrays and numbers
     sigma_u = math.sqrt(max(cos**2 * xx + sin**2 * yy + 2.0 * cos * sin * xy, SIGMA_MIN**2))
     sigma_v = math.sqrt(max(sin**2 * xx + cos**2 * yy - 2.0 * cos * sin * xy, SIGMA_MIN**2))
     offset, slope, width, extent = np.empty(4), np.empty(4), np.empty(4), 0.0
+    low, high = -REACH, REACH
     for k in range(4):
         along, across = normal_x[k] * cos + normal_y[k] * sin, normal_y[k] * cos - normal_x[k] * sin
         middle = normal_x[k] * dx + normal_y[k] * dy
         offset[k], slope[k], width[k] = cut(middle, half[k], sigma_u * along, sigma_v * across)
         extent += edge[k] * abs(along)
+        if abs(slope[k]) > FLAT:  # beyond these u the strip is out of reach along v
+            nearest, reach = -offset[k] / slope[k], (width[k] + REACH) / abs(slope[k])
+            low, high = max(low, nearest - reach), min(high, nearest + reach)
     mean_u = dx * cos + dy * sin
-    low = min(max((-extent - mean_u) / sigma_u, -REACH), REACH)
-    high = min(max((extent - mean_u) / sigma_u, -REACH), REACH)
+    low, high = max(low, (-extent - mean_u) / sigma_u), min(high, (extent - mean_u) / sigma_u)
+    if low >= high:
+        return 0.0
     total = 0.0
     for node in range(NODES):
         u = 0.5 * (high + low) + 0.5 * (high - low) * _NODE[node]
