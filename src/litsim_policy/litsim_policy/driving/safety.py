@@ -55,6 +55,7 @@ from litsim_sim.scenario.signals import Signals
 
 GUARDS = ("limits", "following", "contact", "road")
 SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as the one that was asked for
+BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] that the guard for contact tries before the hardest
 SPEED_MIN = 1e-3  # [m/s] up to which the bound on lateral acceleration is that of this speed
 
 
@@ -128,7 +129,7 @@ class SafeCommands:
     Attributes:
         acceleration: [m/s2].
         yaw_rate: [rad/s].
-        changed: (m, 4) which of :data:`GUARDS` changed the command.
+        changed: (m, 4) which of :data:`GUARDS` changed what the agent does.
     """
 
     acceleration: FloatArray
@@ -187,7 +188,8 @@ class SafetyLayer:
             lines = self._stop_lines.of(agents)
             if (lines < np.inf).any():
                 cap = np.minimum(cap, stopping_cap(config, agents, lines))
-        changed[:, 1] = cap < safe[:, 0]
+        stands = stopping(agents.speed)
+        changed[:, 1] = np.maximum(cap, stands) < np.maximum(safe[:, 0], stands)
         safe[:, 0] = np.minimum(safe[:, 0], cap)
         if (config.contact or config.road) and len(scene):
             safe, changed[:, 2], changed[:, 3] = self._guarded(agents, safe, cap)
@@ -236,7 +238,9 @@ class SafetyLayer:
         stays |= not config.road or ~stays.any(axis=1, keepdims=True)
         chosen = commands.copy()
         chosen[at] = choices[np.arange(len(at)), _best(choices, touch, stays)]
-        moved = (chosen != commands).any(axis=1)
+        stands = stopping(agents.speed)
+        moved = np.maximum(chosen[:, 0], stands) != np.maximum(commands[:, 0], stands)
+        moved |= (chosen[:, 1] != commands[:, 1]) & (agents.speed > 0.0)
         return chosen, moved & touches, moved & leaves
 
     def _look_ahead(self, table: AgentTable, rows: IntArray, commands: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -251,6 +255,11 @@ class SafetyLayer:
         poses = rolled_out(table, rows, commands, config.settle, max(instants, road))
         touch = first_touch(table, rows, poses, instants, config.margin)
         return touch, stay_on_road(self.lane_map, table, rows, poses, road - 1)
+
+
+def stopping(speed: FloatArray) -> FloatArray:
+    """Accelerations (m,) [m/s2] with which agents at `speed` (m,) [m/s] stand within a step; harder is the same."""
+    return -speed / STEP_S
 
 
 def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
@@ -416,9 +425,9 @@ def _choices(  # noqa: PLR0917 - a kernel takes arrays and numbers
         lateral_acceleration_max, acceleration_max, braking_max: as in :class:`SafetyConfig`.
 
     Returns:
-        (k, 15, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then at other speeds.
+        (k, 21, 2) accelerations and yaw rates: as commanded, along the path, along the lane; then at other speeds.
     """
-    choices = np.empty((len(commands), 15, 2))
+    choices = np.empty((len(commands), 3 * (len(BRAKING) + 3), 2))
     for i in range(len(commands)):
         wanted = commands[i, 0]
         bound = lateral_acceleration_max / max(speed[i], SPEED_MIN)
@@ -427,7 +436,11 @@ def _choices(  # noqa: PLR0917 - a kernel takes arrays and numbers
         along_lane = within(within(lane_yaw_rate[i], low, high), -bound, bound)
         steering = (commands[i, 1], along_path, along_lane)
         driving_on = max(min(acceleration_max, cap[i]), wanted)
-        pedals = np.array([wanted, min(wanted, -2.0), min(wanted, -4.0), min(wanted, -braking_max), driving_on])
+        hardest = min(wanted, -braking_max)
+        pedals = np.full(len(BRAKING) + 3, hardest)
+        pedals[0], pedals[-1] = wanted, driving_on
+        for k in range(len(BRAKING)):
+            pedals[k + 1] = min(wanted, max(-BRAKING[k], -braking_max))
         for place, k in enumerate(np.argsort(np.abs(pedals - wanted), kind="mergesort")):
             for s in range(3):
                 choices[i, 3 * place + s, 0], choices[i, 3 * place + s, 1] = pedals[k], steering[s]
