@@ -42,6 +42,7 @@ from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
 
 CLOSE_UP = 5.0  # [m] to whoever is ahead, below which it matters whether the log itself runs into him
+FOLLOWING_TIME = 0.5  # [s] time constant with which a leader's speed is taken on, nearer to him than vehicles stand
 SOURCES = {
     TakeoverState.HELD: int(ControlSource.POLICY),
     TakeoverState.HANDBACK: int(ControlSource.HANDBACK),
@@ -191,6 +192,29 @@ class YieldPolicy:
             config.side_horizon if or_will_be else 0.0,
         )
 
+    def keep_distance(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
+        """Accelerations (m,) [m/s2] of agents that drive as they want to, `wanted` (m,), but keep their distance.
+
+        They keep it to whoever leads on their paths, as :func:`distance_kept` says, and stop at red as ever.
+        """
+        view, config = agents.view, self._config
+        kept = distance_kept(
+            wanted,
+            agents.speed,
+            view.gap,
+            view.speed,
+            view.ahead & view.in_path,
+            view.first,
+            agents.table.acceleration,
+            config.idm.standstill_gap,
+            config.idm.deceleration,
+            config.courtesy_deceleration,
+        )
+        line = self._stop_lines.of(agents)
+        if np.isinf(line).all():
+            return kept
+        return idm_at_signals(config.idm, agents.speed, self._wanted_speed(agents), kept, line)
+
     def _wanted_speed(self, agents: PathFollowers) -> FloatArray:
         """(m,) speeds [m/s] of the agents' own logs where they are now and at this time.
 
@@ -242,6 +266,54 @@ def _braking_needed(
                 lead, room, brakes = max(along[i, j], 0.0), max(gap[i, j], GAP_MIN), acceleration[first[i] + j]
                 found[i] = max(found[i], braking_behind(speed[i], lead, brakes, room, LEADER_BRAKES))
     return found
+
+
+@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS2, FLOATS2, BOOLS2, INTS, FLOATS, *[float64] * 3))
+def distance_kept(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    wanted: FloatArray,
+    speed: FloatArray,
+    gap: FloatArray,
+    along: FloatArray,
+    leads: BoolArray,
+    first: IntArray,
+    acceleration: FloatArray,
+    standstill_gap: float,
+    comfortable: float,
+    courtesy: float,
+) -> FloatArray:
+    """Accelerations (m,) [m/s2] of agents that drive as they want to, but keep their distance to whoever leads.
+
+    Once not to come nearer than `standstill_gap` takes more than comfortable braking, they brake by that, constantly:
+    harder than by `courtesy` only for half of that gap. Nearer than `standstill_gap` they come down to his speed.
+
+    Args:
+        wanted: (m,) accelerations [m/s2].
+        speed: (m,) of the agents [m/s].
+        gap, along: (m, w) to others and of others along the path [m], [m/s].
+        leads: (m, w) who of them leads.
+        first: (m,) row of the first of the others.
+        acceleration: (n,) of everybody [m/s2].
+        standstill_gap: kept behind a leader that stands [m].
+        comfortable, courtesy: braking [m/s2].
+    """
+    kept = wanted.copy()
+    for i in range(len(speed)):
+        soft, pressing = 0.0, 0.0
+        for j in range(gap.shape[1]):
+            if not (leads[i, j] and gap[i, j] > 0.0):
+                continue
+            kept[i] = max(kept[i], -courtesy)
+            lead, brakes = max(along[i, j], 0.0), acceleration[first[i] + j]
+            room, least = gap[i, j] - standstill_gap, gap[i, j] - 0.5 * standstill_gap
+            soft = max(soft, braking_behind(speed[i], lead, brakes, room, LEADER_BRAKES))
+            pressing = max(pressing, braking_behind(speed[i], lead, brakes, least, LEADER_BRAKES))
+        if soft > comfortable:
+            kept[i] = min(kept[i], -max(min(soft, courtesy), pressing))
+            continue
+        for j in range(gap.shape[1]):
+            if leads[i, j] and 0.0 < gap[i, j] < standstill_gap:
+                kept[i] = min(kept[i], (max(along[i, j], 0.0) - speed[i]) / FOLLOWING_TIME)
+    return kept
 
 
 @kernel(boolean(FLOATS, FLOATS, FLOATS, INTS, int64, int64))

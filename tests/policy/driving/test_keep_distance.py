@@ -1,0 +1,111 @@
+"""Policy litsim behind others: distance is kept to whoever leads, by comfortable braking where that is enough."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from litsim_policy.driving.handback import HandbackConfig
+from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.policy_c import PolicyC
+from litsim_policy.driving.safety import LIMITS_ONLY
+from litsim_policy.driving.yield_policy import FOLLOWING_TIME, YieldConfig, YieldPolicy, distance_kept
+from litsim_sim.core.scene import STEP_S
+from litsim_sim.core.takeover import TakeoverTable
+from takeovers import takeover
+
+CONFIG = YieldConfig()
+STANDS, COMFORTABLE, COURTESY = CONFIG.idm.standstill_gap, CONFIG.idm.deceleration, CONFIG.courtesy_deceleration
+
+
+def kept(wanted: float, speed: float, gap: float, lead: float, braking: float = 0.0, *, leads: bool = True) -> float:
+    """What an agent does behind one other, `gap` ahead at speed `lead`."""
+    return float(
+        distance_kept(
+            np.array([wanted]),
+            np.array([speed]),
+            np.array([[gap]]),
+            np.array([[lead]]),
+            np.array([[leads]]),
+            np.zeros(1, np.int64),
+            np.array([-braking]),
+            STANDS,
+            COMFORTABLE,
+            COURTESY,
+        )[0]
+    )
+
+
+@pytest.mark.parametrize("wanted", [2.0, 0.0, -1.5, -2.9])
+def test_where_comfortable_braking_is_enough_it_drives_as_it_wants(wanted: float) -> None:
+    assert kept(wanted, 12.0, 20.0, 9.0) == wanted
+    assert kept(wanted, 12.0, 4.0, 9.0, leads=False) == wanted, "whoever is beside the path is no leader"
+    assert kept(wanted, 12.0, -1.0, 9.0) == wanted, "nor who is alongside"
+
+
+def test_it_does_not_brake_hard_for_what_takes_less() -> None:
+    assert kept(-4.0, 12.0, 20.0, 9.0) == -COURTESY
+    assert kept(-4.0, 12.0, 20.0, 9.0, leads=False) == -4.0, "behind nobody that is another matter"
+
+
+@pytest.mark.parametrize("wanted", [2.0, 0.0, -4.0])
+def test_it_brakes_constantly_by_what_the_approach_takes(wanted: float) -> None:
+    assert kept(wanted, 12.0, STANDS + 9.0, 5.0) == pytest.approx(
+        -(7.0**2) / (2 * 9.0) if wanted > -COURTESY else -COURTESY
+    )
+    gap = STANDS / 2 + 5.0
+    assert kept(wanted, 12.0, gap, 5.0) == pytest.approx(-(7.0**2) / (2 * 5.0))
+    stops = 5.0**2 / (2 * 4.0)  # a leader who brakes is taken to stop
+    assert kept(wanted, 12.0, gap + 7.0, 5.0, braking=4.0) == pytest.approx(-(12.0**2) / (2 * (12.0 + stops)))
+
+
+@pytest.mark.parametrize("lead", [0.0, 6.0])
+def test_nearer_than_vehicles_stand_it_comes_down_to_the_speed_of_the_leader(lead: float) -> None:
+    assert kept(0.5, lead, 0.6 * STANDS, lead) == 0.0
+    assert kept(0.5, lead + 0.2, 0.9 * STANDS, lead) == pytest.approx(-0.2 / FOLLOWING_TIME)
+    assert kept(-1.0, lead, 0.6 * STANDS, lead) == -1.0, "it may fall back faster"
+
+
+@pytest.mark.parametrize("speed", [1.0, 3.0, 8.0, 15.0])
+@pytest.mark.parametrize("wanted", [0.1, -1.0, 2.0])
+def test_who_approaches_somebody_who_stands_stops_behind_him_without_braking_hard(speed: float, wanted: float) -> None:
+    gap, hardest = 70.0, 0.0
+    for _ in range(600):
+        acceleration = kept(wanted, speed, gap, 0.0)
+        hardest = min(hardest, acceleration)
+        after = max(speed + acceleration * STEP_S, 0.0)
+        gap, speed = gap - 0.5 * (speed + after) * STEP_S, after
+    assert hardest >= -COURTESY
+    if wanted > 0.0:
+        assert speed < 0.05 and STANDS / 2 < gap < STANDS + 1.0
+
+
+def test_of_several_leaders_the_most_demanding_one_counts() -> None:
+    gaps, leads = np.array([[30.0, 6.0, 3.0]]), np.array([[True, True, False]])
+    found = distance_kept(
+        np.array([0.0]),
+        np.array([12.0]),
+        gaps,
+        np.array([[9.0, 5.0, 0.0]]),
+        leads,
+        np.zeros(1, np.int64),
+        np.zeros(3),
+        STANDS,
+        COMFORTABLE,
+        COURTESY,
+    )
+    assert found[0] == kept(0.0, 12.0, 6.0, 5.0) < -COMFORTABLE
+
+
+def test_the_network_needs_no_guard_behind_somebody_who_stands(make_scenario, track, lane_centres) -> None:
+    """It asks to drive on; the policy brakes, as hard as its bounds allow, with every guard off."""
+    y = lane_centres[2]
+    scenario = make_scenario(track(1, x=110.0, y=y, speed=0.0), track(2, x=100.0, y=y, speed=5.0))
+    says = SimpleNamespace(observation=ObservationConfig(), mean=lambda seen: np.zeros((len(seen), 3)))
+    policy = PolicyC(scenario, says, YieldPolicy(scenario, CONFIG, HandbackConfig()), LIMITS_ONLY)
+    path = np.array([[90.0, y], [300.0, y]])
+    table = scenario.log.table(0)
+    controls = policy.act(table, TakeoverTable(0, (takeover(2, reference_path=path),)))
+    assert controls.acceleration[0] == pytest.approx(-LIMITS_ONLY.braking_jerk_max * STEP_S)
