@@ -77,7 +77,7 @@ sbom: ## what is installed, as CycloneDX, into sbom.json
 
 clean: ## remove what build made
 	rm -rf build install log
-	find src -name '*.nb[ic]' -delete
+	find src \( -name '*.nb[ic]' -o -name '*.kernel' \) -delete
 
 distclean: clean ## remove the environment and every cache as well
 	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -35,7 +35,7 @@ kernels_key() {
   {
     cat .venv/.litsim-packages
     { grep -rlZ --include='*.py' '^@kernel(' src || true; } | sort -z | xargs -0r sha256sum
-    find src -name '*.nbi' -printf .
+    find src \( -name '*.nbi' -o -name '*.kernel' \) -printf .
   } | sha256sum
 }
 

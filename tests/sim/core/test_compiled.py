@@ -71,6 +71,15 @@ def test_a_kernel_of_what_the_disk_cannot_know_is_refused() -> None:
             return SHAPE[k]
 
 
+def test_a_kernel_of_what_is_defined_after_it_is_refused(tmp_path: Path) -> None:
+    """What it is kept under on disk is made when it is defined."""
+    folder = package(tmp_path)
+    text = CALLED.format(package=folder.name) + "\n\nLATE = 2.0\n"
+    (folder / "called.py").write_text(text.replace("FACTOR * a", "LATE * a"))
+    run = start(folder)
+    assert "TypeError: kernel called uses what is defined after it" in run.communicate()[1] and run.returncode
+
+
 # What is kept on disk
 
 FACTOR = "FACTOR = {}\n"

@@ -110,7 +110,13 @@ class Kernel:
 
     @cached_property
     def compiled(self) -> Any:
-        """Numba's dispatcher of the function, with all that others need to be compiled that call it."""
+        """Numba's dispatcher of the function, with all that others need to be compiled that call it.
+
+        Raises:
+            TypeError: it uses what is defined after it, changes of which would go unnoticed by what is kept on disk.
+        """
+        if _stamp(self._function) != self.stamp:
+            raise TypeError(f"kernel {self._function.__name__} uses what is defined after it")
         directory = cache_directory(self._file)
         if directory is None or not any(directory.glob(f"*-{self.stamp}.*.nbi")):
             _announce()
