@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from litsim_policy.cli.paper import CAPTIONS, main
+from litsim_policy.driving.simnet_output import FORMAT, OUTPUTS
+from litsim_policy.driving.simnet_raster import CHANNELS, PAPER
 from litsim_policy.paper import running
 from litsim_policy.paper.experiments import CHANGES
 from litsim_policy.paper.page import marks
 from litsim_sim.campaign.results import read_campaign
 from litsim_sim.scenario.run_info import BASELINES
 
-PARTS = ("table", "ablation", "changes", "oracles", "sanity", "figures", "times")
+PARTS = ("table", "ablation", "changes", "oracles", "sanity", "backbones", "figures", "times")
 EMPTY = "Not made yet."
 
 
@@ -85,6 +88,29 @@ def test_oracles_are_run_with_each_ego_that_is_asked_for(out: Path) -> None:
     for ego in ("idm", "perturbed"):
         assert f"### Ego `{ego}`; generated motorway" in made
         assert {result.case.ego.name for result in read_campaign(out / f"out/oracles_{ego}").results} == {ego}
+
+
+def test_the_backbones_of_simnet(out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as status:
+        main(["backbones", *options(out)])
+    assert status.value.code == 2 and "--resnet50: expected" in capsys.readouterr().err
+    onnx = pytest.importorskip("onnx")
+    helper, weights = onnx.helper, tmp_path / "best.onnx"
+    said = onnx.numpy_helper.from_array(np.zeros((1, OUTPUTS), np.float32))  # that everybody stops where he is
+    nodes = [helper.make_node("Constant", [], ["future"], value=said)]
+    shapes = {"raster": [1, CHANNELS, PAPER.rows, PAPER.columns], "future": [1, OUTPUTS]}
+    given, found = (
+        helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape) for name, shape in shapes.items()
+    )
+    graph = helper.make_graph(nodes, "stops", [given], [found])
+    model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 18)])
+    helper.set_model_props(model, {"format": FORMAT})
+    onnx.save(model, weights)
+    main(["backbones", *options(out), "--resnet50", str(weights)])
+    made = (out / "out/backbones.md").read_text()
+    assert made.startswith("### Ego `log`; all sets together")
+    for name in ("replay", "simnet", "simnet, ResNet-50"):
+        assert f"| `{name}` | 2 |" in made
 
 
 def test_the_case_study_of_the_street(out: Path) -> None:

@@ -14,6 +14,7 @@ import yaml
 from litsim_policy.driving.simnet_network import load_network
 from litsim_policy.learning import simnet_train
 from litsim_policy.learning.checkpoint import CHECKPOINT, CURVES, HISTORY
+from litsim_policy.learning.simnet_network import near_part
 from litsim_policy.learning.simnet_train import SimnetConfig
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
@@ -81,6 +82,19 @@ def test_the_paper_backbone_is_trained_likewise(file: Path, tmp_path: Path) -> N
     assert load_network(tmp_path / "best.onnx").shape.rows == 224
 
 
+def test_the_paper_backbone_may_begin_with_what_is_near_and_in_bfloat16(file: Path, tmp_path: Path) -> None:
+    values = {"backbone": "resnet50", "batches": 2, "near_batches": 1, "validate_every": 1, "precision": "bfloat16"}
+    values |= {"moments": 1, "agents": 2, "validation_moments": 1}
+    config = read_yaml(file, SimnetConfig).model_copy(update=values)
+    training = simnet_train.run(config, tmp_path, progress=False)
+    assert all(each.dtype == torch.float32 for each in training.network.parameters())
+    near, whole = training.history
+    assert training.best == whole["validation"] != near["validation"], "weights are judged on whole rasters"
+    rasters = torch.zeros(1, 16, 224, 224)
+    rasters[:, :, 56, 112] = 1.0  # where the agent is
+    assert near_part(rasters).shape == (1, 16, 96, 64) and near_part(rasters)[:, :, 24, 32].all()
+
+
 def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
     config = read_yaml(file, SimnetConfig).model_copy(update={"batches": 1})
     with pytest.raises(InputError, match="no checkpoint"):
@@ -120,4 +134,10 @@ def test_configurations_that_are_wrong(tmp_path: Path) -> None:
     path = tmp_path / "wrong.yaml"
     path.write_text("backbone: resnet18\ndata: {}\n")
     with pytest.raises(InputError, match=r"field backbone: .*'small' or 'resnet50'"):
+        read_yaml(path, SimnetConfig)
+    path.write_text("near_batches: 5\ndata: {}\n")
+    with pytest.raises(InputError, match="near_batches is 5 with backbone small, expected resnet50"):
+        read_yaml(path, SimnetConfig)
+    path.write_text("backbone: resnet50\nbatches: 5\nnear_batches: 5\ndata: {}\n")
+    with pytest.raises(InputError, match="near_batches is 5 of 5 batches, expected fewer"):
         read_yaml(path, SimnetConfig)

@@ -10,23 +10,20 @@ from pathlib import Path
 
 from litsim_policy.paper import tables
 from litsim_policy.paper.experiments import (
-    ABLATIONS,
-    CHANGED,
+    BACKBONES,
     EGOS,
     EXPERIMENTS,
     ORACLES,
     OURS,
     PAPER_EGO,
     PAPER_SETUP,
-    SANITY,
     TABLE,
     Experiment,
+    of_backbones,
     of_oracles,
 )
 from litsim_policy.paper.measures import Key, Metrics
 from litsim_policy.paper.page import fill
-from litsim_policy.paper.published import ABLATION as PUBLISHED_ABLATION
-from litsim_policy.paper.published import TABLE as PUBLISHED_TABLE
 from litsim_policy.paper.roads import REAL, SETS
 from litsim_policy.paper.running import carried_out, note_what_happened
 from litsim_sim.campaign.case import code_versions
@@ -50,17 +47,17 @@ CAPTIONS = {
     "case_lane_change": "An ego changes lane where its log did not, on US-101: replay above, LitSim below.",
     "case_left_turn": "An unprotected left turn on the generated street: replay above, LitSim below.",
 }
-PUBLISHED = {"table": PUBLISHED_TABLE, "ablation": PUBLISHED_ABLATION}
 EPILOG = (
     "Interrupted, the same command goes on. 'figures' draws what 'table' has run; 'cases' runs and draws the two case "
-    "studies; 'all' does everything. The real window needs LITSIM_DATA; without it, it is left out, which is said."
+    "studies; 'all' does everything, 'backbones' only with --resnet50. The real window needs LITSIM_DATA; without it, "
+    "it is left out, which is said."
 )
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy paper``."""
     p = argparse.ArgumentParser(prog="paper", description=__doc__, epilog=EPILOG, formatter_class=DefaultsFormatter)
-    parts = (*EXPERIMENTS, ORACLES, FIGURES, CASES, ALL)
+    parts = (*EXPERIMENTS, BACKBONES, ORACLES, FIGURES, CASES, ALL)
     p.add_argument("what", choices=parts, help="experiment, or what is made of it")
     p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="where")
     p.add_argument("--ego", nargs="+", choices=OWN_EGOS, help="what drives the ego, instead of the experiment's own")
@@ -69,6 +66,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--quick", action="store_true", help="a few short runs, to see that it works")
     p.add_argument("--overwrite", action="store_true", help="begin anew where other sources have run")
     p.add_argument("--as-it-is", action="store_true", help="run nothing: tables and figures of what has been run")
+    p.add_argument("--resnet50", type=Path, metavar="FILE", help="weights of simnet's large backbone, for 'backbones'")
     p.add_argument("--page", type=Path, help="Markdown file whose marked parts are filled, such as docs/results.md")
     p.add_argument("--images", type=Path, help="folder of the figures (default: figures in --out)")
     return p
@@ -88,9 +86,20 @@ class Work:
     def experiment(self, experiment: Experiment) -> None:
         """Run `experiment`, and write its tables."""
         campaign = self._campaign(experiment)
-        sets = (None,) if experiment is CHANGED else self._sets
+        sets = self._sets if experiment.by_set else (None,)
         lines = list(_tables(campaign, experiment, self._egos(experiment), sets))
         self._write(experiment.name, lines)
+
+    def backbones(self) -> None:
+        """Run SimNet with either backbone, and write the tables.
+
+        Raises:
+            InputError: the weights of the large one are not given.
+        """
+        weights: Path | None = self._arguments.resnet50
+        if weights is None:
+            raise InputError(f"--resnet50: expected for {BACKBONES!r}: the file of litsim_policy train_simnet")
+        self.experiment(of_backbones(weights))
 
     def oracles(self) -> None:
         """Run ours with each stage in turn done as well as can be, and write the tables."""
@@ -179,7 +188,7 @@ class Work:
 
     def _egos(self, experiment: Experiment) -> tuple[str, ...]:
         given: Sequence[str] | None = self._arguments.ego
-        if given and experiment is not SANITY:
+        if given and not experiment.own_egos:
             return tuple(given)
         return experiment.egos[:1] if self._arguments.quick else experiment.egos
 
@@ -213,20 +222,19 @@ def _tables(
 
     A set of None is all of them together.
     """
-    published = PUBLISHED.get(experiment.name, {})
     for ego in egos:
         for tag in sets:
             methods = tables.methods_of(campaign, ego, tag)
             yield from (f"### {tables.titled(ego, tag)}", "")
-            as_paper = published if ego == PAPER_EGO else {}
+            as_paper = experiment.published if ego == PAPER_EGO else {}
             yield from (*tables.table(methods, tables.OF_THE_PAPER, as_paper), "")
             yield from (*tables.table(methods, tables.BESIDE), "")
             yield from ("Contacts that the log has not, by whose fault:", "", *tables.counts(methods), "")
-            if experiment in (TABLE, CHANGED):
+            if experiment.compared:
                 yield from ("Differences, with 95 % intervals:", "")
                 yield from (*tables.differences(methods, tables.OF_THE_PAPER), "")
                 yield from _won(methods)
-        if experiment is TABLE:
+        if experiment.aimed:
             yield from (f"### {tables.titled(ego, None)}: what was aimed at", "")
             yield from (*tables.goals(tables.methods_of(campaign, ego, None)), "")
 
@@ -256,13 +264,13 @@ def main(argv: list[str] | None = None) -> int:
         TABLE.name: partial(work.experiment, TABLE),
         FIGURES: work.figures,
         CASES: work.cases,
-        ABLATIONS.name: partial(work.experiment, ABLATIONS),
-        CHANGED.name: partial(work.experiment, CHANGED),
-        SANITY.name: partial(work.experiment, SANITY),
+        **{name: partial(work.experiment, each) for name, each in EXPERIMENTS.items() if each is not TABLE},
         ORACLES: work.oracles,
+        BACKBONES: work.backbones,
     }
-    for part in parts.values() if arguments.what == ALL else (parts[arguments.what],):
-        part()
+    asked = [name for name in parts if name != BACKBONES or arguments.resnet50]
+    for name in asked if arguments.what == ALL else (arguments.what,):
+        parts[name]()
     work.times()
     return 0
 

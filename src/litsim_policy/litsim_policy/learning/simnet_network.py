@@ -20,6 +20,7 @@ from litsim_sim.core.scene import FloatArray
 Backbone = Literal["small", "resnet50"]
 SHAPES: dict[Backbone, RasterShape] = {"small": SMALL, "resnet50": PAPER}
 OPSET = 18
+NEAR_SHARE = 96 * 64 / (PAPER.rows * PAPER.columns)  # of :func:`near_part`
 
 
 class SimNet(nn.Module):
@@ -47,15 +48,21 @@ class SimNet(nn.Module):
         values: Tensor = self.backbone(rasters)
         return values
 
-    def physical(self, rasters: Tensor) -> Tensor:
-        """The same in metres and radians."""
-        return self(rasters) * self.spread + self.middle
+    def physical(self, rasters: Tensor, *, near: bool = False) -> Tensor:
+        """The same in metres and radians; `near` of the near part of rasters alone, which only ResNet-50 can do."""
+        said: Tensor = self.backbone(near_part(rasters), NEAR_SHARE) if near else self(rasters)
+        return said.float() * self.spread + self.middle  # of bfloat16, where that is what the network is computed in
 
     def scale_to(self, futures: FloatArray, units: FloatArray) -> None:
         """Take mean and spread from `futures` (k, OUTPUTS) of some agents, and `units` (OUTPUTS,) for errors."""
         self.unit.copy_(torch.from_numpy(units))
         self.middle.copy_(torch.from_numpy(futures.mean(axis=0)))
         self.spread.copy_(torch.from_numpy(np.maximum(futures.std(axis=0), 1e-6)))
+
+
+def near_part(rasters: Tensor) -> Tensor:
+    """The cells of the paper's rasters within 12 m behind and 36 m ahead of the agent, and 16 m to each side."""
+    return rasters[..., 32:128, 80:144]
 
 
 def small() -> nn.Sequential:

@@ -14,11 +14,11 @@ import argparse
 import json
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 from torch import Tensor
 from tqdm import tqdm
 
@@ -48,7 +48,11 @@ class SimnetConfig(BaseModel):
         seed: of everything random.
         batches: updates of the network.
         moments, agents: of a batch, moments of scenarios and agents of each at most.
-        learning_rate: of Adam at the beginning.
+        learning_rate: of Adam at the beginning, after `warm_up` batches over which it rises from zero in a line.
+        precision: of the products in forward and backward passes; weights, sums over batches, validation and what
+            drives are float32.
+        near_batches: first batches, that see only the near part of the rasters (see :func:`.simnet_network.near_part`),
+            an eighth of the cells. The rate falls to zero over these, and once more over the others.
         validate_every: batches between validations.
         validation_moments: of one.
         data: see there; `real_weight` is how often agents of real windows are drawn, one of generated traffic once.
@@ -63,10 +67,21 @@ class SimnetConfig(BaseModel):
     moments: int = Field(16, gt=0)
     agents: int = Field(8, gt=0)
     learning_rate: float = Field(1e-3, gt=0)
+    warm_up: int = Field(0, ge=0)
+    precision: Literal["float32", "bfloat16"] = "float32"
+    near_batches: int = Field(0, ge=0)
     validate_every: int = Field(500, gt=0)
     validation_moments: int = Field(128, gt=0)
     data: DataConfig
     perturbation: PerturbationConfig = PerturbationConfig()  # type: ignore[call-arg]
+
+    @model_validator(mode="after")
+    def _sees_whole_rasters(self) -> SimnetConfig:
+        if self.near_batches and self.backbone != "resnet50":
+            raise ValueError(f"near_batches is {self.near_batches} with backbone {self.backbone}, expected resnet50")
+        if self.near_batches >= self.batches:
+            raise ValueError(f"near_batches is {self.near_batches} of {self.batches} batches, expected fewer")
+        return self
 
 
 class SimnetTraining:
@@ -97,16 +112,22 @@ class SimnetTraining:
 
     @property
     def best(self) -> float:
-        """Lowest validation loss so far."""
-        return min((entry["validation"] for entry in self.history), default=np.inf)
+        """Lowest validation loss on whole rasters so far."""
+        whole = (entry for entry in self.history if entry["batches"] > self.config.near_batches)
+        return min((entry["validation"] for entry in whole), default=np.inf)
 
     def update(self, samples: Samples) -> float:
         """Learn one batch; returns its loss."""
-        rate = 0.5 * self.config.learning_rate * (1.0 + np.cos(np.pi * self.done / self.config.batches))
+        config, near = self.config, self.done < self.config.near_batches
+        begin, end = (0, config.near_batches) if near else (config.near_batches, config.batches)
+        rate = 0.5 * config.learning_rate * (1.0 + np.cos(np.pi * (self.done - begin) / (end - begin)))
+        rate *= min(1.0, (self.done - begin + 1) / (config.warm_up + 1))
         for group in self._optimiser.param_groups:
             group["lr"] = float(rate)
         self.network.train()
-        errors = self._errors(torch.from_numpy(samples.rasters), samples.futures)
+        kind = torch.device(self._device).type
+        with torch.autocast(kind, torch.bfloat16, enabled=config.precision == "bfloat16"):
+            errors = self._errors(torch.from_numpy(samples.rasters), samples.futures, near)
         loss = ((errors / self.network.unit) ** 2).mean()
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()
@@ -119,9 +140,9 @@ class SimnetTraining:
         """Loss, and errors of the pose after the first and last step, of agents that nothing is learned from."""
         self.network.eval()
         part = self.config.moments * self.config.agents
-        begins = range(0, len(samples.rasters), part)
+        begins, near = range(0, len(samples.rasters), part), self.done <= self.config.near_batches
         rasters, futures = torch.from_numpy(samples.rasters), samples.futures
-        errors = torch.cat([self._errors(rasters[k : k + part], futures[k : k + part]) for k in begins])
+        errors = torch.cat([self._errors(rasters[k : k + part], futures[k : k + part], near) for k in begins])
         loss = float(((errors / self.network.unit) ** 2).mean())
         off = errors.reshape(-1, FUTURE, 3).cpu().numpy()
         return {
@@ -131,17 +152,19 @@ class SimnetTraining:
             "away_last": float(np.hypot(off[:, -1, 0], off[:, -1, 1]).mean()),
         }
 
-    def _errors(self, rasters: Tensor, futures: FloatArray) -> Tensor:
-        """(b, OUTPUTS) [m], [rad]: what the network says less what happened."""
-        return self.network.physical(rasters.to(self._device)) - torch.from_numpy(futures).float().to(self._device)
+    def _errors(self, rasters: Tensor, futures: FloatArray, near: bool) -> Tensor:
+        """(b, OUTPUTS) [m], [rad]: what the network says less what happened; `near` of near parts of rasters alone."""
+        said = self.network.physical(rasters.to(self._device), near=near)
+        return said - torch.from_numpy(futures).float().to(self._device)
 
     def write(self, out: Path) -> None:
         """Write a checkpoint, the history and its curves; if the last validation was the best, the weights."""
         keep_state(out / CHECKPOINT, self.config, self._parts, {"history": self.history, "done": self.done})
         (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
         plot_curves(self.history, out / CURVES, SIMNET_PANELS, along="batches", log=True)
-        if self.history[-1]["validation"] <= self.best:
-            about = {"config": self.config.model_dump_json(), "figures": json.dumps(self.history[-1])}
+        last = self.history[-1]
+        if last["batches"] > self.config.near_batches and last["validation"] <= self.best:
+            about = {"config": self.config.model_dump_json(), "figures": json.dumps(last)}
             with replacing(self.weights(out)) as new:
                 save(self.network, new, about)
 

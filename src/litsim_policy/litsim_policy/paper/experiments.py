@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from litsim_policy.paper import published
 from litsim_policy.paper.roads import Roads, roads, shortened
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.policy_setup import PolicySetup, setup_of
@@ -18,6 +19,8 @@ PAPER_SETUP = "paper"
 PAPER_EGO = "bat"
 EGOS = (PAPER_EGO, "idm", "perturbed")
 SANITY_S = 10.0
+FEW = 5
+"""Cases of each set where a step is dear."""
 JUDGED = Criteria.model_validate({"runs": [{"name": "reactive", "field": "reactive", "equals": True}]})
 
 Policy = str | PolicySetup
@@ -94,6 +97,11 @@ class Experiment:
         policies: rows.
         egos: who drives the ego: a table each.
         prepare: makes the cases of the roads' own.
+        own_egos: whether no other egos can be asked for.
+        by_set: whether each set of roads has tables of its own; else all are of all sets together.
+        compared: whether differences from ours have a table, too, and what others win is said.
+        aimed: whether what was aimed at is set beside what was reached.
+        published: what the paper reports, set beside the runs with its ego.
     """
 
     name: str
@@ -101,6 +109,11 @@ class Experiment:
     policies: tuple[Policy, ...]
     egos: tuple[str, ...]
     prepare: Callable[[Roads, Path], Roads] = lambda found, _: found
+    own_egos: bool = False
+    by_set: bool = True
+    compared: bool = False
+    aimed: bool = False
+    published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def suite(self, sets: tuple[str, ...], egos: tuple[str, ...], folder: Path, *, quick: bool) -> Suite:
         """What is run on the `sets` of roads with `egos`; what is generated for it lies in `folder`.
@@ -123,23 +136,33 @@ def _ten_seconds(found: Roads, folder: Path) -> Roads:
     return {name: shortened(entries, SANITY_S, folder) for name, entries in found.items()}
 
 
+def _few(found: Roads, folder: Path) -> Roads:
+    return _ten_seconds({name: entries[:FEW] for name, entries in found.items()}, folder)
+
+
 TABLE = Experiment(
     name="table",
     description="Table II: pure replay, the baselines, ours, and ours as the paper configures it.",
     policies=(REPLAY, *BASELINES, OURS, PAPER_SETUP),
     egos=EGOS,
+    compared=True,
+    aimed=True,
+    published=published.TABLE,
 )
 ABLATIONS = Experiment(
     name="ablation",
     description="M0, M1, M2 and M* of the ablation study.",
     policies=ABLATION,
     egos=EGOS,
+    published=published.ABLATION,
 )
 CHANGED = Experiment(
     name="changes",
     description="Ours with one of its changes at a time taken back to what the paper does.",
     policies=changes(),
     egos=EGOS[1:],
+    by_set=False,
+    compared=True,
 )
 """Beside the paper's ego hardly anybody is taken over, so that nothing is seen of a change."""
 
@@ -149,6 +172,7 @@ SANITY = Experiment(
     policies=(REPLAY, *BASELINES),
     egos=("log",),
     prepare=_ten_seconds,
+    own_egos=True,
 )
 EXPERIMENTS = {each.name: each for each in (TABLE, ABLATIONS, CHANGED, SANITY)}
 
@@ -158,3 +182,19 @@ ORACLES = "oracles"
 def of_oracles(ego: str, happened: Path) -> Experiment:
     """Ours with stages in turn done as well as can be, for one ego: what is lost in each."""
     return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", oracles(happened), (ego,))
+
+
+BACKBONES = "backbones"
+
+
+def of_backbones(weights: Path) -> Experiment:
+    """SimNet with either backbone, of which `weights` is the file of ResNet-50's: 10 s of a few cases."""
+    large = {"policy.simnet.backbone": "resnet50", "policy.simnet.weights": str(weights.resolve())}
+    return Experiment(
+        name=BACKBONES,
+        description="SimNet with its small backbone and with the paper's.",
+        policies=(REPLAY, "simnet", PolicySetup(name="simnet, ResNet-50", kind="simnet", parameters=large)),
+        egos=("log", "idm"),
+        prepare=_few,
+        by_set=False,
+    )
