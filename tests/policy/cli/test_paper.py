@@ -11,6 +11,7 @@ from litsim_policy.cli.paper import CAPTIONS, main
 from litsim_policy.driving.simnet_output import FORMAT, OUTPUTS
 from litsim_policy.driving.simnet_raster import CHANNELS, PAPER
 from litsim_policy.paper import running
+from litsim_policy.paper.case_studies import AFTER_S, BEFORE_S, EVENTS, LEFT_TURN, Study, chosen, drawn
 from litsim_policy.paper.experiments import CHANGES
 from litsim_policy.paper.page import marks
 from litsim_sim.campaign.results import read_campaign
@@ -66,16 +67,16 @@ def test_figures_are_of_what_has_been_run(out: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("what", "rows"),
+    ("what", "egos", "rows"),
     [
-        ("ablation", ("M0", "M1", "M2")),
-        ("oracles", ("litsim", "true future", "conflicts by hindsight", "ideal hand-back")),
-        ("sanity", ("replay", *BASELINES)),
-        ("changes", ("litsim", *CHANGES, "paper")),
+        ("ablation", ["--ego", "idm"], ("M0", "M1", "M2")),
+        ("oracles", ["--ego", "idm"], ("litsim", "true future", "conflicts by hindsight", "ideal hand-back")),
+        ("sanity", [], ("replay", *BASELINES)),
+        ("changes", [], ("litsim", *CHANGES, "paper")),
     ],
 )
-def test_the_other_experiments(out: Path, what: str, rows: tuple[str, ...]) -> None:
-    main([what, *options(out)])
+def test_the_other_experiments(out: Path, what: str, egos: list[str], rows: tuple[str, ...]) -> None:
+    main([what, *options(out), *egos])
     made = (out / f"out/{what}.md").read_text()
     assert "off road %, of those driven" in made
     for name in rows:
@@ -114,13 +115,17 @@ def test_the_backbones_of_simnet(out: Path, tmp_path: Path, capsys: pytest.Captu
 
 
 def test_the_case_study_of_the_street(out: Path) -> None:
+    """It has a picture where there is such a case, and none of other runs where there is not; any case can be drawn."""
+    picture = out / "out/figures/case_left_turn.png"
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    picture.touch()
     main(["cases", *options(out)])
-    assert (out / "out/figures/case_left_turn.png").is_file()
-    (replayed, ours) = (
-        {result.case.ego_id: result for result in read_campaign(out / "out/cases_left_turn").results if wanted(result)}
-        for wanted in (lambda r: r.case.policy == "replay", lambda r: r.case.policy == "litsim")
-    )
-    assert any(not replayed[ego].metrics["reactive"] and ours[ego].metrics["reactive"] for ego in ours)
+    campaign = read_campaign(out / "out/cases_left_turn")
+    study = chosen(campaign, EVENTS[LEFT_TURN])
+    assert picture.is_file() == (study is not None)
+    replayed, ours = (next(r for r in campaign.results if r.case.policy == policy) for policy in ("replay", "litsim"))
+    drawing = drawn(LEFT_TURN, study or Study(replayed.case, ours.case, contact=60))
+    assert len(drawing.axes) == 2 * len([*BEFORE_S, AFTER_S])
 
 
 def test_without_recorded_data_the_real_window_is_left_out(

@@ -210,6 +210,21 @@ def test_it_does_not_brake_for_a_leader_of_itself(make_scenario, track) -> None:
     assert command.acceleration == pytest.approx(0.0, abs=1e-9)
 
 
+def test_it_sees_as_far_as_its_parameter_says(make_scenario, track) -> None:
+    """BAT has learned from those up to 62 m away: one who stands 45 m ahead matters, unless it is not shown."""
+    me, other = track(1, x=20.0, speed=12.0, last=60), track(2, x=101.0, speed=0.0, last=60)
+    alone, behind = make_scenario(me, history_steps=31), make_scenario(me, other, history_steps=31)
+
+    def commands(scenario: Scenario, config: BatConfig) -> list[tuple[float, float]]:
+        ego = BatEgo(scenario, config)
+        answers = [ego.plan(scenario.log.table(step)) for step in range(32)]
+        return [(answer.acceleration, answer.yaw_rate) for answer in answers]
+
+    near = BatConfig(roi_m=30.0)
+    assert commands(behind, near) == commands(alone, near) == commands(alone, BatConfig())
+    assert commands(behind, BatConfig())[-1] != commands(behind, near)[-1]
+
+
 def test_without_a_forecast_it_keeps_its_lane_and_speed(make_scenario, track, drive, lane_centres) -> None:
     scenario = make_scenario(track(1, x=60.0, y=lane_centres[2] + 0.8, yaw=0.03, last=150))
     ego = ego_with(scenario, lambda table, row: straight(table, row, -2.0), valid=False)

@@ -145,6 +145,8 @@ class Work:
             study = case_studies.chosen(campaign, case_studies.EVENTS.get(name))
             if study is None:
                 print(f"{name}: no case in which replay makes such a contact of the ego and {OURS} none")
+                for old in self._images.glob(f"case_{name}.*"):  # of other runs
+                    old.unlink()
                 continue
             figures.save(case_studies.drawn(name, study), self._images, f"case_{name}")
             print(f"{name}: {study.ours.name}")

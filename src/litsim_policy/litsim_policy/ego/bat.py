@@ -16,7 +16,7 @@ from litsim_policy.motion.stop_lines import StopLines, idm_at_signals
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.models import ModelName, make_predictor
 from litsim_predictor.selection import Wanted
-from litsim_sim.core.quantities import Horizon, Length, NonNegative, configuration
+from litsim_sim.core.quantities import Horizon, Length, NonNegative, Positive, configuration
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.scenario import Scenario
@@ -30,11 +30,13 @@ class BatConfig:
 
     Attributes:
         predictor: what forecasts; see :func:`litsim_predictor.models.make_predictor`.
+        roi_m: distance from the ego up to which it sees others; by default what BAT saw in its training.
         preview: time into the forecast that the acceleration is to reproduce.
         edge_margin: distance that the ego's sides keep from the edges of the road.
     """
 
     predictor: ModelName = "bat"
+    roi_m: Positive[Length] = 62.0
     preview: Horizon = 2.0
     edge_margin: NonNegative[Length] = 0.2
 
@@ -44,7 +46,7 @@ class BatEgo:
 
     def __init__(self, scenario: Scenario, config: BatConfig | None = None) -> None:
         self._scenario, self._config = scenario, config or BatConfig()
-        self._predictor = make_predictor(self._config.predictor, scenario, wanted=Wanted.EGO)
+        self._predictor = make_predictor(self._config.predictor, scenario, wanted=Wanted.EGO, roi_m=self._config.roi_m)
         self._reachable: dict[frozenset[int], LaneMap] = {}
         self._stop_lines = StopLines(scenario.signals)
 

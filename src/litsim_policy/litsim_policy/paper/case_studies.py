@@ -63,7 +63,8 @@ def candidates(folder: Path, *, real: bool, quick: bool) -> dict[str, Suite]:
     changer = EgoSetup(name="lane_changer", kind="perturbed", parameters={"ego.kind": "lane_change"})
     keeper = EgoSetup(name="keep_speed", kind="perturbed", parameters={"ego.kind": "keep_speed"})
     turns = [entry for entry in Suite.load(TURNS).cases if LEFT_TURN in entry.tags]
-    found = {LEFT_TURN: _suite(LEFT_TURN, turns[:2] if quick else turns, [keeper, EgoSetup(name="bat", kind="bat")])}
+    egos = [keeper, *(EgoSetup(name=kind, kind=kind) for kind in ("bat", "idm"))]
+    found = {LEFT_TURN: _suite(LEFT_TURN, turns[:2] if quick else turns, egos)}
     if real:
         found[LANE_CHANGE] = _suite(LANE_CHANGE, roads((REAL,), folder, quick=quick)[REAL], [changer])
     return found
