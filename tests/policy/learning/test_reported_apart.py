@@ -14,7 +14,7 @@ import litsim_policy
 import litsim_sim
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.weights import read_weights
-from litsim_sim.traffic.seeds import CALIBRATION, DEMO_RECORDING, REPORTED, TRAINING
+from litsim_sim.traffic.seeds import CALIBRATION, DEMO_RECORDING, PAPER, REPORTED, TRAINING
 
 POLICIES = sorted((Path(litsim_policy.__file__).parent / "weights").glob("*.safetensors"))
 REAL = yaml.safe_load((Path(litsim_sim.__file__).parent / "scenarios/us101_0750.yaml").read_text())
@@ -28,6 +28,7 @@ def trained_on(weights: Path) -> dict[str, Any]:
 
 def test_seeds_have_one_use() -> None:
     assert len(TRAINING | CALIBRATION | REPORTED) == len(TRAINING) + len(CALIBRATION) + len(REPORTED)
+    assert len(REPORTED) == len(PAPER) + 2, "one for docs/experiments.md, one for the paper's left turn"
     assert POLICIES and SHIPPED
 
 

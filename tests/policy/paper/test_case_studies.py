@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import shapely
 
 import campaigns
-from litsim_policy.paper.case_studies import LEFT_TURN, _outlines, candidates, chosen
+from litsim_policy.paper import roads
+from litsim_policy.paper.case_studies import LEFT_TURN, SEGMENTS, _outlines, candidates, chosen, left_turns
 from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.campaign.results import Campaign, RunResult
 from litsim_sim.mining.events import EventKind
+from litsim_sim.recordings.segments import MANIFEST_FILE
+from litsim_sim.scenario.scenario import packaged
+from litsim_sim.traffic.seeds import LEFT_TURNS
+
+TURN_37, TURN_50 = ("street_train_37", 128), ("street_train_50", 160)
+"""Who passes before a left turn in suite small, the nearest first."""
 
 
 def campaign(found: dict[tuple[int, str], dict[str, Any]], **turns: list[int]) -> Campaign:
@@ -74,9 +83,36 @@ def test_a_left_turn_is_shown_whose_paths_cross() -> None:
     assert chosen(campaign({key: found[key] for key in found if key[0] < 4}, **crossed), EventKind.LEFT_TURN) is None
 
 
-def test_candidates_of_the_street_are_left_turns(tmp_path: Path) -> None:
-    (suite,) = candidates(tmp_path, real=False, quick=True).values()
-    assert len(suite.cases) == 2 and all(LEFT_TURN in case.tags for case in suite.cases)
+def test_candidates_of_the_street_pass_before_the_other_turns(tmp_path: Path) -> None:
+    """Of the turns in suite small those whose other goes second, and with any ego the nearest first."""
+    suite = candidates(LEFT_TURN, tmp_path, quick=True)
+    assert [(Path(case.scenario).stem, case.ego_id) for case in suite.cases] == [TURN_37, TURN_50]
+    assert [ego.name for ego in suite.egos] == ["braker", "idm"]
+    backwards = left_turns([case.scenario for case in reversed(suite.cases)])
+    assert backwards == suite.cases
+    for case in backwards:
+        (event,) = case.events
+        assert (event["kind"], event["first"], event["role"]) == (EventKind.LEFT_TURN, "ego", "oncoming")
+
+
+def test_the_street_is_of_a_seed_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is there already is read, not generated again."""
+    made: list[tuple[str, int, int]] = []
+
+    def written(net: str, count: int, seed: int, folder: Path) -> None:
+        made.append((net, count, seed))
+        folder.mkdir(parents=True)
+        (folder / MANIFEST_FILE).touch()
+        for name, _ in (TURN_37, TURN_50):
+            for file in packaged("suites/small").glob(f"{name}.*"):
+                shutil.copy(file, folder)
+
+    monkeypatch.setattr(roads, "write_segment_set", written)
+    first, again = (candidates(LEFT_TURN, tmp_path, quick=False) for _ in range(2))
+    assert made == [("urban_like", SEGMENTS, LEFT_TURNS)]
+    assert first == again
+    assert [(Path(case.scenario).stem, case.ego_id) for case in first.cases] == [TURN_37, TURN_50]
+    assert all(Path(case.scenario).is_relative_to(tmp_path) for case in first.cases)
 
 
 def test_a_lane_is_drawn_as_far_as_it_is_seen() -> None:

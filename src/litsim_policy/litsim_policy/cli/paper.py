@@ -137,11 +137,15 @@ class Work:
         from litsim_policy.paper import case_studies, figures
 
         arguments = self._arguments
-        suites = case_studies.candidates(self._out / "roads", real=REAL in self._sets, quick=arguments.quick)
-        for name, suite in suites.items():
+        for name in case_studies.STUDIES:
+            if name == case_studies.LANE_CHANGE and REAL not in self._sets:
+                continue
             where = f"cases_{name}"
-            as_it_is = arguments.as_it_is
-            campaign = read_campaign(self._out / where) if as_it_is else self._carried_out(suite, where)
+            if arguments.as_it_is:
+                campaign = read_campaign(self._out / where)
+            else:
+                suite = case_studies.candidates(name, self._out / "roads", quick=arguments.quick)
+                campaign = self._carried_out(suite, where)
             study = case_studies.chosen(campaign, case_studies.EVENTS.get(name))
             if study is None:
                 print(f"{name}: no case in which replay makes such a contact of the ego and {OURS} none")

@@ -2,11 +2,13 @@
 
 In each an ego does what its log did not, and replay drives into it. Which ego is shown is found, not chosen: of the
 candidates, in their order, the first that replay makes a contact of, and ours none. At the left turn the contact is
-with whom the turn leads across: somebody who is run into from behind on the way there is not shown.
+with who turns across the ego's way: in the log behind the ego, which now comes later than there. Somebody who is run
+into from behind on the way there is not shown.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +21,7 @@ from matplotlib.patches import Patch
 
 from litsim_policy.paper.experiments import JUDGED, OURS
 from litsim_policy.paper.measures import key_of
-from litsim_policy.paper.roads import REAL, roads
+from litsim_policy.paper.roads import REAL, URBAN, generated, roads
 from litsim_policy.run.case_run import plan_of
 from litsim_policy.run.runner import Runner, record
 from litsim_sim.campaign.case import Case
@@ -31,13 +33,19 @@ from litsim_sim.core.geometry import box_corners
 from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.mining.events import EventKind
+from litsim_sim.mining.mine import mine
+from litsim_sim.mining.selection import Found, hardest
 from litsim_sim.record.run import Run
 from litsim_sim.scenario.run_info import REPLAY
+from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.traffic.seeds import LEFT_TURNS
 
 LANE_CHANGE, LEFT_TURN = "lane_change", "left_turn"
 STUDIES = {LANE_CHANGE: "Lane change, US-101", LEFT_TURN: "Unprotected left turn, generated street"}
-TURNS = "small"
-"""Packaged suite whose cases tagged with left turns are the candidates of the street."""
+SEGMENTS = 60
+"""Segments of 28 s of generated street in which left turns are looked for."""
+QUICK_TURNS = "small"
+"""Packaged suite whose scenarios with left turns stand in where only the way is to be seen."""
 EVENTS = {LEFT_TURN: EventKind.LEFT_TURN}
 """Of what event of the case the contact under replay has to be; the first one of the ego where nothing is said."""
 BEFORE_S = (-3.0, -2.0, -1.0, 0.0)
@@ -49,29 +57,47 @@ SHOWN = {Controller.EGO: "ego", Controller.POLICY: "driven", Controller.LOG: "lo
 """Who is told apart, and by what names."""
 
 
-def candidates(folder: Path, *, real: bool, quick: bool) -> dict[str, Suite]:
-    """The runs among which each case study is looked for, by its name.
+def candidates(name: str, folder: Path, *, quick: bool) -> Suite:
+    """The runs among which the case study `name` is looked for, the first first.
 
     Args:
+        name: one of :data:`STUDIES`.
         folder: of what is made for them.
-        real: whether the lane change is looked for, in the real window.
-        quick: only the first of them.
+        quick: only a few of them.
 
     Raises:
-        InputError: the real window is not there.
+        InputError: the real window is not there, or `folder` cannot be written.
     """
-    changer = EgoSetup(name="lane_changer", kind="perturbed", parameters={"ego.kind": "lane_change"})
-    keeper = EgoSetup(name="keep_speed", kind="perturbed", parameters={"ego.kind": "keep_speed"})
-    turns = [entry for entry in Suite.load(TURNS).cases if LEFT_TURN in entry.tags]
-    egos = [keeper, *(EgoSetup(name=kind, kind=kind) for kind in ("bat", "idm"))]
-    found = {LEFT_TURN: _suite(LEFT_TURN, turns[:2] if quick else turns, egos)}
-    if real:
-        found[LANE_CHANGE] = _suite(LANE_CHANGE, roads((REAL,), folder, quick=quick)[REAL], [changer])
-    return found
+    if name == LANE_CHANGE:
+        changer = EgoSetup(name="lane_changer", kind="perturbed", parameters={"ego.kind": "lane_change"})
+        return _suite(name, roads((REAL,), folder, quick=quick)[REAL], [changer])
+    braker = EgoSetup(name="braker", kind="perturbed", parameters={"ego.kind": "brake", "ego.deceleration": 3.0})
+    if quick:
+        files = dict.fromkeys(entry.scenario for entry in Suite.load(QUICK_TURNS).cases if name in entry.tags)
+    else:
+        files = dict.fromkeys(generated(URBAN, SEGMENTS, LEFT_TURNS, folder / name))
+    return _suite(name, left_turns(files), [braker, EgoSetup(name="idm", kind="idm")])
 
 
 def _suite(name: str, cases: list[CaseEntry], egos: list[EgoSetup]) -> Suite:
     return Suite(name=name, cases=cases, egos=egos, policies=[REPLAY, OURS], criteria=JUDGED)
+
+
+def left_turns(scenarios: Iterable[str]) -> list[CaseEntry]:
+    """Unprotected left turns across the way of an ego that goes first, by post-encroachment time, the least first.
+
+    Where such an ego comes later than in its log, it meets who turns there in the log.
+    """
+    found = [
+        Found(name, event)
+        for name in scenarios
+        for event in mine(Scenario.load(name), [EventKind.LEFT_TURN])
+        if event.numbers["first"] == "ego"
+    ]
+    return [
+        CaseEntry(scenario=each.scenario, ego_id=each.event.ego, tags=[LEFT_TURN], events=[each.event.entry()])
+        for each in hardest(found, len(found))
+    ]
 
 
 @dataclass(frozen=True)

@@ -79,12 +79,20 @@ def _real(quick: bool) -> list[CaseEntry]:
 def _generated(name: str, folder: Path) -> list[CaseEntry]:
     entries = []
     for draw, seed in enumerate(PAPER):
-        mine = folder / f"{name}_{draw}"
-        if not (mine / MANIFEST_FILE).is_file():
-            write_segment_set(NETS[name], SEGMENTS, seed, mine)
-        files = [path for path in sorted(mine.glob("*.yaml")) if path.name != MANIFEST_FILE]
-        entries += [_entry(name, str(path.resolve()), Scenario.load(path).ego_id, draw) for path in files]
+        files = generated(name, SEGMENTS, seed, folder / f"{name}_{draw}")
+        entries += [_entry(name, path, Scenario.load(path).ego_id, draw) for path in files]
     return entries
+
+
+def generated(name: str, count: int, seed: int, folder: Path) -> list[str]:
+    """Scenario files of `count` segments of the set called `name`, in `folder`, made where they are not there yet.
+
+    Raises:
+        InputError: `folder` cannot be written.
+    """
+    if not (folder / MANIFEST_FILE).is_file():
+        write_segment_set(NETS[name], count, seed, folder)
+    return [str(path.resolve()) for path in sorted(folder.glob("*.yaml")) if path.name != MANIFEST_FILE]
 
 
 def _quick(name: str, folder: Path) -> list[CaseEntry]:

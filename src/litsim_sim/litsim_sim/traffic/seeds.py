@@ -15,7 +15,10 @@ CALIBRATION = frozenset({5000})
 PAPER = (77000, 77001, 77002, 77003, 77004)
 """Draws of generated traffic of the paper's experiments."""
 
-REPORTED = frozenset({9000, *PAPER})
+LEFT_TURNS = 78000
+"""Street in which the left turn of the paper's case studies is looked for."""
+
+REPORTED = frozenset({9000, *PAPER, LEFT_TURNS})
 """Results are reported on these, and nothing else is done with them."""
 
 DEMO_RECORDING = "us101_like"
