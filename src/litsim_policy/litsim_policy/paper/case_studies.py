@@ -2,8 +2,8 @@
 
 In each an ego does what its log did not, and replay drives into it. Which ego is shown is found, not chosen: of the
 candidates, in their order, the first that replay makes a contact of, and ours none. At the left turn the contact is
-with who turns across the ego's way: in the log behind the ego, which now comes later than there. Somebody who is run
-into from behind on the way there is not shown.
+with the other of the turn, who comes second in the log; there the ego is late. Somebody who is run into from behind on
+the way there is not shown.
 """
 
 from __future__ import annotations
@@ -84,9 +84,9 @@ def _suite(name: str, cases: list[CaseEntry], egos: list[EgoSetup]) -> Suite:
 
 
 def left_turns(scenarios: Iterable[str]) -> list[CaseEntry]:
-    """Unprotected left turns across the way of an ego that goes first, by post-encroachment time, the least first.
+    """Unprotected left turns at which the ego goes first, by post-encroachment time, the least first.
 
-    Where such an ego comes later than in its log, it meets who turns there in the log.
+    Where such an ego comes later than in its log, it meets who goes second there.
     """
     found = [
         Found(name, event)
