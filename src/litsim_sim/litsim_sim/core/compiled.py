@@ -121,6 +121,7 @@ class Kernel:
         if directory is None or not any(directory.glob(f"*-{self.stamp}.*.nbi")):
             _announce()
         _spare_blas()
+        machine_code.box_arrays_quickly()
         before = numba.config.CACHE_LOCATOR_CLASSES
         numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{KernelLocator.__name__}"
         try:
@@ -276,7 +277,7 @@ def _source_and_machine(file: str) -> bytes:
 def _machine() -> bytes:
     """What machine code depends on beside its source: numba's version, how it compiles, and this processor."""
     processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
-    return f"{numba.__version__} {OPTIONS} {processor}".encode()
+    return f"{numba.__version__} {OPTIONS} {machine_code.FORM} {processor}".encode()
 
 
 def _stamp(function: FunctionType) -> str:

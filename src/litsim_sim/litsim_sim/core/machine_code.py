@@ -18,12 +18,35 @@ from typing import Any
 
 import numba
 from llvmlite import binding
-from numba import _dynfunc
+from numba import _dynfunc, types
+from numba.core import pythonapi
 from numba.core.compiler import compile_result
 from numba.core.registry import cpu_target
 from numba.core.runtime import _nrt_python
 
+FORM = "arrays boxed quickly"  # of machine code: what was compiled in another is not used
+
 _environments: dict[str, Any] = {}  # of machine code that is loaded, which refers to them by their addresses
+
+
+def box_arrays_quickly() -> None:
+    """Have what is compiled from now on return arrays without asking Python which class they are of.
+
+    numba keeps the class among a function's code, pickled, and looks it up by a function of Python for every array that
+    is returned: half of what that costs. Here it is one of the function's constants, as the type of its elements is.
+    """
+    from numba.core import boxing  # which a process that compiles nothing does not need
+
+    def box_array(array: Any, value: Any, context: Any) -> Any:
+        api, known = context.pyapi, context.env_manager
+        found = known.read_const(known.add_const(array.box_type))
+        api.unserialize = lambda _: found  # of this object alone, and no longer
+        try:
+            return boxing.box_array(array, value, context)
+        finally:
+            del api.unserialize
+
+    pythonapi._boxers.functions[types.Array] = box_array  # noqa: SLF001 - numba's register() refuses a second one
 
 
 def keep(path: Path, dispatcher: Any, signature: Any) -> None:
