@@ -43,7 +43,6 @@ from litsim_sim.ros.topics import (
     Topic,
 )
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
-from litsim_sim.world.sumo import SumoMirror
 from litsim_sim.world.world import World, WorldConfig
 
 NOTE_PERIOD = 5.0  # [s] between two lines in the log that say the same
@@ -98,12 +97,7 @@ class BridgeNode(Node):
         Raises:
             RunFailed: a stage failed or did not answer; everybody has been told.
         """
-        scenario = self.plan.scenario
-        config = WorldConfig(guard_entries=self.plan.policy != "replay")
-        world = World(scenario, config, SumoMirror(scenario.net_path, scenario.seed, scenario.signals))
-        loop = RunLoop(self, self.plan, self.options, world, self._port, self._attendance, self._answers)
-        load_kernels()
-        spare_from_collection()
+        loop = RunLoop(self, self.plan, self.options, self._set_up, self._port, self._attendance, self._answers)
         try:
             loop.run()
         except BaseException as error:
@@ -111,8 +105,17 @@ class BridgeNode(Node):
             self.say(StageState.FAILED, self._answers.step, text=text)
             loop.farewell()
             raise
-        finally:
-            world.close()
+
+    def _set_up(self) -> World:
+        """The world of the run, with its mirror and kernels."""
+        from litsim_sim.world.sumo import SumoMirror  # the others get ready while this is imported
+
+        scenario = self.plan.scenario
+        mirror = SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
+        world = World(scenario, WorldConfig(guard_entries=self.plan.policy != "replay"), mirror)
+        load_kernels()
+        spare_from_collection()
+        return world
 
     @property
     def alone(self) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import closing
 from typing import Protocol, Self
 
 import yaml
@@ -25,7 +26,7 @@ from litsim_sim.world.world import World
 
 LOOK_S = 1.0
 """[s] from its start that the bridge looks for another run where there may be one: participants announce themselves
-once a second. The world is set up meanwhile."""
+once a second."""
 PULSE_S = 1.0  # [s] between two signs of life
 HELLO_PERIOD = 0.1  # [s] between the greetings of the handshake
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
@@ -124,12 +125,13 @@ class RunLoop:
         graph: Graph,
         plan: RunPlan,
         options: BridgeOptions,
-        world: World,
+        set_up: Callable[[], World],
         port: EgoPort,
         attendance: Attendance,
         answers: Answers,
     ) -> None:
-        self._graph, self._plan, self._options, self._world = graph, plan, options, world
+        """`set_up` makes the world, which is done while the stages get ready."""
+        self._graph, self._plan, self._options, self._set_up = graph, plan, options, set_up
         self._port, self._attendance, self._answers = port, attendance, answers
         self._external = plan.ego == EXTERNAL
         self._realtime = options.mode == "realtime"
@@ -144,6 +146,12 @@ class RunLoop:
         Raises:
             RunFailed: a stage failed or did not answer.
         """
+        self._begin()
+        with closing(self._set_up()) as self._world:
+            self._run()
+
+    def _run(self) -> None:
+        """See :meth:`run`, from when the run has begun."""
         self._meet()
         last, wall = self._all_steps(self._plan.scenario.total_steps)
         if RECORDER in self._plan.stages:
@@ -162,11 +170,14 @@ class RunLoop:
         while self._attendance.recorder_closing and time.monotonic() < until:
             self._graph.serve()
 
-    def _meet(self) -> None:
-        """Greet until every stage has said that it is ready; nothing before it is clear that no other run is on."""
+    def _begin(self) -> None:
+        """Tell the stages what run it is, once it is clear that no other is on."""
         if not self._graph.alone:
             self._graph.serve_until(lambda: False, self._graph.since + LOOK_S)
         self._graph.begin()
+
+    def _meet(self) -> None:
+        """Greet until every stage has said that it is ready."""
         attendance, begin = self._attendance, time.monotonic()
         while not attendance.all_ready:
             waiting, since = ", ".join(attendance.awaited), time.monotonic() - begin

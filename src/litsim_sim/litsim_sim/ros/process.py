@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import signal
 import sys
 import time
@@ -126,6 +127,7 @@ def process(interrupted: int = EXIT_INTERRUPTED) -> Iterator[None]:
     input error, which a wrong parameter is too, is one line on stderr and exit status 2.
     """
     _interruption.install()
+    _know_callers()
     try:
         _init()
         yield
@@ -145,6 +147,15 @@ def spare_from_collection() -> None:
     Going through all of that takes a tenth of a second, a whole step in real time, and finds nothing.
     """
     gc.freeze()
+
+
+def _know_callers() -> None:
+    """Tell :mod:`inspect` which modules the files of source are.
+
+    rclpy asks it who logs a line, and at the first it would follow the links in the paths of all modules (0.05 s).
+    """
+    files = {name: getattr(module, "__file__", None) for name, module in sys.modules.items()}
+    inspect.modulesbyfile.update({file: name for name, file in files.items() if file})
 
 
 def _init() -> None:
