@@ -5,9 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 import pytest
+from numba.types import UniTuple
 
 from litsim_sim.core import compiled
 from litsim_sim.core.compiled import FLOATS, OUT_FLOATS, cache_directory, float64, int64, kernel, void
@@ -30,6 +32,11 @@ def running_total(values, sums):
         sums[k] = total(values[: k + 1])
 
 
+@kernel(UniTuple(OUT_FLOATS, 2)(FLOATS))
+def doubled_and_halved(values):
+    return 2.0 * values, 0.5 * values
+
+
 def test_a_kernel_takes_arrays_of_its_types_writable_or_not() -> None:
     values, sums = np.arange(4.0), np.zeros(4)
     values.flags.writeable = False
@@ -44,6 +51,24 @@ def test_a_kernel_takes_arrays_of_its_types_writable_or_not() -> None:
     for wrong in (values, np.zeros((4, 2))[:, 0]):  # not writable, not contiguous
         with pytest.raises(TypeError):
             running_total(np.ones(4), wrong)
+
+
+def test_a_kernel_that_returns_arrays_calls_nothing_of_python() -> None:
+    """Else Ctrl-C could be raised in it, of which numba makes a SystemError, and each array would cost a call."""
+    doubled_and_halved(np.ones(2))  # loaded
+    called = []
+
+    def notice(frame: FrameType, event: str, _: object) -> None:
+        if event == "call":
+            called.append(frame.f_code.co_name)
+
+    sys.setprofile(notice)
+    try:
+        doubled, halved = doubled_and_halved(np.arange(3.0))
+    finally:
+        sys.setprofile(None)
+    assert called == ["doubled_and_halved"]
+    assert (doubled.tolist(), halved.tolist()) == ([0.0, 2.0, 4.0], [0.0, 0.5, 1.0])
 
 
 def test_sums_are_neither_reordered_nor_fused() -> None:

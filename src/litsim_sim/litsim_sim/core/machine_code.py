@@ -33,7 +33,8 @@ def box_arrays_quickly() -> None:
     """Have what is compiled from now on return arrays without asking Python which class they are of.
 
     numba keeps the class among a function's code, pickled, and looks it up by a function of Python for every array that
-    is returned: half of what that costs. Here it is one of the function's constants, as the type of its elements is.
+    is returned: half of what that costs. Here it is one of the function's constants, as the type of its elements is. So
+    no Python runs in a kernel either, where Ctrl-C would be raised as an error of numba's.
     """
     from numba.core import boxing  # which a process that compiles nothing does not need
 
