@@ -12,6 +12,7 @@ import json
 import logging
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--json", type=Path, metavar="OUT", help="write everything here")
     p.add_argument("--csv", action="store_true", help="print comma-separated values, one line for each model")
     p.add_argument("--plot", type=Path, metavar="OUT.png", help="draw the errors, calibration and conflicts here")
+    p.add_argument(
+        "--learning-curve",
+        type=Path,
+        metavar="OUT.png",
+        help="instead, draw what the files of --models recorded on validation, over the share of vehicles they learned",
+    )
     return p
 
 
@@ -172,6 +179,9 @@ def main() -> None:
     """Entry point of ``ros2 run litsim_predictor evaluate``."""
     logging.basicConfig(format="%(levelname)s: %(message)s")
     arguments = parser().parse_args()
+    if arguments.learning_curve:
+        _learning_curve(arguments)
+        return
     result = evaluate(arguments)
     _write(result, arguments)
     if arguments.csv:
@@ -184,13 +194,38 @@ def main() -> None:
 
 def _write(result: dict[str, dict[str, Any]], arguments: argparse.Namespace) -> None:
     """Write the files that the arguments ask for."""
-    try:
+    with _written():
         if arguments.json:
             arguments.json.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         if arguments.plot:
             from litsim_predictor.learned.evaluation.plot import draw
 
             draw(result, arguments.plot)
+
+
+def _learning_curve(arguments: argparse.Namespace) -> None:
+    """Draw and print the learning curves of the files of weights that the arguments name."""
+    from litsim_predictor.learned.evaluation.learning_curve import MEASURES, draw, learning_curves
+
+    if not arguments.models:
+        raise InputError("--learning-curve: expected --models FILE ..., weights that were trained with --fraction")
+    curves = learning_curves(Path(name) for name in arguments.models)
+    with _written():
+        draw(curves, arguments.learning_curve)
+    table = Table(title="validation, best epoch", title_justify="left")
+    for column in ("configuration", "vehicles trained on %", *MEASURES.values()):
+        table.add_column(column, justify="right")
+    for name, shares in curves.items():
+        for share, measured in shares.items():
+            table.add_row(name, f"{100.0 * share:g}", *(f"{measured[key]:.3f}" for key in MEASURES))
+    Console().print(table)
+
+
+@contextmanager
+def _written() -> Iterator[None]:
+    """Files that cannot be written are told as wrong input."""
+    try:
+        yield
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be written: {error.strerror or error}") from error
 
