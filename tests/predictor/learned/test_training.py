@@ -12,10 +12,17 @@ import pytest
 import torch
 from torch.optim.swa_utils import AveragedModel
 
-from litsim_predictor.cli import train
+from litsim_predictor.cli import evaluate, train
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import Provenance, load_model, save_model
-from litsim_predictor.learned.training import CHECKPOINT, CURVES, HISTORY_FILE, WEIGHTS, TrainingConfig
+from litsim_predictor.learned.training import (
+    CHECKPOINT,
+    CURVES,
+    HISTORY_FILE,
+    VALIDATION_STRIDE,
+    WEIGHTS,
+    TrainingConfig,
+)
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.io.yaml_input import read_yaml
@@ -66,6 +73,16 @@ def test_a_training_leaves_weights_curves_and_history(config: Path, tmp_path: Pa
     history = json.loads((tmp_path / "a" / HISTORY_FILE).read_text())
     assert [entry["epoch"] for entry in history["epochs"]] == [1, 2]
     assert (tmp_path / "a" / CURVES).read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_validates_a_training_is_what_evaluate_measures(config: Path, tmp_path: Path) -> None:
+    run(config, tmp_path / "a")
+    file = str(tmp_path / "a" / WEIGHTS)
+    words = ["--validation", str(config), "--stride", str(VALIDATION_STRIDE), "--models", file]
+    measured = evaluate.evaluate(evaluate.parser().parse_args(words))[file]
+    recorded = load_model(file)[1].figures
+    assert measured["rmse"] == pytest.approx({s: recorded[f"val_rmse_{s}"] for s in measured["rmse"]}, rel=1e-4)
+    assert measured["protocol"]["split"] == "val"
 
 
 @pytest.mark.parametrize("options", ["", "averaging: 0.5\n"])

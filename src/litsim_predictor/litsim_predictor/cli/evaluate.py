@@ -1,7 +1,8 @@
 """`evaluate`: predictors side by side on the same scenes: errors, likelihood, calibration, consistency, conflicts.
 
 Scored are vehicles with 3 s of history and 5 s of future, at 5 Hz: the first 3 s of a track are skipped. Without
---recording the scenes are those of a scenario, whose egos also leave their log, to see which conflicts are announced.
+--recording or --validation the scenes are those of a scenario, whose egos also leave their log, to see which conflicts
+are announced.
 """
 
 from __future__ import annotations
@@ -14,15 +15,20 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from litsim_predictor.cli.train import packaged_configs
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from litsim_predictor.learned.data.tracks import Tracks
 
 SECONDS = ("1", "2", "3", "4", "5")
 
@@ -34,6 +40,11 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--models", nargs="+", help="names, or files of weights (default: all that come with the package)")
     p.add_argument("--recording", nargs="+", type=Path, help="recordings in the neutral schema, not a scenario")
+    p.add_argument(
+        "--validation",
+        metavar="CONFIG",
+        help="what validates this training configuration, not a scenario",
+    )
     p.add_argument("--net", help="SUMO net of the recordings, packaged or a file, where not as they say")
     p.add_argument("--scenario", default="us101_0750", help="name of a packaged scenario, or a YAML file")
     p.add_argument(
@@ -80,12 +91,15 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
         if getattr(arguments, name) < 1:
             raise InputError(f"--{name} {getattr(arguments, name)}: expected 1 or more")
     models = load_models(arguments.models or COMPARED, arguments.device)
-    scenario = None if arguments.recording else Scenario.load(arguments.scenario)
-    if scenario is None:
-        sources = [recording_tracks(path, arguments.net) for path in arguments.recording]
+    scenario = None
+    if arguments.validation:
+        chosen = _validation_tracks(arguments.validation)
+    elif arguments.recording:
+        chosen = part_of([recording_tracks(path, arguments.net) for path in arguments.recording], arguments.split)
     else:
-        sources = [Tracks.from_table(scenario.name, scenario.recording.table, scenario.net_path)]
-    chosen = part_of(sources, arguments.split)
+        scenario = Scenario.load(arguments.scenario)
+        tracks = Tracks.from_table(scenario.name, scenario.recording.table, scenario.net_path)
+        chosen = part_of([tracks], arguments.split)
     scenes = sum(len(tracks.frames[:: arguments.stride]) for tracks in chosen)
     with tqdm(total=scenes, unit="scene", dynamic_ncols=True, desc="scenes") as bar:
         batches = scene_batches(chosen, arguments.batch, arguments.stride)
@@ -100,12 +114,20 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
     for measures in result.values():
         measures["protocol"] = {
             "sources": [tracks.name for tracks in chosen],
-            "split": arguments.split,
+            "split": "val" if arguments.validation else arguments.split,
             "stride_frames": arguments.stride,
             "seed": arguments.seed,
             "egos": arguments.egos if conflicts else None,
         }
     return result
+
+
+def _validation_tracks(name: str) -> list[Tracks]:
+    """The validation part of the training configuration of that name, or of that file."""
+    from litsim_predictor.learned.training import Locator, TrainingConfig, load_parts
+
+    file = packaged_configs().get(name, Path(name))
+    return [tracks for tracks, _ in load_parts(read_yaml(file, TrainingConfig), Locator(file.parent))["val"]]
 
 
 def print_table(title: str, result: dict[str, dict[str, Any]]) -> None:
