@@ -22,9 +22,9 @@ import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import DT, HORIZON, LATERAL, LONGITUDINAL, MANEUVERS, STATE_CHANNELS
-from litsim_predictor.inference.joint_units import GAUSSIAN_CHANNELS
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.centrality import CENTRALITIES, centralities, mean_rates, proximity_graph
+from litsim_predictor.learned.models.decoder import ManeuverDecoder
 from litsim_predictor.learned.models.model import (
     Decode,
     SceneModel,
@@ -32,9 +32,9 @@ from litsim_predictor.learned.models.model import (
     decoded_maneuvers,
     gaussian,
     maneuver_logits,
-    maneuver_parts,
     offsets,
     padded,
+    places,
     present,
     rotate,
     rows_of,
@@ -234,34 +234,6 @@ class InteractionEncoder(nn.Module):
         return (share[..., None] * value).sum(dim=1).flatten(1)
 
 
-class ManeuverDecoder(nn.Module):
-    """An LSTM that reads the encoding and the manoeuvre at every step.
-
-    Both are the same at every step, so what they add to the gates is computed once.
-    """
-
-    def __init__(self, encoding: int, units: int) -> None:
-        super().__init__()
-        self.encoding = nn.Linear(encoding, 4 * units)
-        self.maneuver = nn.Linear(len(LATERAL) + len(LONGITUDINAL), 4 * units, bias=False)
-        self.recurrent = nn.Linear(units, 4 * units, bias=False)
-        self.gaussian = nn.Linear(units, GAUSSIAN_CHANNELS)
-
-    def forward(self, encoding: Tensor, maneuver: Tensor) -> Tensor:
-        """(T, M, HORIZON, GAUSSIAN_CHANNELS) of manoeuvres (T, M) int64; means are velocities [m/s], scales are raw."""
-        given = self.encoding(encoding)[:, None] + self.maneuver(maneuver_parts(maneuver).to(encoding.dtype))
-        hidden = cell = given.new_zeros(*maneuver.shape, self.recurrent.in_features)
-        steps = []
-        for _ in range(HORIZON):
-            gates = given + self.recurrent(hidden)
-            let_in, keep, let_out = gates[..., : 3 * hidden.shape[-1]].sigmoid().chunk(3, dim=-1)
-            cell = keep * cell + let_in * gates[..., 3 * hidden.shape[-1] :].tanh()
-            hidden = let_out * cell.tanh()
-            steps.append(hidden)
-        raw: Tensor = self.gaussian(torch.stack(steps, dim=-2))
-        return raw
-
-
 def motions_of(batch: SceneBatch) -> Motions:
     """The agents of all scenes, in one list."""
     there = batch.agent
@@ -324,11 +296,6 @@ def neighbours(batch: SceneBatch, asked: Tensor | None = None) -> Neighbours:
     scene, target, other = pair.nonzero(as_tuple=True)
     cell = (row * GRID_COLUMNS + column)[pair]
     return Neighbours(places(answered)[scene, target], places(batch.agent)[scene, other], cell, rank[pair])
-
-
-def places(agent: Tensor) -> Tensor:
-    """(B, N) places in one list of the agents (B, N) that are no padding."""
-    return (agent.flatten().long().cumsum(dim=0) - 1).view_as(agent)
 
 
 def slots_of(target: Tensor, count: int) -> tuple[Tensor, Tensor]:

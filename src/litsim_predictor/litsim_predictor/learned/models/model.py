@@ -109,6 +109,11 @@ def padded(values: Tensor, agent: Tensor) -> Tensor:
     return everywhere
 
 
+def places(agent: Tensor) -> Tensor:
+    """(B, N) places in one list of the agents (B, N) that are no padding."""
+    return (agent.flatten().long().cumsum(dim=0) - 1).view_as(agent)
+
+
 def rows_of(values: Tensor, agents: Tensor | None, dim: int = 1) -> Tensor:
     """(B, M, ...) of values (B, N, ...), N their dimension `dim`: those of `agents` (M,); all where that is None."""
     return values if agents is None else values.index_select(dim, agents)
