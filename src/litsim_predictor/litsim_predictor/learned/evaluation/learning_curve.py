@@ -73,7 +73,7 @@ def draw(curves: Curves, path: Path) -> None:
         ticks = sorted({100.0 * share for shares in curves.values() for share in shares})
         axes.set_xscale("log", base=2)
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        axes.set(title="validation", xlabel="vehicles trained on, % (each step is twice as many)", ylabel=title)
+        axes.set(title="validation", xlabel="vehicles trained on, %, logarithmic", ylabel=title)
         axes.grid(visible=True, alpha=0.3)
         axes.legend()
     figure.savefig(path, dpi=DPI, format="png")
