@@ -39,11 +39,10 @@ def parser() -> argparse.ArgumentParser:
         prog="evaluate", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     p.add_argument("--models", nargs="+", help="names, or files of weights (default: all that come with the package)")
-    p.add_argument("--recording", nargs="+", type=Path, help="recordings in the neutral schema, not a scenario")
-    p.add_argument(
-        "--validation",
-        metavar="CONFIG",
-        help="what validates this training configuration, not a scenario",
+    source = p.add_mutually_exclusive_group()
+    source.add_argument("--recording", nargs="+", type=Path, help="recordings in the neutral schema, not a scenario")
+    source.add_argument(
+        "--validation", metavar="CONFIG", help="what validates this training configuration, not a scenario"
     )
     p.add_argument("--net", help="SUMO net of the recordings, packaged or a file, where not as they say")
     p.add_argument("--scenario", default="us101_0750", help="name of a packaged scenario, or a YAML file")
