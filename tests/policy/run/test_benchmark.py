@@ -88,9 +88,15 @@ def test_a_step_in_process_is_told_apart_by_stage(tmp_path: Path) -> None:
     """In a process of its own, as the benchmark does it: libsumo holds one simulation."""
     scenario = write_scenario(tmp_path, 20, seconds=5.0)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as process:
-        sample = process.submit(time_in_process, scenario).result()
+        sample = process.submit(time_in_process, scenario, sumo=True).result()
     parts = ("world", "SUMO", "predictor", "conflict", "policy", "ego")
     assert set(sample) == {*parts, "in process"} and min(sample.values()) > 0.0
+
+
+def test_a_step_without_sumo_is_timed_as_a_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benchmark, "SumoMirror", None)  # calling it would fail
+    sample = time_in_process(write_scenario(tmp_path, 20, seconds=5.0), sumo=False)
+    assert set(sample) == {"in process without SUMO"} and min(sample.values()) > 0.0
 
 
 def test_a_step_over_the_graph_is_what_lies_between_steps_after_the_history() -> None:

@@ -36,12 +36,14 @@ FREE_ROAD = 400.0  # [m] of road ahead of the foremost vehicle
 HISTORY_S = 3.0  # [s] in which nobody is driven
 
 IN_PROCESS, GRAPH, HIGHWAY_ENV = "in process", "graph with recording", "highway-env"
+WITHOUT_SUMO = "in process without SUMO"  # as `evaluate` and `train` step
 WORLD, SUMO, EGO_STAGE, RECORDING, TRANSPORT = "world", "SUMO", "ego", "recording", "transport and waiting"
 PARTS = (WORLD, SUMO, *LOOP, EGO_STAGE, RECORDING, TRANSPORT)
 RATIOS = {
     "graph / in process": (GRAPH, IN_PROCESS),
     "highway-env / graph": (HIGHWAY_ENV, GRAPH),
     "highway-env / in process": (HIGHWAY_ENV, IN_PROCESS),
+    "highway-env / in process without SUMO": (HIGHWAY_ENV, WITHOUT_SUMO),
 }
 
 PATH = "graph: "
@@ -123,21 +125,26 @@ class TimedMirror:
         self._mirror.close()
 
 
-def time_in_process(scenario_file: Path) -> Sample:
-    """Run a scenario in this process, SUMO included; the steps after the history, in which agents are driven."""
+def time_in_process(scenario_file: Path, *, sumo: bool) -> Sample:
+    """Run a scenario in this process, with SUMO by stage; the steps after the history, in which agents are driven."""
     scenario = Scenario.load(scenario_file)
-    mirror = TimedMirror(SumoMirror(scenario.net_path, scenario.seed, scenario.signals))
+    mirror = TimedMirror(SumoMirror(scenario.net_path, scenario.seed, scenario.signals)) if sumo else None
     runner = Runner(RunPlan(scenario, EGO, POLICY), mirror)
     parts: dict[str, list[float]] = {}
-    begin = 0.0
+    begin, steps = 0.0, 0
     for result in runner.steps():
         if result.table.step < scenario.history_steps:
             begin = time.perf_counter()
             continue
-        sumo = mirror.seconds[-1]
-        for name, seconds in (result.stage_s | {WORLD: result.stage_s["bridge"] - sumo, SUMO: sumo}).items():
+        steps += 1
+        if mirror is None:
+            continue
+        shown = mirror.seconds[-1]
+        for name, seconds in (result.stage_s | {WORLD: result.stage_s["bridge"] - shown, SUMO: shown}).items():
             parts.setdefault(name, []).append(1e3 * seconds)
-    whole = 1e3 * (time.perf_counter() - begin) / len(mirror.seconds[scenario.history_steps :])
+    whole = 1e3 * (time.perf_counter() - begin) / steps
+    if mirror is None:
+        return {WITHOUT_SUMO: whole}
     return {name: statistics.median(values) for name, values in parts.items() if name in PARTS} | {IN_PROCESS: whole}
 
 
@@ -210,9 +217,11 @@ def measure(
     scenario = write_scenario(folder, agents, seconds)
     samples = []
     for _ in range(repeats):
-        context = multiprocessing.get_context("spawn")  # libsumo holds one simulation per process
-        with ProcessPoolExecutor(1, mp_context=context) as process:
-            sample = process.submit(time_in_process, scenario).result()
+        sample: Sample = {}
+        for sumo in (True, False):
+            context = multiprocessing.get_context("spawn")  # libsumo holds one simulation per process
+            with ProcessPoolExecutor(1, mp_context=context) as process:
+                sample |= process.submit(time_in_process, scenario, sumo=sumo).result()
         sample |= time_graph(scenario, folder / "bag", options)
         sample |= time_recording(folder / "bag", folder / "again")
         sample |= highway_env(agents) if highway_env else {}
@@ -230,7 +239,7 @@ def spread(samples: Sequence[Sample], name: str) -> str:
 def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
     """Rows of the table: what, and its figure for each number of agents; a dash where it was not measured."""
     path = dict.fromkeys(name for each in by_agents.values() for name in each[0] if name.startswith(PATH))
-    for name in (*PARTS, IN_PROCESS, GRAPH, *path, HIGHWAY_ENV, *RATIOS):
+    for name in (*PARTS, IN_PROCESS, WITHOUT_SUMO, GRAPH, *path, HIGHWAY_ENV, *RATIOS):
         if any(name in samples[0] for samples in by_agents.values()):
             cells = (spread(samples, name) if name in samples[0] else "-" for samples in by_agents.values())
             yield [name if name in RATIOS else f"{name}, ms", *cells]
