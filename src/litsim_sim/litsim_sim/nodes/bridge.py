@@ -108,7 +108,7 @@ class BridgeNode(Node):
 
     def _set_up(self) -> World:
         """The world of the run, with its mirror and kernels."""
-        from litsim_sim.world.sumo import SumoMirror  # the others get ready while this is imported
+        from litsim_sim.world.sumo import SumoMirror  # not before the stages know of the run
 
         scenario = self.plan.scenario
         mirror = SumoMirror(scenario.net_path, scenario.seed, scenario.signals)

@@ -26,7 +26,7 @@ from litsim_sim.world.world import World
 
 LOOK_S = 1.0
 """[s] from its start that the bridge looks for another run where there may be one: participants announce themselves
-once a second."""
+once a second. The world is set up meanwhile."""
 PULSE_S = 1.0  # [s] between two signs of life
 HELLO_PERIOD = 0.1  # [s] between the greetings of the handshake
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
@@ -130,7 +130,7 @@ class RunLoop:
         attendance: Attendance,
         answers: Answers,
     ) -> None:
-        """`set_up` makes the world, which is done while the stages get ready."""
+        """`set_up` makes the world: while the stages get ready, or while the bridge looks for other runs."""
         self._graph, self._plan, self._options, self._set_up = graph, plan, options, set_up
         self._port, self._attendance, self._answers = port, attendance, answers
         self._external = plan.ego == EXTERNAL
@@ -146,12 +146,17 @@ class RunLoop:
         Raises:
             RunFailed: a stage failed or did not answer.
         """
-        self._begin()
+        alone = self._graph.alone
+        if alone:
+            self._graph.begin()  # the stages get ready while the world is set up
         with closing(self._set_up()) as self._world:
+            if not alone:
+                self._graph.serve_until(lambda: False, self._graph.since + LOOK_S)
+                self._graph.begin()
             self._run()
 
     def _run(self) -> None:
-        """See :meth:`run`, from when the run has begun."""
+        """See :meth:`run`, from when the stages have been told which run it is."""
         self._meet()
         last, wall = self._all_steps(self._plan.scenario.total_steps)
         if RECORDER in self._plan.stages:
@@ -169,12 +174,6 @@ class RunLoop:
         until = time.monotonic() + FAREWELL_S
         while self._attendance.recorder_closing and time.monotonic() < until:
             self._graph.serve()
-
-    def _begin(self) -> None:
-        """Tell the stages what run it is, once it is clear that no other is on."""
-        if not self._graph.alone:
-            self._graph.serve_until(lambda: False, self._graph.since + LOOK_S)
-        self._graph.begin()
 
     def _meet(self) -> None:
         """Greet until every stage has said that it is ready."""
