@@ -61,3 +61,11 @@ def test_what_runs_ends_with_them() -> None:
         assert workers.run(good()).metrics is not None
         workers.close()
         assert workers.run(good()).failure == "its process was ended by SIGTERM"
+
+
+def test_cases_whose_process_was_closed_are_not_begun_again_one_by_one() -> None:
+    with Workers() as workers:
+        workers.run(good())
+        workers.close()
+        found = workers.run_batch([good(), good(3)], [None, None])
+    assert [each.failure for each in found] == ["its process was closed before it began"] * 2

@@ -24,6 +24,8 @@ class Workers:
         self._context = multiprocessing.get_context("spawn")
         self._mine = threading.local()
         self._all: list[Any] = []
+        self._closed = False
+        self._starting = threading.Lock()
 
     def __enter__(self) -> Workers:
         return self
@@ -32,9 +34,11 @@ class Workers:
         self.close()
 
     def close(self) -> None:
-        """End all of them, whatever they do."""
-        for process in list(self._all):
-            process.terminate()
+        """End all of them, whatever they do; none is started any more."""
+        with self._starting:
+            self._closed = True
+            for process in self._all:
+                process.terminate()
 
     def run(self, case: Case, folder: Path | None = None) -> RunOutcome:
         """Run a case in this thread's process; its picture is left in `folder`."""
@@ -64,10 +68,11 @@ class Workers:
         """Metrics of cases from this thread's process, or why there are none.
 
         Raises:
-            RunFailed: its process has ended.
+            RunFailed: its process has ended, or all have been closed.
         """
         if not hasattr(self._mine, "process"):
-            self._start()
+            with self._starting:
+                self._start()
         try:
             self._mine.pipe.send((cases, folders))
             found: list[Found] = self._mine.pipe.recv()
@@ -79,6 +84,8 @@ class Workers:
         return found
 
     def _start(self) -> None:
+        if self._closed:
+            raise RunFailed("its process was closed before it began")
         self._mine.pipe, theirs = self._context.Pipe()
         self._mine.process = self._context.Process(target=_serve, args=(theirs,), daemon=True)
         self._mine.process.start()
