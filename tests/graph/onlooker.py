@@ -1,4 +1,7 @@
-"""Looks on until the nodes of a graph have exactly the endpoints that a file tells of; says which there are."""
+"""Looks on until a graph has exactly the endpoints that a file tells of, and one more node publishes a topic.
+
+Says which endpoints there are, by then or when its time is over.
+"""
 
 from __future__ import annotations
 
@@ -39,14 +42,17 @@ def endpoints(node: Node) -> dict[str, dict[str, list[str]]]:
 def main() -> None:
     expected: dict[str, Any] = json.loads(Path(sys.argv[1]).read_text())
     until = time.monotonic() + float(sys.argv[2])
+    another, topic = sys.argv[3:]
     use_middleware_settings("onlooker")
     rclpy.init()
     node = Node("onlooker", start_parameter_services=False)
     with Bystander(node.context.get_domain_id()):
-        found = endpoints(node)
-        while time.monotonic() < until and any(found.get(name) != its for name, its in expected.items()):
-            rclpy.spin_once(node, timeout_sec=0.2)
+        while True:
             found = endpoints(node)
+            as_told = all(found.get(name) == its for name, its in expected.items())
+            if (as_told and topic in found.get(another, {}).get("publish", ())) or time.monotonic() > until:
+                break
+            rclpy.spin_once(node, timeout_sec=0.2)
     print(json.dumps(found))
 
 

@@ -17,7 +17,7 @@ from litsim_sim.recordings.recording import Recording, RecordingHeader
 
 GROUPS = {"east": ["WA_0", "WA_1"], "left": ["WA_2"]}
 CHANGES = [[0.0, "east", "green"], [0.0, "left", "red"]]
-STACK = "/standard_ego"
+STACK, ANSWER = "/standard_ego", "/litsim/ego/twist"
 PATIENCE_S = 100.0  # for everybody to be there, and to have found each other
 
 
@@ -68,14 +68,14 @@ def test_nodes_may_do_what_they_do_and_nothing_else(graph: Any) -> None:
     bridge = graph.start_node("litsim_sim", "bridge", scenario=scenario, progress="none", **given)
     wanted = graph.folder / "wanted.json"
     wanted.write_text(json.dumps(may))
-    done = graph.finish(graph.start_script("onlooker.py", wanted, PATIENCE_S))
+    done = graph.finish(graph.start_script("onlooker.py", wanted, PATIENCE_S, STACK, ANSWER))
     assert done.returncode == 0, done.stderr
     assert bridge.poll() is None, bridge.communicate()
     found = json.loads(done.stdout)
     stack = found.pop(STACK)
     assert found == may
     assert all(set(names) <= set(of_stack[kind]) for kind, names in stack.items())
-    assert "/litsim/ego/twist" in stack["publish"]
+    assert ANSWER in stack["publish"]
 
 
 def logs(bag: Path) -> dict[str, str]:
