@@ -52,3 +52,21 @@ def test_what_is_neither(tmp_path: Path) -> None:
     (tmp_path / "t.parquet").write_bytes(b"PAR1 and no more")
     with pytest.raises(InputError, match="not readable as CSV or Parquet"):
         TableFile.open(tmp_path / "t.parquet")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"a,b,c\n1,2,3\n1,2\n", r"t.csv: line 3: 2 cells, expected 3 as in the first line"),
+        (b"a,b,c\n" + b"1,2,3\n" * 200_000 + b"1,2,3,4\n", r"t.csv: line 200002: 4 cells, expected 3"),
+        (b"a,b,c\n1,V\xe9lo,3\n", r"t.csv: line 2: not UTF-8: invalid continuation byte b'\\xe9'"),
+        (b"a;b;c\n1;2;3\n", r"t.csv: line 1: cells are separated by ';', expected commas"),
+        (b"a;b;c\n1,5;2,5;3\n", r"t.csv: line 1: cells are separated by ';', expected commas"),
+        (b"a\tb\n1\t2\n", r"t.csv: line 1: cells are separated by '\\t', expected commas"),
+        (b"", "Empty CSV file"),
+    ],
+)
+def test_what_is_wrong_in_a_csv_file_is_told_by_its_line(tmp_path: Path, content: bytes, said: str) -> None:
+    (tmp_path / "t.csv").write_bytes(content)
+    with pytest.raises(InputError, match=said):
+        TableFile.open(tmp_path / "t.csv").read(["a", "b", "c"])

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAGIC = b"PAR1"
-UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)
+UNREADABLE = (pa.ArrowException, OSError, UnicodeError)
 """What pyarrow raises on what is no Parquet, or is damaged."""
 
 

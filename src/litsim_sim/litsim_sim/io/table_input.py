@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
@@ -15,6 +18,9 @@ from litsim_sim.io.parquet_input import UNREADABLE, is_parquet
 
 if TYPE_CHECKING:
     import pandas as pd
+
+OTHER_SEPARATORS = (";", "\t", "|")
+"""What cells of CSV files are separated by in some countries and programs; not here."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +46,18 @@ class TableFile:
         """
         if not path.is_file():
             raise InputError(f"{path}: no such file")
+        parquet = False
         try:
             parquet = is_parquet(path)
             if parquet:
                 return cls(path, parquet, tuple(pq.read_schema(path).names))
             with pcsv.open_csv(path) as reader:
-                return cls(path, parquet, tuple(reader.schema.names))
+                columns = tuple(reader.schema.names)
         except UNREADABLE as error:
-            raise cls._unreadable(path, error) from error
+            raise cls._unreadable(path, error, parquet=parquet) from error
+        if separator := _other_separator(list(columns)):
+            raise InputError(f"{path}: line 1: {separator}")
+        return cls(path, parquet, columns)
 
     def __str__(self) -> str:
         return str(self.path)
@@ -83,13 +93,43 @@ class TableFile:
             else:
                 options = pcsv.ConvertOptions(include_columns=wanted, strings_can_be_null=True)
                 arrow = pcsv.read_csv(self.path, convert_options=options)
+                if any(pa.types.is_binary(field.type) for field in arrow.schema):
+                    raise UnicodeError("some cells are no text")  # pyarrow's way of reading what is not UTF-8
+            table = pd.DataFrame({name: arrow.column(name).to_pandas() for name in wanted})  # here texts are decoded
         except UNREADABLE as error:
-            raise self._unreadable(self.path, error) from error
+            raise self._unreadable(self.path, error, parquet=self.parquet) from error
         if not len(arrow) and not may_be_empty:
             raise InputError(f"{self}: holds no rows")
-        table = pd.DataFrame({name: arrow.column(name).to_pandas() for name in wanted})
         return table.assign(row=np.arange(len(table)) + (1 if self.parquet else 2))  # a CSV's first line has the names
 
     @staticmethod
-    def _unreadable(path: Path, error: Exception) -> InputError:
+    def _unreadable(path: Path, error: Exception, *, parquet: bool) -> InputError:
+        with suppress(OSError):  # that is the error
+            if not parquet and (line := _first_odd_line(path)):
+                return InputError(f"{path}: {line}")
         return InputError(f"{path}: not readable as CSV or Parquet: {' '.join(str(error).split())}")
+
+
+def _first_odd_line(path: Path) -> str:
+    """What is wrong in the first line of a CSV file that cannot be read: its number, and how it differs; or nothing."""
+    with path.open("rb") as file:
+        columns = 0
+        for number, raw in enumerate(file, 1):
+            try:
+                cells = next(csv.reader([raw.decode("utf-8-sig" if number == 1 else "utf-8")]), [])
+            except UnicodeDecodeError as error:
+                return f"line {number}: not UTF-8: {error.reason} {raw[error.start : error.end]!r}"
+            except csv.Error as error:
+                return f"line {number}: {error}"
+            if number == 1 and (separator := _other_separator(cells)):
+                return f"line 1: {separator}"
+            columns = columns or len(cells)
+            if cells and len(cells) != columns:
+                return f"line {number}: {len(cells)} cells, expected {columns} as in the first line"
+    return ""
+
+
+def _other_separator(names: list[str]) -> str:
+    """What to say of a first line that has no commas, but something else that cells are separated by; or nothing."""
+    found = next((mark for mark in OTHER_SEPARATORS if len(names) == 1 and mark in names[0]), "")
+    return f"cells are separated by {found!r}, expected commas, and points in numbers" if found else ""

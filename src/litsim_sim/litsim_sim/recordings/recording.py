@@ -50,6 +50,8 @@ ARROW_TYPES = {name: {"float64": "double"}.get(dtype, dtype) for name, dtype in 
 """The same types in Arrow's words."""
 
 BOUNDS: dict[str, tuple[float, float]] = {
+    "x": (-1e7, 1e7),
+    "y": (-1e7, 1e7),
     "speed": (0.0, 90.0),
     "acceleration": (-60.0, 60.0),
     "length": (0.5, 40.0),
@@ -71,7 +73,7 @@ class RecordingHeader:
         licence: licence of the data.
         rate_hz: frames per second; always 10.
         net: file name of the SUMO net that the recording lies on, or empty.
-                notes: anything else worth keeping (processing parameters, seeds).
+        notes: anything else worth keeping (processing parameters, seeds).
         signals: what the signals of `net` showed, by the fields of
             :class:`litsim_sim.scenario.signals.SignalsFile`; empty where nothing is known.
     """

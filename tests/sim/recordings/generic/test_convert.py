@@ -170,7 +170,7 @@ def test_noise_is_cleaned_where_asked(tmp_path: Path) -> None:
     [
         ({"px": "twelve"}, r"in.csv: line 12: column 'px' is 'twelve', expected a number; 1 such rows"),
         ({"px": np.nan}, r"in.csv: line 12: column 'px' is 'nan', expected a number"),
-        ({"id": None}, r"in.csv: 1 rows have no vehicle id"),
+        ({"id": None}, r"in.csv: line 12: no vehicle id; 1 such rows"),
         ({"n": 9}, r"in.csv: lines 11 and 12: vehicle 1 is there twice at 0.900 s, with other values; 1 such"),
     ],
 )
@@ -190,7 +190,7 @@ def test_columns_and_files_that_are_missing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no rows"):
         made(tmp_path, straight().iloc[:0], FRONT)
     (tmp_path / "odd.csv").write_text("id,n,px,py\n1,2\n")
-    with pytest.raises(InputError, match="not readable as CSV or Parquet"):
+    with pytest.raises(InputError, match=r"odd.csv: line 2: 2 cells, expected 4 as in the first line"):
         convert(tmp_path / "odd.csv", Mapping.model_validate(FRONT))
 
 
@@ -208,6 +208,7 @@ def test_times_that_no_frame_falls_into(tmp_path: Path) -> None:
         ({"units": {"position": "yard"}}, "units.position: Input should be 'm', 'ft' or 'cm'"),
         ({"columns": {"vehicle_id": "id"}}, "columns.x: Field required"),
         ({"columns": FRONT["columns"] | {"time": "t"}}, "columns: give either frame or time"),  # type: ignore[operator]
+        ({"transform": {"x": float("nan")}}, "transform.x: Input should be a finite number, found nan"),
         ({"rate_hz": 0}, "rate_hz: Input should be greater than 0"),
     ],
 )

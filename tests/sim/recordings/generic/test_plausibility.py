@@ -96,8 +96,9 @@ def test_a_frame_rate_that_is_wrong(tmp_path: Path, traffic: Traffic) -> None:
     table = traffic().assign(frame=lambda rows: (rows["timestamp"] * 25).round().astype(int))
     columns = {name: column for name, column in COLUMNS.items() if name != "time"} | {"frame": "frame"}
     assert len(converted(tmp_path, table, columns=columns, rate_hz=25))
-    with pytest.raises(InputError, match=r"change 0\.4 times as fast .* rate_hz 25 would fit"):
-        converted(tmp_path, table, columns=columns)
+    for rate, said in ((10, r"0\.4"), (20, r"0\.8"), (30, r"1\.2")):
+        with pytest.raises(InputError, match=rf"change {said} times as fast .* rate_hz 25 would fit"):
+            converted(tmp_path, table, columns=columns, rate_hz=rate)
 
 
 def test_without_speeds_only_the_impossible_is_refused(tmp_path: Path, traffic: Traffic) -> None:

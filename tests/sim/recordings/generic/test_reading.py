@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -110,6 +111,44 @@ def test_what_resampling_leaves_out_is_counted(converted: Callable[..., Any], tr
     _, counts = converted(gap)
     assert (counts.tracks, counts.pieces) == (5, 6)
     assert "5, 6 after long holes were cut" in counts.text()
+
+
+def test_rows_elsewhere_are_left_out(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic()
+    table.loc[[100, 101, 450], "x"] += 500.0
+    recording, counts = converted(table)
+    assert counts.left_out == {"the vehicle jumps elsewhere for less than half a second": 3}
+    assert (counts.pieces, counts.jumps) == (5, 0)
+    right = converted(traffic())[0].table
+    assert np.abs(recording.table["x"] - right["x"]).max() < 0.1  # interpolated over the hole
+
+
+def test_tracks_are_cut_where_the_vehicle_is_another_one(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic()
+    table.loc[(table["track_id"] == 2) & (table["timestamp"] > 5.0), "x"] += 500.0
+    recording, counts = converted(table)
+    assert (counts.tracks, counts.pieces, counts.jumps) == (5, 6, 1)
+    assert "5, 6 after long holes and 1 jumps were cut" in counts.text()
+    assert recording.header.notes["jumps"] == 1
+    for _, rows in recording.table.groupby("vehicle_id"):
+        assert np.hypot(np.diff(rows["x"]), np.diff(rows["y"])).max() < 2.0
+
+
+def test_ids_that_vehicles_share_are_refused(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic()
+    table.loc[(table["track_id"] == 1) & (table.index % 10 == 5), "x"] += 500.0
+    said = r"in.csv: lines 6 and 7: vehicle 1 moves by 500\.\d m within 0.04 s; 60 such jumps: has every vehicle an id"
+    with pytest.raises(InputError, match=said):
+        converted(table)
+
+
+def test_kinds_are_told_of_cells_that_are_empty_and_of_numbers(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic().assign(agent_type=lambda rows: rows["track_id"].where(rows["track_id"] < 5))  # 1.0 to 4.0, empty
+    columns, kinds = COLUMNS | {"kind": "agent_type"}, {"1": "car", "2": "truck", "3": "car", "4": "drop"}
+    with pytest.raises(InputError, match="in.csv: line 1202: kind '' is not among kinds of the mapping"):
+        converted(table, columns=columns, kinds=kinds)
+    recording, _ = converted(table, columns=columns, kinds=kinds | {"": "unknown"})
+    assert set(recording.table["kind"]) == {Kind.CAR, Kind.TRUCK, Kind.UNKNOWN}
 
 
 @pytest.mark.parametrize(("name", "place"), [("in.csv", "line 12"), ("in.parquet", "row 11")])

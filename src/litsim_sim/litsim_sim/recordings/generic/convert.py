@@ -18,8 +18,8 @@ from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.obstacles import NAMES as OBSTACLES
 from litsim_sim.recordings.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
 from litsim_sim.recordings.generic.plausibility import check_plausible, heading
-from litsim_sim.recordings.generic.reading import read_rows
-from litsim_sim.recordings.generic.resampling import in_order, resampled, split
+from litsim_sim.recordings.generic.reading import kind_names, plain, read_rows
+from litsim_sim.recordings.generic.resampling import in_order, resampled, split, without_outliers
 from litsim_sim.recordings.ngsim.tracks import PIECE, direction_of_motion
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
 
@@ -32,9 +32,9 @@ def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
     """The table at `path` (CSV or Parquet) as a recording, and what became of its rows.
 
     Raises:
-        InputError: a column is missing, a cell is no number (with its row), a vehicle is at two places at a time, a
-            kind is not in the mapping, the table does not move as traffic does, or the result fails a check of
-            :meth:`Recording.from_table`.
+        InputError: a column is missing, a cell is no number (with its row), a vehicle is at two places at a time or
+            jumps too often, a kind is not in the mapping, the table does not move as traffic does, or the result fails
+            a check of :meth:`Recording.from_table`.
     """
     source, counts = TableFile.open(path), Counts()
     given = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
@@ -42,6 +42,7 @@ def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
     table = in_order(table, source, counts)
     check_plausible(table[~obstacle_rows(table)], mapping, str(source))
     table = with_usual_sizes(table, mapping, counts)
+    table = without_outliers(table, source, counts)
     table = resampled(split(table, counts), source, counts)
     moving = _with_motion(table, mapping)
     if mapping.clean:
@@ -76,7 +77,7 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd
             )
         return values * FACTORS[unit]
 
-    ids, names = _ids(given["vehicle_id"], source)
+    ids, names = _ids(given["vehicle_id"], row, source)
     time = numbers("time", units.time) if columns.time is not None else numbers("frame") / mapping.rate_hz
     if columns.time is not None:  # frame 0 is the first one
         zero = float(np.floor(time.min() * RATE_HZ) / RATE_HZ)
@@ -107,10 +108,10 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd
     return table, names
 
 
-def _ids(column: pd.Series, source: TableFile) -> tuple[IntArray, dict[str, Any]]:
+def _ids(column: pd.Series, row: IntArray, source: TableFile) -> tuple[IntArray, dict[str, Any]]:
     """Ids as whole numbers: their own where they are small ones, else counted in the order of appearance."""
-    if column.isna().any():
-        raise InputError(f"{source}: {int(column.isna().sum())} rows have no vehicle id")
+    if (empty := column.isna().to_numpy()).any():
+        raise InputError(f"{source.at(row[empty][0])}: no vehicle id; {int(empty.sum())} such rows")
     numeric = pd.to_numeric(column, errors="coerce")
     if numeric.notna().all() and (numeric == np.floor(numeric)).all() and numeric.between(0, PIECE - 1).all():
         return numeric.to_numpy(np.int64), {}
@@ -125,15 +126,15 @@ def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableF
     """The rows of kinds that the mapping keeps, whose kind is one of ours."""
     if "kind" not in given:
         return given
-    said = given["kind"].astype(str).str.strip()
-    unknown = sorted(set(said.unique()) - set(mapping.kinds))
+    said, kinds = kind_names(given["kind"]), {plain(name): ours for name, ours in mapping.kinds.items()}
+    unknown = sorted(set(said.unique()) - set(kinds))
     if unknown:
         row = given["row"][said == unknown[0]].iloc[0]
         raise InputError(
             f"{source.at(row)}: kind {unknown[0]!r} is not among kinds of the mapping, {sorted(mapping.kinds)}; not "
             f"there either: {', '.join(unknown[1:]) or 'none'}"
         )
-    ours = said.map(mapping.kinds)
+    ours = said.map(kinds)
     for kind in sorted(set(said[ours == DROP])):
         counts.leave_out(f"kind {kind}", int((said == kind).sum()))
     if ours.isin([DROP, *OBSTACLES]).all() and not (ours == DROP).all():

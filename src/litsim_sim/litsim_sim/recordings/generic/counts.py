@@ -14,7 +14,8 @@ class Counts:
         read: rows of the file.
         left_out: rows by the reason, in the words of the mapping.
         tracks: vehicles of the rows that are left.
-        pieces: tracks after those with long holes were cut.
+        jumps: places at which tracks were cut as the vehicle is elsewhere from one row to the next.
+        pieces: tracks after those with long holes and jumps were cut.
         too_short: pieces that no frame of 10 Hz falls into.
         usual_sizes: pedestrians and cyclists without a size, who got a usual one.
         rows: rows of the recording, one for each vehicle and frame of 10 Hz.
@@ -23,6 +24,7 @@ class Counts:
     read: int = 0
     left_out: dict[str, int] = field(default_factory=dict)
     tracks: int = 0
+    jumps: int = 0
     pieces: int = 0
     too_short: int = 0
     usual_sizes: int = 0
@@ -39,6 +41,7 @@ class Counts:
             "rows_read": self.read,
             "rows_left_out": self.left_out,
             "tracks": self.tracks,
+            **({"jumps": self.jumps} if self.jumps else {}),
             "tracks_after_cuts": self.pieces,
             "tracks_too_short": self.too_short,
             **({"tracks_of_usual_size": self.usual_sizes} if self.usual_sizes else {}),
@@ -50,7 +53,8 @@ class Counts:
         kept = self.read - sum(self.left_out.values())
         lines = [f"rows       {self.read} read, {kept} used, {self.rows} at 10 Hz"]
         lines += [f"left out   {rows} rows: {reason}" for reason, rows in self.left_out.items()]
-        cut = f", {self.pieces} after long holes were cut" if self.pieces > self.tracks else ""
+        where = f"long holes and {self.jumps} jumps" if self.jumps else "long holes"
+        cut = f", {self.pieces} after {where} were cut" if self.pieces > self.tracks else ""
         short = f", {self.too_short} of them left out: seen between two frames of 10 Hz only" if self.too_short else ""
         if self.usual_sizes:
             lines.append(f"sizes      {self.usual_sizes} pedestrians or cyclists without one got a usual one")

@@ -26,6 +26,7 @@ from litsim_sim.recordings.generic.plausibility import (
     ZEROS,
     heading,
 )
+from litsim_sim.recordings.generic.reading import kind_names
 
 NAMES: dict[str, str] = {
     "vehicle_id": r"(vehicle|track|agent|object|car|obj|veh)?_?id",
@@ -221,14 +222,14 @@ def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:
 
 
 def _kinds(made: _Draft, kinds: pd.Series) -> None:
-    counts = kinds.astype(str).str.strip().value_counts()
+    counts = kind_names(kinds).value_counts()
     found = {
         str(said): next((ours for ours, like in KINDS.items() if re.fullmatch(like, str(said).lower())), "unknown")
         for said in counts.index
     }
     made.fields["kinds"] = found
     made.remarks["kinds"] = "drop leaves rows out; pedestrian and bicycle keep them as obstacles: " + ", ".join(
-        f"{said} {rows}" for said, rows in counts.items()
+        f"{said or 'empty'} {rows}" for said, rows in counts.items()
     )
 
 

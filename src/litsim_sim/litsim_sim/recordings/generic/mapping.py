@@ -36,6 +36,7 @@ FACTORS: dict[str, float] = {
 }
 """By unit, what one of it is in SI units."""
 
+Number = Annotated[float, Field(allow_inf_nan=False)]
 Length = Literal["m", "ft", "cm"]
 KindName = Literal["car", "truck", "motorcycle", "bicycle", "pedestrian", "unknown", "drop"]
 Value = str | int | float | bool
@@ -114,9 +115,9 @@ class Transform(_Strict):
     `mirror_y` first changes the sign of y (and of headings): for images, whose y grows downwards.
     """
 
-    yaw_deg: float = 0.0
-    x: float = 0.0
-    y: float = 0.0
+    yaw_deg: Number = 0.0
+    x: Number = 0.0
+    y: Number = 0.0
     mirror_y: bool = False
 
 

@@ -46,8 +46,8 @@ def _kept(values: pd.Series, rule: Value | list[Value] | Span, where: str) -> pd
         if numbers.isna().all():
             raise InputError(f"{where}: min and max are for numbers; the column holds {_values(values)}")
         return numbers.between(rule.min, rule.max)
-    wanted = {_plain(value) for value in (rule if isinstance(rule, list) else [rule])}
-    return values.map(_plain).isin(wanted)
+    wanted = {plain(value) for value in (rule if isinstance(rule, list) else [rule])}
+    return values.map(plain).isin(wanted)
 
 
 def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFile, counts: Counts) -> pd.DataFrame:
@@ -55,7 +55,7 @@ def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFile, counts:
     column = mapping.columns.clip
     if column is None:
         return raw
-    clips = raw[column].map(_plain)
+    clips = raw[column].map(plain)
     if mapping.clip is None:
         if len(clips.unique()) > 1:
             raise InputError(
@@ -63,14 +63,21 @@ def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFile, counts:
                 f"the mapping, or by --clip"
             )
         return raw
-    keep = clips == _plain(mapping.clip)
+    keep = clips == plain(mapping.clip)
     if not keep.any():
         raise InputError(f"{source}: no clip {mapping.clip!r} in column {column!r}, which has {_values(raw[column])}")
     counts.leave_out(f"of another clip than {mapping.clip}", len(raw) - int(keep.sum()))
     return raw[keep]
 
 
-def _plain(value: object) -> str:
+def kind_names(column: pd.Series) -> pd.Series:
+    """What column `kind` says, as the texts by which kinds are compared; that of an empty cell is empty."""
+    codes, names = pd.factorize(column, use_na_sentinel=False)
+    texts = np.array(["" if pd.isna(name) else plain(name) for name in names], object)
+    return pd.Series(texts[codes], index=column.index)
+
+
+def plain(value: object) -> str:
     """A value as the text by which it is compared: 3, 3.0 and "3" are the same."""
     if isinstance(value, bool | np.bool_):
         return str(bool(value)).lower()

@@ -8,12 +8,14 @@ import numpy as np
 import pandas as pd
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.core.scene import RATE_HZ, STEP_S
+from litsim_sim.core.scene import RATE_HZ, STEP_S, BoolArray, IntArray
 from litsim_sim.io.table_input import TableFile
 from litsim_sim.recordings.generic.counts import Counts
-from litsim_sim.recordings.ngsim.tracks import PIECE
+from litsim_sim.recordings.ngsim.tracks import JUMP_MAX, PIECE
 
 HOLE_MAX_S = 0.5  # [s] without a row that is interpolated; a longer hole splits the track
+AWAY_MAX_S = 0.5  # [s] for which a vehicle may be elsewhere between two jumps: an error, those rows are left out
+JUMPS_MAX = 0.01  # of the rows; where more are left out, or follow a jump, the file is refused
 
 
 def in_order(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.DataFrame:
@@ -38,13 +40,44 @@ def in_order(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.DataF
     return table
 
 
+def without_outliers(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.DataFrame:
+    """Rows, in order, without those for which a vehicle jumps elsewhere for less than half a second.
+
+    Raises:
+        InputError: vehicles jump so often that the rows of an id are hardly those of one vehicle.
+    """
+    vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
+    jumps = _jumps(table)
+    if not jumps.any():
+        return table
+    begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
+    stretch = np.cumsum(begins | jumps) - 1  # of each row: tracks, parted where they jump
+    first = np.flatnonzero(begins | jumps)
+    last = np.r_[first[1:], len(table)] - 1
+    whole = begins[first] & np.r_[begins[first[1:]], True]
+    away = ((t[last] - t[first] < AWAY_MAX_S) & ~whole)[stretch]
+    if max(int(away.sum()), int(jumps.sum())) > max(JUMPS_MAX * len(table), 2):
+        at = int(np.argmax(jumps))
+        rows = table.iloc[at - 1 : at + 1]
+        way = float(np.hypot(*np.diff(rows[["x", "y"]].to_numpy(), axis=0)[0]))
+        raise InputError(
+            f"{source.at(*rows['row'])}: vehicle {vehicle[at]} moves by {way:.4g} m within {t[at] - t[at - 1]:.3g} s; "
+            f"{int(jumps.sum())} such jumps: has every vehicle an id of its own?"
+        )
+    counts.leave_out("the vehicle jumps elsewhere for less than half a second", int(away.sum()))
+    return table[~away].reset_index(drop=True)
+
+
 def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
-    """Tracks with long holes cut, and their pieces renumbered; rows are in order."""
+    """Tracks with long holes and jumps cut, and their pieces renumbered; rows are in order."""
     vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
     same = vehicle[1:] == vehicle[:-1]
     begins = np.r_[True, ~same]
-    cuts = np.cumsum(np.r_[False, same & (step > HOLE_MAX_S + STEP_S)])
+    hole = np.r_[False, same & (step > HOLE_MAX_S + STEP_S)]
+    jumps = _jumps(table) & ~hole
+    cuts = np.cumsum(hole | jumps)
     piece = cuts - cuts[np.flatnonzero(begins)][np.cumsum(begins) - 1]
+    counts.jumps = int(jumps.sum())
     counts.tracks = int(begins.sum())
     counts.pieces = counts.tracks + int(cuts[-1])
     return table.assign(vehicle_id=vehicle + PIECE * piece)
@@ -84,3 +117,11 @@ def resampled(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.Data
     made = pd.concat(pieces, ignore_index=True)
     counts.rows = len(made)
     return made
+
+
+def _jumps(table: pd.DataFrame) -> BoolArray:
+    """(n,) rows that are farther from the one before, of the same vehicle, than any vehicle moves meanwhile."""
+    vehicle: IntArray = table["vehicle_id"].to_numpy()
+    t, x, y = (table[name].to_numpy() for name in ("t", "x", "y"))
+    far = np.hypot(np.diff(x), np.diff(y)) > JUMP_MAX * np.maximum(np.diff(t) / STEP_S, 1.0)
+    return np.r_[False, (vehicle[1:] == vehicle[:-1]) & far]
