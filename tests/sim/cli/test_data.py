@@ -210,6 +210,13 @@ def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[st
     data.main(["convert", str(source), str(tmp_path / "out.parquet"), "--mapping", str(mapping)])
     assert "0 to 19 (1.9 s at 10 Hz), 20 rows" in capsys.readouterr().out
     assert len(Recording.read(tmp_path / "out.parquet").table) == 20
+    before = source.read_bytes(), mapping.read_bytes()
+    for given, out in ((source, source), (source, mapping)):
+        with pytest.raises(SystemExit) as stopped:
+            data.main(["convert", str(given), str(out), "--mapping", str(mapping)])
+        assert stopped.value.code == 2
+        assert f"{out}: is the input {out} itself, expected another file" in capsys.readouterr().err
+    assert (source.read_bytes(), mapping.read_bytes()) == before
 
 
 @pytest.mark.parametrize(
@@ -217,6 +224,7 @@ def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[st
     [
         (["convert", str(EMBEDDED), "out.parquet", "--raw"], "are for official NGSIM files"),
         (["convert", str(EMBEDDED), "out.parquet", "--mapping", "absent.yaml"], "cannot be read"),
+        (["clean", "cut.txt", "cut.txt"], "cut.txt: is the input cut.txt itself"),
         (["convert", str(EMBEDDED), "."], "is a folder, expected a file name"),
         (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes with neither"),
         (["convert", "cut.txt", "out"], "line 2: the file ends within this line"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -18,18 +19,50 @@ class Unwritable(InputError):
 def replacing(path: Path) -> Iterator[Path]:
     """A new file beside `path`, with its ending, that takes its place when the block is done; its folder is made.
 
-    Where the block raises, or the program is killed, `path` is as it was.
+    Where the block raises, or the program is killed, `path` is as it was. What is no file, such as /dev/stdout, gives
+    its place to nothing: it is written to.
 
     Raises:
         Unwritable: the file cannot be written.
     """
+    if _is_special(path):
+        try:
+            yield path
+        except OSError as error:
+            raise _unwritable(path, error) from error
+        return
     new = path.with_name(f".{os.getpid()}.{path.name}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield new
         new.replace(path)
     except OSError as error:
-        raise Unwritable(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise _unwritable(path, error) from error
     finally:
         with suppress(OSError):  # a folder that is none: said above
             new.unlink()
+
+
+def refuse_input_as_output(out: Path, *inputs: Path) -> None:
+    """See that writing `out` replaces none of the `inputs` that it is made from.
+
+    Raises:
+        InputError: it would.
+    """
+    for given in inputs:
+        with suppress(OSError):  # one that is not there: nothing is lost
+            if out.samefile(given):
+                raise InputError(f"{out}: is the input {given} itself, expected another file: nothing is replaced")
+
+
+def _is_special(path: Path) -> bool:
+    """Whether something is at `path` that is neither a file nor a folder: a device, a pipe."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:  # nothing is, or a folder on the way is none
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def _unwritable(path: Path, error: OSError) -> Unwritable:
+    return Unwritable(f"{path}: cannot be written: {error.strerror or error}")

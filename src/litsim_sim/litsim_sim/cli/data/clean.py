@@ -9,6 +9,7 @@ from typing import Any
 
 from litsim_sim.cli.recordings import describe
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import refuse_input_as_output
 from litsim_sim.recordings.cleaning.cleaning import CleaningConfig, CleaningReport, clean, front_centres
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
@@ -42,6 +43,7 @@ def run(arguments: argparse.Namespace) -> None:
     Raises:
         InputError: as :func:`clean_recording`, or an option is out of range.
     """
+    refuse_input_as_output(arguments.out, arguments.source)
     given = {name: getattr(arguments, name) for name in OPTIONS if getattr(arguments, name) is not None}
     config = CleaningConfig(**given)
     recording = load_recording(arguments.source)

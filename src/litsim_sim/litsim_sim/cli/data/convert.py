@@ -9,7 +9,7 @@ from typing import Any
 
 from litsim_sim.cli.recordings import describe, net_of
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import refuse_input_as_output, replacing
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
@@ -46,6 +46,7 @@ def run(arguments: argparse.Namespace) -> None:
         InputError: IN cannot be used, `--crop` or the mapping do not fit it, or OUT cannot be written.
     """
     crop = parse_crop(arguments.crop)
+    refuse_input_as_output(arguments.out, arguments.source, *filter(None, [arguments.mapping]))
     if arguments.draft:
         _draft(arguments)
     elif arguments.mapping is not None:
