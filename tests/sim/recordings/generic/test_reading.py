@@ -145,7 +145,7 @@ def test_ids_that_vehicles_share_are_refused(converted: Callable[..., Any], traf
 def test_kinds_are_told_of_cells_that_are_empty_and_of_numbers(converted: Callable[..., Any], traffic: Traffic) -> None:
     table = traffic().assign(agent_type=lambda rows: rows["track_id"].where(rows["track_id"] < 5))  # 1.0 to 4.0, empty
     columns, kinds = COLUMNS | {"kind": "agent_type"}, {"1": "car", "2": "truck", "3": "car", "4": "drop"}
-    with pytest.raises(InputError, match="in.csv: line 1202: kind '' is not among kinds of the mapping"):
+    with pytest.raises(InputError, match=r"in.csv: line 1202: kind '' is not among kinds of the mapping"):
         converted(table, columns=columns, kinds=kinds)
     recording, _ = converted(table, columns=columns, kinds=kinds | {"": "unknown"})
     assert set(recording.table["kind"]) == {Kind.CAR, Kind.TRUCK, Kind.UNKNOWN}
