@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from litsim_sim.cli.program import program
+from litsim_sim.core.errors import not_installed
 from litsim_sim.core.scene import FloatArray
 
 ORIGIN = (49.0102, 8.4204)
@@ -102,9 +104,12 @@ def _over(way: int, y: float) -> FloatArray:
 
 def write_map(path: Path) -> None:
     """Write the Lanelet2 file; the ``lanelet2`` package turns metres into degrees."""
-    from lanelet2.core import BasicPoint3d
-    from lanelet2.io import Origin
-    from lanelet2.projection import UtmProjector
+    try:
+        from lanelet2.core import BasicPoint3d
+        from lanelet2.io import Origin
+        from lanelet2.projection import UtmProjector
+    except ModuleNotFoundError as error:
+        raise not_installed("lanelet2") from error
 
     projector = UtmProjector(Origin(*ORIGIN))
     nodes: dict[tuple[float, float], int] = {}
@@ -398,6 +403,7 @@ def write(folder: Path) -> None:
     states().to_csv(folder / "signals.csv", index=False)
 
 
+@program
 def main() -> None:
     """Write the files into a folder."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])

@@ -36,6 +36,11 @@ def test_work_that_went_well_returns(capsys: pytest.CaptureFixture[str]) -> None
     [
         (raising(InputError("a.yaml: field seed: no number")), 2, "error: a.yaml: field seed: no number\n"),
         (raising(KeyboardInterrupt()), 130, ""),
+        (
+            raising(ModuleNotFoundError("No module named 'torch'", name="torch")),
+            2,
+            "error: torch is not installed here, and this needs it: `make setup-all` installs it\n",
+        ),
         (lambda: 1, 1, ""),
     ],
 )
@@ -83,3 +88,8 @@ def test_to_be_ended_is_to_be_interrupted() -> None:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def test_a_module_of_ours_that_is_missing_is_no_bad_input() -> None:
+    with pytest.raises(ModuleNotFoundError):
+        program(raising(ModuleNotFoundError("No module named 'litsim_sim.core'", name="litsim_sim.core")))()

@@ -252,7 +252,7 @@ def test_lanelet2_without_the_package_or_an_origin(
     monkeypatch.setitem(sys.modules, "lanelet2.core", None)
     with pytest.raises(SystemExit, match="2"):
         main([*command, "--origin", "49.0", "8.4"])
-    assert "the lanelet2 package is needed" in capsys.readouterr().err
+    assert "lanelet2 is not installed here, and this needs it: `make setup-all`" in capsys.readouterr().err
 
 
 # OpenDRIVE

@@ -38,6 +38,17 @@ def test_a_second_signal_of_an_impatient_user_interrupts_at_once(clock: list[flo
         interruption._on_signal(signal.SIGINT, None)
 
 
+@pytest.mark.parametrize("word", ["-h", "--help"])
+def test_help_of_a_node(word: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["/somewhere/ego_idm", word])
+    with pytest.raises(SystemExit) as stopped:
+        process._init()
+    assert stopped.value.code == 0
+    said = capsys.readouterr().out
+    assert said.startswith("usage: ego_idm [--ros-args -p NAME:=VALUE")
+    assert "config/ego_idm.yaml" in said
+
+
 def test_an_rclpy_without_an_events_executor_is_served_by_its_ordinary_one() -> None:
     """In a process of its own: rclpy before 7.1.4 has no `rclpy.experimental`."""
     script = textwrap.dedent("""

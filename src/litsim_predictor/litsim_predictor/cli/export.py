@@ -8,7 +8,7 @@ from pathlib import Path
 
 from litsim_predictor.inference import SHIPPED
 from litsim_sim.cli.program import program
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import InputError, not_installed
 
 NEEDED = ("torch", "onnx")
 
@@ -35,7 +35,7 @@ def main(argv: list[str] | None = None) -> None:
 def _export(arguments: argparse.Namespace) -> None:
     missing = [name for name in NEEDED if not find_spec(name)]
     if missing:
-        raise InputError(f"export needs {' and '.join(missing)}, which is not installed here")
+        raise not_installed(" and ".join(missing))
     if arguments.out.suffix != ".onnx":
         raise InputError(f"--out {arguments.out}: expected a name that ends in .onnx")
     from litsim_predictor.learned.export import write_graph

@@ -10,10 +10,20 @@ from collections.abc import Callable, Mapping
 from functools import wraps
 from typing import Any, ParamSpec
 
-from litsim_sim.core.errors import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, InputError, print_error
+from litsim_sim.core.errors import (
+    EXIT_FAILED,
+    EXIT_INPUT,
+    EXIT_INTERRUPTED,
+    InputError,
+    not_installed,
+    print_error,
+)
 from litsim_sim.launch.child import SIGNALS
 
 P = ParamSpec("P")
+
+NOT_OF_RUNS = ("lightning", "onnx", "torch")
+"""Libraries of training and of the development of networks, which `make setup` does not install."""
 
 
 def program(main: Callable[P, int | None]) -> Callable[P, None]:
@@ -21,8 +31,8 @@ def program(main: Callable[P, int | None]) -> Callable[P, None]:
 
     Args:
         main: returns the exit status of what it did, or None for 0. An :class:`InputError` that it raises is one line
-            on stderr and status 2; Ctrl-C is status 130, without a traceback; where whoever read its output has gone,
-            as `head` does, it ends quietly with status 1.
+            on stderr and status 2, and so is a library of training that is not there; Ctrl-C is status 130, without a
+            traceback; where whoever read its output has gone, as `head` does, it ends quietly with status 1.
     """
 
     @wraps(main)
@@ -32,6 +42,11 @@ def program(main: Callable[P, int | None]) -> Callable[P, None]:
             sys.stdout.flush()
         except InputError as error:
             print_error(error)
+            status = EXIT_INPUT
+        except ModuleNotFoundError as error:
+            if error.name not in NOT_OF_RUNS:
+                raise
+            print_error(not_installed(error.name))
             status = EXIT_INPUT
         except KeyboardInterrupt:
             status = EXIT_INTERRUPTED

@@ -18,6 +18,11 @@ class InputError(Exception):
     """
 
 
+def not_installed(package: str) -> InputError:
+    """The error of what needs a `package` that runs do not, and that is not there."""
+    return InputError(f"{package} is not installed here, and this needs it: `make setup-all` installs it")
+
+
 def print_error(what: object) -> None:
     """Tell the user of an error, on stderr."""
     print(f"error: {what}", file=sys.stderr)

@@ -7,6 +7,7 @@ import ctypes
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import textwrap
@@ -20,6 +21,7 @@ from litsim_sim.launch import keeper
 GRACE_S = 20.0  # [s] that the bridge and the recorder get to end a run in good order
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 STATE = re.compile(r"\) ")  # in /proc/PID/stat the state follows the name, which may hold anything else
+ROOM_MIN = 65536  # [bytes] that a disk has at least where a process could have said why it ended
 NAME_MAX = 60  # characters of a command by which a stack is named
 
 _LIBC = ctypes.CDLL(None)
@@ -94,10 +96,15 @@ class Child:
         code, words = self.process.returncode, self.errors
         how = f"has not ended within {GRACE_S:g} s" if code is None else how_it_ended(code)
         if code is not None and code > 0:
-            words = words or ([self.last_line] if self.last_line else [])
+            words = words or ([self.last_line] if self.last_line else self._why_silent())
         if self.command:  # what is an error in a log of somebody else's is not known; the last word is the nearest
             words = [self.last_line or "it has said nothing"]
         return f"{self} {how}{''.join(f': {line}' for line in words[-1:])}"
+
+    def _why_silent(self) -> list[str]:
+        """Why its log is empty, where that is known."""
+        full = shutil.disk_usage(self.log.parent).free < ROOM_MIN
+        return [f"it could say nothing, as the disk of {self.log.parent} is full"] if full else []
 
     def __str__(self) -> str:
         if self.command:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.lanelets import SPEED_LIMIT, Lanelet, write_lanelets
 
@@ -64,9 +64,7 @@ def _modules() -> tuple[Any, Any, Any, Any]:
         importlib.import_module("lanelet2.core")  # the types that the others hand over
         io, projection, routing, traffic_rules = (importlib.import_module(f"lanelet2.{name}") for name in names)
     except ImportError as error:
-        raise InputError(
-            f"the lanelet2 package is needed to read Lanelet2 maps: pip install -r requirements/maps.txt ({error})"
-        ) from error
+        raise not_installed("lanelet2") from error
     return io, projection, routing, traffic_rules
 
 

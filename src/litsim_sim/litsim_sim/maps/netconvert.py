@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import InputError, not_installed
 
 DECIMALS = 3  # of written coordinates: millimetres
 PLAIN_OPTIONS = {".nod.xml": "--node-files", ".edg.xml": "--edge-files", ".con.xml": "--connection-files"}
@@ -42,7 +42,7 @@ def find_netconvert() -> Path:
     for candidate in candidates:
         if candidate.is_file():
             return candidate
-    raise InputError("netconvert is not installed; it is needed to build nets: pip install -r requirements/maps.txt")
+    raise not_installed("netconvert")
 
 
 def build_net(

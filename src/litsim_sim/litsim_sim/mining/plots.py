@@ -44,4 +44,4 @@ def plot_severities(
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(frameon=False, fontsize=8)
     with replacing(path) as new:
-        figure.savefig(new, dpi=DPI)
+        figure.savefig(new, dpi=DPI, format="png")

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from litsim_sim.core.errors import InputError
+from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.record.bag import BagTopic
 
 HOST, PORT = "127.0.0.1", 8765
@@ -31,7 +31,7 @@ class LiveServer:
             foxglove = importlib.import_module("foxglove")
             websocket = importlib.import_module("foxglove.websocket")
         except ImportError as error:
-            raise InputError("--foxglove needs foxglove-sdk: pip install foxglove-sdk") from error
+            raise not_installed("foxglove-sdk") from error
         self._host = host
         self._subscribed: SimpleQueue[str] = SimpleQueue()
         self._last: dict[str, tuple[bytes, int]] = {}

@@ -26,6 +26,12 @@ try:
 except ImportError:  # rclpy before 7.1.4 has none; this one serves the same, and takes twice the time
     from rclpy.executors import SingleThreadedExecutor as LoopExecutor
 
+USAGE = """\
+usage: {name} [--ros-args -p NAME:=VALUE ... --params-file FILE ...]
+
+One node of a run; `litsim_sim launch` starts all of them. Its parameters, with units and defaults, are in
+config/{name}.yaml of its package.
+"""
 SIGNAL_PERIOD = 0.2  # [s] for which Ctrl-C may go unnoticed: waiting for DDS does not wake up for signals
 TOGETHER_S = 0.5  # [s] within which signals are one
 
@@ -162,6 +168,9 @@ def _init() -> None:
     """Initialise rclpy from the command line, which may hold nothing but ROS arguments."""
     name = Path(sys.argv[0]).name
     extra = remove_ros_args(sys.argv)[1:]
+    if extra[:1] in (["-h"], ["--help"]):
+        print(USAGE.format(name=name), end="")
+        sys.exit(0)
     if extra:
         raise InputError(f"{name}: unknown argument {extra[0]}; parameters are given as --ros-args -p NAME:=VALUE")
     use_middleware_settings(name, sys.argv)
