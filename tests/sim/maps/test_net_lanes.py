@@ -46,9 +46,14 @@ def test_nets_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.net\.xml: no such net"):
         read_lanes(tmp_path / "absent.net.xml")
     bad = tmp_path / "bad.net.xml"
-    for text in ("no XML", "<net><edge", '<net><edge id="a" from="x" to="y"><lane/></edge></net>'):
+    for text, why in (
+        ("no XML", "line 1, column 1: syntax error"),
+        ('<net version="1.20">\n <edge', "line 2, column 2: unclosed token"),
+        ("<net/>", "attribute 'version' is missing"),
+        ('<net version="1.20"><edge id="a" from="x" to="y"><lane/></edge></net>', "attribute 'speed' is missing"),
+    ):
         bad.write_text(text)
-        with pytest.raises(InputError, match=r"bad\.net\.xml: not a readable SUMO net"):
+        with pytest.raises(InputError, match=rf"bad\.net\.xml: not a readable SUMO net: {why}"):
             read_lanes(bad)
     bad.write_text('<net version="1.20"></net>')
     with pytest.raises(InputError, match="holds no lanes"):

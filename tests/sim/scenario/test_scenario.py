@@ -213,6 +213,7 @@ def test_malformed_yaml(tmp_path: Path, text: str, message: str) -> None:
         ({"name": "a" * 101}, "field name: expected"),
         ({"simulation_s": float("inf")}, "field simulation_s: Input should be a finite number"),
         ({"history_s": float("nan")}, "field history_s: Input should be a finite number"),
+        ({"simulation_s": 0.05}, "field simulation_s: Input should be greater than or equal to 0.1, found 0.05"),
         ({"history_s": 1e300}, "expected more than the history of 1e+300 s"),
         ({"roi_m": float("inf")}, "field roi_m: Input should be a finite number"),
         ({"vehicle": {"lag_s": float("inf")}}, "field vehicle.lag_s: Input should be a finite number"),

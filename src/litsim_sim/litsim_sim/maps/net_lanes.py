@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.sax import SAXException
+from xml.sax import SAXException, SAXParseException
 
 import numpy as np
 import sumolib
@@ -59,6 +59,15 @@ def read_lanes(path: Path) -> list[Lane]:
     return read_net(path)[1]
 
 
+def unreadable_net(path: Path, error: Exception) -> InputError:
+    """The error that the file at `path` is no SUMO net, and where in it sumolib has given up."""
+    if isinstance(error, SAXParseException):
+        why = f"line {error.getLineNumber()}, column {error.getColumnNumber() + 1}: {error.getMessage()}"
+    else:
+        why = f"attribute {error} is missing" if isinstance(error, KeyError) else f"{type(error).__name__}: {error}"
+    return InputError(f"{path}: not a readable SUMO net: {why}")
+
+
 def read_net(path: Path) -> tuple[Any, list[Lane]]:
     """A SUMO net as sumolib has read it, and the lanes of :func:`read_lanes`.
 
@@ -72,7 +81,7 @@ def read_net(path: Path) -> tuple[Any, list[Lane]]:
         edges = net.getEdges(withInternal=True)
         lanes = [_lane(lane) for edge in edges for lane in edge.getLanes() if _drivable(lane)]
     except UNREADABLE as error:
-        raise InputError(f"{path}: not a readable SUMO net: {error!r}") from error
+        raise unreadable_net(path, error) from error
     if not lanes:
         raise InputError(f"{path}: the net holds no lanes")
     known = {lane.id for lane in lanes}

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
-from litsim_sim.maps.net_lanes import UNREADABLE, Lane, read_net
+from litsim_sim.maps.net_lanes import UNREADABLE, Lane, read_net, unreadable_net
 
 ARROW = " -> "  # between the lanes of a connection's name
 BESIDE = 0.5  # [m] beyond the lane's edge at which a stop line still counts as crossed
@@ -67,7 +66,7 @@ def read_links(path: Path) -> tuple[SignalLink, ...]:
             if connection.getTLSID() and lane.getID() in lanes and connection.getToLane().getID() in lanes
         ]
     except UNREADABLE as error:
-        raise InputError(f"{path}: not a readable SUMO net: {error!r}") from error
+        raise unreadable_net(path, error) from error
     return tuple(sorted(found, key=lambda link: link.name))
 
 

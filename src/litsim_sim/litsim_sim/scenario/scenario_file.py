@@ -7,6 +7,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator
 
+from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.scenario.signals import SignalsFile
 
@@ -45,7 +46,7 @@ class ScenarioFile(BaseModel):
         crop: by column of that file, the [low, high] to keep.
         net: SUMO net, relative to the YAML file, or the name of a packaged net.
         start_frame: frame of step 0; the first of the recording if not given.
-        history_s: recorded past before the ego is free [s].
+        history_s: recorded past before the ego is free [s]; a step at least, as `simulation_s`.
         simulation_s: simulated time after that [s]; shorter where the recording is.
         ego: id of the vehicle that the driving system under test moves.
         egos: ids that experiments take as ego, one run each.
@@ -67,8 +68,8 @@ class ScenarioFile(BaseModel):
     crop: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] | None = None
     net: _Path
     start_frame: int | None = None
-    history_s: Annotated[_Finite, Field(gt=0)] = 3.0
-    simulation_s: Annotated[_Finite, Field(gt=0)] = 25.0
+    history_s: Annotated[_Finite, Field(ge=STEP_S)] = 3.0
+    simulation_s: Annotated[_Finite, Field(ge=STEP_S)] = 25.0
     ego: int
     egos: list[int] = []
     tuning: list[int] = []
