@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.launch.output import check_output
+from litsim_sim.launch.output import check_output, held_output
 
 
 def test_a_new_folder_is_made_and_left_empty(tmp_path: Path) -> None:
@@ -28,3 +28,17 @@ def test_a_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="file/run: cannot be written: Not a directory"):
         check_output(tmp_path / "file/run", overwrite=False)
+
+
+def test_a_folder_is_held_by_one_run_at_a_time(tmp_path: Path) -> None:
+    with held_output(tmp_path):
+        with (
+            pytest.raises(InputError, match="another run is recorded there; give another folder"),
+            held_output(tmp_path),
+        ):
+            pass
+        (tmp_path / "other").mkdir()
+        with held_output(tmp_path / "other"):
+            pass
+    with held_output(tmp_path):
+        assert list(tmp_path.iterdir()) == [tmp_path / "other"]

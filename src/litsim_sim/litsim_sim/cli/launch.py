@@ -19,7 +19,7 @@ from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.libraries import loading_sumo
 from litsim_sim.launch.middleware import check_security
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, in_company, nodes_of
-from litsim_sim.launch.output import check_output
+from litsim_sim.launch.output import check_output, held_output
 from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan
@@ -46,15 +46,16 @@ def launch(arguments: argparse.Namespace) -> int:
             paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
             check_output(options.out, options.overwrite)
             prepare_nodes()
-    with domain as domain_id:
-        graph = Graph(options.out, domain_id, options.answer_timeout_s)
-        _announce(arguments, plan, domain_id)
-        try:
-            _run(graph, nodes, paths, arguments)
-        except GraphFailed as error:
-            print_error(f"{error} (logs: {options.out / 'log'})")
-            return EXIT_FAILED
-    status = _measure(options.out, arguments.quiet) if arguments.analyze else 0
+    with held_output(options.out):
+        with domain as domain_id:
+            graph = Graph(options.out, domain_id, options.answer_timeout_s)
+            _announce(arguments, plan, domain_id)
+            try:
+                _run(graph, nodes, paths, arguments)
+            except GraphFailed as error:
+                print_error(f"{error} (logs: {options.out / 'log'})")
+                return EXIT_FAILED
+        status = _measure(options.out, arguments.quiet) if arguments.analyze else 0
     if not status:
         say(arguments, f"recorded in {options.out}")
     return status

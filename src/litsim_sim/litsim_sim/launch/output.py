@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
@@ -22,3 +26,25 @@ def check_output(out: Path, overwrite: bool) -> None:
         probe.unlink()
     except OSError as error:
         raise InputError(f"{out}: cannot be written: {error.strerror}") from error
+
+
+@contextmanager
+def held_output(out: Path) -> Iterator[None]:
+    """Hold the folder `out` for one run, from its recording to its measures: another run's would pass for its own.
+
+    The lock is one of the operating system's: it is gone with the process, however that ends.
+
+    Raises:
+        InputError: another run holds it.
+    """
+    descriptor = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise InputError(f"{out}: another run is recorded there; give another folder (out), or wait") from error
+        except OSError:
+            pass  # a file system that has no locks
+        yield
+    finally:
+        os.close(descriptor)

@@ -62,7 +62,7 @@ def read_lanes(path: Path) -> list[Lane]:
 def unreadable_net(path: Path, error: Exception) -> InputError:
     """The error that the file at `path` is no SUMO net, and where in it sumolib has given up."""
     if isinstance(error, SAXParseException):
-        why = f"line {error.getLineNumber()}, column {error.getColumnNumber() + 1}: {error.getMessage()}"
+        why = f"line {error.getLineNumber()}, column {(error.getColumnNumber() or 0) + 1}: {error.getMessage()}"
     else:
         why = f"attribute {error} is missing" if isinstance(error, KeyError) else f"{type(error).__name__}: {error}"
     return InputError(f"{path}: not a readable SUMO net: {why}")
