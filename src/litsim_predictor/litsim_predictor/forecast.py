@@ -8,11 +8,13 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, places
 
 Float32Array = npt.NDArray[np.float32]
 
 
+@quickly_made
 @dataclass(frozen=True)
 class Modes:
     """What agents may do instead of what is most probable: q further futures over T steps, frame map.
@@ -47,6 +49,7 @@ class Modes:
         return len(self.row)
 
 
+@quickly_made
 @dataclass(frozen=True)
 class Forecast:
     """Joint forecast of n agents over T future steps, frame map.

@@ -26,6 +26,7 @@ from litsim_sim.core.compiled import (
     void,
 )
 from litsim_sim.core.pair_geometry import wrapped
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 X, Y, YAW, XX, YY, XY = range(6)  # columns of `PredictedMotion.states`
@@ -35,6 +36,7 @@ ROUNDING = 1e-9  # of a step, by which instants of a forecast and steps may miss
 _SINGLES2, _SINGLES3 = read_array(types.float32, 2), read_array(types.float32, 3)
 
 
+@quickly_made
 @dataclass(frozen=True)
 class OtherMotions:
     """What some of n agents may do instead: q further motions.
@@ -64,6 +66,7 @@ class OtherMotions:
         return bounds(self.states, self.valid)
 
 
+@quickly_made
 @dataclass(frozen=True)
 class PredictedMotion:
     """Boxes of n agents at T future steps of 0.1 s, the first of them 0.1 s ahead.

@@ -16,6 +16,7 @@ from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y, S, nearest, segment_at
 from litsim_sim.core.compiled import BOOLS2, FLOATS, FLOATS3, INTS, OUT_FLOATS3, float64, kernel
 from litsim_sim.core.quantities import Acceleration, Duration, Flag, Length, NonNegative, Positive, Speed, configuration
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 
 
@@ -41,6 +42,7 @@ class IntentConfig:
     sigma_start: NonNegative[Length] = 0.1
 
 
+@quickly_made
 @dataclass(frozen=True)
 class Intents:
     """Who is under control at a step, in ascending order of rows, and along which paths; see :func:`intended_motion`.

@@ -28,6 +28,7 @@ from litsim_sim.core.compiled import (
     void,
 )
 from litsim_sim.core.pair_geometry import wrapped
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import AgentTable, BoolArray, ByteArray, FloatArray, IntArray
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.scenario.log import Log
@@ -42,6 +43,7 @@ HELD, HANDBACK, RELEASED = int(TakeoverState.HELD), int(TakeoverState.HANDBACK),
 OBSTACLE_SIGHT = 30.0  # [m] beyond the place in the log within which whoever stands before it has his centre
 
 
+@quickly_made
 @dataclass(frozen=True)
 class Residuals:
     """How far r agents are from where their logs, lags included, have them at a step; arrays (r,).

@@ -13,6 +13,7 @@ from litsim_policy.conflict.detection import Conflict
 from litsim_policy.motion.lane_lines import NO_LANE
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray, IntArray
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, TakeoverState
 
@@ -22,6 +23,7 @@ LAID_OUT = ("paths", "logged_paths")  # of a table, what is made when it is aske
 STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
 
 
+@quickly_made
 @dataclass(frozen=True, eq=False)
 class OffLog:
     """r agents off their logs, ids ascending; arrays (r,) unless said otherwise.

@@ -49,6 +49,7 @@ from litsim_sim.core.quantities import (
     at_most,
     configuration,
 )
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.signals import Signals
@@ -122,6 +123,7 @@ LIMITS_ONLY = SafetyConfig(following=False, contact=False, road=False)
 """What training drives with: the guards only tell what they would have changed, and that costs."""
 
 
+@quickly_made
 @dataclass(frozen=True)
 class SafeCommands:
     """Commands after the layer; arrays (m,).

@@ -32,6 +32,7 @@ from litsim_sim.core.compiled import (
 )
 from litsim_sim.core.pair_geometry import within, within_scenes
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Speed, configuration
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 SIGHT = 120.0  # [m] beyond which nobody is looked at
@@ -103,6 +104,7 @@ def idm_acceleration(
     return found.reshape(shape)
 
 
+@quickly_made
 @dataclass(frozen=True)
 class AlongPath:
     """The agents of its scene as a vehicle on a path sees them, or as m vehicles do, each those of its own.

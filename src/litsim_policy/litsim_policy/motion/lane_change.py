@@ -14,6 +14,7 @@ from litsim_policy.motion.car_following import AlongPath, idm
 from litsim_sim.core.compiled import BOOLS, BOOLS2, FLOATS, FLOATS2, INTS, OUT_BOOLS, OUT_FLOATS, float64, int64, kernel
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Share, configuration
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 NOBODY = -1
@@ -45,6 +46,7 @@ class LaneChangeConfig:
     deceleration: Positive[Acceleration] = 2.5
 
 
+@quickly_made
 @dataclass(frozen=True)
 class LaneChanges:
     """What k changes of lane would bring; arrays (k,).

@@ -10,11 +10,13 @@ import numpy as np
 
 from litsim_policy.motion import path_kernels
 from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import FloatArray, IntArray
 
 PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of a path before and beyond an agent that a policy is given
 
 
+@quickly_made
 @dataclass(frozen=True)
 class Projection:
     """Nearest points of paths to places; arrays (k,).

@@ -14,6 +14,7 @@ import numpy as np
 
 from litsim_predictor.forecast import Float32Array
 from litsim_sim.core.quantities import NonNegative, OpenShare, Whole, configuration
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, BoolArray, ByteArray, FloatArray, IntArray
 
 DT = 0.2
@@ -38,6 +39,7 @@ MANEUVERS = tuple(f"{lateral}/{longitudinal}" for lateral in LATERAL for longitu
 """Manoeuvre m is LATERAL[m // 3] with LONGITUDINAL[m % 3]."""
 
 
+@quickly_made
 @dataclass(frozen=True)
 class AgentInputs:
     """What a model reads of the n agents of a scene.
@@ -73,6 +75,7 @@ class ModeChoice:
 NO_MODES = ModeChoice(most=0)
 
 
+@quickly_made
 @dataclass(frozen=True)
 class FurtherFutures:
     """What a model answers beside the most probable manoeuvres of n agents: the Gaussians of q further ones.
@@ -96,6 +99,7 @@ class FurtherFutures:
         return cls(whole, whole, wide, wide, np.empty((0, HORIZON), np.float32))
 
 
+@quickly_made
 @dataclass(frozen=True)
 class AgentFutures:
     """What a model answers of n agents of a scene: the Gaussians of their most probable manoeuvres, and further ones.

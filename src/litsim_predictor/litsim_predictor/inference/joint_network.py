@@ -55,6 +55,7 @@ from litsim_predictor.inference.map_kernels import (
 from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.raster import CHANNELS
 from litsim_predictor.inference.weights import Provenance, Weights
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import ByteArray, IntArray
 
 
@@ -149,6 +150,7 @@ class HistoryEncoder:
         return out
 
 
+@quickly_made
 @dataclass(frozen=True)
 class Neighbours:
     """Those near each of n agents; see :func:`.attention_kernels.find_neighbours` and :func:`relate` there."""

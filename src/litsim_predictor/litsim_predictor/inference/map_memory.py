@@ -8,6 +8,7 @@ import numpy as np
 
 from litsim_predictor.forecast import Float32Array
 from litsim_sim.core.compiled import INTS2, OUT_INTS, kernel
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import ByteArray, IntArray
 
 MOST = 4096
@@ -35,6 +36,7 @@ def first_alike(rows: IntArray) -> IntArray:
     return first
 
 
+@quickly_made
 @dataclass(frozen=True)
 class MapCodes:
     """The maps of n agents, as far as their codes are known.

@@ -13,6 +13,7 @@ from pydantic import Field
 from litsim_sim.core.compiled import FLOATS, OUT_FLOATS, float64, kernel
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import Acceleration, Curvature, Number, Positive, Speed, configuration
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, FloatArray
 
 SPEED_MIN = 1e-3  # [m/s] up to which the bound on lateral acceleration is that of this speed
@@ -39,6 +40,7 @@ class VehicleLimits:
     rear_axle: Annotated[Number, Field(ge=0, le=0.5)] = 0.29
 
 
+@quickly_made
 @dataclass(frozen=True)
 class Motion:
     """Poses of box centres and their rates; arrays (n,), units as in :class:`litsim_sim.core.scene.AgentTable`."""

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from litsim_sim.core.compiled import INTS, OUT_INTS, kernel
+from litsim_sim.core.quickly_made import quickly_made
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -73,6 +74,7 @@ def places(ids: IntArray, agents: IntArray) -> IntArray:
     return found
 
 
+@quickly_made
 @dataclass(frozen=True)
 class AgentTable:
     """All agents at one step; every array has shape (n,) and `id` ascends.
@@ -179,6 +181,7 @@ DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | 
 }
 
 
+@quickly_made
 @dataclass(frozen=True)
 class ControlTable:
     """What the policy answers to one step; agents that are not listed follow their log. Arrays (m,), ids ascend.
@@ -241,6 +244,7 @@ class EgoMode(IntEnum):
     FOLLOW_LOG = 1
 
 
+@quickly_made
 @dataclass(frozen=True)
 class EgoCommand:
     """What the ego answers to one step: acceleration [m/s2] and yaw rate [rad/s], or to follow its log."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import FloatArray
 
 Pose = tuple[float, float, float]
@@ -38,6 +39,7 @@ class PathSource(IntEnum):
     LANE = 2
 
 
+@quickly_made
 @dataclass(frozen=True)
 class Takeover:
     """One agent off its log at one step; see ``litsim_msgs/Takeover``. Older records lack the fields with a default.
@@ -73,6 +75,7 @@ class Takeover:
     time_shift: float = 0.0
 
 
+@quickly_made
 @dataclass(frozen=True)
 class TakeoverTable:
     """Everybody who is off the log at `step`, agents ascending.

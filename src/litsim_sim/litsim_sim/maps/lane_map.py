@@ -15,6 +15,7 @@ from typing import cast
 import numpy as np
 
 from litsim_sim.core.geometry import box_corners
+from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_graph import directly_linked, straightest_successors
 from litsim_sim.maps.net_ends import NetEnds
@@ -25,6 +26,7 @@ DIRECTION_PENALTY = 4.0  # [m] times 1 - cos of the angle between a pose and a l
 INTERNAL_PENALTY = 1.0  # [m] by which a lane inside a junction must be nearer to win
 
 
+@quickly_made
 @dataclass(frozen=True)
 class LanePosition:
     """Poses relative to their lanes; arrays of shape (n,).
