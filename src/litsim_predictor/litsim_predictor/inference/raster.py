@@ -7,7 +7,6 @@ are kept to 1.4 degrees, a 256th of a turn.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import types
 
-from litsim_sim.core.compiled import FLOATS, INTS, float32, int64, kernel, read_array, uint8, void, written_array
+from litsim_sim.core.compiled import FLOATS, INTS, float32, int32, int64, kernel, read_array, uint8, void, written_array
 from litsim_sim.core.scene import ByteArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
@@ -34,8 +33,9 @@ NO_DIRECTION = 128  # where there is no road
 TURNS = np.arange(256) * (2 * np.pi / 256)
 COSINES = np.rint(128.0 + 127.0 * np.cos(TURNS)).astype(np.uint8)
 SINES = np.rint(128.0 + 127.0 * np.sin(TURNS)).astype(np.uint8)
-DIRECTIONS = COSINES.astype(np.uint16) | SINES.astype(np.uint16) << 8
+DIRECTIONS = COSINES.astype(np.int32) | SINES.astype(np.int32) << 8
 """(256,) both in one number, so that they are looked up at once."""
+NO_DIRECTIONS = NO_DIRECTION | NO_DIRECTION << 8
 
 CELLS2, OUT_BYTES4 = read_array(types.uint16, 2), written_array(uint8, 4)
 
@@ -60,26 +60,31 @@ def cut_out(
             empty: there is all that lies outside of it.
     """
     rows, columns = cells.shape
-    drawn, at = cells.ravel(), np.empty(COLUMNS, np.int64)
+    drawn, planes = cells.ravel(), out.reshape(len(x), CHANNELS, ROWS * COLUMNS)
+    at, cell = np.empty((ROWS, COLUMNS), np.int64), np.empty(ROWS * COLUMNS, np.int32)
+    found = at.ravel()
+    byte, nowhere = int32(255), int32(NO_DIRECTIONS)
     last_row, last_column = float32(rows - 1), float32(columns - 1)
     for i in range(len(x)):
         for r in range(ROWS):
             ahead_x, ahead_y = x[i] + cos[i] * AHEAD[r], y[i] + sin[i] * AHEAD[r]
             for c in range(COLUMNS):
                 # In single precision, which is enough for an index.
-                column = math.floor(float32(ahead_x - sin[i] * LEFT[c]))
-                row = math.floor(float32(ahead_y + cos[i] * LEFT[c]))
-                column = last_column if column < float32(0.0) else min(column, last_column)
-                row = last_row if row < float32(0.0) else min(row, last_row)
-                at[c] = int64(row) * columns + int64(column)
-            of = out[i]
-            for c in range(COLUMNS):
-                cell = drawn[at[c]]
-                close, angle = cell & 255, int64(cell >> 8)
-                direction = DIRECTIONS[(angle - turn[i]) & 255]  # bytes wrap as angles
-                of[0, r, c], of[1, r, c] = 255 if close > 0 else 0, close
-                of[2, r, c] = direction & 255 if close > 0 else NO_DIRECTION
-                of[3, r, c] = direction >> 8 if close > 0 else NO_DIRECTION
+                column, row = float32(ahead_x - sin[i] * LEFT[c]), float32(ahead_y + cos[i] * LEFT[c])
+                column = column if float32(0.0) <= column < last_column else last_column
+                row = row if float32(0.0) <= row < last_row else last_row
+                at[r, c] = int64(row) * columns + int64(column)
+        for k in range(ROWS * COLUMNS):
+            cell[k] = drawn[found[k]]
+        # What has been looked up is told apart in loops of their own, of which the processor does many steps at a time.
+        on, close, ahead, left = planes[i]
+        for k in range(ROWS * COLUMNS):
+            close[k] = cell[k] & byte
+            on[k] = 255 if close[k] > 0 else 0
+        for k in range(ROWS * COLUMNS):
+            direction = DIRECTIONS[((cell[k] >> int32(8)) - int32(turn[i])) & byte]  # bytes wrap as angles
+            direction = direction if cell[k] & byte > 0 else nowhere
+            ahead[k], left[k] = direction & byte, direction >> int32(8)
 
 
 @dataclass(frozen=True)

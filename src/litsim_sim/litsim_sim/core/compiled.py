@@ -59,10 +59,11 @@ def written_array(dtype: types.Type, ndim: int) -> types.Array:
     return types.Array(dtype, ndim, "C")
 
 
-boolean, float32, float64, int64, uint8, void = (
+boolean, float32, float64, int32, int64, uint8, void = (
     types.boolean,
     types.float32,
     types.float64,
+    types.int32,
     types.int64,
     types.uint8,
     types.void,
