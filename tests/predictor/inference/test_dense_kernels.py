@@ -46,6 +46,17 @@ def test_rows_have_the_same_bits_alone() -> None:
         assert np.array_equal(alone[0], out[row])
 
 
+@pytest.mark.parametrize("rows", [1, 3, 4, 9])
+@pytest.mark.parametrize("columns", [1, 7, 8, 16, 24, 32, 48, 61, 96])
+def test_terms_are_added_one_after_the_other(rows: int, columns: int) -> None:
+    values, weight, out = draw(rows, 37), draw(37, columns, seed=1), draw(rows, columns, seed=2)
+    expected = out.copy()
+    for k in range(37):
+        expected += values[:, k : k + 1] * weight[k]
+    add_product(values, weight, out)
+    assert np.array_equal(out, expected)
+
+
 def test_functions_are_as_close_as_single_precision_allows() -> None:
     x = np.linspace(-30.0, 30.0, 20001, dtype=np.float32)
     exact = x.astype(np.float64)

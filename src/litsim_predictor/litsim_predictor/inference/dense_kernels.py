@@ -13,12 +13,20 @@ import numpy as np
 from numba import types
 
 from litsim_predictor.forecast import Float32Array
+from litsim_predictor.inference.product_blocks import (
+    BLOCK_ROWS,
+    LANES,
+    add_block,
+    add_narrow_block,
+    add_narrow_row_block,
+    add_row_block,
+)
 from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES2, float32, kernel, void
 
 ROW = types.Array(float32, 1, "C", readonly=True)
 """Type of an array (n,) that lies in one piece, so that its neighbours are read at once."""
 
-ROWS, INNER = 4, 4  # of a block of a product: of what is loaded, each value is used four times
+INNER = 4  # terms of a sum that are added at a time
 EPSILON = 1e-5  # added to the variance of a row: PyTorch's
 
 # tanh(x) = x P(x^2) / Q(x^2) up to TANH_END, where it is 1 in single precision: least squares of the relative error,
@@ -52,33 +60,33 @@ def exp(x: np.float32) -> np.float32:
 
 
 @kernel(void(SINGLES2, SINGLES2, OUT_SINGLES2))
+def add_blocks(values: Float32Array, weight: Float32Array, out: Float32Array) -> None:
+    """As :func:`add_product`, but for the last columns of `out`, where their number is no multiple of LANES."""
+    rows, columns = out.shape
+    whole, wide = rows - rows % BLOCK_ROWS, columns - columns % (2 * LANES)
+    for j in range(0, wide, 2 * LANES):
+        for i in range(0, whole, BLOCK_ROWS):
+            add_block(values, weight, out, i, j)
+        for i in range(whole, rows):
+            add_row_block(values, weight, out, i, j)
+    for j in range(wide, columns - columns % LANES, LANES):
+        for i in range(0, whole, BLOCK_ROWS):
+            add_narrow_block(values, weight, out, i, j)
+        for i in range(whole, rows):
+            add_narrow_row_block(values, weight, out, i, j)
+
+
+@kernel(void(SINGLES2, SINGLES2, OUT_SINGLES2))
 def add_product(values: Float32Array, weight: Float32Array, out: Float32Array) -> None:
     """Add to `out` (m, n) the product of `values` (m, k) and `weight` (k, n)."""
-    rows, inner, columns = values.shape[0], values.shape[1], weight.shape[1]
-    whole, last = rows - rows % ROWS, inner - inner % INNER
-    for i in range(0, whole, ROWS):
-        for k in range(0, last, INNER):
-            a0, a1, a2, a3 = values[i, k], values[i, k + 1], values[i, k + 2], values[i, k + 3]
-            b0, b1, b2, b3 = values[i + 1, k], values[i + 1, k + 1], values[i + 1, k + 2], values[i + 1, k + 3]
-            c0, c1, c2, c3 = values[i + 2, k], values[i + 2, k + 1], values[i + 2, k + 2], values[i + 2, k + 3]
-            d0, d1, d2, d3 = values[i + 3, k], values[i + 3, k + 1], values[i + 3, k + 2], values[i + 3, k + 3]
-            for j in range(columns):
-                w0, w1, w2, w3 = weight[k, j], weight[k + 1, j], weight[k + 2, j], weight[k + 3, j]
-                out[i, j] = (((out[i, j] + a0 * w0) + a1 * w1) + a2 * w2) + a3 * w3
-                out[i + 1, j] = (((out[i + 1, j] + b0 * w0) + b1 * w1) + b2 * w2) + b3 * w3
-                out[i + 2, j] = (((out[i + 2, j] + c0 * w0) + c1 * w1) + c2 * w2) + c3 * w3
-                out[i + 3, j] = (((out[i + 3, j] + d0 * w0) + d1 * w1) + d2 * w2) + d3 * w3
-    for i in range(whole, rows):  # the same sums, of one row at a time
-        for k in range(0, last, INNER):
-            a0, a1, a2, a3 = values[i, k], values[i, k + 1], values[i, k + 2], values[i, k + 3]
-            for j in range(columns):
-                w0, w1, w2, w3 = weight[k, j], weight[k + 1, j], weight[k + 2, j], weight[k + 3, j]
-                out[i, j] = (((out[i, j] + a0 * w0) + a1 * w1) + a2 * w2) + a3 * w3
-    for i in range(rows):
-        for k in range(last, inner):
-            a0 = values[i, k]
-            for j in range(columns):
-                out[i, j] += a0 * weight[k, j]
+    add_blocks(values, weight, out)
+    rest = out.shape[1] % LANES
+    if rest > 0:  # in a block of their own, whose other columns are nobody's
+        first = out.shape[1] - rest
+        weights, sums = np.zeros((len(weight), LANES), np.float32), np.zeros((len(out), LANES), np.float32)
+        weights[:, :rest], sums[:, :rest] = weight[:, first:], out[:, first:]
+        add_blocks(values, weights, sums)
+        out[:, first:] = sums[:, :rest]
 
 
 @kernel(void(OUT_SINGLES2))

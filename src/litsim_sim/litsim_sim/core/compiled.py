@@ -33,6 +33,7 @@ import numba
 import numpy as np
 from llvmlite import binding
 from numba import types
+from numba.core.extending import _Intrinsic as Intrinsic
 from numba.extending import typeof_impl
 
 from litsim_sim.core import machine_code
@@ -153,7 +154,8 @@ def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
 
     One that other kernels call is loaded before a run only where it is said to be `outer`: called from Python as well.
 
-    Of its module, the function may use numbers, enumerations, arrays and other kernels; of others, `math` and numpy.
+    Of its module, the function may use numbers, enumerations, arrays, other kernels, and intrinsics of numba's; of
+    others, `math` and numpy.
     Arguments that do not fit the signature are a TypeError. Numbers divided by zero give what numpy gives.
 
     Raises:
@@ -305,8 +307,10 @@ def _constant(name: str, value: object) -> str:
         return ""
     if isinstance(value, EnumMeta):
         return repr(list(value))
+    if isinstance(value, Intrinsic):  # all that it is made of is in its file
+        return _source_and_machine(value._defn.__code__.co_filename).hex()  # noqa: SLF001 - numba has no other way to it
     if isinstance(value, np.ndarray):
         return f"{value.dtype}{value.shape}{value.tobytes().hex()}"
     if isinstance(value, bool | int | float | Enum | types.Type):  # a type: of a name that numpy has, too
         return repr(value)
-    raise TypeError(f"a kernel cannot use {name}: neither a number, an enumeration, an array nor a kernel")
+    raise TypeError(f"a kernel cannot use {name}: no number, enumeration, array, kernel or intrinsic")
