@@ -13,6 +13,7 @@ import torch
 from torch.optim.swa_utils import AveragedModel
 
 from litsim_predictor.cli import evaluate, train
+from litsim_predictor.learned.data.scenes import scene_batches
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import Provenance, load_model, save_model
 from litsim_predictor.learned.training import (
@@ -21,7 +22,10 @@ from litsim_predictor.learned.training import (
     HISTORY_FILE,
     VALIDATION_STRIDE,
     WEIGHTS,
+    Locator,
+    Training,
     TrainingConfig,
+    load_parts,
 )
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
@@ -168,6 +172,43 @@ def test_a_training_begins_with_other_weights_of_the_same_model(
     with pytest.raises(SystemExit):
         run(config, tmp_path / "third")
     assert "first/weights.safetensors: weights of model joint" in capsys.readouterr().err
+
+
+def test_a_training_that_reads_the_traffic_ahead_begins_with_weights_that_do_not(config: Path, tmp_path: Path) -> None:
+    run(config, tmp_path / "first")
+    config.write_text(
+        SMALL.replace("parameters: {", "parameters: {traffic: true, ")
+        + "start: first/weights.safetensors\nlearning_rate: 1.0e-12\n"
+    )
+    run(config, tmp_path / "second", "--epochs", "1")
+    first, second = (load_model(str(tmp_path / name / WEIGHTS))[0] for name in ("first", "second"))
+    begun, narrow = second.state_dict()["state.0.weight"], first.state_dict()["state.0.weight"]
+    torch.testing.assert_close(begun[:, : narrow.shape[1]], narrow, atol=1e-9, rtol=0.0)
+    assert begun.shape[1] > narrow.shape[1] and begun[:, narrow.shape[1] :].abs().max() < 1e-9
+
+
+def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config: Path, tmp_path: Path) -> None:
+    """The further loss is the squared distance from it; with nothing to compare it is zero, and it moves the model."""
+    for seed in ("1", "2"):
+        run(config, tmp_path / f"teacher{seed}", "--seed", seed, "--epochs", "1")
+    names = [f"teacher{seed}/weights.safetensors" for seed in (1, 2)]
+    config.write_text(f"{SMALL}teachers: {names}\nteacher_weight: 10\n".replace("'", ""))
+    settings, locate = read_yaml(config, TrainingConfig), Locator(tmp_path)
+    training = Training(settings, tmp_path, locate, "", "cpu")
+    batch = next(scene_batches([tracks for tracks, _ in load_parts(settings, locate)["val"]]))
+    with torch.no_grad():
+        one, other = (load_model(str(tmp_path / name))[0](batch).mean[:, :, 0] for name in names)
+        wanted = (one + other) / 2
+        assert (one - other)[batch.target].abs().max() > 0.01
+        assert training._apart(batch, wanted, batch.target) == pytest.approx(0.0, abs=1e-9)
+        beside = wanted + torch.tensor([3.0, 4.0])
+        assert training._apart(batch, beside, batch.target) == pytest.approx(25.0, abs=1e-3)
+        assert training._apart(batch, beside, torch.zeros_like(batch.target)) == 0.0
+    run(config, tmp_path / "taught")
+    assert set(names) < set(load_model(str(tmp_path / "taught" / WEIGHTS))[1].manifest["files"])
+    config.write_text(SMALL)
+    run(config, tmp_path / "alone")
+    assert not same(tmp_path / "taught", tmp_path / "alone")
 
 
 def interrupt_at(epoch: int) -> Callable[..., float]:

@@ -41,6 +41,10 @@ from litsim_predictor.inference.joint_units import (
     RELATION_UNITS,
     RELATION_WIDTH,
     STATE_UNITS,
+    TRAFFIC_AGO,
+    TRAFFIC_CHANNELS,
+    TRAFFIC_PLACES,
+    TRAFFIC_UNITS,
 )
 from litsim_predictor.inference.map_kernels import (
     HALF_COLUMNS,
@@ -54,6 +58,7 @@ from litsim_predictor.inference.map_kernels import (
 )
 from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.raster import CHANNELS
+from litsim_predictor.inference.traffic_kernels import look_ahead
 from litsim_predictor.inference.weights import Provenance, Weights
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import ByteArray, IntArray
@@ -212,7 +217,9 @@ class JointNetwork:
         arrays = weights.arrays
         self._neighbours, self._reach = parameters.get("neighbours", NEIGHBOURS), parameters.get("reach", REACH)
         self._maps, self._histories = MapEncoder(arrays), HistoryEncoder(arrays)
-        self._states = Linear(arrays["state.0.weight"], arrays["state.0.bias"], STATE_UNITS, rectified=True)
+        self._traffic = parameters.get("traffic", False)
+        units = STATE_UNITS + TRAFFIC_UNITS * (TRAFFIC_PLACES * self._traffic)
+        self._states = Linear(arrays["state.0.weight"], arrays["state.0.bias"], units, rectified=True)
         self._layers = [
             Attention(_part(arrays, f"relative.{layer}."), parameters.get("heads", HEADS))
             for layer in range(parameters.get("layers", LAYERS))
@@ -238,13 +245,22 @@ class JointNetwork:
     ) -> AgentFutures:
         """See :class:`.contract.NetworkOfScenes`."""
         agents = np.concatenate(
-            [self._maps(inputs.raster), self._histories(inputs), self._states(inputs.state)], axis=1
+            [self._maps(inputs.raster), self._histories(inputs), self._states(self._read(inputs, begins))], axis=1
         )
         near = self._near(inputs, begins)
         everybody = np.arange(len(agents))
         for layer in self._layers[:-1]:
             agents = layer(agents, near, everybody)
         return self._decoded(self._layers[-1](agents, near, asked), inputs.state[asked], modes)
+
+    def _read(self, inputs: AgentInputs, begins: IntArray) -> Float32Array:
+        """What is read of the agents' states, and of the traffic ahead of them."""
+        if not self._traffic:
+            return inputs.state
+        ahead = np.empty((len(inputs.frame), TRAFFIC_CHANNELS), np.float32)
+        now, ago = inputs.state[:, 2], -1 - TRAFFIC_AGO
+        look_ahead(inputs.frame, now, inputs.history[:, ago, 3], inputs.observed[:, ago], begins, ahead)
+        return np.concatenate([inputs.state, ahead], axis=1)
 
     def _near(self, inputs: AgentInputs, begins: IntArray) -> Neighbours:
         n, most = len(inputs.frame), self._neighbours + 1
@@ -291,7 +307,7 @@ def shapes(parameters: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
         for of in ("ih", "hh"):
             found[f"history.gru.weight_{of}_{direction}"] = (3 * half, half)
             found[f"history.gru.bias_{of}_{direction}"] = (3 * half,)
-    layer("state.0", state, STATE_CHANNELS)
+    layer("state.0", state, STATE_CHANNELS + TRAFFIC_CHANNELS * parameters.get("traffic", False))
     for number in range(parameters.get("layers", LAYERS)):
         for name, out in (("query", width), ("key_value", 2 * width), ("out", width)):
             layer(f"relative.{number}.{name}", out, width)

@@ -23,3 +23,13 @@ CORRELATION_LIMIT = 0.95
 GAUSSIAN_CHANNELS = 5  # what is said of a step: mean x and y, two scales, correlation
 LAYERS = 2  # of attention
 RELATION_WIDTH = 64  # of the layer that reads a relation
+TRAFFIC_KNOTS = (0.0, 25.0, 60.0, 100.0, 160.0, 240.0)
+"""[m] ahead: traffic counts fully for one of the inner knots where it is there, not at all at the knots next to it."""
+TRAFFIC_WIDTHS = (3.5, 30.0)
+"""[m] to the side at which traffic does not count any more: for that of one's own lane, and for that of all lanes."""
+TRAFFIC_SOME = 0.25  # of a vehicle: means over fewer than about so many tend to 0
+TRAFFIC_AGO = 5  # steps of a history over which speeds are said to have changed: a second
+TRAFFIC_UNITS = (0.25 * SPEED, 0.1 * SPEED, 1.0)
+"""By which what is said of a place is scaled: how much faster they are there, how much they gained [m/s], how many."""
+TRAFFIC_PLACES = len(TRAFFIC_WIDTHS) * (len(TRAFFIC_KNOTS) - 2)
+TRAFFIC_CHANNELS = TRAFFIC_PLACES * len(TRAFFIC_UNITS)

@@ -16,8 +16,9 @@ from torch import Tensor
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
 
+from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import AT_SECONDS, MANEUVERS, SECONDS
-from litsim_predictor.inference.weights import Provenance
+from litsim_predictor.inference.weights import Provenance, weights_path
 from litsim_predictor.learned.data.batch import SceneBatch
 from litsim_predictor.learned.data.scenes import Augmentation, scene_batches, training_batches
 from litsim_predictor.learned.data.sources import (
@@ -31,6 +32,7 @@ from litsim_predictor.learned.data.sources import (
     load,
 )
 from litsim_predictor.learned.data.tracks import Tracks
+from litsim_predictor.learned.models.joint import with_traffic
 from litsim_predictor.learned.models.model import SceneModel, negative_log_likelihood
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import load_model, save_model
@@ -60,7 +62,12 @@ class TrainingConfig(BaseModel):
     Attributes:
         model, parameters: see :func:`.registry.build`.
         start: file of weights of the same model to begin with, found as those of `data` are, such as of a training on
-            other data; empty to begin with random ones.
+            other data; empty to begin with random ones. Weights of a joint predictor that has not read the traffic
+            ahead do for one that does: it counts nothing at first.
+        teachers: weights, shipped or files as for `start`, of trained models of any kind, from the mean of whose
+            forecasts the model also learns.
+        teacher_weight: [1/m2] of its squared distance from that mean, of agents that it is trained with their most
+            probable manoeuvre (see `predicted_share`): what a set of models knows, at the cost of one.
         data: sources; names of files are looked for beside the configuration and under LITSIM_DATA.
         fraction: of the vehicles of each source that are trained on; see :meth:`.Tracks.learned_of`. An epoch takes the
             moments that are left so much more often that it has as many steps of the optimiser as with all vehicles.
@@ -84,6 +91,8 @@ class TrainingConfig(BaseModel):
     model: str
     parameters: dict[str, Any] = {}
     start: str = ""
+    teachers: tuple[str, ...] = ()
+    teacher_weight: Annotated[float, Field(ge=0)] = 0.5
     data: tuple[Source, ...] = DEVELOPMENT_DATA
     fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
     epochs: Annotated[int, Field(ge=1)] = 20
@@ -162,8 +171,12 @@ class Training:
             self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )
         self._parts = load_parts(config, locate)
+        self._teachers = [
+            load_model(name if name in SHIPPED else str(locate(name)))[0].to(device) for name in config.teachers
+        ]
         names = [name for source in config.data for name in files_of(source)] + [config.start] * bool(config.start)
         files = {name: digest_of(locate(name)) for name in names}
+        files |= {name: digest_of(weights_path(name) if name in SHIPPED else locate(name)) for name in config.teachers}
         self._manifest = {"files": files, "rows": self._rows()}
         self.history: list[dict[str, float]] = []
         self._best: dict[str, float] = {}
@@ -210,12 +223,14 @@ class Training:
         if not config.start:
             return build(config.model, config.parameters, "training configuration")
         model, made = load_model(str(locate(config.start)))
-        if (made.model, made.parameters) != (config.model, config.parameters):
-            raise InputError(
-                f"{config.start}: weights of model {made.model} {made.parameters}, expected {config.model} "
-                f"{config.parameters} as in the training configuration"
-            )
-        return model
+        if (made.model, made.parameters) == (config.model, config.parameters):
+            return model
+        if (made.model, made.parameters | {"traffic": True}) == (config.model, config.parameters):
+            return with_traffic(model, build(config.model, config.parameters, "training configuration"))
+        raise InputError(
+            f"{config.start}: weights of model {made.model} {made.parameters}, expected {config.model} "
+            f"{config.parameters} as in the training configuration"
+        )
 
     @property
     def _result(self) -> SceneModel:
@@ -234,11 +249,11 @@ class Training:
             self._parts["train"], config.agents_per_batch, config.stride, config.augmentation, self._random
         )
         for batch in tqdm(batches, desc=f"epoch {epoch + 1}", unit="batch", leave=False, disable=not progress):
-            losses = self._losses(batch.to(self._device))
+            *losses, apart = self._losses(batch.to(self._device))
             nll, error, maneuver = losses
             warm = epoch < config.warm_epochs
             loss = error if warm else nll + config.error_weight * error
-            loss = loss + config.maneuver_weight * maneuver
+            loss = loss + config.maneuver_weight * maneuver + config.teacher_weight * apart
             self._optimizer.zero_grad(set_to_none=True)
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_LIMIT)
@@ -258,8 +273,11 @@ class Training:
             return config.learning_rate * config.decay ** (epoch // config.decay_every)
         return config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * epoch / config.epochs)))
 
-    def _losses(self, batch: SceneBatch) -> tuple[Tensor, Tensor, Tensor]:
-        """Likelihood, squared error [m2] and manoeuvre cross-entropy: means over what is known of the targets."""
+    def _losses(self, batch: SceneBatch) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Likelihood, squared error [m2], manoeuvre cross-entropy, and squared distance from the teachers [m2].
+
+        Means over what is known of the targets; the last over all steps of those with their most probable manoeuvre.
+        """
         predicted = torch.rand(batch.maneuver.shape, device=self._device) < self._config.predicted_share
         prediction = self.model(batch, torch.where(predicted, -1, batch.maneuver))
         known = (batch.future_known & batch.target[..., None])[:, :, None]
@@ -268,7 +286,16 @@ class Training:
         named = batch.target & (batch.maneuver >= 0)
         logits, truth = prediction.maneuver[named], batch.maneuver[named]
         maneuver = torch.nn.functional.cross_entropy(logits, truth, reduction="sum") / max(len(truth), 1)
-        return nll, error, maneuver
+        return nll, error, maneuver, self._apart(batch, prediction.mean[:, :, 0], predicted & batch.target)
+
+    def _apart(self, batch: SceneBatch, mean: Tensor, compared: Tensor) -> Tensor:
+        """Mean squared distance [m2] of forecasts (B, N, HORIZON, 2) from the teachers', of the `compared` (B, N)."""
+        if not self._teachers:
+            return mean.new_zeros(())
+        with torch.no_grad():
+            taught = sum(teacher(batch).mean[:, :, 0] for teacher in self._teachers) / len(self._teachers)
+        squared = ((mean - taught) ** 2).sum(dim=-1)[compared]
+        return squared.sum() / max(squared.numel(), 1)
 
     @torch.no_grad()
     def _validate(self) -> dict[str, float]:

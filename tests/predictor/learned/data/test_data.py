@@ -200,6 +200,23 @@ class TestSources:
             assert not ((tracks.frame >= TEST_FRAMES[0]) & (tracks.frame <= TEST_FRAMES[1])).any()
         assert not set(singles["train"][0].vehicle) & set(singles["val"][0].vehicle[singles["val"][0].target])
 
+    @pytest.mark.data
+    def test_where_windows_validate_nothing_of_their_time_is_trained_on(self) -> None:
+        if not (DATA_FOLDER / WINDOWS).is_file():
+            pytest.skip("LITSIM_DATA names no folder with the US-101 windows")
+        locate, frames = Locator(DATA_FOLDER), {"test_frames": TEST_FRAMES}
+        windows = load(Us101WindowSource(kind="us101_windows", file=WINDOWS, part="val", **frames), locate)
+        assert set(windows) == {"val", "test"} and not set(windows["val"][0].vehicle) & set(windows["test"][0].vehicle)
+        last = int(windows["val"][0].frame.max())
+        tracks = {"kind": "us101_tracks", "file": TRACKS, "windows": WINDOWS, **frames}
+        all_of, apart = (
+            load(Us101TrackSource(**tracks, untrained_frames=untrained), locate) for untrained in (None, (0, last))
+        )
+        assert apart["train"][0].frame.min() > last
+        assert np.array_equal(np.unique(all_of["val"][0].vehicle), np.unique(apart["val"][0].vehicle))
+        later = all_of["train"][0].frame > last
+        assert (all_of["train"][0].target & later).sum() == apart["train"][0].target.sum()
+
     def test_pairs_are_followers_and_leaders_along_a_lane_and_share_nobody_with_validation(
         self, tmp_path: Path
     ) -> None:

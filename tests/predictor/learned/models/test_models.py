@@ -20,7 +20,8 @@ from litsim_predictor.learned.models.registry import build
 from litsim_sim.core.errors import InputError
 
 MODELS = {
-    "default": ("joint", {}),
+    "default": ("joint", {"traffic": True}),
+    "near": ("joint", {}),
     "paper": ("joint", {"relative": False, "decoder": "recurrent", "history_channels": 2}),
     "cs_lstm": ("cs_lstm", {}),
     "bat": ("bat", {}),

@@ -50,20 +50,25 @@ class RecordingSource(_Source):
 
 
 class Us101WindowSource(_Source):
-    """The windows of the US-101 development file: `test_frames` (first, last) for tests, later ones for training."""
+    """The windows of the US-101 development file: `test_frames` (first, last) for tests, the others for `part`."""
 
     kind: Literal["us101_windows"]
     file: str
     test_frames: tuple[int, int]
+    part: Literal["train", "val"] = "train"
 
 
 class Us101TrackSource(_Source):
-    """Single US-101 vehicles and the leaders that their headways tell of, without the vehicles of the test windows."""
+    """Single US-101 vehicles and the leaders that their headways tell of, without the vehicles of the test windows.
+
+    Nothing of the first period's `untrained_frames` (first, last) is trained on, such as where windows validate.
+    """
 
     kind: Literal["us101_tracks"]
     file: str
     windows: str
     test_frames: tuple[int, int]
+    untrained_frames: tuple[int, int] | None = None
 
 
 class I80LaneSource(_Source):
@@ -155,7 +160,7 @@ def _us101_windows(source: Us101WindowSource, locate: Callable[[str], Path]) -> 
     first, last = source.test_frames
     test = (tracks.frame >= first) & (tracks.frame <= last)
     other = ~np.isin(tracks.vehicle, np.unique(tracks.vehicle[test]))
-    return {"train": [tracks.take(other)], "test": [tracks.take(test)]}
+    return {source.part: [tracks.take(other)], "test": [tracks.take(test)]}
 
 
 def _us101_tracks(source: Us101TrackSource, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
@@ -171,7 +176,10 @@ def _us101_tracks(source: Us101TrackSource, locate: Callable[[str], Path]) -> di
     table["frame"] += PERIOD_FRAMES * table["period"]
     # Few vehicles have full tracks here, and tests are on the windows: what would be for tests is for training too.
     val = parts_of(table["vehicle_id"].to_numpy(np.int64)) == PARTS.index("val")
-    return {"train": [_with_leaders(table[~val], road)], "val": [_with_leaders(table[val], road)]}
+    train = ~val
+    if source.untrained_frames is not None:
+        train &= ~table["frame"].between(*source.untrained_frames).to_numpy()  # those of other periods are larger
+    return {"train": [_with_leaders(table[train], road)], "val": [_with_leaders(table[val], road)]}
 
 
 def _apart_from(table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, int], road: Us101Road) -> BoolArray:

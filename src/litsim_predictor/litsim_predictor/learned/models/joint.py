@@ -32,6 +32,9 @@ from litsim_predictor.inference.joint_units import (
     RELATION_UNITS,
     RELATION_WIDTH,
     STATE_UNITS,
+    TRAFFIC_CHANNELS,
+    TRAFFIC_PLACES,
+    TRAFFIC_UNITS,
 )
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
@@ -49,6 +52,7 @@ from litsim_predictor.learned.models.model import (
     rows_of,
     same_agent,
 )
+from litsim_predictor.learned.models.traffic_ahead import traffic_ahead
 
 
 class MapEncoder(nn.Module):
@@ -238,6 +242,7 @@ class JointPredictor(SceneModel):
         history_width: of the history encoder, both directions together.
         history_channels: 2 for coordinates alone (paper), 4 with yaw and speed.
         state_width: of the current states.
+        traffic: whether they say how fast the traffic ahead drives; see :func:`.traffic_ahead`. Only if `relative`.
         heads: of the attention.
         relative: attention over relations between agents, `layers` times; else the paper's over states of the scene.
         layers: of relative attention.
@@ -256,6 +261,7 @@ class JointPredictor(SceneModel):
         history_width: int = 64,
         history_channels: int = HISTORY_CHANNELS,
         state_width: int = 32,
+        traffic: bool = False,
         heads: int = HEADS,
         relative: bool = True,
         layers: int = LAYERS,
@@ -270,7 +276,9 @@ class JointPredictor(SceneModel):
         self.history = HistoryEncoder(history_width, history_channels)
         self.scene = None if relative else SceneAttention(state_width, heads)
         if self.scene is None:
-            self.state = nn.Sequential(nn.Linear(STATE_CHANNELS, state_width), nn.ReLU())
+            read = STATE_CHANNELS + TRAFFIC_CHANNELS * traffic
+            self.state = nn.Sequential(nn.Linear(read, state_width), nn.ReLU())
+        self.traffic = traffic
         width = map_width + history_width + state_width
         self.relative = nn.ModuleList([RelativeAttention(width, heads) for _ in range(layers if relative else 0)])
         self.neighbours, self.reach = neighbours, reach
@@ -290,8 +298,9 @@ class JointPredictor(SceneModel):
         maps = self.map(present(batch.raster, there)) if maps is None else maps
         histories = self.history(present(batch.history, there), present(batch.observed, there))
         if self.scene is None:
-            state = present(batch.state, there)
-            states = self.state[1](linear_of(state, state.new_tensor(STATE_UNITS), cast(nn.Linear, self.state[0])))
+            read = torch.cat([batch.state, traffic_ahead(batch)], dim=-1) if self.traffic else batch.state
+            units = read.new_tensor(STATE_UNITS + TRAFFIC_UNITS * (TRAFFIC_PLACES * self.traffic))
+            states = self.state[1](linear_of(present(read, there), units, cast(nn.Linear, self.state[0])))
         else:
             states = present(self.scene(batch), there)
         agents = padded(torch.cat([maps, histories, states], dim=-1), there)
@@ -323,6 +332,18 @@ class JointPredictor(SceneModel):
         scale, correlation = gaussian(raw)
         shape = (*logits.shape[:-2], -1, modes, HORIZON)
         return Prediction(logits, mean.view(*shape, 2), scale.view(*shape, 2), correlation.view(*shape))
+
+
+def with_traffic(model: SceneModel, wider: SceneModel) -> SceneModel:
+    """The joint predictor `wider`, which reads the traffic ahead, with the weights of `model`, which does not.
+
+    Both are alike otherwise. What is read of the traffic counts nothing: they answer the same.
+    """
+    weights = model.state_dict()
+    first = weights["state.0.weight"]
+    weights["state.0.weight"] = torch.cat([first, first.new_zeros(len(first), TRAFFIC_CHANNELS)], dim=1)
+    wider.load_state_dict(weights)
+    return wider
 
 
 @dataclass(frozen=True)
