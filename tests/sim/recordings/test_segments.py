@@ -221,6 +221,7 @@ def test_manifests_refuse_other_recordings_and_edits(tmp_path: Path, capsys: pyt
     [
         ([], "either recordings or --manifest"),
         (["absent.parquet"], "no such recording"),
+        (["my run (1).parquet"], "my run (1).parquet: scenarios are named after the file: expected up to 100 letters"),
         ([str(packaged("scenarios/us101_like.parquet")), "--net", "absent.net.xml"], "name a packaged net"),
         ([str(packaged("scenarios/us101_like.parquet")), "--stride", "0"], "stride_s is 0.0"),
         ([str(packaged("scenarios/us101_like.parquet")), "--crop", "frame", "1", "x"], "x is no number"),

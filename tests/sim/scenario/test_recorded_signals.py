@@ -44,3 +44,15 @@ def test_signals_that_nobody_heeds_are_refused() -> None:
         InputError, match=r"^made: field signals: group east: 5 of 5 vehicles pass its stop lines at red"
     ):
         survey(given, NET, recording([0, 20, 40, 60, 80]), "made")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ([], "there are no changes"),
+        ([[36000.0, "east", "red"]], "the first change is at 36000 s: are unit and clock right"),
+    ],
+)
+def test_signals_of_another_time_are_refused(changes: list[Any], said: str) -> None:
+    with pytest.raises(InputError, match=rf"^made: .*no group shows anything from 0 to 10\.9 s.*{said}"):
+        survey(signals(changes=changes), NET, recording([0, 20, 40, 60, 80]), "made")

@@ -113,6 +113,13 @@ def test_before_its_first_change_nothing_is_known_of_a_group(build: Callable[...
     assert shown(signals, "left") == [(0, "UNAVAILABLE")]
 
 
+def test_signals_of_another_time_are_refused(build: Callable[..., Scenario]) -> None:
+    """They would show nothing, and nobody could run a red light."""
+    said = r"no group shows anything from 2 to 8 s, counted from frame 0, and the first change is at 3000 s: are unit"
+    with pytest.raises(InputError, match=said):
+        build({"groups": GROUPS, "changes": [[3000.0, "east", "green"], [3010.0, "east", "red"]]})
+
+
 @pytest.mark.parametrize("name", ["states.csv", "states.parquet"])
 def test_a_file_of_changes_with_codes_of_its_own(tmp_path: Path, build: Callable[..., Scenario], name: str) -> None:
     codes = {"green": 1, "red": 0, "amber": 3}

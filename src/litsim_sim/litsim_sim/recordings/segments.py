@@ -142,6 +142,11 @@ class Manifest(BaseModel):
         return read_yaml(path, cls)
 
 
+def name_of(file: str, part: str, count: int) -> str:
+    """What the segment number `count` of a `part` of the recording in `file` is called."""
+    return f"{Path(file).name.split('.')[0]}_{part}_{count:02d}"
+
+
 def cut(
     recordings: Sequence[tuple[str, str, dict[str, list[float]] | None, Recording]], settings: Settings
 ) -> Manifest:
@@ -174,11 +179,10 @@ def cut(
                 without_ego += 1
                 continue
             ego = int(rng.choice(egos))
-            stem = Path(file).name.split(".")[0]
             count = sum(segment.recording == number and segment.part == part for segment in segments)
             segments.append(
                 Segment(
-                    name=f"{stem}_{part}_{count:02d}",
+                    name=name_of(file, part, count),
                     recording=number,
                     part=part,
                     frames=(start, end),

@@ -7,7 +7,7 @@ from pathlib import Path
 from litsim_sim.core.scene import RATE_HZ
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.signals import SignalsFile, build, heed
+from litsim_sim.scenario.signals import SignalsFile, build, check_known, heed, is_known
 
 PIECE = round(60 * RATE_HZ)  # frames of the recording that are looked at together, so that memory does not grow with it
 
@@ -16,13 +16,18 @@ def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) ->
     """A line for each group of `signals`, resolved: how many vehicles pass its stop lines, and how many at red.
 
     Raises:
-        InputError: the signals do not fit the net, or are not what the vehicles heed; `where` names them.
+        InputError: the signals do not fit the net, are not what the vehicles heed, or show nothing all the time;
+            `where` names them.
     """
     frames = recording.columns["frame"]
+    first, last, known = int(frames.min()), int(frames.max()), False
     counts: dict[str, tuple[int, int]] = {}
-    for start in range(int(frames.min()), int(frames.max()) + 1, PIECE):
+    for start in range(first, last + 1, PIECE):
         log = Log.from_recording(recording, start, PIECE + 1)
-        for group, (passed, at_red) in heed(build(signals, net, log, start, where), log).items():
+        shown = build(signals, net, log, start, where)
+        known |= is_known(shown)
+        for group, (passed, at_red) in heed(shown, log).items():
             before = counts.get(group, (0, 0))
             counts[group] = before[0] + passed, before[1] + at_red
+    check_known(signals, known, (first, last), where)
     return [f"signals    {group}: {passed} vehicles pass, {red} at red" for group, (passed, red) in counts.items()]

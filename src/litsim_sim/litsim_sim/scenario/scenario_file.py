@@ -14,7 +14,12 @@ from litsim_sim.scenario.signals import SignalsFile
 SEEDS = 2**64  # as many as RunInfo has a place for
 
 
-def _usable_name(name: str) -> str:
+def usable_name(name: str) -> str:
+    """`name`, if a scenario can be called so.
+
+    Raises:
+        ValueError: it cannot, with what is expected.
+    """
     if not re.fullmatch(r"\w[\w.+=-]{0,99}", name):
         raise ValueError(
             "expected up to 100 letters, digits and . _ + = -, the first a letter or digit: folders are named so"
@@ -62,7 +67,7 @@ class ScenarioFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    name: Annotated[str, AfterValidator(_usable_name)]
+    name: Annotated[str, AfterValidator(usable_name)]
     description: str = ""
     recording: _Path
     crop: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] | None = None

@@ -297,6 +297,34 @@ def heed(signals: Signals, log: Log) -> dict[str, tuple[int, int]]:
     return {name: (int((group == row).sum()), int(red[group == row].sum())) for row, name in enumerate(signals.groups)}
 
 
+def check_known(given: SignalsFile, known: bool, frames: tuple[int, int], where: str) -> None:
+    """Refuse signals, resolved, of which nothing is known at any time: a red light could not be told from a green one.
+
+    Args:
+        given: what is to be shown.
+        known: whether any group shows anything from the first through the last of the `frames`.
+        frames: as the recording counts them.
+        where: names the signals in errors.
+
+    Raises:
+        InputError: nothing is.
+    """
+    if known:
+        return
+    begins = [begin for begin, *_ in given.changes or []]
+    first = f"the first change is at {min(begins):g} s" if begins else "there are no changes"
+    begin, end = (frame * STEP_S for frame in frames)
+    raise InputError(
+        f"{where}: field signals: no group shows anything from {begin:g} to {end:g} s, counted from frame 0, and "
+        f"{first}: are unit and clock right?"
+    )
+
+
+def is_known(signals: Signals) -> bool:
+    """Whether any group shows anything at any step."""
+    return bool((signals.states != SignalState.UNAVAILABLE).any())
+
+
 def _check_against(signals: Signals, log: Log, where: str) -> None:
     """Refuse signals that most vehicles of the log do not heed."""
     for name, (passed, at_red) in heed(signals, log).items():

@@ -16,6 +16,7 @@ from litsim_sim.recordings import segments
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Sources, packaged, packaged_nets
+from litsim_sim.scenario.scenario_file import usable_name
 from litsim_sim.scenario.usability import Usability, describe, survey
 
 
@@ -88,6 +89,11 @@ def cut_files(
     Raises:
         InputError: a recording, its net or `out` cannot be used.
     """
+    for path in paths:
+        try:
+            usable_name(segments.name_of(path.name, "train", 0))
+        except ValueError as error:
+            raise InputError(f"{path}: scenarios are named after the file: {error}; rename it") from error
     sources = []
     for path in paths:
         recording = load_recording(path, crop)
