@@ -18,7 +18,7 @@ from litsim_predictor.oracle import OraclePredictor
 from litsim_predictor.selection import Wanted
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import ParameterReader
-from litsim_sim.core.quantities import Length, NonNegative, configuration
+from litsim_sim.core.quantities import Flag, Length, NonNegative, configuration
 from litsim_sim.scenario.happened import Happened
 from litsim_sim.scenario.run_info import BASELINES
 from litsim_sim.scenario.setting import Setting
@@ -56,6 +56,8 @@ class PredictorConfig:
             (:class:`litsim_sim.scenario.happened.Happened`): an oracle, for experiments; empty is none.
         forecast_all: whether all agents of interest are forecast, and not only those whose forecast is read.
         modes: which manoeuvres of an agent are forecast beside the most probable one, by models run by kernels.
+        along_lanes: whether learned models forecast along lanes that bend; see
+            :mod:`litsim_predictor.inference.ways`.
         kinematic: of the model of that name.
     """
 
@@ -64,6 +66,7 @@ class PredictorConfig:
     happened: str = ""
     forecast_all: bool = False
     modes: ModeChoice = ModeChoice()
+    along_lanes: Flag = True
     kinematic: KinematicConfig = KinematicConfig()
 
 
@@ -79,7 +82,9 @@ def predictor_stage(read: ParameterReader) -> Callable[[str, Setting], Predictor
             known = Happened.read(Path(config.happened), scenario)
             roi_m = config.roi_m or scenario.roi_m
             return OraclePredictor(known, scenario.log.ids, scenario.ego_ids, roi_m, wanted)
-        return make_predictor(config.model, scenario, config.kinematic, wanted, config.roi_m, config.modes)
+        return make_predictor(
+            config.model, scenario, config.kinematic, wanted, config.roi_m, config.modes, along_lanes=config.along_lanes
+        )
 
     return build
 
@@ -91,6 +96,8 @@ def make_predictor(
     wanted: Wanted = Wanted.READ,
     roi_m: float = 0.0,
     modes: ModeChoice | None = None,
+    *,
+    along_lanes: bool = True,
 ) -> Predictor:
     """The predictor called `model`, for a run of `scenario`.
 
@@ -101,6 +108,7 @@ def make_predictor(
         wanted: whom it forecasts.
         roi_m: in place of the scenario's, where it is not 0 [m].
         modes: which of their manoeuvres matter; by default only the most probable one.
+        along_lanes: whether a learned model forecasts along lanes that bend.
 
     Raises:
         InputError: there is none of that name, or its weights cannot be used.
@@ -116,7 +124,8 @@ def make_predictor(
     from litsim_predictor.inference.raster import raster_of_net
 
     net = raster_of_net(scenario.net_path)
-    return LearnedPredictor(network(model), scenario.ego_ids, roi_m, *net, wanted, modes or NO_MODES)
+    choice = modes or NO_MODES
+    return LearnedPredictor(network(model), scenario.ego_ids, roi_m, *net, wanted, choice, along_lanes=along_lanes)
 
 
 def network(model: str) -> Network:

@@ -193,6 +193,22 @@ def test_paths_have_their_length_and_no_kinks(data: st.DataObject, name: str, le
     assert np.abs(turns[np.minimum(sizes[1:], sizes[:-1]) > 0.5]).max(initial=0.0) < 0.12
 
 
+@settings(deadline=None)
+@given(st.data(), st.sampled_from([*NETS, "urban_like"]))
+def test_ways_lead_along_paths(data: st.DataObject, name: str) -> None:
+    lane_map = NETS.get(name) or LaneMap.from_net(packaged(f"nets/{name}.net.xml"))
+    lane = data.draw(st.integers(0, len(lane_map.lanes) - 1))
+    s = data.draw(st.floats(0.0, lane_map.lanes[lane].length))
+    way = lane_map.ways(np.array([lane]), one(s), 60, 2.0)[0]
+    path = LineString(lane_map.path_from(lane, s, 118.0))
+    assert np.hypot(*(way[:, :2] - [path.interpolate(2.0 * k).coords[0] for k in range(60)]).T).max() < 0.01
+    steps = np.diff(way[:, :2], axis=0)
+    straight = np.abs(np.diff(way[:, 2])) < 1e-9
+    assert np.cos(np.arctan2(steps[straight, 1], steps[straight, 0]) - way[:-1, 2][straight]) == pytest.approx(
+        np.ones(straight.sum()), abs=1e-3
+    )
+
+
 def test_path_leaves_the_net_straight_on() -> None:
     path = LIKE.path_from(LIKE.row("downstream_4"), 200.0, 500.0)
     np.testing.assert_allclose(path, [[589.0, -1.83], [640.0, -1.83], [1089.0, -1.83]], atol=0.01)

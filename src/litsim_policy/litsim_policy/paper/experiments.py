@@ -55,7 +55,7 @@ def oracles(happened: Path) -> tuple[Policy, ...]:
 
 
 CHANGES = {
-    "its predictor": ("predictor.model", "predictor.modes.most"),
+    "its predictor": ("predictor.model", "predictor.modes.most", "predictor.along_lanes"),
     "its horizon": ("conflict.horizon",),
     "mean forecasts": (
         "conflict.sigma_scale",

@@ -52,6 +52,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--egos", default="egos", choices=["egos", "tuning", "none"], help="of the scenario, that leave their log"
     )
+    p.add_argument(
+        "--straight",
+        action="store_true",
+        help="learned models as they answer, and not along lanes that bend, as in runs",
+    )
     p.add_argument("--stride", type=int, default=2, help="frames of 0.1 s from scene to scene")
     p.add_argument("--batch", type=int, default=512, help="agents in a batch, about")
     p.add_argument("--seed", type=int, default=0, help="of the joint ADE's samples and of the egos' braking")
@@ -89,7 +94,7 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
     for name in ("stride", "batch"):
         if getattr(arguments, name) < 1:
             raise InputError(f"--{name} {getattr(arguments, name)}: expected 1 or more")
-    models = load_models(arguments.models or COMPARED, arguments.device)
+    models = load_models(arguments.models or COMPARED, arguments.device, along_lanes=not arguments.straight)
     scenario = None
     if arguments.validation:
         chosen = _validation_tracks(arguments.validation)
@@ -116,6 +121,7 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
             "split": "val" if arguments.validation else arguments.split,
             "stride_frames": arguments.stride,
             "seed": arguments.seed,
+            "along_lanes": not arguments.straight,
             "egos": arguments.egos if conflicts else None,
         }
     return result

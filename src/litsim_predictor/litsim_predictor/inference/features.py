@@ -20,18 +20,23 @@ from litsim_sim.core.compiled import (
 )
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray
-from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.lane_map import LaneMap, LanePosition
 
 LANE_ANGLE = 0.6  # [rad] a vehicle at a larger angle to the lane under it does not drive along it
 LANE_DISTANCE = 3.0  # [m] nor does one farther from its centre line
+
+
+def on_lanes(lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray) -> tuple[LanePosition, BoolArray]:
+    """Where poses (n,) are on the net, and which of them (n,) drive along their lanes."""
+    at = lane_map.nearest(x, y, yaw)
+    return at, (np.abs(wrap_angle(at.heading - yaw)) < LANE_ANGLE) & (np.abs(at.d) < LANE_DISTANCE)
 
 
 def frame_headings(lane_map: LaneMap | None, x: FloatArray, y: FloatArray, yaw: FloatArray) -> FloatArray:
     """(n,) headings of the agent frames [rad]: of the lane where an agent drives along one, else its own."""
     if lane_map is None or not len(x):
         return yaw.copy()
-    at = lane_map.nearest(x, y, yaw)
-    along = (np.abs(wrap_angle(at.heading - yaw)) < LANE_ANGLE) & (np.abs(at.d) < LANE_DISTANCE)
+    at, along = on_lanes(lane_map, x, y, yaw)
     return np.where(along, at.heading, yaw)
 
 

@@ -29,7 +29,7 @@ MOVED = 0.1  # [m] between two steps of the horizon: who moves less keeps the he
 
 def forecast_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable) -> Forecast:
     """The forecast of the manoeuvres of n `agents`, whose frames are `frame` (n, 3), in frame map."""
-    mean, covariance, valid = _turned(futures.mean, futures.scale, futures.correlation, frame)
+    mean, covariance, valid = turned_gaussians(futures.mean, futures.scale, futures.correlation, frame)
     return Forecast(
         step=agents.step,
         dt=DT,
@@ -49,7 +49,7 @@ def _modes_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable, 
     if not len(further.row):
         return Modes.none(futures.mean.shape[1])
     own = frame[further.row]
-    mean, covariance, usable = _turned(further.mean, further.scale, further.correlation, own)
+    mean, covariance, usable = turned_gaussians(further.mean, further.scale, further.correlation, own)
     usable &= valid[further.row]
     return Modes(
         row=further.row[usable],
@@ -60,10 +60,10 @@ def _modes_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable, 
     )
 
 
-def _turned(
+def turned_gaussians(
     mean: Float32Array, scale: Float32Array, correlation: Float32Array, frame: FloatArray
 ) -> tuple[FloatArray, Float32Array, BoolArray]:
-    """Means (n, T, 2), sigmas with correlation (n, T, 3), in frame map, and which are numbers (n,)."""
+    """Means (n, T, 2), sigmas with correlation (n, T, 3), outside of `frame` (n, 3), and which are numbers (n,)."""
     turned, covariance = np.empty(mean.shape), np.empty((*correlation.shape, 3), np.float32)
     valid = np.empty(len(mean), np.bool_)
     cos, sin = np.cos(frame[:, 2]), np.sin(frame[:, 2])

@@ -20,12 +20,13 @@ from litsim_predictor.inference.contract import (
     Network,
     NetworkOfScenes,
 )
-from litsim_predictor.inference.features import agent_inputs, frame_headings
+from litsim_predictor.inference.features import agent_inputs, on_lanes
 from litsim_predictor.inference.in_map import forecast_in_map
 from litsim_predictor.inference.raster import MapRaster
+from litsim_predictor.inference.ways import NO_WAYS, LaneWays, Ways, along_ways
 from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.history import History
-from litsim_sim.core.scene import AgentTable, IntArray
+from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
 
@@ -42,6 +43,7 @@ class LearnedPredictor:
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
         wanted: whom to forecast.
         modes: which of their manoeuvres matter.
+        along_lanes: whether they are forecast along lanes that bend; see :mod:`.ways`.
     """
 
     def __init__(
@@ -53,10 +55,13 @@ class LearnedPredictor:
         raster: MapRaster,
         wanted: Wanted = Wanted.ALL,
         modes: ModeChoice = NO_MODES,
+        *,
+        along_lanes: bool = True,
     ) -> None:
         self._modes = modes
         self._network, self._ego_id, self._roi_m, self._wanted = network, ego_id, roi_m, wanted
         self._lane_map, self._raster = lane_map, raster
+        self._lanes = LaneWays(lane_map) if along_lanes and lane_map is not None else None
         self._history = History(STRIDE * (HISTORY - 1) + 1, ("x", "y", "yaw", "speed"))
 
     def see(self, table: AgentTable) -> None:
@@ -69,8 +74,20 @@ class LearnedPredictor:
         agents, asked = selected(table, self._ego_id, self._roi_m, self._wanted)
         if not len(asked):
             return Forecast.of_nobody(table.step, DT, len(MANEUVERS))
-        inputs = self._inputs(agents)
-        return forecast_in_map(self._answer(inputs, asked, agents.scene), inputs.frame[asked], agents.take(asked))
+        heading, ways = self._frames(agents, asked)
+        inputs = self._inputs(agents, heading)
+        futures = along_ways(self._answer(inputs, asked, agents.scene), ways)
+        return forecast_in_map(futures, inputs.frame[asked], agents.take(asked))
+
+    def _frames(self, agents: AgentTable, asked: IntArray) -> tuple[FloatArray, Ways]:
+        """Headings (n,) of the frames of `agents`, and the ways of those `asked` (m,), numbered as these are."""
+        if self._lane_map is None:
+            return agents.yaw.copy(), NO_WAYS
+        at, along = on_lanes(self._lane_map, agents.x, agents.y, agents.yaw)
+        heading = np.where(along, at.heading, agents.yaw)
+        if self._lanes is None:
+            return heading, NO_WAYS
+        return heading, self._lanes.ahead(at.take(asked), along[asked], agents.speed[asked])
 
     def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray) -> AgentFutures:
         """What the network answers for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
@@ -87,9 +104,8 @@ class LearnedPredictor:
             answers.append(self._network(_of(inputs, slice(begin, end)), rows - begin, self._modes))
         return _joined(answers)
 
-    def _inputs(self, agents: AgentTable) -> AgentInputs:
+    def _inputs(self, agents: AgentTable, heading: FloatArray) -> AgentInputs:
         series, observed = self._history.window(agents.id, HISTORY, STRIDE)
-        heading = frame_headings(self._lane_map, agents.x, agents.y, agents.yaw)
         return agent_inputs(series, observed, np.array([agents.length, agents.width]).T, heading, self._raster)
 
 

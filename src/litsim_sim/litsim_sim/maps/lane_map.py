@@ -43,6 +43,10 @@ class LanePosition:
     d: FloatArray
     heading: FloatArray
 
+    def take(self, rows: IntArray) -> LanePosition:
+        """Those of the poses in `rows` (m,)."""
+        return LanePosition(self.lane[rows], self.s[rows], self.d[rows], self.heading[rows])
+
 
 class LaneMap:
     """Lanes and vectorised queries on them.
@@ -111,6 +115,26 @@ class LaneMap:
     def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
         """(n, 2) headings [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of the lanes in `lane` (n,)."""
         return self._segments.headings_around(lane, s, reach)
+
+    def ways(self, lane: IntArray, s: FloatArray, steps: int, step: float = 1.0) -> FloatArray:
+        """Where the centre lines lead from arc lengths `s` (n,) [m] of the lanes at positions `lane` (n,) on.
+
+        The way goes on as that of :meth:`path_from` without a route: straightest, and straight on where the net ends.
+
+        Args:
+            lane, s: where the ways begin.
+            steps: number of poses, the first of them there.
+            step: distance from one to the next along the lanes [m].
+
+        Returns:
+            (n, steps, 3) x, y [m] and heading [rad], frame map.
+        """
+        return self._segments.ways(lane, s, self._following_rows, steps, step)
+
+    @cached_property
+    def _following_rows(self) -> IntArray:
+        """(lanes,) position of the straightest successor, -1 where there is none."""
+        return np.array([-1 if row is None else row for row in self._straightest], np.int64)
 
     def path_from(self, lane_index: int, s: float, length: float, route: Collection[str] = ()) -> FloatArray:
         """The centre line from `s` on the lane at position `lane_index` for `length` metres, as points (m, 2).

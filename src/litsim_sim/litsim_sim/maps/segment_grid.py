@@ -17,6 +17,7 @@ from litsim_sim.core.compiled import (
     INTS2,
     OUT_BOOLS,
     OUT_FLOATS2,
+    OUT_FLOATS3,
     OUT_INTS,
     float64,
     int64,
@@ -90,6 +91,17 @@ class SegmentGrid:
     def headings_around(self, lane: IntArray, s: FloatArray, reach: float) -> FloatArray:
         """(n, 2) headings [rad] `reach` [m] before and beyond arc lengths `s` (n,) [m] of the lanes in `lane` (n,)."""
         return _headings_around(lane, s, reach, self.heading, *self._places)
+
+    def ways(self, lane: IntArray, s: FloatArray, following: IntArray, steps: int, step: float) -> FloatArray:
+        """(n, steps, 3) x, y [m] and heading [rad], each `step` [m] ahead of the one before; see :meth:`LaneMap.ways`.
+
+        Args:
+            lane, s: (n,) positions of the lanes on which the ways begin, and arc lengths there [m].
+            following: position of the lane that follows each lane, -1 where none does.
+            steps, step: number of poses, and distance between them [m].
+        """
+        place = self.start_x, self.start_y, self.cos, self.sin, self.heading, *self._places
+        return _ways(np.ascontiguousarray(lane), np.ascontiguousarray(s), following, steps, step, *place)
 
     @cached_property
     def _places(self) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -302,4 +314,43 @@ def _headings_around(
     for i in range(len(s)):
         found[i, 0] = heading[_segment_at(lane[i], s[i] - reach, start_s, first, length)]
         found[i, 1] = heading[_segment_at(lane[i], s[i] + reach, start_s, first, length)]
+    return found
+
+
+@kernel(OUT_FLOATS3(INTS, FLOATS, INTS, int64, float64, *[FLOATS] * 5, FLOATS, INTS, FLOATS))
+def _ways(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    lane: IntArray,
+    s: FloatArray,
+    following: IntArray,
+    steps: int,
+    step: float,
+    start_x: FloatArray,
+    start_y: FloatArray,
+    cos: FloatArray,
+    sin: FloatArray,
+    heading: FloatArray,
+    start_s: FloatArray,
+    first: IntArray,
+    length: FloatArray,
+) -> FloatArray:
+    """See :meth:`SegmentGrid.ways`.
+
+    Args:
+        lane, s, following, steps, step: likewise.
+        start_x, start_y, cos, sin, heading: (k,) of the segments, as in :class:`SegmentGrid`.
+        start_s, first, length: see :func:`_segment_at`.
+    """
+    found = np.empty((len(lane), steps, 3))
+    for i in range(len(lane)):
+        here, at = lane[i], s[i]
+        for k in range(steps):
+            while at > length[here] and following[here] >= 0:
+                at -= length[here]
+                here = following[here]
+            segment = _segment_at(here, at, start_s, first, length)
+            along = at - start_s[segment]
+            found[i, k, 0] = start_x[segment] + along * cos[segment]
+            found[i, k, 1] = start_y[segment] + along * sin[segment]
+            found[i, k, 2] = heading[segment]
+            at += step
     return found

@@ -174,7 +174,7 @@ def test_samples_do_not_depend_on_batches_or_padding() -> None:
     board = ScoreBoard(3)
     for k in range(50):
         part = slice(k, k + 1)
-        padded = {name: torch.cat([value[part], value[part]], dim=1) for name, value in vars(batch).items()}
+        padded = {name: torch.cat([value[part], value[part]], dim=1) for name, value in batch.tensors()}
         padded["agent"][:, 2:] = False
         double = {name: torch.cat([value[part], value[part]], dim=1) for name, value in vars(prediction).items()}
         board.add(SceneBatch(**padded), Prediction(**double))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import networkx as nx
 import numpy as np
@@ -174,7 +174,7 @@ def made(scenes: int = 2, agents: int = 7, seed: int = 0) -> SceneBatch:
 
 
 def changed(batch: SceneBatch, change) -> SceneBatch:
-    return replace(batch, **{f.name: change(getattr(batch, f.name)) for f in fields(batch)})
+    return replace(batch, **{name: change(tensor) for name, tensor in batch.tensors()})
 
 
 def alone(*poses: tuple[float, float, float, float]) -> SceneBatch:

@@ -45,7 +45,7 @@ def batch(straight: Callable[..., pd.DataFrame]) -> SceneBatch:
 
 
 def permuted(batch: SceneBatch, order: torch.Tensor) -> SceneBatch:
-    return replace(batch, **{f.name: getattr(batch, f.name)[:, order] for f in fields(batch)})
+    return replace(batch, **{name: tensor[:, order] for name, tensor in batch.tensors()})
 
 
 @torch.no_grad()
@@ -74,7 +74,7 @@ def test_neither_order_nor_padding_matters(model: SceneModel, batch: SceneBatch)
     turned = model(permuted(batch, order))
     there = batch.agent[:, order]
     assert torch.allclose(out.mean[:, order][there], turned.mean[there], atol=1e-4)
-    alone = SceneBatch(**{f.name: getattr(batch, f.name)[:1, batch.agent[0]] for f in fields(batch)})
+    alone = SceneBatch(**{name: tensor[:1, batch.agent[0]] for name, tensor in batch.tensors()})
     assert torch.allclose(model(alone).mean[0], out.mean[0, batch.agent[0]], atol=1e-4)
 
 

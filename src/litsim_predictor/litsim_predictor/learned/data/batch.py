@@ -6,13 +6,16 @@ Histories and futures are given in the agents' frames, see :mod:`litsim_predicto
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from litsim_predictor.inference.contract import DT, HORIZON, LONGITUDINAL
+from litsim_predictor.inference.ways import NO_WAYS, Ways
 from litsim_sim.core.scene import FloatArray
 
 LATERAL_SHIFT = 1.5  # [m] in 5 s, in the agent frame, from which on a manoeuvre is called left or right
@@ -36,6 +39,8 @@ class SceneBatch:
         future_known: (B, N, HORIZON) bool.
         maneuver: (B, N) int64, true manoeuvre as a position in :data:`MANEUVERS`, -1 where the future is not complete.
         target: (B, N) bool, the agents that losses and scores are about.
+        ways: of the agents whose lanes bend, numbered through all scenes as in arrays (B * N,); where scenes are varied
+            for training, none.
     """
 
     position: Tensor
@@ -49,14 +54,19 @@ class SceneBatch:
     future_known: Tensor
     maneuver: Tensor
     target: Tensor
+    ways: Ways = NO_WAYS
 
     def in_batch(self) -> SceneBatch:
         """A batch of one scene, of fields without B."""
-        return replace(self, **{f.name: getattr(self, f.name)[None] for f in fields(self)})
+        return replace(self, **{name: tensor[None] for name, tensor in self.tensors()})
 
     def to(self, device: torch.device | str) -> SceneBatch:
         """A copy of the batch whose tensors are on `device`."""
-        return replace(self, **{f.name: getattr(self, f.name).to(device, non_blocking=True) for f in fields(self)})
+        return replace(self, **{name: tensor.to(device, non_blocking=True) for name, tensor in self.tensors()})
+
+    def tensors(self) -> Iterator[tuple[str, Any]]:
+        """What there is by agent: names and tensors (B, N, ...)."""
+        return ((f.name, getattr(self, f.name)) for f in fields(self) if f.name != "ways")
 
 
 @dataclass(frozen=True)

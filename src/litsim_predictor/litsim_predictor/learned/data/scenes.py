@@ -12,6 +12,7 @@ from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.contract import HISTORY, HORIZON, AgentInputs
 from litsim_predictor.inference.features import agent_inputs
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS, MapRaster
+from litsim_predictor.inference.ways import NO_WAYS, Ways
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_sim.core.geometry import to_body, wrap_angle
@@ -55,6 +56,7 @@ class _Scene:
     future: FloatArray
     future_known: BoolArray
     target: BoolArray
+    ways: Ways = NO_WAYS
 
 
 def scene_batches(
@@ -110,7 +112,8 @@ def training_batches(
 def _batches(moments: list[tuple[Tracks, int]], agents: int, *, complete: bool) -> Iterator[SceneBatch]:
     scenes: list[_Scene] = []
     for tracks, frame in moments:
-        scene = _scene(tracks, tracks.rows_at(frame))
+        rows = tracks.rows_at(frame)
+        scene = replace(_scene(tracks, rows), ways=tracks.ways(rows))
         if complete:
             scene = replace(
                 scene, target=scene.target & scene.inputs.observed.all(axis=1) & scene.future_known.all(axis=1)
@@ -228,7 +231,7 @@ def _mirrored(scene: _Scene) -> _Scene:
 
 
 def _stack(scenes: Sequence[_Scene]) -> SceneBatch:
-    batch = inputs_batch([scene.inputs for scene in scenes])
+    batch = inputs_batch([scene.inputs for scene in scenes], [scene.ways for scene in scenes])
     future = np.zeros((*batch.agent.shape, HORIZON, 2), np.float32)
     known = np.zeros((*batch.agent.shape, HORIZON), np.bool_)
     target = np.zeros(tuple(batch.agent.shape), np.bool_)
@@ -245,8 +248,8 @@ def _stack(scenes: Sequence[_Scene]) -> SceneBatch:
     )
 
 
-def inputs_batch(scenes: Sequence[AgentInputs]) -> SceneBatch:
-    """Scenes as a batch whose future is not known, as when driving."""
+def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> SceneBatch:
+    """Scenes, with the `ways` of each, as a batch whose future is not known, as when driving."""
     size = len(scenes), max(len(scene.state) for scene in scenes)
     history = np.zeros((*size, *scenes[0].history.shape[1:]), np.float32)
     observed = np.zeros((*size, HISTORY), np.bool_)
@@ -272,4 +275,5 @@ def inputs_batch(scenes: Sequence[AgentInputs]) -> SceneBatch:
         future_known=torch.zeros(*size, HORIZON, dtype=torch.bool),
         maneuver=torch.full(size, -1),
         target=torch.zeros(size, dtype=torch.bool),
+        ways=Ways.of_scenes(ways, size[1]) if ways else NO_WAYS,
     )

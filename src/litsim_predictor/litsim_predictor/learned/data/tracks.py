@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 
 from litsim_predictor.inference.contract import HISTORY, HORIZON, STRIDE
-from litsim_predictor.inference.features import frame_headings
+from litsim_predictor.inference.features import frame_headings, on_lanes
 from litsim_predictor.inference.raster import MapRaster, raster_of_net
+from litsim_predictor.inference.ways import NO_WAYS, LaneWays, Ways
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 SHARES = (0.7, 0.1)  # of the vehicle ids for training and validation; the rest is for tests (conv-social-pooling)
@@ -30,6 +31,7 @@ class Tracks:
         heading: (R,) of the agent frames [rad].
         target: (R,) bool, whether losses and scores may be about the row's vehicle; the others are seen, not learned.
         raster: the map.
+        lanes: the same as lanes; None without a map.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Tracks:
     heading: FloatArray
     target: BoolArray
     raster: MapRaster
+    lanes: LaneWays | None = None
 
     @classmethod
     def from_table(cls, name: str, table: pd.DataFrame, net: Path | None, target: BoolArray | None = None) -> Tracks:
@@ -61,6 +64,7 @@ class Tracks:
             heading=frame_headings(lane_map, motion[:, 0], motion[:, 1], motion[:, 2]),
             target=np.ones(len(rows), np.bool_) if target is None else target[order],
             raster=raster,
+            lanes=None if lane_map is None else LaneWays(lane_map),
         )
 
     def __len__(self) -> int:
@@ -77,6 +81,7 @@ class Tracks:
             self.heading[keep],
             self.target[keep],
             self.raster,
+            self.lanes,
         )
 
     def learned_of(self, fraction: float, random: np.random.Generator) -> Tracks:
@@ -124,6 +129,13 @@ class Tracks:
     def future(self, rows: IntArray) -> tuple[IntArray, BoolArray]:
         """The rows (n, HORIZON) at the steps of a model's horizon, as :meth:`window` gives them."""
         return self.window(rows, STRIDE * np.arange(1, HORIZON + 1))
+
+    def ways(self, rows: IntArray) -> Ways:
+        """The ways ahead of the vehicles in `rows`, of those whose lanes bend."""
+        if self.lanes is None:
+            return NO_WAYS
+        x, y, yaw, speed = self.motion[rows].T
+        return self.lanes.ahead(*on_lanes(self.lanes.lane_map, x, y, yaw), speed)
 
     @cached_property
     def _keys(self) -> IntArray:

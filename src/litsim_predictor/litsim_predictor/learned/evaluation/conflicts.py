@@ -17,6 +17,7 @@ import torch
 
 from litsim_predictor.inference.contract import AT_SECONDS, HORIZON, SECONDS, STRIDE, AgentInputs
 from litsim_predictor.inference.features import agent_inputs, in_map
+from litsim_predictor.inference.ways import Ways
 from litsim_predictor.learned.data.batch import numbers
 from litsim_predictor.learned.data.scenes import inputs_batch
 from litsim_predictor.learned.data.tracks import Tracks
@@ -112,6 +113,7 @@ class _Scene:
 
     Attributes:
         inputs: of the agents within the ROI, the ego in row `ego`.
+        ways: of those whose lanes bend.
         size: of the ego.
         box: (m, HORIZON, 3) x, y, yaw of the others.
         there: (m, HORIZON) whether they are there.
@@ -121,6 +123,7 @@ class _Scene:
     """
 
     inputs: AgentInputs
+    ways: Ways
     ego: int
     size: FloatArray
     box: FloatArray
@@ -166,6 +169,7 @@ def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
         grid = np.ix_(near, at)
         yield _Scene(
             inputs=agent_inputs(tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], tracks.raster),
+            ways=tracks.ways(rows),
             ego=int(np.flatnonzero(tracks.vehicle[rows] == drive.ego)[0]),
             size=size,
             box=np.stack([log.x[grid], log.y[grid], log.yaw[grid]], axis=-1),
@@ -204,7 +208,8 @@ def _ego_paths(model: SceneModel, scenes: Sequence[_Scene]) -> FloatArray:
     """(len(scenes), HORIZON, 3) x, y, yaw of the egos as `model` forecasts them most probably, frame map."""
     device = next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
     with torch.inference_mode():
-        mean = model(inputs_batch([scene.inputs for scene in scenes]).to(device), decode="best").mean
+        batch = inputs_batch([scene.inputs for scene in scenes], [scene.ways for scene in scenes])
+        mean = model(batch.to(device), decode="best").mean
     path = numbers(mean[range(len(scenes)), [scene.ego for scene in scenes], 0])
     frame = np.array([scene.inputs.frame[scene.ego] for scene in scenes])
     yaw = np.array([scene.inputs.state[scene.ego, 3] for scene in scenes], np.float64)

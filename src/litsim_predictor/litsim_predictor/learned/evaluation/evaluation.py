@@ -19,6 +19,7 @@ from litsim_predictor.learned.device import check_device
 from litsim_predictor.learned.evaluation.conflicts import ConflictCounts
 from litsim_predictor.learned.evaluation.drives import DriveKind
 from litsim_predictor.learned.evaluation.scores import ScoreBoard, Scores, by_second
+from litsim_predictor.learned.models.along_lanes import AlongLanes
 from litsim_predictor.learned.models.baselines import ConstantTurnRate, ConstantVelocity
 from litsim_predictor.learned.models.model import SceneModel
 from litsim_predictor.learned.models.weights import load_model
@@ -37,8 +38,8 @@ NEEDED_FRAMES = STRIDE * (HISTORY - 1 + HORIZON) + 1
 _log = logging.getLogger(__name__)
 
 
-def load_models(names: Sequence[str], device: str) -> dict[str, SceneModel]:
-    """Models by name or file, the reference first, ready to predict on `device`.
+def load_models(names: Sequence[str], device: str, *, along_lanes: bool = True) -> dict[str, SceneModel]:
+    """Models by name or file, the reference first, ready to predict on `device`; learned ones along lanes that bend.
 
     Raises:
         InputError: there is none of that name, or no such device.
@@ -50,6 +51,8 @@ def load_models(names: Sequence[str], device: str) -> dict[str, SceneModel]:
             known = ", ".join(COMPARED)
             raise InputError(f"--models {name}: no such model, expected one of {known}, or a file of weights")
     models = {name: KINEMATIC[name]() if name in KINEMATIC else load_model(name)[0] for name in ordered}
+    if along_lanes:
+        models |= {name: AlongLanes(model) for name, model in models.items() if name not in KINEMATIC}
     return {name: model.to(device).eval() for name, model in models.items()}
 
 

@@ -1,0 +1,39 @@
+"""A learned model as it forecasts in a run: along lanes that bend."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from litsim_predictor.inference.ways import Ways, bend
+from litsim_predictor.learned.data.batch import Prediction, SceneBatch
+from litsim_predictor.learned.models.model import Decode, SceneModel
+
+
+class AlongLanes(SceneModel):
+    """What `model` answers, taken along the ways of the batch; see :mod:`litsim_predictor.inference.ways`."""
+
+    def __init__(self, model: SceneModel) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
+        """See :class:`SceneModel`; of everybody, not of those `asked` alone."""
+        assert asked is None
+        prediction: Prediction = self.model(batch, decode=decode)
+        return _bent(prediction, batch.ways) if len(batch.ways) else prediction
+
+
+def _bent(prediction: Prediction, ways: Ways) -> Prediction:
+    """The `prediction` (B, N) with agents along `ways`, which number them through all scenes."""
+    parts = prediction.mean, prediction.scale, prediction.correlation
+    changed = [tensor.flatten(0, 1).clone() for tensor in parts]  # (B * N, M, HORIZON, ...)
+    straight = [tensor[ways.row].cpu().numpy() for tensor in changed]
+    for futures in range(prediction.mean.shape[2]):
+        bent = bend(ways.pose, *(array[:, futures] for array in straight))
+        for tensor, values in zip(changed, bent, strict=True):
+            tensor[ways.row, futures] = torch.from_numpy(values).to(tensor)
+    mean, scale, correlation = (tensor.view_as(part) for tensor, part in zip(changed, parts, strict=True))
+    return replace(prediction, mean=mean, scale=scale, correlation=correlation)
