@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
+
+from litsim_sim.launch import libraries
 
 LOADED = """
 import sys
@@ -29,3 +32,10 @@ def test_sumo_is_loaded_but_not_imported() -> None:
 
 def test_without_sumo_nothing_happens() -> None:
     assert loaded("no_such_sumo") == ["False", "False"]
+
+
+def test_what_is_done_meanwhile_is_done_afterwards() -> None:
+    done: list[int] = []
+    with libraries.meanwhile(lambda: done.append(threading.get_ident())):
+        pass
+    assert done and done != [threading.get_ident()]

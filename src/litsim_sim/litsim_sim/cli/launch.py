@@ -13,17 +13,20 @@ from litsim_sim.cli.program import interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
 from litsim_sim.core.garbage import without_collection
+from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
-from litsim_sim.launch.libraries import loading_sumo
+from litsim_sim.launch.libraries import loading_sumo, meanwhile
 from litsim_sim.launch.middleware import check_security
 from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions, in_company, nodes_of
 from litsim_sim.launch.output import check_output, held_output
 from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
-from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan
+from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan, commit
 
+FIRST = {BRIDGE: 0, RECORDER: 1}
+"""In this order: the bridge takes longest to get ready, and who is late waits for its next greeting."""
 STATUS_HELP = "Exit status: 0, the run is valid; 1, it failed or is not valid, and stderr says why; 2, bad input."
 
 
@@ -39,7 +42,7 @@ def launch(arguments: argparse.Namespace) -> int:
         if arguments.command and plan.ego != EXTERNAL:
             raise InputError(f"{shlex.join(arguments.command)}: the ego is {plan.ego}, expected --ego {EXTERNAL}")
         domain = graph_domain(arguments.domain_id, reserve=plan.ego != EXTERNAL or bool(arguments.command))
-        with loading_sumo():
+        with meanwhile(commit), loading_sumo():
             options = _options(arguments, plan)
             nodes = nodes_of(plan, options)
             nodes = nodes if arguments.apart else in_company(nodes)
@@ -71,7 +74,7 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
     try:
         if arguments.command:  # first: it may take long to get ready
             graph.start_stack(arguments.command)
-        for node in reversed(nodes):  # the bridge first: it takes longest to get ready
+        for node in sorted(nodes, key=lambda node: FIRST.get(node.name, len(FIRST))):
             graph.start(node.name, paths[node.name], node.parameters, forked=True, several=node.several)
         graph.watch(arguments.quiet)
     except KeyboardInterrupt:

@@ -29,15 +29,19 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
+
+from litsim_sim.core.garbage import without_collection
+from litsim_sim.core.imports import left_out
+
+with left_out("coverage", "scipy"):  # a fifth of what importing numba takes, where they are installed
+    import numba
 from llvmlite import binding
 from numba import types
 from numba.core.extending import _Intrinsic as Intrinsic
 from numba.extending import typeof_impl
 
 from litsim_sim.core import machine_code
-from litsim_sim.core.garbage import without_collection
 
 MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # in the source of every module that holds kernels
 NUMBA_ARRAYS, SCIPY_BLAS = "numba.np.arraymath", "scipy.linalg"
@@ -255,13 +259,9 @@ def _spare_blas() -> None:
 
     numba looks once whether it is there, when it learns what numpy's functions are, to compile products of matrices.
     """
-    if SCIPY_BLAS in sys.modules or NUMBA_ARRAYS in sys.modules:  # it is there, or has been looked for
-        return
-    sys.modules[SCIPY_BLAS] = cast(Any, None)  # an import of it fails
-    try:
-        import_module(NUMBA_ARRAYS)
-    finally:
-        del sys.modules[SCIPY_BLAS]
+    if NUMBA_ARRAYS not in sys.modules:  # else it has been looked for
+        with left_out(SCIPY_BLAS):
+            import_module(NUMBA_ARRAYS)
 
 
 @cache

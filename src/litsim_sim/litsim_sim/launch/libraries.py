@@ -1,4 +1,4 @@
-"""Shared libraries of the nodes that take long to load, loaded while Python does something else.
+"""What a launcher has done while Python does something else: libraries linked, and other programs asked.
 
 libsumo brings a hundred libraries along, whose linking takes 0.13 s. An import would hold Python up meanwhile; the
 linker alone does not. What it has loaded in a process, copies of the process have, too.
@@ -9,12 +9,27 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
 SUMO, SUMO_FILE = "libsumo", "_libsumo*.so"
+LINKED_BEFORE = ("statistics", "safetensors")
+"""Modules with libraries of their own, which the stages import meanwhile: the linker does one after the other."""
+
+
+@contextmanager
+def meanwhile(action: Callable[[], object]) -> Iterator[None]:
+    """`action` is done in a thread, and is over afterwards."""
+    thread = threading.Thread(target=action)
+    thread.start()
+    try:
+        yield
+    finally:
+        thread.join()
 
 
 @contextmanager
@@ -27,14 +42,13 @@ def loading_sumo() -> Iterator[None]:
     paths = [
         path for folder in (found and found.submodule_search_locations) or () for path in Path(folder).glob(SUMO_FILE)
     ]
-    thread = threading.Thread(target=_link, args=paths[:1])
-    if paths:
-        thread.start()
-    try:
+    if not paths:
         yield
-    finally:
-        if paths:
-            thread.join()
+        return
+    for module in filter(find_spec, LINKED_BEFORE):
+        import_module(module)
+    with meanwhile(partial(_link, paths[0])):
+        yield
 
 
 def _link(path: Path) -> None:

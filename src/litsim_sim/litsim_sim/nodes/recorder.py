@@ -65,8 +65,9 @@ class RecorderNode(Node):
         self._recorded = publisher_on(self, RECORDED)
         for topic in RECORDED_TOPICS:
             subscribe(self, topic, self._receiver(topic), raw=True, depth=WAITING)
-            add_topic(self._writer, topic)
         subscribe(self, HELLO, self._on_hello)
+        for topic in RECORDED_TOPICS:  # while DDS makes itself known to the others
+            add_topic(self._writer, topic)
 
     @property
     def gaps(self) -> str:

@@ -28,7 +28,7 @@ LOOK_S = 1.0
 """[s] from its start that the bridge looks for another run where there may be one: participants announce themselves
 once a second. The world is set up meanwhile."""
 PULSE_S = 1.0  # [s] between two signs of life
-HELLO_PERIOD = 0.1  # [s] between the greetings of the handshake
+HELLO_PERIOD = 0.03  # [s] between the greetings of the handshake: who is ready is heard at the next one
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
 LAST_CALL_S = 1.0
 """[s] that the answers to a step get once the time for them is over: the step is published again, and what had come

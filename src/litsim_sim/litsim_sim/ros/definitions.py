@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,7 @@ def type_hash(name: str) -> str:
     return str(hashes[name])
 
 
+@cache
 def _read(package: str, short: str) -> str:
     return (Path(get_package_share_directory(package)) / "msg" / f"{short}.msg").read_text()
 
