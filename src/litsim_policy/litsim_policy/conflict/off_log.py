@@ -177,57 +177,24 @@ class OffLog:
             return ()
         begin, end = self.paths.window(self.paths.project(self.paths.each, x, y).s)
         poses = [(px, py, yaw) for px, py, yaw in self.pose.tolist()]
-        return tuple(
-            Takeover(
-                agent=agent,
-                opponent=opponent,
-                state=STATES[state],
-                reason=REASONS[reason],
-                detected_step=detected,
-                time_to_conflict=time,
-                overlap_probability=probability,
-                conflict_pose=pose,
-                goal_pose=pose,
-                reference_path=path.points[first:last],
-                log_collision_predicted=in_conflict,
-                residual_position=position,
-                residual_speed=speed,
-                path_source=SOURCES[source],
-                time_shift=lagging * STEP_S,
-            )
-            for (
-                agent,
-                opponent,
-                state,
-                reason,
-                detected,
-                time,
-                probability,
-                pose,
-                path,
-                first,
-                last,
-                in_conflict,
-                position,
-                speed,
-                source,
-                lagging,
-            ) in zip(
-                self.agent.tolist(),
-                self.opponent.tolist(),
-                self.state.tolist(),
-                self.reason.tolist(),
-                self.detected_step.tolist(),
-                self.time_to_conflict.tolist(),
-                self.overlap_probability.tolist(),
-                poses,
-                self.path,
-                begin.tolist(),
-                end.tolist(),
-                self.in_conflict.tolist(),
-                *(values.tolist() for values in residuals),
-                self.source.tolist(),
-                lag.tolist(),
-                strict=True,
-            )
-        )
+        columns: dict[str, list[Any]] = {
+            "agent": self.agent.tolist(),
+            "opponent": self.opponent.tolist(),
+            "state": [STATES[state] for state in self.state.tolist()],
+            "reason": [REASONS[reason] for reason in self.reason.tolist()],
+            "detected_step": self.detected_step.tolist(),
+            "time_to_conflict": self.time_to_conflict.tolist(),
+            "overlap_probability": self.overlap_probability.tolist(),
+            "conflict_pose": poses,
+            "goal_pose": poses,
+            "reference_path": [
+                path.points[first:last]
+                for path, first, last in zip(self.path, begin.tolist(), end.tolist(), strict=True)
+            ],
+            "log_collision_predicted": self.in_conflict.tolist(),
+            "residual_position": residuals[0].tolist(),
+            "residual_speed": residuals[1].tolist(),
+            "path_source": [SOURCES[source] for source in self.source.tolist()],
+            "time_shift": [steps * STEP_S for steps in lag.tolist()],
+        }
+        return tuple(Takeover(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True))
