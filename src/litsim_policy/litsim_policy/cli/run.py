@@ -10,18 +10,18 @@ from tqdm import tqdm
 from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.metrics import compute_metrics, write_metrics
 from litsim_sim.cli.arguments import DefaultsFormatter
-from litsim_sim.cli.program import program, run_status
+from litsim_sim.cli.program import RUN_STATUS_HELP, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.report.terminal import print_metrics
 from litsim_sim.scenario.run_info import OWN_EGOS
 from litsim_sim.world.sumo import SumoMirror
 
-STATUS_HELP = "Exit status: 0, the run is valid; 1, it is not, and stderr says why; 2, bad input."
-
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy run``."""
-    p = argparse.ArgumentParser(prog="run", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
+    p = argparse.ArgumentParser(
+        prog="run", description=__doc__, epilog=RUN_STATUS_HELP, formatter_class=DefaultsFormatter
+    )
     add_run_arguments(p, OWN_EGOS)
     p.add_argument("--json", type=Path, help="write the metrics to this file")
     return p

@@ -15,7 +15,7 @@ from litsim_policy.motion.reference_path import logged_path
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.scenario.scenario import Scenario
 
-STAYS = 10  # steps for which a drafted agent is still in the log
+STAYS = 10  # steps for which the log of an agent that is chosen to be driven still lasts
 
 
 class Start(NamedTuple):

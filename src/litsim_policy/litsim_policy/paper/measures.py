@@ -12,12 +12,9 @@ from typing import Any, Literal
 import numpy as np
 
 from litsim_sim.campaign.case import Case
+from litsim_sim.campaign.comparison import LEVEL, RESAMPLES, SEED
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.scene import FloatArray, IntArray
-
-LEVEL = 0.95
-RESAMPLES = 2000
-SEED = 0
 
 Metrics = Mapping[str, Any]
 Key = tuple[str, int, str, int | None]

@@ -17,9 +17,9 @@ from litsim_sim.campaign.results import RUNS_FOLDER, Campaign, RunResult
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
-LEVEL = 0.95
-RESAMPLES = 2000
-SEED = 0
+LEVEL, RESAMPLES, SEED = 0.95, 2000, 0
+"""Of every bootstrap that is reported: share of the draws within the bounds, number of draws, seed of the draws."""
+
 PASSED = "passed"
 NOT_RUN = "not run"
 

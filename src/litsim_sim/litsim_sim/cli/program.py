@@ -22,6 +22,9 @@ from litsim_sim.launch.child import SIGNALS
 
 P = ParamSpec("P")
 
+RUN_STATUS_HELP = "Exit status: 0, the run is valid; 1, it is not, and stderr says why; 2, bad input."
+"""Of programs that end with :func:`run_status`."""
+
 NOT_OF_RUNS = ("lightning", "onnx", "torch")
 """Libraries of training and of the development of networks, which `make setup` does not install."""
 

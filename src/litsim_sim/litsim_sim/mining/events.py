@@ -27,6 +27,7 @@ DECIMALS = 3
 
 CLOSING_MIN = 0.1  # [m/s] less is no approach: of hundred metres, the time would be a quarter of an hour; our choice
 
+HEADWAY_MAX_S = 3.5  # [s] who is ahead of the ego, or goes there, farther away is nothing to it
 TTC_S = 2.0  # [s] a new follower's is critical below
 HEADWAY_S = 0.9  # [s] the lower of the usual targets, 0.9 to 1.8 s
 PET_S = 1.5  # [s] critical below, grave below 1 s

@@ -8,12 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 from litsim_sim.core.scene import STEP_S, BoolArray
-from litsim_sim.mining.events import Event, EventKind, Number, Situation, measured, severity
+from litsim_sim.mining.events import HEADWAY_MAX_S, Event, EventKind, Number, Situation, measured, severity
 from litsim_sim.mining.lane_tracks import NOWHERE, true_runs
 
 HARD_MPS2, HARD_S, LOST_MPS = -3.0, 0.6, 1.0  # braking is hard at that acceleration, for so long, if so much is lost
 LEADER_MPS2 = -2.5  # a leader brakes
-HEADWAY_MAX_S = 3.5  # [s] of an ego that is concerned
 AFTER = round(3.0 / STEP_S)  # steps after braking in which its worst is looked for
 FULL_BRAKING = 7.59  # [m/s2] 0.774 g, of UN Regulation 157's careful driver: brake threat number 1
 

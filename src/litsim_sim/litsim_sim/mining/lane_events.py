@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from litsim_sim.core.scene import STEP_S
-from litsim_sim.mining.events import Event, EventKind, Number, Situation, measured, severity
+from litsim_sim.mining.events import HEADWAY_MAX_S, Event, EventKind, Number, Situation, measured, severity
 from litsim_sim.mining.lane_changes import LaneChange
 from litsim_sim.mining.lane_tracks import NOWHERE
 
-HEADWAY_MAX_S = 3.5  # [s] whoever goes in front of the ego farther away is nothing to it; as of leader braking
 CREEP = 1.0  # [m/s] for that, an ego drives at least so fast
 AROUND = round(3.0 / STEP_S)  # steps around a cut-in with no other change of the intruder
 AFTER = round(3.0 / STEP_S)  # steps after an event in which its worst is looked for

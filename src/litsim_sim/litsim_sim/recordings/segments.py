@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, cast
@@ -161,28 +162,22 @@ def cut(
     """
     if min(settings.split) < 0 or abs(sum(settings.split) - 1.0) > 1e-6:
         raise InputError(f"the split is {settings.split}, expected three shares that add up to 1")
-    sources: list[Source] = []
+    sources = [_source(*each, settings) for each in recordings]
     segments: list[Segment] = []
     without_ego = 0
-    for number, (file, net, crop, recording) in enumerate(recordings):
+    for number, (source, (*_, recording)) in enumerate(zip(sources, recordings, strict=True)):
         rng = np.random.default_rng([settings.seed, number])
-        table = recording.table
-        first, last = int(table["frame"].min()), int(table["frame"].max())
-        ids = np.unique(table["vehicle_id"].to_numpy())
-        until = [int(ids[max(round(share * len(ids)), 1) - 1]) for share in np.cumsum(settings.split)[:2]]
-        digest, vehicles = content_digest(recording), (until[0], until[1])
-        sources.append(Source(file=file, crop=crop, digest=digest, net=net, frames=(first, last), vehicles=vehicles))
         tracks = _Tracks(recording)
-        for part, start, end in _windows(first, last, settings):
+        counts: Counter[str] = Counter()
+        for part, start, end in _windows(*source.frames, settings):
             egos = tracks.egos(start, end, settings)
             if not len(egos):
                 without_ego += 1
                 continue
             ego = int(rng.choice(egos))
-            count = sum(segment.recording == number and segment.part == part for segment in segments)
             segments.append(
                 Segment(
-                    name=name_of(file, part, count),
+                    name=name_of(source.file, part, counts[part]),
                     recording=number,
                     part=part,
                     frames=(start, end),
@@ -191,6 +186,7 @@ def cut(
                     egos=[ego, *(int(other) for other in egos if other != ego)],
                 )
             )
+            counts[part] += 1
     names = [segment.name for segment in segments]
     if not segments:
         raise InputError(
@@ -201,6 +197,22 @@ def cut(
     if len(set(names)) < len(names):
         raise InputError("two recordings have the same file name, which would give segments the same name: rename one")
     return Manifest(settings=settings, recordings=sources, segments=segments, without_ego=without_ego)
+
+
+def _source(
+    file: str, net: str, crop: dict[str, list[float]] | None, recording: Recording, settings: Settings
+) -> Source:
+    """What the manifest says of a recording: its content, and how time and vehicles are parted."""
+    frames, ids = recording.columns["frame"], np.unique(recording.columns["vehicle_id"])
+    until = [int(ids[max(round(share * len(ids)), 1) - 1]) for share in np.cumsum(settings.split)[:2]]
+    return Source(
+        file=file,
+        crop=crop,
+        digest=content_digest(recording),
+        net=net,
+        frames=(int(frames.min()), int(frames.max())),
+        vehicles=(until[0], until[1]),
+    )
 
 
 def reproduce(manifest: Manifest, folder: Path) -> tuple[Manifest, list[Recording]]:

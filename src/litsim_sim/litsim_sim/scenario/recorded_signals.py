@@ -7,7 +7,7 @@ from pathlib import Path
 from litsim_sim.core.scene import RATE_HZ
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.signals import SignalsFile, build, check_known, heed, is_known
+from litsim_sim.scenario.signals import SignalsFile, build, check_known, heed
 
 PIECE = round(60 * RATE_HZ)  # frames of the recording that are looked at together, so that memory does not grow with it
 
@@ -25,7 +25,7 @@ def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) ->
     for start in range(first, last + 1, PIECE):
         log = Log.from_recording(recording, start, PIECE + 1)
         shown = build(signals, net, log, start, where)
-        known |= is_known(shown)
+        known |= shown.known
         for group, (passed, at_red) in heed(shown, log).items():
             before = counts.get(group, (0, 0))
             counts[group] = before[0] + passed, before[1] + at_red

@@ -25,7 +25,7 @@ from litsim_sim.scenario.checks import Demand, UnmetDemandError, check_agents, c
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.scenario_file import ScenarioFile
-from litsim_sim.scenario.signals import Signals, SignalsFile, build, check_known, is_known, read_signals, resolved
+from litsim_sim.scenario.signals import Signals, SignalsFile, build, check_known, read_signals, resolved
 
 DATA_VARIABLE = "LITSIM_DATA"
 PACKAGE = "litsim_sim"
@@ -101,7 +101,7 @@ class Scenario:
             self.signals = build(given, self.net_path, self.log, self.start_frame, where)
             if self.file.signals:  # those of a recording may be known for a part of it only
                 shown = (self.start_frame, self.start_frame + self.total_steps)
-                check_known(given, is_known(self.signals), shown, where)
+                check_known(given, self.signals.known, shown, where)
 
     @classmethod
     def load(cls, name_or_path: str | Path, *, sources: Sources | None = None, **overrides: Any) -> Scenario:

@@ -133,6 +133,11 @@ class Signals:
         """What the groups show at `step`; beyond the last step, what they showed then."""
         return SignalTable(step, self.groups, self.states[:, min(step, self.states.shape[1] - 1)])
 
+    @property
+    def known(self) -> bool:
+        """Whether any group shows anything at any step."""
+        return bool((self.states != SignalState.UNAVAILABLE).any())
+
     @cached_property
     def link_names(self) -> tuple[str, ...]:
         """Names of the connections, in the order of `links`."""
@@ -318,11 +323,6 @@ def check_known(given: SignalsFile, known: bool, frames: tuple[int, int], where:
         f"{where}: field signals: no group shows anything from {begin:g} to {end:g} s, counted from frame 0, and "
         f"{first}: are unit and clock right?"
     )
-
-
-def is_known(signals: Signals) -> bool:
-    """Whether any group shows anything at any step."""
-    return bool((signals.states != SignalState.UNAVAILABLE).any())
 
 
 def _check_against(signals: Signals, log: Log, where: str) -> None:

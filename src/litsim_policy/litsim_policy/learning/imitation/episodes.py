@@ -9,6 +9,7 @@ import numpy as np
 
 from litsim_policy.driving.imitation_policy import BOUNDS, commanded
 from litsim_policy.driving.traffic_observation import TrafficObserver
+from litsim_policy.learning.draw import STAYS
 from litsim_policy.learning.reward import edge_clearance, others_near, ramp
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
@@ -26,7 +27,6 @@ from litsim_sim.scenario.joined import JoinedScenario
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 
-STAYS = 10  # steps for which the log of an agent that is chosen still lasts
 BRAKE = 2.0, 3.0  # [m/s2] of braking between which RAIL's penalty rises
 EDGE = 0.5, -0.1  # [m] from a side to the edge of the road, likewise; negative is outside
 

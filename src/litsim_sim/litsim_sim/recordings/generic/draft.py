@@ -19,7 +19,6 @@ from litsim_sim.io.table_input import TableFile
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.plausibility import (
     ANGLE_UNITS,
-    MOVING,
     POSITIVES,
     STEP_RANGE_S,
     WIDTH_RANGE,
@@ -27,6 +26,7 @@ from litsim_sim.recordings.generic.plausibility import (
     heading,
 )
 from litsim_sim.recordings.generic.reading import kind_names
+from litsim_sim.recordings.generic.sides import MOVING
 
 NAMES: dict[str, str] = {
     "vehicle_id": r"(vehicle|track|agent|object|car|obj|veh)?_?id",

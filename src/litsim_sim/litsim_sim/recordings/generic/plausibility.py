@@ -17,10 +17,10 @@ from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.recordings.generic import sides
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
+from litsim_sim.recordings.generic.sides import MOVING
 
 STEP_RANGE_S = (0.005, 0.5)  # between rows of a vehicle: 200 to 2 rows a second
 SPEED_MAX = 70.0  # [m/s] that nine in ten rows keep to
-MOVING = 2.0  # [m/s] from which on a direction of motion is certain
 AGREEMENT = 1.15  # by which speeds may differ from those of the positions; those of NGSIM's files do by 1.01
 HEADING_MAX = 0.35  # [rad] by which headings may differ from the direction of motion, half of the rows being better
 LENGTH_RANGE, WIDTH_RANGE = (1.5, 25.0), (0.5, 3.2)  # [m] of half of the vehicles
