@@ -100,7 +100,7 @@ def test_what_cannot_be_included(tmp_path: Path, text: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("  - idm", "  - idmm", r"line 7, field egos\.0\.kind: .*'idm'.*found 'idmm'"),
+        ("  - idm", "  - idmm", r"line 7, field egos\.0: .*'idm'.*found 'idmm'"),
         ("  - idm", "  - braker2: 1", r"line 7, field egos\.0\.name"),
         ("  - idm", "  - {name: braker, kind: idm}", "egos: braker more than once"),
         (

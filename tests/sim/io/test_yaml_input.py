@@ -24,6 +24,7 @@ class Car(BaseModel):
     name: str
     wheels: list[Wheel] = []
     doors: int = 4
+    engine: int | list[int] | Wheel = 1
 
 
 def refusal(path: Path, text: str) -> str:
@@ -54,12 +55,18 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (
+            "name: a\nengine: big\n",
+            "line 2, field engine: Input should be a valid integer.*; line 2, field engine: Input should be a .*list",
+        ),
+        ("name: a\nengine: [1, x]\n", "line 2, field engine.1: Input should be a valid integer.*, found 'x'"),
+        ("name: a\nengine: {radius: x}\n", "line 2, field engine.radius: Input should be a valid number.*, found 'x'"),
         ("name: a\nwheels: [\n", "malformed YAML: .*line 3"),
-        ("", "expected fields such as name, wheels, doors, found None$"),
-        ("- name\n", r"expected fields such as name, wheels, doors, found \['name'\]$"),
+        ("", "expected fields such as name, wheels, doors, engine, found None$"),
+        ("- name\n", r"expected fields such as name, wheels, doors, engine, found \['name'\]$"),
         ("name: a\ndoors: many\n", "line 2, field doors: Input should be a valid integer.*, found 'many'$"),
-        ("name: a\ndors: 3\n", "line 2, field dors: Extra inputs .*; known fields: name, wheels, doors$"),
-        ("doors: 3\n", "field name: Field required; known fields: name, wheels, doors$"),
+        ("name: a\ndors: 3\n", "line 2, field dors: Extra inputs .*; known fields: name, wheels, doors, engine$"),
+        ("doors: 3\n", "field name: Field required; known fields: name, wheels, doors, engine$"),
         (
             "name: a\nwheels:\n  - radius: 1\n  - radius: x\n",
             r"line 4, field wheels\.1\.radius: Input should be a valid number.*, found 'x'$",

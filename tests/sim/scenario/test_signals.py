@@ -186,7 +186,7 @@ def test_a_recording_may_carry_its_signals(build: Callable[..., Scenario], tmp_p
         ({"groups": {"a": ["WA_0"], "b": ["WA_0 -> AB_0"]}, "changes": []}, "WA_0 -> AB_0 is in groups a and b"),
         ({"groups": {"a": []}, "changes": []}, "no group controls a connection"),
         ({"groups": GROUPS, "changes": [[0.0, "west", "red"]]}, "group west is not among groups, east, left"),
-        ({"groups": GROUPS, "changes": [[0.0, "east", "blue"]]}, r"line 6, field signals.content.changes.0.2"),
+        ({"groups": GROUPS, "changes": [[0.0, "east", "blue"]]}, r"line 10, field signals.changes.0.2"),
         ({"groups": GROUPS, "changes": [[1.0, "east", "red"], [0.0, "east", "red"]]}, "0 s after 1 s, not ascending"),
         ({"groups": GROUPS, "program": {"phases": [{"duration_s": 0}]}}, "duration_s: Input should be greater than 0"),
         (

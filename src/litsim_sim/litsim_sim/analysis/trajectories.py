@@ -11,6 +11,7 @@ import pandas as pd
 from litsim_sim.analysis.lanes import lane_map_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller
+from litsim_sim.io.files import replacing
 from litsim_sim.record.run import Run, start_frame
 from litsim_sim.recordings.recording import COLUMNS
 
@@ -64,11 +65,8 @@ def write(rows: pd.DataFrame, out: Path) -> None:
     """
     if out.suffix not in (".csv", ".parquet"):
         raise InputError(f"{out}: expected a name that ends with .csv or .parquet")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(out) as new:
         if out.suffix == ".csv":
-            rows.to_csv(out, index=False)
+            rows.to_csv(new, index=False)
         else:
-            rows.to_parquet(out, index=False, compression="zstd")
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
+            rows.to_parquet(new, index=False, compression="zstd")

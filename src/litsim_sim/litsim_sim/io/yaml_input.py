@@ -127,25 +127,40 @@ class _Loader(yaml.SafeLoader):
 def _said(problems: list[ErrorDetails], text: str | bytes) -> Iterator[str]:
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     for problem in problems:
-        line = _line(root, problem["loc"])
+        line, place = _found(root, problem["loc"])
         at = f"line {line}, " if line else ""
-        field = f"field {'.'.join(map(str, problem['loc']))}" if problem["loc"] else "the fields together"
+        field = f"field {'.'.join(map(str, place))}" if place else "the fields together"
         plain = isinstance(problem["input"], str | int | float | None)
         found = f", found {problem['input']!r:.{FOUND_MAX}}" if plain and problem["type"] not in MISNAMED else ""
         yield f"{at}{field}: {problem['msg'].removeprefix('Value error, ')}{found}"
 
 
-def _line(node: yaml.Node | None, place: tuple[int | str, ...]) -> int | None:
-    """Line, from 1, of the innermost part of `place` that the text has; None where it has not even the first."""
-    line = None
-    for part in place:
-        if isinstance(node, yaml.MappingNode):
-            inner = {str(key.value): (key, value) for key, value in node.value}.get(str(part))
-        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
-            inner = (node.value[part], node.value[part])
-        else:
-            inner = None
-        if inner is None:
-            break
-        line, node = inner[0].start_mark.line + 1, inner[1]
-    return line
+def _found(node: yaml.Node | None, place: tuple[int | str, ...]) -> tuple[int | None, list[int | str]]:
+    """The line, from 1, of the innermost part of `place` that the text has, and `place` in words of the text.
+
+    Where a field may be one of several things, pydantic puts the name of the one that it has tried into the place.
+    """
+    line, said = None, []
+    for number, part in enumerate(place):
+        inner = _inner(node, part)
+        if inner is None and node is not None and isinstance(part, str) and _is_choice(node, place[number + 1 :]):
+            continue
+        said.append(part)
+        node = None
+        if inner is not None:
+            line, node = inner[0].start_mark.line + 1, inner[1]
+    return line, said
+
+
+def _inner(node: yaml.Node | None, part: int | str) -> tuple[yaml.Node, yaml.Node] | None:
+    """Where `part` of `node` begins, and its value; None where the text has none."""
+    if isinstance(node, yaml.MappingNode):
+        return {str(key.value): (key, value) for key, value in node.value}.get(str(part))
+    if isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+        return node.value[part], node.value[part]
+    return None
+
+
+def _is_choice(node: yaml.Node, rest: tuple[int | str, ...]) -> bool:
+    """Whether a part that `node` has not is a name of pydantic's, before the `rest`, and no field that is missing."""
+    return not isinstance(node, yaml.MappingNode) or any(_inner(node, after) is not None for after in rest[:1])

@@ -56,7 +56,7 @@ def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
         net=mapping.net,
         notes={"file": path.name, "mapping": mapping.model_dump(exclude_defaults=True), **counts.note(), **names},
     )
-    return Recording.from_table(header, moving[list(COLUMNS)], str(path)), counts
+    return Recording.from_table(header, moving[list(COLUMNS)], f"{path}, brought to 10 Hz"), counts
 
 
 def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd.DataFrame, dict[str, Any]]:
