@@ -35,7 +35,7 @@ def main(argv: list[str] | None = None) -> None:
 def _export(arguments: argparse.Namespace) -> None:
     missing = [name for name in NEEDED if not find_spec(name)]
     if missing:
-        raise not_installed(" and ".join(missing))
+        raise not_installed(missing[0])
     if arguments.out.suffix != ".onnx":
         raise InputError(f"--out {arguments.out}: expected a name that ends in .onnx")
     from litsim_predictor.learned.export import write_graph
