@@ -116,6 +116,22 @@ def test_stride_is_the_time_between_scenes(write: Write) -> None:
     assert measure("--recording", write(0.0), "--stride", "10")["kinematic"]["scenes"] == 2  # at 3 and 4 s
 
 
+def test_of_a_region_of_interest_nothing_beyond_is_seen(write: Write, untrained: Path) -> None:
+    """Cars 20 m apart: within 10 m everybody is alone, within 1 km there is what there is without a region."""
+    line, alone = write(0.0, 0.0, 0.0), write(0.0, name="alone")
+    everything, narrow, wide = (
+        measure(untrained, "--recording", line, "--roi", m)[str(untrained)] for m in (0, 10, 1000)
+    )
+    assert narrow["protocol"]["roi_m"] == 10.0 and everything["protocol"]["roi_m"] is None
+    assert (narrow["samples"], narrow["scenes"]) == (3 * SCENES, 3 * SCENES)
+    assert wide["rmse"] == pytest.approx(everything["rmse"], rel=1e-4)
+    assert narrow["rmse"]["5"] != pytest.approx(everything["rmse"]["5"], rel=1e-3)
+    one = measure(untrained, "--recording", alone)[str(untrained)]
+    assert narrow["nll"] == pytest.approx(one["nll"], rel=1e-2)
+    with pytest.raises(InputError, match="expected 0 or more metres"):
+        measure("--recording", line, "--roi", "-1")
+
+
 def test_any_file_of_weights_is_a_model_and_answers_are_the_same_again(write: Write, untrained: Path) -> None:
     path = write(0.4, -0.3)
     once, again = (measure(untrained, "--recording", path) for _ in range(2))

@@ -272,7 +272,7 @@ def test_a_training_is_not_overwritten_and_another_one_not_resumed(
         assert named in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["default", "paper", "cs_lstm", "bat"])
+@pytest.mark.parametrize("name", ["default", "paper", "cs_lstm", "bat", "traffic"])
 def test_packaged_configurations_are_whole(name: str) -> None:
     config = read_yaml(train.packaged_configs()[name], TrainingConfig)
     build(config.model, config.parameters, name)

@@ -58,6 +58,13 @@ def parser() -> argparse.ArgumentParser:
         help="learned models as they answer, and not along lanes that bend, as in runs",
     )
     p.add_argument("--stride", type=int, default=2, help="frames of 0.1 s from scene to scene")
+    p.add_argument(
+        "--roi",
+        type=float,
+        default=0.0,
+        metavar="M",
+        help="forecast each agent from what is within so many metres of it, as around the ego in a run; 0: all is seen",
+    )
     p.add_argument("--batch", type=int, default=512, help="agents in a batch, about")
     p.add_argument("--seed", type=int, default=0, help="of the joint ADE's samples and of the egos' braking")
     p.add_argument("--device", default="cpu", help="of torch")
@@ -94,6 +101,8 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
     for name in ("stride", "batch"):
         if getattr(arguments, name) < 1:
             raise InputError(f"--{name} {getattr(arguments, name)}: expected 1 or more")
+    if not 0.0 <= arguments.roi < float("inf"):
+        raise InputError(f"--roi {arguments.roi}: expected 0 or more metres")
     models = load_models(arguments.models or COMPARED, arguments.device, along_lanes=not arguments.straight)
     scenario = None
     if arguments.validation:
@@ -106,7 +115,7 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
         chosen = part_of([tracks], arguments.split)
     scenes = sum(len(tracks.frames[:: arguments.stride]) for tracks in chosen)
     with tqdm(total=scenes, unit="scene", dynamic_ncols=True, desc="scenes") as bar:
-        batches = scene_batches(chosen, arguments.batch, arguments.stride)
+        batches = scene_batches(chosen, arguments.batch, arguments.stride, roi_m=arguments.roi)
         scores = score(models, batches, arguments.seed, arguments.device, bar.update)
         bar.total = bar.n  # scenes with nobody to score were passed over
     conflicts = {}
@@ -120,6 +129,7 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
             "sources": [tracks.name for tracks in chosen],
             "split": "val" if arguments.validation else arguments.split,
             "stride_frames": arguments.stride,
+            "roi_m": arguments.roi or None,
             "seed": arguments.seed,
             "along_lanes": not arguments.straight,
             "egos": arguments.egos if conflicts else None,

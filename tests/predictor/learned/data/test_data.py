@@ -13,6 +13,7 @@ import pytest
 import torch
 
 from litsim_predictor.inference.contract import HISTORY, HORIZON, MANEUVERS
+from litsim_predictor.inference.ways import WAY, Ways
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.data.scenes import Augmentation, scene_batches, training_batches
 from litsim_predictor.learned.data.sources import I80PairSource, Us101TrackSource, Us101WindowSource, load, net_path
@@ -75,6 +76,25 @@ class TestScenes:
         assert frames == 85 - 30 - 50
         some = sum(int(b.target.sum()) for b in scene_batches([tracks], stride=1, complete=False))
         assert some == 85 - 2  # all but those without one step of the future
+
+    def test_in_regions_of_interest_each_target_keeps_its_neighbours_and_their_ways(
+        self, straight: Straight, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Three cars 20 m apart, looked at from 25 m; the lanes of the first and of the last bend."""
+        pose = np.arange(2 * WAY * 3, dtype=np.float64).reshape(2, WAY, 3)
+        monkeypatch.setattr(Tracks, "ways", lambda _, __: Ways(np.array([0, 2]), pose))
+        cars = straight(*((k, 20.0 * k, 0.0, 10.0 + k) for k in (1, 2, 3)), frames=81)
+        tracks = Tracks.from_table("made", cars, None)
+        whole = only(list(scene_batches([tracks], stride=1)))
+        batch = only(list(scene_batches([tracks], stride=1, roi_m=25.0, agents_per_batch=999)))
+        assert [mask.nonzero().flatten().tolist() for mask in batch.target] == [[0], [1], [1]]
+        assert batch.agent.sum(dim=1).tolist() == [2, 3, 2]
+        assert torch.equal(batch.history[batch.target], whole.history[0])
+        assert torch.equal(batch.future[batch.target], whole.future[0])
+        assert batch.state[1, :, 2].tolist() == whole.state[0, :, 2].tolist()
+        rows = batch.agent.shape[1]
+        assert batch.ways.row.tolist() == [0, rows + 0, rows + 2, 2 * rows + 1]
+        assert np.array_equal(batch.ways.pose, pose[[0, 0, 1, 1]])
 
     def test_a_hole_in_a_track_is_not_bridged(self, straight: Straight) -> None:
         rows = straight((1, 0.0, 0.0, 10.0), frames=90)

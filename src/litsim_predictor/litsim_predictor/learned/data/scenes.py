@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -60,7 +60,12 @@ class _Scene:
 
 
 def scene_batches(
-    sources: Sequence[Tracks], agents_per_batch: int = 512, stride: int = 2, *, complete: bool = True
+    sources: Sequence[Tracks],
+    agents_per_batch: int = 512,
+    stride: int = 2,
+    *,
+    complete: bool = True,
+    roi_m: float = 0.0,
 ) -> Iterator[SceneBatch]:
     """Scenes of `sources` in order of time, unvaried.
 
@@ -70,10 +75,11 @@ def scene_batches(
         stride: frames between scenes.
         complete: targets have 3 s of history and 5 s of future without a hole, as the published protocol asks; else
             one frame and one step suffice.
+        roi_m: where it is more than 0, every target has a scene of its own, of the agents within so many metres of it.
     """
     for tracks in sources:
         moments = [(tracks, int(frame)) for frame in tracks.frames[::stride]]
-        yield from _batches(moments, agents_per_batch, complete=complete)
+        yield from _batches(moments, agents_per_batch, complete=complete, roi_m=roi_m)
 
 
 def training_batches(
@@ -109,7 +115,7 @@ def training_batches(
             yield _stack(scenes)
 
 
-def _batches(moments: list[tuple[Tracks, int]], agents: int, *, complete: bool) -> Iterator[SceneBatch]:
+def _batches(moments: list[tuple[Tracks, int]], agents: int, *, complete: bool, roi_m: float) -> Iterator[SceneBatch]:
     scenes: list[_Scene] = []
     for tracks, frame in moments:
         rows = tracks.rows_at(frame)
@@ -120,7 +126,7 @@ def _batches(moments: list[tuple[Tracks, int]], agents: int, *, complete: bool) 
             )
         if not scene.target.any():
             continue
-        scenes.append(scene)
+        scenes += _around_each(scene, roi_m) if roi_m else [scene]
         if sum(len(scene.target) for scene in scenes) >= agents:
             yield _stack(scenes)
             scenes = []
@@ -154,6 +160,19 @@ def _scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -> _
         future_known=known,
         target=tracks.target[rows] & known.any(axis=1),
     )
+
+
+def _around_each(scene: _Scene, roi_m: float) -> list[_Scene]:
+    """A scene for each target of `scene`, of it and of the agents within `roi_m` [m]."""
+    place, found = scene.inputs.frame[:, :2], []
+    for target in np.flatnonzero(scene.target):
+        near = np.hypot(*(place - place[target]).T) <= roi_m
+        seen = AgentInputs(*(getattr(scene.inputs, field.name)[near] for field in fields(AgentInputs)))
+        alone = (np.arange(len(near)) == target)[near]
+        bends = near[scene.ways.row]
+        ways = Ways((near.cumsum() - 1)[scene.ways.row[bends]], scene.ways.pose[bends])
+        found.append(_Scene(seen, scene.future[near], scene.future_known[near], alone, ways))
+    return found
 
 
 def _varied(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.random.Generator) -> _Scene:
