@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 
 import campaigns
+from litsim_policy.run import workers as module
 from litsim_policy.run.case_run import run_in_process
 from litsim_policy.run.workers import Workers
 from litsim_sim.report.thumbnails import read_thumbnail
@@ -29,6 +31,16 @@ class Fatal:
 
 def good(ego_id: int = 7) -> Any:
     return campaigns.cases(cases=[{"scenario": "demo", "ego_id": ego_id}], egos=["log"], policies=["replay"])[0]
+
+
+def test_a_process_whose_parent_is_gone_when_it_answers_ends_without_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = multiprocessing.Pipe()
+    monkeypatch.setattr(module, "end_with_parent", lambda: None)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setattr(module, "run_batch", lambda *_: ours.close())
+    ours.send(([], []))
+    module._serve(theirs)
+    assert ours.closed
 
 
 def test_a_case_comes_to_the_same_as_in_this_process(tmp_path: Path) -> None:

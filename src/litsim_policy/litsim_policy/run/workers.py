@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -97,9 +98,7 @@ def _serve(pipe: Connection) -> None:
     """The process of a worker: what comes of all cases that are sent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; who has begun this one ends it
     end_with_parent()
-    while True:
-        try:
+    with suppress(EOFError, ConnectionError):  # who has begun this one is gone
+        while True:
             cases, folders = pipe.recv()
-        except EOFError:  # who has begun this one is gone
-            return
-        pipe.send(run_batch(cases, folders))
+            pipe.send(run_batch(cases, folders))
