@@ -7,7 +7,7 @@ the earth a scene is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -57,6 +57,10 @@ class AgentInputs:
     observed: BoolArray
     state: Float32Array
     raster: ByteArray
+
+    def take(self, rows: IntArray | BoolArray | slice) -> AgentInputs:
+        """Those of the agents in `rows`."""
+        return AgentInputs(*(getattr(self, each.name)[rows] for each in fields(AgentInputs)))
 
 
 @configuration

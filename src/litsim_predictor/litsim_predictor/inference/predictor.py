@@ -95,13 +95,13 @@ class LearnedPredictor:
             return self._network(inputs, asked, self._modes)
         if isinstance(self._network, NetworkOfScenes):
             rows = np.flatnonzero(np.isin(scene, scene[asked]))
-            seen = inputs if len(rows) == len(scene) else _of(inputs, rows)
+            seen = inputs if len(rows) == len(scene) else inputs.take(rows)
             first = np.flatnonzero(np.diff(scene[rows], prepend=-1))
             return self._network.of_scenes(seen, np.searchsorted(rows, asked), first, self._modes)
         answers, begins = [], np.flatnonzero(np.diff(scene[asked]))
         for rows in np.split(asked, begins + 1):
             begin, end = np.searchsorted(scene, scene[rows[0]]), np.searchsorted(scene, scene[rows[0]], "right")
-            answers.append(self._network(_of(inputs, slice(begin, end)), rows - begin, self._modes))
+            answers.append(self._network(inputs.take(slice(begin, end)), rows - begin, self._modes))
         return _joined(answers)
 
     def _inputs(self, agents: AgentTable, heading: FloatArray) -> AgentInputs:
@@ -117,8 +117,3 @@ def _joined(answers: list[AgentFutures]) -> AgentFutures:
     more = {f.name: np.concatenate([getattr(each.further, f.name) for each in answers]) for f in fields(FurtherFutures)}
     more["row"] = np.concatenate([each.further.row + first for each, first in zip(answers, before, strict=True)])
     return AgentFutures(**both, further=FurtherFutures(**more))
-
-
-def _of(inputs: AgentInputs, rows: IntArray | slice) -> AgentInputs:
-    """Those of the agents in `rows`."""
-    return AgentInputs(*(getattr(inputs, field.name)[rows] for field in fields(AgentInputs)))

@@ -171,12 +171,11 @@ class Training:
             self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )
         self._parts = load_parts(config, locate)
-        self._teachers = [
-            load_model(name if name in SHIPPED else str(locate(name)))[0].to(device) for name in config.teachers
-        ]
+        taught_by = [weights_path(name) if name in SHIPPED else locate(name) for name in config.teachers]
+        self._teachers = [load_model(str(path))[0].to(device) for path in taught_by]
         names = [name for source in config.data for name in files_of(source)] + [config.start] * bool(config.start)
         files = {name: digest_of(locate(name)) for name in names}
-        files |= {name: digest_of(weights_path(name) if name in SHIPPED else locate(name)) for name in config.teachers}
+        files |= {name: digest_of(path) for name, path in zip(config.teachers, taught_by, strict=True)}
         self._manifest = {"files": files, "rows": self._rows()}
         self.history: list[dict[str, float]] = []
         self._best: dict[str, float] = {}

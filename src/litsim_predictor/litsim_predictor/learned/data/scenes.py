@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -119,13 +119,14 @@ def _batches(moments: list[tuple[Tracks, int]], agents: int, *, complete: bool, 
     scenes: list[_Scene] = []
     for tracks, frame in moments:
         rows = tracks.rows_at(frame)
-        scene = replace(_scene(tracks, rows), ways=tracks.ways(rows))
+        scene = _scene(tracks, rows)
         if complete:
             scene = replace(
                 scene, target=scene.target & scene.inputs.observed.all(axis=1) & scene.future_known.all(axis=1)
             )
         if not scene.target.any():
             continue
+        scene = replace(scene, ways=tracks.ways(rows))
         scenes += _around_each(scene, roi_m) if roi_m else [scene]
         if sum(len(scene.target) for scene in scenes) >= agents:
             yield _stack(scenes)
@@ -167,11 +168,10 @@ def _around_each(scene: _Scene, roi_m: float) -> list[_Scene]:
     place, found = scene.inputs.frame[:, :2], []
     for target in np.flatnonzero(scene.target):
         near = np.hypot(*(place - place[target]).T) <= roi_m
-        seen = AgentInputs(*(getattr(scene.inputs, field.name)[near] for field in fields(AgentInputs)))
         alone = (np.arange(len(near)) == target)[near]
         bends = near[scene.ways.row]
         ways = Ways((near.cumsum() - 1)[scene.ways.row[bends]], scene.ways.pose[bends])
-        found.append(_Scene(seen, scene.future[near], scene.future_known[near], alone, ways))
+        found.append(_Scene(scene.inputs.take(near), scene.future[near], scene.future_known[near], alone, ways))
     return found
 
 
