@@ -5,11 +5,10 @@ The same is for training in :mod:`litsim_predictor.learned.models.traffic_ahead`
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from litsim_predictor.forecast import Float32Array
+from litsim_predictor.inference.attention_kernels import near_first
 from litsim_predictor.inference.joint_units import TRAFFIC_KNOTS, TRAFFIC_SOME, TRAFFIC_WIDTHS
 from litsim_sim.core.compiled import BOOLS, FLOATS2, INTS, OUT_SINGLES2, SINGLES, float32, kernel, void
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
@@ -37,14 +36,12 @@ def look_ahead(
     """
     agents, places = len(frame), len(KNOTS) - 2
     one, none, some = float32(1.0), float32(0.0), float32(TRAFFIC_SOME)
-    x, y = np.empty(agents, np.float32), np.empty(agents, np.float32)
-    cos, sin = np.empty(agents, np.float32), np.empty(agents, np.float32)
+    position, heading = np.empty((agents, 2), np.float32), np.empty(agents, np.float32)
+    near_first(frame, begins, position, heading)
+    x, y, cos, sin = position[:, 0], position[:, 1], np.cos(heading), np.sin(heading)
     known = np.empty(places * len(WIDTHS), np.float32)  # of those who count at a place, whose earlier speed is known
     for scene in range(len(begins)):
         begin, end = begins[scene], begins[scene + 1] if scene + 1 < len(begins) else agents
-        for i in range(begin, end):  # relative to the first agent of a scene: single precision is fine there
-            x[i], y[i] = frame[i, 0] - frame[begin, 0], frame[i, 1] - frame[begin, 1]
-            cos[i], sin[i] = math.cos(float32(frame[i, 2])), math.sin(float32(frame[i, 2]))
         for i in range(begin, end):
             of = out[i]
             of[:], known[:] = none, none
