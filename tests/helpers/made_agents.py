@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_predictor.inference.contract import HISTORY, AgentInputs
+from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 
 
@@ -20,4 +21,5 @@ def scene(agents: int, seed: int = 0) -> AgentInputs:
         observed=observed,
         state=np.column_stack([rng.uniform(1.0, 5.0, (agents, 3)), 0.1 * rng.normal(size=agents)]).astype(np.float32),
         raster=rng.integers(0, 256, (agents, CHANNELS, ROWS, COLUMNS), np.uint8),
+        traffic=rng.normal(size=(agents, TRAFFIC_CHANNELS)).astype(np.float32),
     )

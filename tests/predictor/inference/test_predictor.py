@@ -14,7 +14,8 @@ from litsim_predictor.inference.contract import HORIZON, MANEUVERS
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import MapRaster, raster_of_net
 from litsim_predictor.models import network
-from litsim_sim.core.scene import AgentTable
+from litsim_predictor.selection import Wanted
+from litsim_sim.core.scene import AgentTable, Kind
 from litsim_sim.scenario.scenario import Scenario
 
 Build = Callable[..., AgentTable]
@@ -84,6 +85,25 @@ def test_neither_the_order_of_agents_nor_far_away_ones_matter(predictor: Learned
     assert np.allclose(again.mean - again.mean[:1, :1], local, atol=0.5)
     same = drive(predictor, agent_table, *near, first=200)
     assert np.array_equal(far.mean, same.mean) and np.array_equal(far.covariance, same.covariance)
+
+
+def test_traffic_beyond_the_region_of_interest_is_read_and_not_forecast(agent_table: Build) -> None:
+    """Vehicles that stand 70 m ahead make drivers slower, whatever region is looked at closely; people there do not."""
+    near = [agent(1, 100.0, speed=14.0), agent(2, 115.0, y=-9.0, speed=14.0)]
+    jam = [agent(number, 165.0 + 8.0 * number, speed=0.0) for number in range(3, 8)]
+
+    def driven(roi_m: float, *others: dict[str, Any]) -> Forecast:
+        predictor = LearnedPredictor(
+            network("default"), EGO, roi_m, *raster_of_net(Scenario.load("demo").net_path), wanted=Wanted.EGO
+        )
+        return drive(predictor, agent_table, *near, *others, steps=20)
+
+    free, held, seen = driven(ROI), driven(ROI, *jam), driven(1000.0, *jam)
+    assert_sane(held, [1])
+    reached = [each.mean[0, -1, 0] for each in (free, held, seen)]
+    assert reached[1] < reached[0] - 3.0 and reached[2] < reached[0] - 3.0
+    people = driven(ROI, *({**each, "kind": Kind.PEDESTRIAN} for each in jam))
+    assert np.array_equal(people.mean, free.mean)
 
 
 def test_covariances_turn_with_the_scene(agent_table: Build) -> None:

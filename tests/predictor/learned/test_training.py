@@ -174,19 +174,6 @@ def test_a_training_begins_with_other_weights_of_the_same_model(
     assert "first/weights.safetensors: weights of model joint" in capsys.readouterr().err
 
 
-def test_a_training_that_reads_the_traffic_ahead_begins_with_weights_that_do_not(config: Path, tmp_path: Path) -> None:
-    run(config, tmp_path / "first")
-    config.write_text(
-        SMALL.replace("parameters: {", "parameters: {traffic: true, ")
-        + "start: first/weights.safetensors\nlearning_rate: 1.0e-12\n"
-    )
-    run(config, tmp_path / "second", "--epochs", "1")
-    first, second = (load_model(str(tmp_path / name / WEIGHTS))[0] for name in ("first", "second"))
-    begun, narrow = second.state_dict()["state.0.weight"], first.state_dict()["state.0.weight"]
-    torch.testing.assert_close(begun[:, : narrow.shape[1]], narrow, atol=1e-9, rtol=0.0)
-    assert begun.shape[1] > narrow.shape[1] and begun[:, narrow.shape[1] :].abs().max() < 1e-9
-
-
 def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config: Path, tmp_path: Path) -> None:
     """The further loss is the squared distance from it; with nothing to compare it is zero, and it moves the model."""
     for seed in ("1", "2"):
@@ -272,7 +259,7 @@ def test_a_training_is_not_overwritten_and_another_one_not_resumed(
         assert named in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["default", "paper", "cs_lstm", "bat", "traffic"])
+@pytest.mark.parametrize("name", sorted(train.packaged_configs()))
 def test_packaged_configurations_are_whole(name: str) -> None:
     config = read_yaml(train.packaged_configs()[name], TrainingConfig)
     build(config.model, config.parameters, name)

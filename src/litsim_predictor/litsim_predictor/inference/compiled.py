@@ -21,7 +21,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import IntArray
 
 FORMAT = "litsim_predictor/graph/2"
-INPUTS = ("position", "heading", "history", "observed", "state", "asked", "raster", "known", "code_of")
+INPUTS = ("position", "heading", "history", "observed", "state", "traffic", "asked", "raster", "known", "code_of")
 """What a graph may ask for: fields of :class:`.contract.AgentInputs`, places relative to the first agent's; the rows
 that it is asked to answer; and of the map, see :class:`.map_memory.MapCodes`."""
 OUTPUTS = ("maneuver", "mean", "scale", "correlation")
@@ -85,6 +85,7 @@ class CompiledNetwork:
             "history": inputs.history,
             "observed": inputs.observed,
             "state": inputs.state,
+            "traffic": inputs.traffic,
             "asked": asked,
         }
         if self._maps is not None:

@@ -31,6 +31,7 @@ AT_SECONDS = slice(round(1.0 / DT) - 1, None, round(1.0 / DT))
 """The steps of the future at :data:`SECONDS`."""
 HISTORY_CHANNELS = 4
 """x [m], y [m], yaw relative to the agent frame [rad], speed [m/s]."""
+SPEED_CHANNEL = 3
 STATE_CHANNELS = 4
 """length [m], width [m], speed [m/s], yaw relative to the agent frame [rad]."""
 LATERAL = ("keep", "left", "right")
@@ -50,6 +51,7 @@ class AgentInputs:
         observed: (n, HISTORY); the present is observed for every agent.
         state: (n, STATE_CHANNELS).
         raster: (n, C, H, W) map around each agent in its frame; see :mod:`.raster`.
+        traffic: (n, TRAFFIC_CHANNELS) ahead of each agent; see :mod:`.traffic`.
     """
 
     frame: FloatArray
@@ -57,6 +59,7 @@ class AgentInputs:
     observed: BoolArray
     state: Float32Array
     raster: ByteArray
+    traffic: Float32Array
 
     def take(self, rows: IntArray | BoolArray | slice) -> AgentInputs:
         """Those of the agents in `rows`."""

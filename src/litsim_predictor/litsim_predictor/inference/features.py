@@ -9,6 +9,7 @@ import numpy as np
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.contract import HISTORY_CHANNELS, STATE_CHANNELS, AgentInputs
 from litsim_predictor.inference.raster import MapRaster
+from litsim_predictor.inference.traffic import Traffic
 from litsim_sim.core.compiled import (
     BOOLS2,
     FLOATS,
@@ -19,7 +20,7 @@ from litsim_sim.core.compiled import (
     void,
 )
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import BoolArray, FloatArray
+from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap, LanePosition
 
 LANE_ANGLE = 0.6  # [rad] a vehicle at a larger angle to the lane under it does not drive along it
@@ -41,7 +42,13 @@ def frame_headings(lane_map: LaneMap | None, x: FloatArray, y: FloatArray, yaw: 
 
 
 def agent_inputs(
-    series: FloatArray, observed: BoolArray, size: FloatArray, heading: FloatArray, raster: MapRaster
+    series: FloatArray,
+    observed: BoolArray,
+    size: FloatArray,
+    heading: FloatArray,
+    raster: MapRaster,
+    traffic: Traffic | None = None,
+    scene: IntArray | None = None,
 ) -> AgentInputs:
     """Inputs of n agents.
 
@@ -52,6 +59,8 @@ def agent_inputs(
         size: (n, 2) length, width [m].
         heading: (n,) of the agent frames [rad]; see :func:`frame_headings`.
         raster: the map.
+        traffic: on their roads; None where they are one scene with nobody else in it.
+        scene: (n,) of `traffic` in which they are; None for the first.
     """
     assert series.shape[-1] == HISTORY_CHANNELS
     history, state = np.empty(series.shape, np.float32), np.empty((len(series), STATE_CHANNELS), np.float32)
@@ -59,12 +68,15 @@ def agent_inputs(
     into_frames(np.ascontiguousarray(series), np.ascontiguousarray(observed), heading, cos, sin, history, state)
     state[:, :2] = size
     x, y = series[:, -1, 0], series[:, -1, 1]
+    frame = np.stack([x, y, heading], axis=-1)
+    traffic = Traffic.of_agents(frame, history, observed) if traffic is None else traffic
     return AgentInputs(
-        frame=np.stack([x, y, heading], axis=-1),
+        frame=frame,
         history=history,
         observed=observed,
         state=state,
         raster=raster.cut(x, y, heading),
+        traffic=traffic.ahead_of(frame, state[:, 2], scene),
     )
 
 

@@ -41,7 +41,6 @@ from litsim_predictor.inference.joint_units import (
     RELATION_UNITS,
     RELATION_WIDTH,
     STATE_UNITS,
-    TRAFFIC_AGO,
     TRAFFIC_CHANNELS,
     TRAFFIC_PLACES,
     TRAFFIC_UNITS,
@@ -58,7 +57,6 @@ from litsim_predictor.inference.map_kernels import (
 )
 from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.raster import CHANNELS
-from litsim_predictor.inference.traffic_kernels import look_ahead
 from litsim_predictor.inference.weights import Provenance, Weights
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import ByteArray, IntArray
@@ -244,23 +242,13 @@ class JointNetwork:
         self, inputs: AgentInputs, asked: IntArray, begins: IntArray, modes: ModeChoice = NO_MODES
     ) -> AgentFutures:
         """See :class:`.contract.NetworkOfScenes`."""
-        agents = np.concatenate(
-            [self._maps(inputs.raster), self._histories(inputs), self._states(self._read(inputs, begins))], axis=1
-        )
+        states = np.concatenate([inputs.state, inputs.traffic], axis=1) if self._traffic else inputs.state
+        agents = np.concatenate([self._maps(inputs.raster), self._histories(inputs), self._states(states)], axis=1)
         near = self._near(inputs, begins)
         everybody = np.arange(len(agents))
         for layer in self._layers[:-1]:
             agents = layer(agents, near, everybody)
         return self._decoded(self._layers[-1](agents, near, asked), inputs.state[asked], modes)
-
-    def _read(self, inputs: AgentInputs, begins: IntArray) -> Float32Array:
-        """What is read of the agents' states, and of the traffic ahead of them."""
-        if not self._traffic:
-            return inputs.state
-        ahead = np.empty((len(inputs.frame), TRAFFIC_CHANNELS), np.float32)
-        now, ago = inputs.state[:, 2], -1 - TRAFFIC_AGO
-        look_ahead(inputs.frame, now, inputs.history[:, ago, 3], inputs.observed[:, ago], begins, ahead)
-        return np.concatenate([inputs.state, ahead], axis=1)
 
     def _near(self, inputs: AgentInputs, begins: IntArray) -> Neighbours:
         n, most = len(inputs.frame), self._neighbours + 1

@@ -23,6 +23,7 @@ from litsim_predictor.inference.contract import (
 from litsim_predictor.inference.features import agent_inputs, on_lanes
 from litsim_predictor.inference.in_map import forecast_in_map
 from litsim_predictor.inference.raster import MapRaster
+from litsim_predictor.inference.traffic import Traffic
 from litsim_predictor.inference.ways import NO_WAYS, LaneWays, Ways, along_ways
 from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.history import History
@@ -33,8 +34,9 @@ from litsim_sim.maps.lane_map import LaneMap
 class LearnedPredictor:
     """Forecasts agents of interest jointly, by their history in the tables seen so far.
 
-    What is outside of the region of interest is not looked at. Where an agent was not there, its history is masked:
-    one that has just appeared is forecast as well. Those of interest who are not wanted are context to the others.
+    Of what is outside of the region of interest, only the speed of the traffic is looked at. Where an agent was not
+    there, its history is masked: one that has just appeared is forecast as well. Those of interest who are not wanted
+    are context to the others.
 
     Args:
         network: a trained model.
@@ -75,7 +77,7 @@ class LearnedPredictor:
         if not len(asked):
             return Forecast.of_nobody(table.step, DT, len(MANEUVERS))
         heading, ways = self._frames(agents, asked)
-        inputs = self._inputs(agents, heading)
+        inputs = self._inputs(agents, heading, Traffic.of_table(table, self._history))
         futures = along_ways(self._answer(inputs, asked, agents.scene), ways)
         return forecast_in_map(futures, inputs.frame[asked], agents.take(asked))
 
@@ -104,9 +106,10 @@ class LearnedPredictor:
             answers.append(self._network(inputs.take(slice(begin, end)), rows - begin, self._modes))
         return _joined(answers)
 
-    def _inputs(self, agents: AgentTable, heading: FloatArray) -> AgentInputs:
+    def _inputs(self, agents: AgentTable, heading: FloatArray, traffic: Traffic) -> AgentInputs:
         series, observed = self._history.window(agents.id, HISTORY, STRIDE)
-        return agent_inputs(series, observed, np.array([agents.length, agents.width]).T, heading, self._raster)
+        size = np.array([agents.length, agents.width]).T
+        return agent_inputs(series, observed, size, heading, self._raster, traffic, agents.scene)
 
 
 def _joined(answers: list[AgentFutures]) -> AgentFutures:

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from litsim_predictor.inference.compiled import CODES, FORMAT, INPUTS, OUTPUTS, PARAMETER
 from litsim_predictor.inference.contract import HISTORY, HISTORY_CHANNELS, HORIZON, STATE_CHANNELS
+from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 from litsim_predictor.inference.weights import Provenance
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
@@ -38,7 +39,7 @@ class OneScene(nn.Module):
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
         """See :data:`litsim_predictor.inference.compiled.OUTPUTS`, and CODES where the network sees the map."""
-        position, heading, history, observed, state, asked, raster, known, code_of = inputs
+        position, heading, history, observed, state, traffic, asked, raster, known, code_of = inputs
         present = observed[:, -1]
         batch = SceneBatch(
             position=position,
@@ -46,6 +47,7 @@ class OneScene(nn.Module):
             history=history,
             observed=observed,
             state=state,
+            traffic=traffic,
             raster=raster,
             agent=torch.ones_like(present),
             # Of the future nothing is known, nor is it read.
@@ -98,6 +100,7 @@ def traced(model: SceneModel) -> ModelProto:
         torch.rand(AGENTS, HISTORY, HISTORY_CHANNELS),
         torch.ones(AGENTS, HISTORY, dtype=torch.bool),
         torch.rand(AGENTS, STATE_CHANNELS),
+        torch.rand(AGENTS, TRAFFIC_CHANNELS),
         torch.arange(ASKED),
         torch.zeros(NEW, CHANNELS, ROWS, COLUMNS, dtype=torch.uint8),
         torch.zeros(KNOWN, model.map.width if isinstance(model, JointPredictor) else 1),

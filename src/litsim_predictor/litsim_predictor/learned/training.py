@@ -32,7 +32,6 @@ from litsim_predictor.learned.data.sources import (
     load,
 )
 from litsim_predictor.learned.data.tracks import Tracks
-from litsim_predictor.learned.models.joint import with_traffic
 from litsim_predictor.learned.models.model import SceneModel, negative_log_likelihood
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import load_model, save_model
@@ -62,8 +61,7 @@ class TrainingConfig(BaseModel):
     Attributes:
         model, parameters: see :func:`.registry.build`.
         start: file of weights of the same model to begin with, found as those of `data` are, such as of a training on
-            other data; empty to begin with random ones. Weights of a joint predictor that has not read the traffic
-            ahead do for one that does: it counts nothing at first.
+            other data; empty to begin with random ones.
         teachers: weights, shipped or files as for `start`, of trained models of any kind, from the mean of whose
             forecasts the model also learns.
         teacher_weight: [1/m2] of its squared distance from that mean, of agents that it is trained with their most
@@ -222,14 +220,12 @@ class Training:
         if not config.start:
             return build(config.model, config.parameters, "training configuration")
         model, made = load_model(str(locate(config.start)))
-        if (made.model, made.parameters) == (config.model, config.parameters):
-            return model
-        if (made.model, made.parameters | {"traffic": True}) == (config.model, config.parameters):
-            return with_traffic(model, build(config.model, config.parameters, "training configuration"))
-        raise InputError(
-            f"{config.start}: weights of model {made.model} {made.parameters}, expected {config.model} "
-            f"{config.parameters} as in the training configuration"
-        )
+        if (made.model, made.parameters) != (config.model, config.parameters):
+            raise InputError(
+                f"{config.start}: weights of model {made.model} {made.parameters}, expected {config.model} "
+                f"{config.parameters} as in the training configuration"
+            )
+        return model
 
     @property
     def _result(self) -> SceneModel:

@@ -13,6 +13,7 @@ from scipy.stats import multivariate_normal
 from torch import Tensor
 
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON
+from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.evaluation.boxes import path_headings
 from litsim_predictor.learned.evaluation.scores import SCENE_SAMPLES, ScoreBoard, Scores, scored_agents
@@ -40,6 +41,7 @@ def scenes(future: Tensor, position: Any = None, heading: Any = None) -> SceneBa
         history=torch.zeros(b, n, HISTORY, 4),
         observed=torch.ones(b, n, HISTORY, dtype=torch.bool),
         state=state,
+        traffic=torch.zeros(b, n, TRAFFIC_CHANNELS),
         raster=torch.zeros(b, n, 1, 1, 1, dtype=torch.uint8),
         agent=torch.ones(b, n, dtype=torch.bool),
         future=future,

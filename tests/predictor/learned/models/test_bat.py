@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, MANEUVERS
+from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.models.bat import CELL_LENGTH, CELL_WIDTH, Bat, motions_of, neighbours, polar
 from litsim_predictor.learned.models.centrality import (
@@ -164,6 +165,7 @@ def made(scenes: int = 2, agents: int = 7, seed: int = 0) -> SceneBatch:
         history=torch.cat([at(past), rates], dim=-1),
         observed=everybody[..., None].repeat(1, 1, HISTORY),
         state=torch.stack([torch.full(shape, 4.5), torch.full(shape, 2.0), speed, torch.zeros(shape)], dim=-1),
+        traffic=torch.zeros(*shape, TRAFFIC_CHANNELS),
         raster=torch.zeros(*shape, 1, 1, 1, dtype=torch.uint8),
         agent=everybody,
         future=future,

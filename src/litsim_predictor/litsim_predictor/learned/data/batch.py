@@ -33,6 +33,7 @@ class SceneBatch:
         history: (B, N, HISTORY, HISTORY_CHANNELS) oldest first, the present last; zeros where not observed.
         observed: (B, N, HISTORY) bool; the present is observed for every agent.
         state: (B, N, STATE_CHANNELS).
+        traffic: (B, N, TRAFFIC_CHANNELS) ahead; see :mod:`litsim_predictor.inference.traffic`.
         raster: (B, N, C, H, W) uint8 map around each agent in its frame; see :mod:`litsim_predictor.inference.raster`.
         agent: (B, N) bool, False for padding.
         future: (B, N, HORIZON, 2) box centres in the agent frame [m]; zeros where unknown.
@@ -48,6 +49,7 @@ class SceneBatch:
     history: Tensor
     observed: Tensor
     state: Tensor
+    traffic: Tensor
     raster: Tensor
     agent: Tensor
     future: Tensor

@@ -11,7 +11,9 @@ import torch
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.contract import HISTORY, HORIZON, AgentInputs
 from litsim_predictor.inference.features import agent_inputs
+from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS, MapRaster
+from litsim_predictor.inference.traffic import Traffic
 from litsim_predictor.inference.ways import NO_WAYS, Ways
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.data.tracks import Tracks
@@ -31,7 +33,8 @@ class Augmentation:
         mirror: left becomes right.
         occlude: of an agent, that its history is cut to a random number of steps, one at least.
         no_map: of a scene, that the map is not known.
-        crop: of a scene, that only agents within a random distance of one of them are seen, as in a region of interest.
+        crop: of a scene, that only agents within a random distance of a target are seen, as in a region of interest;
+            what is read of the traffic ahead stays.
         crop_m: least and greatest such distance [m].
         stretch: of a scene, that it is made longer along the road, for traffic at other speeds; see :func:`_stretched`.
         stretch_by: least and greatest factor, drawn evenly on a logarithmic scale.
@@ -57,6 +60,14 @@ class _Scene:
     future_known: BoolArray
     target: BoolArray
     ways: Ways = NO_WAYS
+
+    def around(self, agent: int, metres: float) -> _Scene:
+        """Those of the agents within `metres` of the one in the row `agent`."""
+        place = self.inputs.frame[:, :2]
+        near = np.hypot(*(place - place[agent]).T) <= metres
+        bends = near[self.ways.row]
+        ways = Ways((near.cumsum() - 1)[self.ways.row[bends]], self.ways.pose[bends])
+        return _Scene(self.inputs.take(near), self.future[near], self.future_known[near], self.target[near], ways)
 
 
 def scene_batches(
@@ -165,26 +176,15 @@ def _scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -> _
 
 def _around_each(scene: _Scene, roi_m: float) -> list[_Scene]:
     """A scene for each target of `scene`, of it and of the agents within `roi_m` [m]."""
-    place, found = scene.inputs.frame[:, :2], []
-    for target in np.flatnonzero(scene.target):
-        near = np.hypot(*(place - place[target]).T) <= roi_m
-        alone = (np.arange(len(near)) == target)[near]
-        bends = near[scene.ways.row]
-        ways = Ways((near.cumsum() - 1)[scene.ways.row[bends]], scene.ways.pose[bends])
-        found.append(_Scene(scene.inputs.take(near), scene.future[near], scene.future_known[near], alone, ways))
-    return found
+    alone = np.eye(len(scene.target), dtype=np.bool_)
+    return [replace(scene, target=alone[row]).around(int(row), roi_m) for row in np.flatnonzero(scene.target)]
 
 
 def _varied(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.random.Generator) -> _Scene:
-    rows = tracks.rows_at(frame)
-    if random.random() < augmentation.crop:
-        centre = tracks.motion[random.choice(rows), :2]
-        distance = np.hypot(*(tracks.motion[rows, :2] - centre).T)
-        rows = rows[distance <= random.uniform(*augmentation.crop_m)]
-    scene = _scene(tracks, rows, NO_MAP if random.random() < augmentation.no_map else None)
+    scene = _scene(tracks, tracks.rows_at(frame), NO_MAP if random.random() < augmentation.no_map else None)
     if augmentation.stretch and random.random() < augmentation.stretch:
         scene = _stretched(scene, float(np.exp(random.uniform(*np.log(augmentation.stretch_by)))))
-    inputs, n = scene.inputs, len(rows)
+    inputs, n = scene.inputs, len(scene.target)
     first = np.where(random.random(n) < augmentation.occlude, random.integers(0, HISTORY, n), 0)
     observed = inputs.observed & (np.arange(HISTORY) >= first[:, None])
     deviation = np.array(
@@ -196,7 +196,11 @@ def _varied(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.r
     state = inputs.state.copy()
     state[:, 2], state[:, 3] = np.maximum(history[:, -1, 3], 0.0), history[:, -1, 2]
     history[:, -1, 3] = state[:, 2]
-    scene = replace(scene, inputs=replace(inputs, history=history, observed=observed, state=state))
+    traffic = Traffic.of_agents(inputs.frame, history, observed).ahead_of(inputs.frame, state[:, 2])
+    seen = replace(inputs, history=history, observed=observed, state=state, traffic=traffic)
+    scene = replace(scene, inputs=seen)
+    if scene.target.any() and random.random() < augmentation.crop:
+        scene = scene.around(int(random.choice(np.flatnonzero(scene.target))), random.uniform(*augmentation.crop_m))
     return _mirrored(scene) if random.random() < augmentation.mirror else scene
 
 
@@ -217,13 +221,7 @@ def _stretched(scene: _Scene, factor: float) -> _Scene:
     history[..., 0] *= factor
     history[..., 2], history[..., 3] = _stretched_motion(history[..., 2], history[..., 3], factor)
     state[:, 3], state[:, 2] = _stretched_motion(state[:, 3], state[:, 2], factor)
-    stretched = AgentInputs(
-        frame=np.stack([x, y, heading], axis=-1),
-        history=history,
-        observed=inputs.observed,
-        state=state,
-        raster=inputs.raster,
-    )
+    stretched = replace(inputs, frame=np.stack([x, y, heading], axis=-1), history=history, state=state)
     return replace(scene, inputs=stretched, future=scene.future * [factor, 1.0])
 
 
@@ -239,10 +237,10 @@ def _mirrored(scene: _Scene) -> _Scene:
     raster = inputs.raster[..., ::-1].copy()
     # The sine changes its sign about 128; the lowest byte is never drawn.
     raster[:, SINE_CHANNEL] = np.uint8(0) - raster[:, SINE_CHANNEL]
-    mirrored = AgentInputs(
+    mirrored = replace(
+        inputs,
         frame=inputs.frame * [1.0, -1.0, -1.0],
         history=inputs.history * np.array([1.0, -1.0, -1.0, 1.0], np.float32),
-        observed=inputs.observed,
         state=inputs.state * np.array([1.0, 1.0, 1.0, -1.0], np.float32),
         raster=raster,
     )
@@ -273,6 +271,7 @@ def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> Sc
     history = np.zeros((*size, *scenes[0].history.shape[1:]), np.float32)
     observed = np.zeros((*size, HISTORY), np.bool_)
     state = np.zeros((*size, scenes[0].state.shape[1]), np.float32)
+    traffic = np.zeros((*size, TRAFFIC_CHANNELS), np.float32)
     raster = np.zeros((*size, CHANNELS, ROWS, COLUMNS), np.uint8)
     frame = np.zeros((*size, 3), np.float64)
     agent = np.zeros(size, np.bool_)
@@ -280,6 +279,7 @@ def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> Sc
         n = len(scene.state)
         history[k, :n], observed[k, :n], state[k, :n] = scene.history, scene.observed, scene.state
         raster[k, :n], agent[k, :n], frame[k, :n] = scene.raster, True, scene.frame
+        traffic[k, :n] = scene.traffic
         # Differences are what counts; those of single precision are good near the origin only.
         frame[k, :n, :2] -= scene.frame[:1, :2]
     return SceneBatch(
@@ -288,6 +288,7 @@ def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> Sc
         history=torch.from_numpy(history),
         observed=torch.from_numpy(observed),
         state=torch.from_numpy(state),
+        traffic=torch.from_numpy(traffic),
         raster=torch.from_numpy(raster),
         agent=torch.from_numpy(agent),
         future=torch.zeros(*size, HORIZON, 2),

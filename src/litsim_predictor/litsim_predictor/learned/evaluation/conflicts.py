@@ -164,11 +164,13 @@ def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
         at = np.minimum(later, log.steps - 1)
         near = others[valid & ~met & (np.hypot(dx, dy) <= scenario.roi_m)]
         rows = tracks.rows_at(scenario.start_frame + step)
-        rows = rows[np.hypot(*(tracks.motion[rows, :2] - (drive.x[step], drive.y[step])).T) <= scenario.roi_m]
         past, observed = tracks.history(rows)
+        inputs = agent_inputs(tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], tracks.raster)
+        seen = np.hypot(*(tracks.motion[rows, :2] - (drive.x[step], drive.y[step])).T) <= scenario.roi_m
+        rows = rows[seen]
         grid = np.ix_(near, at)
         yield _Scene(
-            inputs=agent_inputs(tracks.motion[past], observed, tracks.size[rows], tracks.heading[rows], tracks.raster),
+            inputs=inputs.take(seen),
             ways=tracks.ways(rows),
             ego=int(np.flatnonzero(tracks.vehicle[rows] == drive.ego)[0]),
             size=size,

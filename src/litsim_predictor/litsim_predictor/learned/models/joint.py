@@ -52,7 +52,6 @@ from litsim_predictor.learned.models.model import (
     rows_of,
     same_agent,
 )
-from litsim_predictor.learned.models.traffic_ahead import traffic_ahead
 
 
 class MapEncoder(nn.Module):
@@ -242,7 +241,7 @@ class JointPredictor(SceneModel):
         history_width: of the history encoder, both directions together.
         history_channels: 2 for coordinates alone (paper), 4 with yaw and speed.
         state_width: of the current states.
-        traffic: whether they say how fast the traffic ahead drives; see :func:`.traffic_ahead`. Only if `relative`.
+        traffic: whether they say how fast the traffic ahead drives; see :mod:`.inference.traffic`. Only if `relative`.
         heads: of the attention.
         relative: attention over relations between agents, `layers` times; else the paper's over states of the scene.
         layers: of relative attention.
@@ -298,7 +297,7 @@ class JointPredictor(SceneModel):
         maps = self.map(present(batch.raster, there)) if maps is None else maps
         histories = self.history(present(batch.history, there), present(batch.observed, there))
         if self.scene is None:
-            read = torch.cat([batch.state, traffic_ahead(batch)], dim=-1) if self.traffic else batch.state
+            read = torch.cat([batch.state, batch.traffic], dim=-1) if self.traffic else batch.state
             units = read.new_tensor(STATE_UNITS + TRAFFIC_UNITS * (TRAFFIC_PLACES * self.traffic))
             states = self.state[1](linear_of(present(read, there), units, cast(nn.Linear, self.state[0])))
         else:
@@ -332,18 +331,6 @@ class JointPredictor(SceneModel):
         scale, correlation = gaussian(raw)
         shape = (*logits.shape[:-2], -1, modes, HORIZON)
         return Prediction(logits, mean.view(*shape, 2), scale.view(*shape, 2), correlation.view(*shape))
-
-
-def with_traffic(model: SceneModel, wider: SceneModel) -> SceneModel:
-    """The joint predictor `wider`, which reads the traffic ahead, with the weights of `model`, which does not.
-
-    Both are alike otherwise. What is read of the traffic counts nothing: they answer the same.
-    """
-    weights = model.state_dict()
-    first = weights["state.0.weight"]
-    weights["state.0.weight"] = torch.cat([first, first.new_zeros(len(first), TRAFFIC_CHANNELS)], dim=1)
-    wider.load_state_dict(weights)
-    return wider
 
 
 @dataclass(frozen=True)

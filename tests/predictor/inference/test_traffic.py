@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS, TRAFFIC_KNOTS, TRAFFIC_SOME
-from litsim_predictor.inference.traffic_kernels import look_ahead
+from litsim_predictor.inference.joint_units import TRAFFIC_KNOTS, TRAFFIC_SOME
+from litsim_predictor.inference.traffic import Traffic
+from litsim_sim.core.history import History
+from litsim_sim.core.scene import AgentTable, Kind
 
+Build = Callable[..., AgentTable]
 PLACES = len(TRAFFIC_KNOTS) - 2
 FASTER, GAINED, MANY = 0, 1, 2
 LANE, ALL_LANES = 0, 1
@@ -18,9 +23,9 @@ def traffic(*agents: tuple[float, ...], begins: tuple[int, ...] = (0,)) -> Float
     """(n, lanes, places, what) of agents at x, y [m], heading [rad], speed now and, where known, a second ago [m/s]."""
     table = np.array([(*agent, np.nan)[:5] for agent in agents])
     speed, earlier = table[:, 3:].T.astype(np.float32)
-    out = np.full((len(agents), TRAFFIC_CHANNELS), np.nan, np.float32)
-    look_ahead(np.ascontiguousarray(table[:, :3]), speed, earlier, np.isfinite(earlier), np.array(begins), out)
-    return out.reshape(len(agents), 2, PLACES, 3)
+    pose, scene = np.ascontiguousarray(table[:, :3]), np.searchsorted(begins, np.arange(len(table)), "right") - 1
+    found = Traffic(pose, speed, earlier, np.isfinite(earlier), scene).ahead_of(pose, speed, scene)
+    return found.reshape(len(agents), 2, PLACES, 3)
 
 
 def test_one_who_is_alone_sees_nothing() -> None:
@@ -90,3 +95,17 @@ def test_nothing_jumps_while_a_vehicle_passes() -> None:
     for passing in (along, across):
         step = np.abs(np.diff(passing, axis=0))
         assert step[..., MANY].max() < 0.05 and step[..., FASTER].max() < 1.2
+
+
+def test_vehicles_of_a_running_scene_are_read_with_their_speeds_of_a_second_ago(agent_table: Build) -> None:
+    history = History(20, ("x", "y", "yaw", "speed"))
+    for step in range(12):
+        later = [{"id": 5, "x": 60.0, "yaw": 0.1, "speed": 4.0}] if step > 4 else []
+        people = [{"id": 6, "x": 25.0, "speed": 1.0, "kind": Kind.PEDESTRIAN}]
+        table = agent_table(step, {"id": 2, "x": 25.0, "y": 1.0, "speed": 12.0 - 0.3 * step}, *later, *people)
+        history.push(table)
+    found = Traffic.of_table(table, history)
+    assert found.pose.tolist() == [[25.0, 1.0, 0.0], [60.0, 0.0, 0.1]]
+    assert found.speed == pytest.approx([8.7, 4.0]) and found.seen.tolist() == [True, False]
+    assert found.earlier[0] == pytest.approx(12.0 - 0.3 * 1)
+    assert found.scene.tolist() == [0, 0]

@@ -1,0 +1,136 @@
+"""How fast the traffic ahead of each agent drives, far beyond the neighbours that a network attends to.
+
+It is read of everybody on the road, also where a network otherwise sees no more than a region of interest: means over
+vehicles a hundred metres ahead cost little, and say at what speed one will drive there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from litsim_predictor.forecast import Float32Array
+from litsim_predictor.inference.contract import SPEED_CHANNEL, STRIDE
+from litsim_predictor.inference.joint_units import (
+    TRAFFIC_AGO,
+    TRAFFIC_CHANNELS,
+    TRAFFIC_KNOTS,
+    TRAFFIC_SOME,
+    TRAFFIC_WIDTHS,
+)
+from litsim_sim.core.compiled import BOOLS, FLOATS2, INTS, OUT_SINGLES2, SINGLES, float32, kernel, void
+from litsim_sim.core.history import History
+from litsim_sim.core.quickly_made import quickly_made
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+
+KNOTS, WIDTHS = np.array(TRAFFIC_KNOTS, np.float32), np.array(TRAFFIC_WIDTHS, np.float32)
+
+
+@quickly_made
+@dataclass(frozen=True)
+class Traffic:
+    """The m vehicles on the roads of one scene or of several.
+
+    Attributes:
+        pose: (m, 3) x, y [m] and heading [rad] in frame map.
+        speed: (m,) [m/s].
+        earlier, seen: (m,) speed [m/s] :data:`.joint_units.TRAFFIC_AGO` steps of a model ago, and whether it is known.
+        scene: (m,) number of the scene, ascending.
+    """
+
+    pose: FloatArray
+    speed: Float32Array
+    earlier: Float32Array
+    seen: BoolArray
+    scene: IntArray
+
+    @classmethod
+    def of_table(cls, table: AgentTable, history: History) -> Self:
+        """All vehicles of `table`, the newest of a `history` of what agents are read by (HISTORY_CHANNELS)."""
+        obstacle = table.obstacle
+        vehicles = table.take(~obstacle) if obstacle.any() else table
+        values, there = history.window(vehicles.id, 2, STRIDE * TRAFFIC_AGO)
+        pose = np.stack([vehicles.x, vehicles.y, vehicles.yaw], axis=-1)
+        earlier = values[:, 0, SPEED_CHANNEL]
+        return cls(pose, vehicles.speed.astype(np.float32), earlier.astype(np.float32), there[:, 0], vehicles.scene)
+
+    @classmethod
+    def of_agents(cls, frame: FloatArray, history: Float32Array, observed: BoolArray) -> Self:
+        """The agents of one scene; see :class:`.contract.AgentInputs`."""
+        speed, ago = history[..., SPEED_CHANNEL], -1 - TRAFFIC_AGO
+        return cls(frame, speed[:, -1], speed[:, ago], observed[:, ago], np.zeros(len(frame), np.int64))
+
+    def ahead_of(self, frame: FloatArray, speed: Float32Array, scene: IntArray | None = None) -> Float32Array:
+        """(n, TRAFFIC_CHANNELS) of what is ahead of n agents; see :func:`look_ahead`.
+
+        Args:
+            frame: (n, 3) of the agents.
+            speed: (n,) [m/s].
+            scene: (n,) in which they are; None for the first.
+        """
+        scene = np.zeros(len(frame), np.int64) if scene is None else scene
+        ahead = np.empty((len(frame), TRAFFIC_CHANNELS), np.float32)
+        first, end = self.scene.searchsorted(scene), self.scene.searchsorted(scene, "right")
+        look_ahead(frame, speed, first, end, self.pose, self.speed, self.earlier, self.seen, ahead)
+        return ahead
+
+
+@kernel(void(FLOATS2, SINGLES, INTS, INTS, FLOATS2, SINGLES, SINGLES, BOOLS, OUT_SINGLES2))
+def look_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    frame: FloatArray,
+    own: Float32Array,
+    first: IntArray,
+    end: IntArray,
+    pose: FloatArray,
+    speed: Float32Array,
+    earlier: Float32Array,
+    seen: BoolArray,
+    out: Float32Array,
+) -> None:
+    """Write what is ahead of each of n agents, along its frame and in its direction.
+
+    For one's own lane, then for all lanes, and at each inner one of :data:`.TRAFFIC_KNOTS`: how much faster the
+    vehicles there are in the mean [m/s], how much faster they have become in the last second [m/s], and how many there
+    are, at most 1. Vehicles count the less the farther they are from the knot and to the side, linearly, and by the
+    cosine of the angle to the frame, so that nothing jumps. Where nobody is, all are 0.
+
+    Args:
+        frame: (n, 3) x, y [m] and heading [rad] of the agent frames.
+        own: (n,) speeds of the agents [m/s].
+        first, end: (n,) of the m vehicles, those that an agent may have ahead: from one row to before another.
+        pose, speed, earlier, seen: (m, 3) and (m,); see :class:`Traffic`.
+        out: (n, TRAFFIC_CHANNELS).
+    """
+    places, one, none, some = len(KNOTS) - 2, float32(1.0), float32(0.0), float32(TRAFFIC_SOME)
+    known = np.empty(places * len(WIDTHS), np.float32)  # of those who count at a place, whose earlier speed is known
+    direction = np.empty((len(pose), 2), np.float32)
+    for j in range(len(pose)):
+        direction[j, 0], direction[j, 1] = np.cos(pose[j, 2]), np.sin(pose[j, 2])
+    for i in range(len(frame)):
+        of = out[i]
+        of[:], known[:] = none, none
+        cos, sin = float32(np.cos(frame[i, 2])), float32(np.sin(frame[i, 2]))
+        for j in range(first[i], end[i]):
+            dx, dy = float32(pose[j, 0] - frame[i, 0]), float32(pose[j, 1] - frame[i, 1])
+            ahead, left = cos * dx + sin * dy, abs(cos * dy - sin * dx)
+            along = cos * direction[j, 0] + sin * direction[j, 1]
+            if ahead <= KNOTS[0] or ahead >= KNOTS[-1] or along <= none:
+                continue
+            for k in range(places):
+                before, knot, after = KNOTS[k], KNOTS[k + 1], KNOTS[k + 2]
+                near = min((ahead - before) / (knot - before), (after - ahead) / (after - knot))
+                if near <= none:
+                    continue
+                for w in range(len(WIDTHS)):
+                    share, place = along * max(one - left / WIDTHS[w], none) * near, places * w + k
+                    of[3 * place] += share * (speed[j] - own[i])
+                    if seen[j]:
+                        of[3 * place + 1] += share * (speed[j] - earlier[j])
+                        known[place] += share
+                    of[3 * place + 2] += share
+        for place in range(len(known)):
+            of[3 * place] /= of[3 * place + 2] + some
+            of[3 * place + 1] /= known[place] + some
+            of[3 * place + 2] = min(of[3 * place + 2], one)
