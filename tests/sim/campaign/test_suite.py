@@ -47,6 +47,23 @@ def test_scenarios_are_found_beside_the_suite(tmp_path: Path) -> None:
     assert [case.scenario for case in suite.cases] == ["demo", str(tmp_path / "windows/a.yaml")]
 
 
+def test_a_pattern_stands_for_all_scenarios_of_such_names(tmp_path: Path) -> None:
+    folder = tmp_path / "[of] mine"
+    (folder / "windows").mkdir(parents=True)
+    for name in ("b_test.yaml", "a_test.yaml", "c_train.yaml", "d[1].yaml", "manifest.yaml"):
+        (folder / "windows" / name).touch()
+    suite = load(folder, GOOD.replace("windows/a.yaml", "'windows/?_test.yaml'"))
+    assert [case.scenario for case in suite.cases[1:]] == [
+        str(folder / "windows" / name) for name in ("a_test.yaml", "b_test.yaml")
+    ]
+    assert all(case.chosen == "all" for case in suite.cases[1:])
+    absolute = load(tmp_path, GOOD.replace("windows/a.yaml", f"'{tmp_path}/*/windows/d*'"))
+    literal = load(folder, GOOD.replace("windows/a.yaml", "'windows/d[1].yaml'"))
+    assert absolute.cases[1].scenario == literal.cases[1].scenario == str(folder / "windows" / "d[1].yaml")
+    with pytest.raises(InputError, match=r"field cases: scenario windows/x\*\.yaml: no file has such a name"):
+        load(folder, GOOD.replace("windows/a.yaml", "windows/x*.yaml"))
+
+
 def test_what_is_left_out_is_the_default(tmp_path: Path) -> None:
     suite = load(tmp_path, "name: some\ncases: [{scenario: demo}]\negos: [idm]")
     assert suite.cases[0].chosen == "egos"

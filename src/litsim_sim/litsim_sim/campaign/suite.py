@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from glob import glob, has_magic
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -41,7 +42,8 @@ class CaseEntry(BaseModel):
     """What happens on the road: a scenario and the vehicles that are the ego in it, one run each.
 
     Attributes:
-        scenario: a packaged name, or a YAML file, relative to the suite's file.
+        scenario: a packaged name, or a YAML file, relative to the suite's file; or a pattern of such files, such as
+            `windows/*_test_*.yaml`, which stands for an entry of each.
         ego_id: the one vehicle that is the ego.
         egos: or several of them, by id or by :data:`EgoChoice`.
         seed: of everything random in these runs, where the suite names no seeds; None is the scenario's.
@@ -196,7 +198,8 @@ class Suite(BaseModel):
         for other in suite.include:
             beside = other if other in packaged_suites() else path.parent / other
             cases += cls.load(beside, (*among, path.resolve())).cases
-        cases += [case.model_copy(update={"scenario": located(case.scenario, path.parent)}) for case in suite.cases]
+        for case in suite.cases:
+            cases += [case.model_copy(update={"scenario": file}) for file in _files(case.scenario, path)]
         return suite.model_copy(update={"include": [], "cases": cases})
 
 
@@ -211,6 +214,21 @@ def located(scenario: str, folder: Path) -> str:
     A packaged name stays as it is; the path of a file, relative to `folder`, becomes absolute.
     """
     return scenario if scenario in packaged_scenarios() else str((folder / scenario).resolve())
+
+
+def _files(scenario: str, suite: Path) -> list[str]:
+    """The scenarios of an entry of a `suite`, sorted: one, or as many as there are files of the pattern.
+
+    Raises:
+        InputError: it is a pattern, and there is none.
+    """
+    one = located(scenario, suite.parent)
+    if not has_magic(scenario) or Path(one).exists():
+        return [one]
+    found = sorted(glob(scenario, root_dir=suite.parent, recursive=True))  # noqa: PTH207 - takes absolute ones, too
+    if not found:
+        raise InputError(f"{suite}: field cases: scenario {scenario}: no file has such a name")
+    return [located(name, suite.parent) for name in found]
 
 
 def _suite_file(name: str | Path) -> Path:
