@@ -39,7 +39,7 @@ from litsim_sim.scenario.run_info import RunPlan, versions
 from litsim_sim.scenario.scenario import Scenario
 
 MARK = "LITSIM_SOAK"  # variable by which the processes of a run are known
-LOOK_S = 0.1  # [s] between two looks at the memory of a run
+LOOK_S = 0.05  # [s] between two looks at the memory of a run
 LOOKS_MIN = 200  # before which most of a run is its start, and its growth says nothing
 LIMIT_S = 3600.0  # [s] after which a run is ended
 LAUNCHER = "launch"
