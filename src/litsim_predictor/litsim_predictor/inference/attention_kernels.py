@@ -18,7 +18,6 @@ from litsim_sim.core.compiled import (
     INTS2,
     OUT_INTS,
     OUT_INTS2,
-    OUT_SINGLES,
     OUT_SINGLES2,
     OUT_SINGLES3,
     SINGLES,
@@ -96,19 +95,6 @@ def relate(
                 of[7] = float32(1.0) if ahead > float32(0.0) else float32(-1.0)
 
 
-@kernel(void(FLOATS2, INTS, OUT_SINGLES2, OUT_SINGLES))
-def near_first(frame: FloatArray, begins: IntArray, position: Float32Array, heading: Float32Array) -> None:
-    """Write agent frames (n, 3) as places (n, 2) relative to the first agent of their scene, and headings (n,).
-
-    Single precision is fine there; the scenes begin at the rows `begins` (S,).
-    """
-    for scene in range(len(begins)):
-        begin, end = begins[scene], begins[scene + 1] if scene + 1 < len(begins) else len(frame)
-        for i in range(begin, end):
-            position[i, 0], position[i, 1] = frame[i, 0] - frame[begin, 0], frame[i, 1] - frame[begin, 1]
-            heading[i] = frame[i, 2]
-
-
 @kernel(void(FLOATS2, SINGLES, INTS, float64, OUT_INTS2, OUT_INTS, OUT_SINGLES3))
 def meet(
     frame: FloatArray,
@@ -129,9 +115,11 @@ def meet(
         relation: see :func:`relate`.
     """
     position, heading = np.empty((len(frame), 2), np.float32), np.empty(len(frame), np.float32)
-    near_first(frame, begins, position, heading)
     for scene in range(len(begins)):
         begin, end = begins[scene], begins[scene + 1] if scene + 1 < len(begins) else len(frame)
+        for i in range(begin, end):  # places relative to the first agent of the scene: single precision is fine there
+            position[i, 0], position[i, 1] = frame[i, 0] - frame[begin, 0], frame[i, 1] - frame[begin, 1]
+            heading[i] = frame[i, 2]
         find_neighbours(position[begin:end], reach, index[begin:end], many[begin:end])
         index[begin:end] += begin
     relate(position, heading, speed, index, many, relation)
