@@ -62,10 +62,11 @@ class StandardEgo(Node):
         step = Time.from_msg(state.header.stamp).nanoseconds // STEP_NS
         fault = self.options.fault if step >= self.options.at else "none"
         once = fault if step == self.options.at else "none"
+        if fault in {"death", "leaving"}:
+            time.sleep(LEAVING_S)
         if fault == "death":
             os._exit(3)
         if fault == "leaving":
-            time.sleep(LEAVING_S)
             sys.exit()
         if fault == "silence" or (fault == "late" and step == self.options.at):
             return
