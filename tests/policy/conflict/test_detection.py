@@ -374,12 +374,12 @@ def test_an_ego_that_brakes_hard_is_expected_to_go_on_for_a_second(make_scenario
     assert ahead(acceleration=-0.9)[29] == pytest.approx(30.0), "that is not hard"
 
 
-def test_agents_under_control_are_expected_where_they_are_forecast_however_they_brake(
+def test_agents_under_control_are_expected_where_they_are_forecast_unless_in_an_emergency(
     make_scenario, track, placed
 ) -> None:
     log = make_scenario(track(1, x=100.0), track(2, x=80.0)).log
     detector = ConflictDetector(log, 30.0, ConflictConfig(horizon=3.0))
-    table = placed(log.table(NOW), 2, controller=Controller.POLICY, acceleration=-6.0)
+    table = placed(log.table(NOW), 2, controller=Controller.POLICY, acceleration=-3.9)
     assert detector.forecast_future(table, straight_on(table)).x[1] - table.x[1] == pytest.approx(np.arange(1.0, 31.0))
 
 
@@ -516,3 +516,24 @@ def test_what_closes_fast_is_urgent_whatever_is_forecast(look, closing_time: flo
     assert still[scene.table.row(2)] == urgent
     if urgent:
         assert found[0].time_to_conflict <= 1.0 and found[0].overlap_probability == 1.0
+
+
+@pytest.mark.parametrize(("braking", "found"), [(3.5, False), (5.0, True), (8.0, True)])
+def test_whoever_brakes_in_an_emergency_is_seen_for_twice_as_long(look, placed, braking: float, found: bool) -> None:
+    """Agent 3 brakes 5.5 m ahead of agent 2, at 14 m/s both; no forecast sees it, and they meet after 1.2 to 1.8 s."""
+    scene = look({"id": 2, "x": 100.0, "speed": 14.0}, {"id": 3, "x": 100.0, "speed": 14.0}, ego={"x": 250.0})
+    table = placed(scene.table, 3, x=110.0, speed=14.0, acceleration=-braking)
+    off = scene.off | (table.id == 3)
+    away = np.array([500.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    elsewhere = PredictedMotion(scene.forecast.states + away, scene.forecast.valid)
+    conflicts = scene.detector.detect(table, ~off, off, scene.logged, elsewhere)
+    assert [(each.agent, each.opponent, each.urgent) for each in conflicts] == [(2, 3, True)] * found
+    assert all(1.0 < each.time_to_conflict < 2.0 for each in conflicts)
+
+
+def test_whoever_brakes_in_an_emergency_is_taken_to_go_on(look, placed) -> None:
+    scene = look({"id": 2, "x": 100.0, "speed": 14.0})
+    table, time = placed(scene.table, 2, acceleration=-5.0), 0.1 * np.arange(1, 31)
+    braked = 14.0 * time - 2.5 * np.minimum(time, 1.0) ** 2 - 5.0 * np.maximum(time - 1.0, 0.0)
+    expected, row = scene.detector.forecast_future(table, straight_on(table)), table.row(2)
+    assert expected.x[row] - table.x[row] == pytest.approx(braked)

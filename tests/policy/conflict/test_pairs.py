@@ -92,10 +92,11 @@ def test_who_is_out_of_reach_by_the_bounds_overlaps_nobody_in_any_way(seed: int,
     x, y, yaw = random.normal(0.0, 8.0, (3, 6))
     speed, acceleration = random.uniform(0.0, 20.0, 6), random.normal(0.0, 3.0, 6)
     which = np.argwhere(~np.eye(6, dtype=np.bool_)).copy()
-    anywhere = widest(b.bounds, row, b.others.bounds, x, y, speed, acceleration, 0.4)
+    goes_on = 0.1 * random.integers(0, 6, 6)
+    anywhere = widest(b.bounds, row, b.others.bounds, x, y, speed, acceleration, goes_on)
     reached = pairs.within_bounds(which, a.bounds, anywhere, length, width, max(0.0, -ndtri(least)))
     chance = weighed_chances(which, a, b, length, width, least)
-    closing = pairs.closing_chances(which, a.states, a.valid, x, y, yaw, speed, acceleration, length, width, 4)
+    closing = pairs.closing_chances(which, a.states, a.valid, x, y, yaw, speed, acceleration, length, width, goes_on)
     assert not chance[~reached].any() and not closing[~reached].any()
     for (i, j), found in zip(which.tolist(), closing, strict=True):
         for k in range(5):
@@ -103,5 +104,5 @@ def test_who_is_out_of_reach_by_the_bounds_overlaps_nobody_in_any_way(seed: int,
             gone = speed[j] * now + 0.5 * acceleration[j] * now**2
             away = x[j] + gone * np.cos(yaw[j]) - a.x[i, k], y[j] + gone * np.sin(yaw[j]) - a.y[i, k]
             sizes = (length[i], width[i]), (length[j], width[j])
-            meets = k < 4 and a.valid[i, k] and bool(boxes_overlap(*away, a.yaw[i, k], yaw[j], *sizes))
-            assert found[k] == meets
+            looked = time[k] < goes_on[j] + 0.05 and a.valid[i, k]
+            assert found[k] == (looked and bool(boxes_overlap(*away, a.yaw[i, k], yaw[j], *sizes)))

@@ -46,14 +46,16 @@ class ConflictConfig:
         probability_clear: below which, at every instant, there is none any more; for agents that are off their log
             already. Lower than the threshold, it keeps takeovers from flickering.
         sigma_scale: by which the standard deviations of the forecast are multiplied.
-        braking_time: for which an ego that brakes hard is taken to go on doing so, where its forecast does not
-            expect as much; 0 leaves forecasts as they are.
-        braking_hard: from which on braking is hard.
+        braking_time: for which whoever brakes hard is taken to go on doing so, where its forecast does not expect as
+            much; 0 leaves forecasts as they are.
+        braking_hard: from which on an ego's braking is hard.
+        emergency: from which on anybody's is. No forecast knows what is braked for like that, and whoever is behind
+            needs longer to stop.
         roi_m: radius around an agent off its log within which others are looked at; 0 is the scenario's.
         region: off_log: around everybody off the log; ego: of these, agents are taken over within `roi_m` of the ego
             alone.
         closing_time: within which a conflict is certain and urgent, whatever the forecast says, if whoever is off its
-            log just keeps its acceleration and heading; 0 asks the forecast alone.
+            log just keeps its acceleration and heading; twice that in an emergency; 0 asks the forecast alone.
         intent: how agents under control are taken to go on.
         happened: folder of what happened in earlier runs, whose contacts are the conflicts that are found: an oracle,
             for experiments; empty is none.
@@ -66,6 +68,7 @@ class ConflictConfig:
     sigma_scale: NonNegative[Number] = 1.0
     braking_time: NonNegative[Duration] = 1.0
     braking_hard: NonNegative[Acceleration] = 1.0
+    emergency: NonNegative[Acceleration] = 4.0
     roi_m: NonNegative[Length] = 0.0
     region: Literal["off_log", "ego"] = "off_log"
     closing_time: NonNegative[Duration] = 1.0
@@ -111,7 +114,6 @@ class ConflictDetector:
         self._log, self._roi_m, self._config = log, roi_m, config
         self._overlaps = overlaps or LogOverlaps(log)
         self._steps = int(config.horizon / STEP_S + 1e-9)
-        self._closing_steps = round(config.closing_time / STEP_S)
 
     def logged_future(self, table: AgentTable, lag: IntArray | None = None) -> PredictedMotion:
         """Every agent as its log goes on.
@@ -217,8 +219,9 @@ class ConflictDetector:
         )
 
     def _brakes_hard(self, table: AgentTable) -> BoolArray:
-        """(n,) egos that brake so hard that they are taken to go on; see `ConflictConfig.braking_time`."""
-        return (-table.acceleration >= self._config.braking_hard) & table.of_ego
+        """(n,) who brakes so hard that it is taken to go on; see `ConflictConfig.braking_time`."""
+        config = self._config
+        return -table.acceleration >= np.where(table.of_ego, config.braking_hard, config.emergency)
 
     def _hold_back(self, states: FloatArray, table: AgentTable, row: int) -> None:
         """Move a motion `states` (T, 6) of the agent in `row` back to where its braking leads, in place."""
@@ -333,7 +336,7 @@ class ConflictDetector:
         """Those of `pairs` (m, 2) that can overlap at all, with a probability of `least` or closing fast."""
         now = table.x, table.y, table.speed, table.acceleration
         others = expected.others
-        anywhere = widest(expected.bounds, others.row, others.bounds, *now, self._closing_steps * STEP_S)
+        anywhere = widest(expected.bounds, others.row, others.bounds, *now, self._closing_time(table))
         length, tail = table.length + self._config.margin, max(0.0, -quantile(least))
         return pairs[within_bounds(pairs, logged.bounds, anywhere, length, table.width, tail)]
 
@@ -341,7 +344,13 @@ class ConflictDetector:
         """(m, T) 1 where the first of `pairs` (m, 2), on its log, meets the second going on as it does now; else 0."""
         length = table.length + self._config.margin
         now = table.x, table.y, table.yaw, table.speed, table.acceleration
-        return closing_chances(pairs, logged.states, logged.valid, *now, length, table.width, self._closing_steps)
+        time = self._closing_time(table)
+        return closing_chances(pairs, logged.states, logged.valid, *now, length, table.width, time)
+
+    def _closing_time(self, table: AgentTable) -> FloatArray:
+        """(n,) [s] for which agents are taken to go on as they do now; see `ConflictConfig.closing_time`."""
+        emergency = -table.acceleration >= self._config.emergency
+        return np.where(emergency, 2.0, 1.0) * self._config.closing_time
 
     def _overlap_in_log(self, table: AgentTable, pairs: IntArray) -> BoolArray:
         """(m,) whether `pairs` (m, 2) of rows overlap at some step of the log; of the ego that is not asked."""

@@ -135,7 +135,7 @@ def bounds(states: FloatArray, valid: BoolArray) -> FloatArray:
     return found
 
 
-@kernel(OUT_FLOATS2(FLOATS2, INTS, FLOATS2, *[FLOATS] * 4, float64))
+@kernel(OUT_FLOATS2(FLOATS2, INTS, FLOATS2, *[FLOATS] * 5))
 def widest(
     bounds: FloatArray,
     row: IntArray,
@@ -144,7 +144,7 @@ def widest(
     y: FloatArray,
     speed: FloatArray,
     acceleration: FloatArray,
-    time: float,
+    time: FloatArray,
 ) -> FloatArray:
     """Return bounds (n, 5) of all that agents may do: move as forecast, otherwise, or straight on for some time.
 
@@ -152,11 +152,11 @@ def widest(
         bounds: (n, 5) of their first motions.
         row, further: (q,), (q, 5) of their other motions: rows of the agents, and bounds.
         x, y, speed, acceleration: (n,) of the agents now [m], [m/s], [m/s2].
-        time: for which they may go straight on [s].
+        time: (n,) for which they may go straight on [s].
     """
     found = bounds.copy()
     for k in range(len(x)):
-        reach = abs(speed[k]) * time + 0.5 * abs(acceleration[k]) * time**2
+        reach = abs(speed[k]) * time[k] + 0.5 * abs(acceleration[k]) * time[k] ** 2
         found[k, LOW_X], found[k, LOW_Y] = min(found[k, LOW_X], x[k] - reach), min(found[k, LOW_Y], y[k] - reach)
         found[k, HIGH_X], found[k, HIGH_Y] = max(found[k, HIGH_X], x[k] + reach), max(found[k, HIGH_Y], y[k] + reach)
     for q in range(len(row)):

@@ -239,7 +239,7 @@ def overlap_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
     return found
 
 
-@kernel(OUT_FLOATS2(INTS2, FLOATS3, BOOLS2, *[FLOATS] * 7, int64))
+@kernel(OUT_FLOATS2(INTS2, FLOATS3, BOOLS2, *[FLOATS] * 8))
 def closing_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
     pairs: IntArray,
     states: FloatArray,
@@ -251,9 +251,9 @@ def closing_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
     acceleration: FloatArray,
     length: FloatArray,
     width: FloatArray,
-    count: int,
+    time: FloatArray,
 ) -> FloatArray:
-    """Return (m, T) 1 where boxes overlap whose second goes straight on as it does now, for `count` steps; else 0.
+    """Return (m, T) 1 where boxes overlap whose second goes straight on as it does now, for its `time`; else 0.
 
     Args:
         pairs: (m, 2) of an agent that moves as `states` say, and of one that goes on: it keeps its acceleration until
@@ -261,14 +261,14 @@ def closing_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
         states, valid: (n, T, 6), (n, T), without any spread.
         x, y, yaw, speed, acceleration: (n,) now [m], [rad], [m/s], [m/s2].
         length, width: (n,) of the boxes [m].
-        count: of steps.
+        time: (n,) for which they go on [s].
     """
     found = np.zeros((len(pairs), states.shape[1]))
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         reach = touching(length[i], width[i], length[j], width[j])
         cos, sin = math.cos(yaw[j]), math.sin(yaw[j])
-        for t in range(min(count, states.shape[1])):
+        for t in range(min(round(time[j] / STEP_S), states.shape[1])):
             if not valid[i, t]:
                 continue
             gone = gone_straight_on(speed[j], acceleration[j], (t + 1) * STEP_S)

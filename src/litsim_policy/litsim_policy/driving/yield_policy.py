@@ -64,6 +64,7 @@ class YieldConfig:
         side_horizon: for which whoever approaches is expected to go on doing so.
         side_margin: distance to the side that is kept to others.
         side_drift: distance to the side that counts as no move.
+        room_horizon: for which whoever comes over is expected to go on, where policy litsim makes room for it.
     """
 
     idm: IdmConfig = field(
@@ -76,6 +77,7 @@ class YieldConfig:
     side_horizon: NonNegative[Duration] = 1.5
     side_margin: NonNegative[Length] = 0.3
     side_drift: NonNegative[Length] = 0.05
+    room_horizon: NonNegative[Duration] = 2.5
 
 
 class YieldPolicy:
@@ -195,9 +197,10 @@ class YieldPolicy:
     def keep_distance(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
         """Accelerations (m,) [m/s2] of agents that drive as they want to, `wanted` (m,), but keep their distance.
 
-        They keep it to whoever leads on their paths, as :func:`distance_kept` says, and stop at red as ever.
+        They keep it to whoever leads on their paths, as :func:`distance_kept` says, make room for whoever comes over
+        from the side, as :func:`room_made` says, and stop at red as ever.
         """
-        view, config = agents.view, self._config
+        view, table, config = agents.view, agents.table, self._config
         kept = distance_kept(
             wanted,
             agents.speed,
@@ -205,9 +208,25 @@ class YieldPolicy:
             view.speed,
             view.ahead & view.in_path,
             view.first,
-            agents.table.acceleration,
+            table.acceleration,
             config.idm.standstill_gap,
             config.idm.deceleration,
+            config.courtesy_deceleration,
+        )
+        kept = room_made(
+            kept,
+            table.scene,
+            table.x,
+            table.y,
+            table.yaw,
+            table.speed,
+            table.acceleration,
+            table.length,
+            table.width,
+            agents.rows,
+            agents.lane.heading,
+            config.side_gap,
+            config.room_horizon,
             config.courtesy_deceleration,
         )
         line = self._stop_lines.of(agents)
@@ -438,3 +457,56 @@ def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
                 taken[i] = True
                 break
     return taken
+
+
+@kernel(OUT_FLOATS(FLOATS, INTS, *[FLOATS] * 7, INTS, FLOATS, *[float64] * 3))
+def room_made(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    wanted: FloatArray,
+    scene: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    length: FloatArray,
+    width: FloatArray,
+    rows: IntArray,
+    lane_heading: FloatArray,
+    side_gap: float,
+    horizon: float,
+    courtesy: float,
+) -> FloatArray:
+    """Accelerations (m,) [m/s2] of agents that drive as they want to, but make room for whoever comes over.
+
+    Who comes over, and would then be alongside with its front ahead, is let in: they brake so as to be behind it by
+    then, no harder than by `courtesy`.
+
+    Args:
+        wanted: (m,) accelerations [m/s2].
+        scene, x, y, yaw, speed, acceleration, length, width: (n,) of everybody.
+        rows: (m,) of the agents.
+        lane_heading: (m,) of their lanes [rad].
+        side_gap: free road that is left between both [m].
+        horizon: for which everybody is taken to go on, who brakes with its braking [s].
+        courtesy: braking [m/s2].
+    """
+    made, (begin, end) = wanted.copy(), within_scenes(scene, rows)
+    for i in range(len(rows)):
+        own, cos, sin = rows[i], math.cos(lane_heading[i]), math.sin(lane_heading[i])
+        along = speed[own] * math.cos(yaw[own] - lane_heading[i])
+        across = speed[own] * math.sin(yaw[own] - lane_heading[i])
+        for j in range(begin[i], end[i]):
+            dx, dy = x[j] - x[own], y[j] - y[own]
+            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+            clearance = abs(left) - 0.5 * (width[j] + width[own])
+            over = -np.sign(left) * speed[j] * math.sin(yaw[j] - lane_heading[i])
+            nearer = over + np.sign(left) * across
+            if not (over > 0.0 and 0.0 < clearance < nearer * horizon):
+                continue
+            time = clearance / nearer
+            faster = speed[j] * math.cos(yaw[j] - lane_heading[i]) - along
+            then = ahead + faster * time + 0.5 * min(acceleration[j], 0.0) * time**2
+            missing = 0.5 * (length[j] + length[own]) + side_gap - then
+            if then >= 0.0 and missing > 0.0:
+                made[i] = min(made[i], -min(2.0 * missing / time**2, courtesy))
+    return made
