@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 import pytest
 
@@ -15,6 +16,12 @@ from litsim_predictor.inference.dense_kernels import (
     sigmoid,
     tanh,
 )
+from litsim_predictor.inference.product_blocks import SUMS, dot
+
+
+@numba.njit
+def part_of(a: np.ndarray, b: np.ndarray, begin: int, size: int) -> float:
+    return dot(a, b, begin, size)
 
 
 def draw(*shape: int, seed: int = 0) -> np.ndarray:
@@ -48,13 +55,20 @@ def test_rows_have_the_same_bits_alone() -> None:
 
 @pytest.mark.parametrize("rows", [1, 3, 4, 9])
 @pytest.mark.parametrize("columns", [1, 7, 8, 16, 24, 32, 48, 61, 96])
-def test_terms_are_added_one_after_the_other(rows: int, columns: int) -> None:
+def test_terms_are_multiplied_and_added_at_once_one_after_the_other(rows: int, columns: int) -> None:
     values, weight, out = draw(rows, 37), draw(37, columns, seed=1), draw(rows, columns, seed=2)
-    expected = out.copy()
+    expected, exact = out.copy(), np.longdouble  # which is exact for one product, and rounded once with its sum
     for k in range(37):
-        expected += values[:, k : k + 1] * weight[k]
+        expected = (expected + values[:, k : k + 1].astype(exact) * weight[k].astype(exact)).astype(np.float32)
     add_product(values, weight, out)
     assert np.array_equal(out, expected)
+
+
+@pytest.mark.parametrize("sums", [0, 1, 2, 5])
+def test_sums_of_products_are_those_of_their_part(sums: int) -> None:
+    a, b, size = draw(60), draw(60, seed=1), sums * SUMS
+    expected = a[7 : 7 + size].astype(np.float64) @ b[7 : 7 + size]
+    assert part_of(a, b, 7, size) == pytest.approx(expected, abs=1e-5)
 
 
 def test_functions_are_as_close_as_single_precision_allows() -> None:

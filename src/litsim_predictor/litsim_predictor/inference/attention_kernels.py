@@ -12,6 +12,7 @@ import numpy as np
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.dense_kernels import INNER, add_product, exp, rectify
 from litsim_predictor.inference.joint_units import LANE, NEAR
+from litsim_predictor.inference.product_blocks import SUMS, dot, multiply_add
 from litsim_sim.core.compiled import (
     FLOATS2,
     INTS,
@@ -166,7 +167,8 @@ def weigh_relations(query: Float32Array, of_key: Float32Array, near: Float32Arra
                 a0, a1, a2, a3 = asked[c], asked[c + 1], asked[c + 2], asked[c + 3]
                 n0, n1, n2, n3 = near[k, c], near[k, c + 1], near[k, c + 2], near[k, c + 3]
                 for i in range(lanes):
-                    logit[i] = (((logit[i] + a0[i] * n0[i]) + a1[i] * n1[i]) + a2[i] * n2[i]) + a3[i] * n3[i]
+                    total = multiply_add(a1[i], n1[i], multiply_add(a0[i], n0[i], logit[i]))
+                    logit[i] = multiply_add(a3[i], n3[i], multiply_add(a2[i], n2[i], total))
 
 
 @kernel(void(SINGLES2, INTS, SINGLES2, INTS2, INTS, OUT_SINGLES3))
@@ -179,29 +181,17 @@ def weigh_keys(
     logits: Float32Array,
 ) -> None:
     """Add to `logits` (K, heads, lanes) the products of queries and the keys of neighbours; see :func:`attend`."""
-    heads, channels = logits.shape[1], query.shape[1]
-    size, last = channels // heads, heads - heads % INNER
-    products = np.empty(channels, np.float32)
+    heads, size = logits.shape[1], query.shape[1] // logits.shape[1]
+    whole = size - size % SUMS
     for i in range(len(rows)):
         row, own = rows[i], query[i]
         for k in range(many[row]):
             key = key_value[index[row, k]]
-            for j in range(channels):
-                products[j] = own[j] * key[j]
-            for head in range(0, last, INNER):  # sums of several heads at a time: one alone waits for each addition
-                p0, p1 = products[head * size :], products[(head + 1) * size :]
-                p2, p3 = products[(head + 2) * size :], products[(head + 3) * size :]
-                t0, t1, t2, t3 = float32(0.0), float32(0.0), float32(0.0), float32(0.0)
-                for d in range(size):
-                    t0, t1, t2, t3 = t0 + p0[d], t1 + p1[d], t2 + p2[d], t3 + p3[d]
-                logits[k, head, i] += t0
-                logits[k, head + 1, i] += t1
-                logits[k, head + 2, i] += t2
-                logits[k, head + 3, i] += t3
-            for head in range(last, heads):
-                total = float32(0.0)
-                for j in range(head * size, head * size + size):
-                    total += products[j]
+            for head in range(heads):
+                begin = head * size
+                total = dot(own, key, begin, whole)
+                for j in range(begin + whole, begin + size):
+                    total += own[j] * key[j]
                 logits[k, head, i] += total
 
 
@@ -252,7 +242,7 @@ def hear_values(
                 weight = weights[k, head, i]
                 heard, value = out[i, head * size :], other[channels + head * size :]
                 for d in range(size):
-                    heard[d] += weight * value[d]
+                    heard[d] = multiply_add(weight, value[d], heard[d])
 
 
 @kernel(void(SINGLES3, SINGLES3, SINGLES3, OUT_SINGLES2))
@@ -269,13 +259,14 @@ def hear_relations(weights: Float32Array, near: Float32Array, of_value: Float32A
             for c in range(width):
                 n0, n1, n2, n3, sums = near[k, c], near[k + 1, c], near[k + 2, c], near[k + 3, c], told[c]
                 for i in range(lanes):
-                    sums[i] = (((sums[i] + w0[i] * n0[i]) + w1[i] * n1[i]) + w2[i] * n2[i]) + w3[i] * n3[i]
+                    total = multiply_add(w1[i], n1[i], multiply_add(w0[i], n0[i], sums[i]))
+                    sums[i] = multiply_add(w3[i], n3[i], multiply_add(w2[i], n2[i], total))
         for k in range(last, neighbours):
             weight = weights[k, head]
             for c in range(width):
                 channel, sums = near[k, c], told[c]
                 for i in range(lanes):
-                    sums[i] += weight[i] * channel[i]
+                    sums[i] = multiply_add(weight[i], channel[i], sums[i])
         added[:] = float32(0.0)
         add_product(of_value[head], told, added)
         for i in range(len(out)):

@@ -20,6 +20,7 @@ from litsim_predictor.inference.product_blocks import (
     add_narrow_block,
     add_narrow_row_block,
     add_row_block,
+    multiply_add,
 )
 from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES2, float32, kernel, void
 
@@ -41,8 +42,10 @@ def tanh(x: np.float32) -> np.float32:
     """The hyperbolic tangent, by arithmetic alone, so that many are computed at a time."""
     x = min(max(x, -float32(TANH_END)), float32(TANH_END))
     y = x * x
-    above = (((float32(P4) * y + float32(P3)) * y + float32(P2)) * y + float32(P1)) * y + float32(P0)
-    below = (((float32(Q4) * y + float32(Q3)) * y + float32(Q2)) * y + float32(Q1)) * y + float32(1.0)
+    above = multiply_add(multiply_add(float32(P4), y, float32(P3)), y, float32(P2))
+    above = multiply_add(multiply_add(above, y, float32(P1)), y, float32(P0))
+    below = multiply_add(multiply_add(float32(Q4), y, float32(Q3)), y, float32(Q2))
+    below = multiply_add(multiply_add(below, y, float32(Q1)), y, float32(1.0))
     return x * above / below
 
 
