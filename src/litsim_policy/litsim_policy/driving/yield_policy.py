@@ -478,7 +478,7 @@ def room_made(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> FloatArray:
     """Accelerations (m,) [m/s2] of agents that drive as they want to, but make room for whoever comes over.
 
-    Who comes over, and would then be alongside with its front ahead, is let in: they brake so as to be behind it by
+    Who comes over, and would then be alongside with its middle ahead, is let in: they brake so as to be behind it by
     then, no harder than by `courtesy`.
 
     Args:
