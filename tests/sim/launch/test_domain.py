@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -57,6 +58,17 @@ def test_of_two_graphs_on_a_domain_the_second_is_refused_until_the_first_has_end
     first.communicate()
     with graph_domain(7, reserve=False) as domain:
         assert domain == 7
+
+
+def test_a_graph_that_is_just_ending_is_waited_for() -> None:
+    first = another()
+    assert said(first) == "held"
+    end = threading.Timer(0.3, first.kill)
+    end.start()
+    with held_domain(7) as domain:
+        assert domain == 7
+    end.join()
+    assert first.wait() < 0, "it held the domain until then"
 
 
 def test_who_was_started_by_the_holder_is_let_in() -> None:

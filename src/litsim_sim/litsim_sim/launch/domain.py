@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
@@ -17,6 +18,9 @@ DOMAIN_IDS = range(233)  # beyond, the ports of DDS have run out
 HOLDER = "LITSIM_DOMAIN_HOLDER"
 """Variable that tells the nodes of a graph which process holds their domain for them: its id."""
 FREE_TRIES = 100  # domains that are asked for until one is free
+LETTING_GO_S = 1.0
+"""[s] that a run which is just ending is given: its last process lets the lock go after it can no longer be seen."""
+LOOK_S = 0.02  # [s] from one look at the lock to the next
 
 
 class DomainInUse(InputError):
@@ -57,22 +61,33 @@ def held_domain(domain_id: int) -> Iterator[int]:
     except OSError as error:
         raise InputError(f"{path}: the lock of ROS_DOMAIN_ID {domain_id} cannot be had: {error.strerror}") from error
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        until = time.monotonic() + LETTING_GO_S
+        while not _locked(descriptor):
             holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip()
-            if not holder or holder not in (os.environ.get(HOLDER), str(os.getpid())):
+            if holder and holder in (os.environ.get(HOLDER), str(os.getpid())):
+                break
+            if time.monotonic() > until:
                 by = f" (process {holder})" if holder else ""
                 raise DomainInUse(
                     f"ROS_DOMAIN_ID {domain_id}: another run of yours is on there{by}; choose another domain, or wait "
                     "for the end of that run"
-                ) from None
+                )
+            time.sleep(LOOK_S)
         else:
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
         yield domain_id
     finally:
         os.close(descriptor)
+
+
+def _locked(descriptor: int) -> bool:
+    """Whether this process has the lock of an open file now, which it may have had already."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def hold_for_this_process(domain_id: int) -> None:
