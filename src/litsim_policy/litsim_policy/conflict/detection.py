@@ -278,10 +278,11 @@ class ConflictDetector:
         kept his distance, and the leader cannot help it by yielding.
         """
         threshold = self._config.probability_threshold
-        pairs = self._within_reach(table, logged, expected, self.near(table, on_log, off_log), threshold)
+        goes_on = self._closing_time(table)
+        pairs = self._within_reach(table, logged, expected, self.near(table, on_log, off_log), threshold, goes_on)
         pairs = pairs[~followed(pairs, table.x, table.y, table.yaw, table.length, table.width)]
         chance = self.overlap_probability(table, logged, expected, pairs, threshold)
-        closing = self._closing(table, logged, pairs)
+        closing = self._closing(table, logged, pairs, goes_on)
         np.maximum(chance, closing, out=chance)
         self._excuse(chance, table, pairs, expected, lag)
         reached = chance >= threshold
@@ -315,9 +316,10 @@ class ConflictDetector:
         `lag` as in :meth:`detect`.
         """
         least = self._config.probability_clear
-        pairs = self._within_reach(table, logged, expected, self.near(table, agents, off_log), least)
+        goes_on = self._closing_time(table)
+        pairs = self._within_reach(table, logged, expected, self.near(table, agents, off_log), least, goes_on)
         first = self.overlap_probability(table, logged, expected, pairs, least, first=True)
-        closing = self._closing(table, logged, pairs)
+        closing = self._closing(table, logged, pairs, goes_on)
         hit: BoolArray = np.asarray(first.any(axis=1) | closing.any(axis=1))
         in_log = hit.nonzero()[0]
         in_log = in_log[self._overlap_in_log(table, pairs[in_log])]
@@ -331,21 +333,29 @@ class ConflictDetector:
         return found
 
     def _within_reach(
-        self, table: AgentTable, logged: PredictedMotion, expected: PredictedMotion, pairs: IntArray, least: float
+        self,
+        table: AgentTable,
+        logged: PredictedMotion,
+        expected: PredictedMotion,
+        pairs: IntArray,
+        least: float,
+        goes_on: FloatArray,
     ) -> IntArray:
-        """Those of `pairs` (m, 2) that can overlap at all, with a probability of `least` or closing fast."""
+        """Those of `pairs` (m, 2) that can overlap at all, with a probability of `least` or closing fast.
+
+        For `goes_on` (n,) see :meth:`_closing_time`.
+        """
         now = table.x, table.y, table.speed, table.acceleration
         others = expected.others
-        anywhere = widest(expected.bounds, others.row, others.bounds, *now, self._closing_time(table))
+        anywhere = widest(expected.bounds, others.row, others.bounds, *now, goes_on)
         length, tail = table.length + self._config.margin, max(0.0, -quantile(least))
         return pairs[within_bounds(pairs, logged.bounds, anywhere, length, table.width, tail)]
 
-    def _closing(self, table: AgentTable, logged: PredictedMotion, pairs: IntArray) -> FloatArray:
+    def _closing(self, table: AgentTable, logged: PredictedMotion, pairs: IntArray, goes_on: FloatArray) -> FloatArray:
         """(m, T) 1 where the first of `pairs` (m, 2), on its log, meets the second going on as it does now; else 0."""
         length = table.length + self._config.margin
         now = table.x, table.y, table.yaw, table.speed, table.acceleration
-        time = self._closing_time(table)
-        return closing_chances(pairs, logged.states, logged.valid, *now, length, table.width, time)
+        return closing_chances(pairs, logged.states, logged.valid, *now, length, table.width, goes_on)
 
     def _closing_time(self, table: AgentTable) -> FloatArray:
         """(n,) [s] for which agents are taken to go on as they do now; see `ConflictConfig.closing_time`."""

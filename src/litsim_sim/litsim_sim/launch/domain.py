@@ -45,10 +45,11 @@ def graph_domain(domain_id: int | None, *, reserve: bool) -> AbstractContextMana
 
 
 @contextmanager
-def held_domain(domain_id: int) -> Iterator[int]:
+def held_domain(domain_id: int, *, patience: float = LETTING_GO_S) -> Iterator[int]:
     """Hold a domain of this machine for one graph; a process that the holder has started for it may hold it, too.
 
     The lock is one of the operating system's on a file of this user: it is gone with the process, however that ends.
+    For `patience` [s] it is waited for.
 
     Raises:
         DomainInUse: another graph is on it.
@@ -61,12 +62,12 @@ def held_domain(domain_id: int) -> Iterator[int]:
     except OSError as error:
         raise InputError(f"{path}: the lock of ROS_DOMAIN_ID {domain_id} cannot be had: {error.strerror}") from error
     try:
-        until = time.monotonic() + LETTING_GO_S
+        until = time.monotonic() + patience
         while not _locked(descriptor):
             holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip()
             if holder and holder in (os.environ.get(HOLDER), str(os.getpid())):
                 break
-            if time.monotonic() > until:
+            if time.monotonic() >= until:
                 by = f" (process {holder})" if holder else ""
                 raise DomainInUse(
                     f"ROS_DOMAIN_ID {domain_id}: another run of yours is on there{by}; choose another domain, or wait "
@@ -109,7 +110,7 @@ def _free_domain() -> Iterator[int]:
         for _ in range(FREE_TRIES):
             domain_id = reserved.enter_context(domain_coordinator.domain_id())
             try:
-                reserved.enter_context(held_domain(domain_id))
+                reserved.enter_context(held_domain(domain_id, patience=0.0))
             except DomainInUse:  # by one who chose it: it stays reserved, so that the next is another
                 continue
             yield domain_id
