@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from litsim_predictor.inference import map_memory
-from litsim_predictor.inference.map_memory import MapCodes, MapMemory, first_alike
+from litsim_predictor.inference.map_memory import MapCodes, MapMemory, fingerprints, first_alike
 from litsim_sim.core.scene import ByteArray
 
 WIDTH = 3
@@ -64,3 +64,18 @@ def test_rows_that_are_mixed_alike_are_not_taken_for_equal() -> None:
     """3 + 3 * 1 = 0 + 3 * 2 = 6 + 3 * 0: rows are compared where what is mixed of them is the same."""
     rows = np.array([[3, 1], [0, 2], [3, 1], [0, 2], [6, 0], [1, 1]])
     assert first_alike(rows).tolist() == [0, 1, 0, 1, 4, 5]
+
+
+def test_rows_that_differ_in_one_bit_or_in_their_order_have_other_fingerprints() -> None:
+    row = np.random.default_rng(0).integers(0, 2**63, 288).astype(np.uint64)
+    one_bit = np.array(
+        [row ^ np.where(np.arange(288) == k, np.uint64(1 << bit), 0) for k in range(288) for bit in (0, 63)]
+    )
+    in_order = np.array([np.roll(row, k) for k in range(288)])
+    same_sum = row + np.where(np.arange(288) == 3, 1, 0).astype(np.uint64)
+    same_sum[4] -= np.uint64(1)
+    rows = np.concatenate([one_bit, in_order, same_sum[None]])
+    found = fingerprints(rows, np.arange(len(rows)))
+    assert len(np.unique(found[:, 0])) == len(np.unique(found[:, 1])) == len(rows)
+    again = fingerprints(rows[::-1].copy(), np.array([0, len(rows) - 1]))
+    assert again.tolist() == found[[-1, 0]].tolist()

@@ -1,18 +1,24 @@
-"""What a network has made of maps that it has seen: on straight roads, most are the same as some before."""
+"""What a network has made of maps that it has seen.
+
+On straight roads most are the same as some before; in a campaign those around who follows the log are, in every run.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from litsim_predictor.forecast import Float32Array
-from litsim_sim.core.compiled import INTS2, OUT_INTS, kernel
+from litsim_sim.core.compiled import INTS, INTS2, OUT_INTS, kernel, read_array, uint64, written_array
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import ByteArray, IntArray
 
-MOST = 4096
-"""Maps that are remembered: 10 MB of them."""
+MOST = 32768
+"""Maps that are remembered: 16 MB of codes and fingerprints."""
+
+WORDS2, OUT_WORDS2 = read_array(uint64, 2), written_array(uint64, 2)
 
 
 @kernel(OUT_INTS(INTS2))
@@ -36,6 +42,26 @@ def first_alike(rows: IntArray) -> IntArray:
     return first
 
 
+@kernel(OUT_WORDS2(WORDS2, INTS))
+def fingerprints(rows: npt.NDArray[np.uint64], chosen: IntArray) -> npt.NDArray[np.uint64]:
+    """Return 128 bits (m, 2) of each of the `chosen` (m,) of `rows` (n, k), which two different rows do not share.
+
+    They are two sums of 64 bits, in which each word is mixed as in MurmurHash3: of a million rows, two share all 128
+    bits with a probability of 1e-27.
+    """
+    found = np.empty((len(chosen), 2), np.uint64)
+    for i in range(len(chosen)):
+        one, other = uint64(0x9E3779B97F4A7C15), uint64(0xC2B2AE3D27D4EB4F)
+        for k in range(rows.shape[1]):
+            word = rows[chosen[i], k]
+            one = (one ^ word) * uint64(0xFF51AFD7ED558CCD)
+            one ^= one >> uint64(32)
+            other = (other + word) * uint64(0xC4CEB9FE1A85EC53)
+            other ^= other >> uint64(29)
+        found[i, 0], found[i, 1] = one, other
+    return found
+
+
 @quickly_made
 @dataclass(frozen=True)
 class MapCodes:
@@ -55,39 +81,34 @@ class MapCodes:
 
 
 class MapMemory:
-    """Codes of width `width` by the map that they are of.
+    """Codes of width `width` by the fingerprint of the map that they are of.
 
     A code depends on its map alone, to the last bit: whether it is remembered or made anew makes no difference.
     """
 
     def __init__(self, width: int) -> None:
-        self._width = width
-        self._codes: dict[bytes, Float32Array] = {}
+        self._codes: Float32Array = np.empty((MOST, width), np.float32)
+        self._place: dict[bytes, int] = {}  # of each key among the codes, the oldest first
+        self._next = 0  # place, of which the oldest is forgotten once there are no others
 
     def look_up(self, raster: ByteArray) -> MapCodes:
         """What is known of the maps `raster` (n, C, H, W), and what is not."""
-        known: list[Float32Array] = []
-        keys: list[bytes] = []
-        new: list[int] = []
-        first = first_alike(raster.reshape(len(raster), -1).view(np.int64))  # eight bytes at a time
-        place = np.zeros(len(raster), np.int64)  # of those that are the first of their kind: below 0 where it is new
-        for row in (first == np.arange(len(raster))).nonzero()[0].tolist():
-            key = raster[row].tobytes()
-            code = self._codes.get(key)
-            if code is None:
-                keys.append(key)
-                new.append(row)
-                place[row] = -len(keys)  # -1 the first of them
-            else:
-                place[row] = len(known)
-                known.append(code)
-        code_of = place[first]
-        code_of = np.where(code_of < 0, len(known) - 1 - code_of, code_of)
-        codes = np.array(known, np.float32).reshape(-1, self._width)
-        return MapCodes(raster[new], codes, code_of, tuple(keys))
+        words = raster.reshape(len(raster), -1).view(np.int64)  # eight bytes at a time
+        first = first_alike(words)
+        alone = (first == np.arange(len(raster))).nonzero()[0]  # the first of their kind
+        keys = fingerprints(words.view(np.uint64), alone).view("V16")[:, 0].tolist()
+        at = np.array([self._place.get(key, -1) for key in keys], np.int64)
+        is_new = at < 0
+        order = np.where(is_new, np.count_nonzero(~is_new) + is_new.cumsum(), (~is_new).cumsum()) - 1
+        code_of = np.empty(len(raster), np.int64)
+        code_of[alone] = order
+        new = is_new.nonzero()[0].tolist()
+        return MapCodes(raster[alone[new]], self._codes[at[~is_new]], code_of[first], tuple(keys[k] for k in new))
 
     def keep(self, maps: MapCodes, codes: Float32Array) -> None:
         """Remember the `codes` (u, width) of the new ones of `maps`; of too many, the oldest are forgotten."""
-        self._codes.update(zip(maps.keys, map(np.copy, codes), strict=True))  # not a part of a larger array
-        while len(self._codes) > MOST:
-            del self._codes[next(iter(self._codes))]
+        for key, code in zip(maps.keys, codes, strict=True):
+            if len(self._place) == len(self._codes):
+                del self._place[next(iter(self._place))]
+            self._codes[self._next], self._place[key] = code, self._next
+            self._next = (self._next + 1) % len(self._codes)

@@ -64,13 +64,14 @@ def written_array(dtype: types.Type, ndim: int) -> types.Array:
     return types.Array(dtype, ndim, "C")
 
 
-boolean, float32, float64, int32, int64, uint8, void = (
+boolean, float32, float64, int32, int64, uint8, uint64, void = (
     types.boolean,
     types.float32,
     types.float64,
     types.int32,
     types.int64,
     types.uint8,
+    types.uint64,
     types.void,
 )
 FLOATS, FLOATS2, FLOATS3 = (read_array(float64, ndim) for ndim in (1, 2, 3))
