@@ -14,7 +14,8 @@ import numpy as np
 
 from litsim_sim.analysis.safety import times_to_collision
 from litsim_sim.core.geometry import boxes_overlap, to_body
-from litsim_sim.core.scene import AgentTable
+from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
+from litsim_sim.core.steps import Steps
 from litsim_sim.maps.lane_map import LaneMap
 
 REACTION_S = 0.75
@@ -62,56 +63,54 @@ def careful_driver(
         dt: of a step [s].
         lane_map: for the wandering; without it only the time to collision counts.
     """
-    window = [t for t in tables if abs(t.step - contact_step) * dt <= max(LOOK_BACK_S, LOOK_ON_S)]
-    window = [t for t in window if t.step <= contact_step + LOOK_ON_S / dt and t.row(driven) >= 0 and t.row(agent) >= 0]
-    perceived = next(
-        (t.step for t in window if t.step <= contact_step and _risky(t, driven, agent, lane_map)), contact_step
-    )
-    ahead = [t for t in window if t.step >= perceived]
-    rows = [t.row(driven) for t in ahead]
-    x, y, yaw = (np.array([getattr(t, f)[r] for t, r in zip(ahead, rows, strict=True)]) for f in ("x", "y", "yaw"))
-    path = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    real = np.array([t.speed[r] for t, r in zip(ahead, rows, strict=True)])
-    s, speed, brake = 0.0, float(real[0]), 0.0
-    for k, table in enumerate(ahead):
-        if k > 0:
-            if (table.step - perceived) * dt > REACTION_S:
-                brake = min(BRAKE_MAX, brake + BRAKE_JERK * dt)
-            before, speed = speed, max(0.0, min(speed - brake * dt, float(real[k]) if brake == 0.0 else speed))
-            s += 0.5 * (before + speed) * dt
-        s = min(s, float(path[k]))  # he is never ahead of where the vehicle was
-        at = [float(np.interp(s, path, values)) for values in (x, y, np.unwrap(yaw))]
-        if _meets(table, driven, agent, at):
-            return CarefulDriver(agent, contact_step, perceived, avoided=False, speed_at_contact=speed)
-    return CarefulDriver(agent, contact_step, perceived, avoided=True, speed_at_contact=0.0)
+    steps = Steps.of(tables)
+    rows, since = steps.rows_of(np.array([driven, agent])), steps.step - contact_step
+    near = (since * dt >= -max(LOOK_BACK_S, LOOK_ON_S)) & (since * dt <= LOOK_ON_S) & (rows >= 0).all(axis=1)
+    own, other = rows[near].T
+    step, table = steps.step[near], steps.stacked
+    risky = step[_risky(table, own, other, lane_map) & (step <= contact_step)]
+    perceived = int(risky[0]) if len(risky) else contact_step
+    step, own, other = (values[step >= perceived] for values in (step, own, other))
+    path = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(table.x[own]), np.diff(table.y[own])))])
+    braking = (step - perceived) * dt > REACTION_S
+    s, speed = _braked(table.speed[own].tolist(), path.tolist(), braking.tolist(), dt)
+    x, y, yaw = (np.interp(s, path, values) for values in (table.x[own], table.y[own], np.unwrap(table.yaw[own])))
+    own_size, other_size = ((table.length[at], table.width[at]) for at in (own, other))
+    hits = boxes_overlap(table.x[other] - x, table.y[other] - y, yaw, table.yaw[other], own_size, other_size)
+    met = hits.nonzero()[0]
+    at_contact = speed[met[0]] if len(met) else 0.0
+    return CarefulDriver(agent, contact_step, perceived, avoided=not len(met), speed_at_contact=at_contact)
 
 
-def _risky(table: AgentTable, driven: int, agent: int, lane_map: LaneMap | None) -> bool:
-    """Whether the driver sees that `agent` is a risk."""
-    pair = table.take(np.isin(table.id, [driven, agent]))
-    e, a = pair.row(driven), pair.row(agent)
-    if times_to_collision(pair, np.array([e]))[0] <= TTC_S:
-        return True
+def _braked(real: list[float], path: list[float], braking: list[bool], dt: float) -> tuple[list[float], list[float]]:
+    """How far along the path of his vehicle the driver is at each step [m], and how fast [m/s].
+
+    Args:
+        real: speeds of the vehicle [m/s].
+        path: how far along its path it was [m].
+        braking: whether he has reacted.
+        dt: of a step [s].
+    """
+    s, speed, brake = [0.0], [real[0]], 0.0
+    for k in range(1, len(real)):
+        if braking[k]:
+            brake = min(BRAKE_MAX, brake + BRAKE_JERK * dt)
+        most = real[k] if brake == 0.0 else speed[-1]
+        speed.append(max(0.0, min(speed[-1] - brake * dt, most)))
+        s.append(min(s[-1] + 0.5 * (speed[-2] + speed[-1]) * dt, path[k]))  # he is never ahead of where the vehicle was
+    return s, speed
+
+
+def _risky(table: AgentTable, own: IntArray, other: IntArray, lane_map: LaneMap | None) -> BoolArray:
+    """Whether the driver sees that the other is a risk (k,); each in rows (k,) of `table`, which are one step each."""
+    pairs = table.take(np.sort([own, other], axis=0).ravel("F"))
+    e, a = 2 * np.arange(len(own)) + [own > other, own < other]
+    risky = times_to_collision(pairs, e) <= TTC_S
     if lane_map is None:
-        return False
-    at = lane_map.nearest(pair.x, pair.y, pair.yaw)
-    if at.lane[e] == at.lane[a]:
-        return False
-    _, left = to_body(pair.x[e : e + 1] - pair.x[a], pair.y[e : e + 1] - pair.y[a], at.heading[a : a + 1])
-    towards = float(np.sign(left[0]) * at.d[a])
-    to_driven = abs(float(left[0] + at.d[a]))  # across, from the centre of the agent's lane
-    return towards > WANDERING and to_driven < NEXT_LANE * lane_map.lanes[at.lane[a]].width
-
-
-def _meets(table: AgentTable, driven: int, agent: int, pose: list[float]) -> bool:
-    """Whether the box of `driven` at `pose` (x, y, yaw) overlaps the agent's."""
-    e, a = table.row(driven), table.row(agent)
-    hit = boxes_overlap(
-        np.array([table.x[a] - pose[0]]),
-        np.array([table.y[a] - pose[1]]),
-        np.array([pose[2]]),
-        table.yaw[a : a + 1],
-        (table.length[e : e + 1], table.width[e : e + 1]),
-        (table.length[a : a + 1], table.width[a : a + 1]),
-    )
-    return bool(hit[0])
+        return risky
+    at = lane_map.nearest(pairs.x, pairs.y, pairs.yaw)
+    _, left = to_body(pairs.x[e] - pairs.x[a], pairs.y[e] - pairs.y[a], at.heading[a])
+    towards = np.sign(left) * at.d[a]
+    across = np.abs(left + at.d[a])  # from the centre of the other's lane
+    width = np.array([lane.width for lane in lane_map.lanes])[at.lane[a]]
+    return risky | ((at.lane[e] != at.lane[a]) & (towards > WANDERING) & (across < NEXT_LANE * width))

@@ -15,9 +15,10 @@ from litsim_sim.analysis.safety import safety_series
 from litsim_sim.core.colours import Mode
 from litsim_sim.core.geometry import to_body
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.core.steps import Steps
 from litsim_sim.io.files import replacing
 from litsim_sim.record.run import Run
-from litsim_sim.report.tracks import Tracks, collect, tracks_of
+from litsim_sim.report.tracks import Tracks, tracks_of
 
 THUMBNAIL_FILE = "thumbnail.json"
 FORMAT = 1
@@ -54,8 +55,8 @@ def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
     return head | {
         "road": _road(run, pose, window),
         "boxes": _boxes(tracks, frame, pose, window),
-        "path": _path(tracks, run.info.ego_id, pose, window),
-        "log": _path(collect(run.log, tracks.first, tracks.first + tracks.frames - 1), run.info.ego_id, pose, window),
+        "path": _path(run.steps, run.info.ego_id, pose, window),
+        "log": _path(run.logged, run.info.ego_id, pose, window),
         "contact": _contact(tracks, moment.agents, frame, pose) if moment.contact else None,
     }
 
@@ -157,13 +158,13 @@ def _boxes(tracks: Tracks, frame: int, pose: tuple[float, float, float], window:
     return found
 
 
-def _path(tracks: Tracks, agent: int, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:
+def _path(steps: Steps, agent: int, pose: tuple[float, float, float], window: shapely.Polygon) -> list[list[int]]:
     """Where an agent goes in the window, as lines."""
-    row = tracks.row(agent)
-    present = tracks.present[row] if row >= 0 else np.zeros(0, bool)
-    if present.sum() < 2:
+    rows, table = steps.track(agent), steps.stacked
+    places = np.column_stack([table.x[rows], table.y[rows]])
+    if len(places := places[np.isfinite(places).all(axis=1)]) < 2:
         return []
-    line = shapely.LineString(_seen(np.column_stack([tracks.x[row, present], tracks.y[row, present]]), pose))
+    line = shapely.LineString(_seen(places, pose))
     parts = shapely.get_parts(line.intersection(window).simplify(PATH_TOLERANCE_M))
     return [_whole(np.asarray(part.coords)) for part in parts if part.geom_type == "LineString" and part.length > 0]
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from litsim_sim.core.colours import Mode
 from litsim_sim.core.scene import AgentTable, BoolArray, ByteArray, Controller, FloatArray, IntArray
+from litsim_sim.core.steps import Steps
 from litsim_sim.core.takeover import TakeoverState
 from litsim_sim.record.run import Run
 
@@ -62,7 +63,7 @@ class Tracks:
 
 def tracks_of(run: Run) -> Tracks:
     """Every agent of a run; POLICY is told apart from HANDBACK by the takeovers."""
-    tracks = collect(run.tables, run.tables[0].step, run.tables[-1].step)
+    tracks = collect(run.steps, run.tables[0].step, run.tables[-1].step)
     for step, records in run.takeovers.items():
         frame = step - tracks.first
         for record in records if 0 <= frame < tracks.frames else ():
@@ -84,22 +85,21 @@ def ghosts_of(run: Run) -> Tracks:
 
 def collect(tables: Sequence[AgentTable], first: int, last: int) -> Tracks:
     """Tables of steps `first` .. `last` as tracks; states that are not finite count as absent."""
-    ids = np.unique(np.concatenate([t.id for t in tables])) if tables else np.empty(0, np.int64)
-    n, frames = len(ids), last - first + 1
-    motion = {name: np.zeros((n, frames)) for name in MOTION}
+    steps = Steps.of(tables)
+    table, n, frames = steps.stacked, len(steps.ids), last - first + 1
+    usable = np.logical_and.reduce([np.isfinite(getattr(table, name)) for name in (*MOTION, "length", "width")])
+    agent, frame = steps.agent[usable], (steps.step - first)[table.number[usable]]
+    known = np.isin(table.controller, [c.value for c in Controller])
     mode = np.full((n, frames), Mode.ABSENT, np.uint8)
+    mode[agent, frame] = np.where(known, table.controller, Mode.BASELINE)[usable]
     kind, length, width = np.zeros(n, np.uint8), np.zeros(n), np.zeros(n)
-    for table in tables:
-        finite = np.logical_and.reduce([np.isfinite(getattr(table, name)) for name in (*MOTION, "length", "width")])
-        usable, frame = table.take(finite), table.step - first
-        rows = np.searchsorted(ids, usable.id)
-        kind[rows], length[rows], width[rows] = usable.kind, usable.length, usable.width
-        known = np.isin(usable.controller, [c.value for c in Controller])
-        mode[rows, frame] = np.where(known, usable.controller, Mode.BASELINE)
-        for name, values in motion.items():
-            values[rows, frame] = getattr(usable, name)
+    for of_agent, name in ((kind, "kind"), (length, "length"), (width, "width")):
+        of_agent[agent] = getattr(table, name)[usable]  # the last step decides
+    motion = {name: np.zeros((n, frames)) for name in MOTION}
+    for name, values in motion.items():
+        values[agent, frame] = getattr(table, name)[usable]
     _fill(motion, mode != Mode.ABSENT)
-    return Tracks(first, ids, kind, length, width, mode, **motion)
+    return Tracks(first, steps.ids, kind, length, width, mode, **motion)
 
 
 def _fill(motion: dict[str, FloatArray], present: BoolArray) -> None:
