@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba.types import UniTuple
-from scipy.spatial import KDTree
 
 from litsim_sim.core.compiled import FLOATS2, INTS, float64, int64, kernel
 from litsim_sim.core.geometry import boxes_overlap
@@ -117,6 +116,8 @@ def times_since_others(tables: Sequence[AgentTable]) -> Iterator[tuple[FloatArra
 
 
 def _since_others(table: AgentTable, recent: Sequence[AgentTable]) -> tuple[FloatArray, IntArray]:
+    from scipy.spatial import KDTree  # which takes as long to import as numba, and most measures do without
+
     names = ("id", "x", "y", "yaw", "length", "width")
     ids, x, y, yaw, length, width = (np.concatenate([getattr(t, name) for t in recent]) for name in names)
     age = np.concatenate([np.full(len(t), (table.step - t.step) * STEP_S) for t in recent])
