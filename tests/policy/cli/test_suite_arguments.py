@@ -42,12 +42,14 @@ def test_without_any_it_is_the_demo_by_the_usual_ego() -> None:
     found = suite()
     assert (found.name, [entry.scenario for entry in found.cases]) == ("demo", ["demo"])
     assert [ego.name for ego in found.egos] == ["idm"] and found.policies == ["replay", "litsim"]
+    assert found.end_after_contact_s is None
     assert not found.seeds and not found.parameters and found.criteria == Criteria.load()
 
 
 def test_options_are_its_fields(tmp_path: Path) -> None:
     words = ["--scenario", "demo", tmp_path / "b.yaml", "--egos", "7,3", "--ego", "log", "bat", "--policy", "yield"]
     words += ["--seeds", 1, 2, "--predictor", "kinematic", "--set", "conflict.horizon=2,3"]
+    words += ["--end-after-contact", 1.5]
     found = suite(*words)
     assert [(entry.scenario, entry.chosen) for entry in found.cases] == [
         ("demo", [7, 3]),
@@ -55,6 +57,7 @@ def test_options_are_its_fields(tmp_path: Path) -> None:
     ]
     assert [(ego.name, ego.kind) for ego in found.egos] == [("log", "log"), ("bat", "bat")]
     assert (found.policies, found.seeds, found.name) == (["yield"], [1, 2], "2 scenarios")
+    assert found.end_after_contact_s == 1.5
     assert found.parameters == {"predictor.model": ["kinematic"], "conflict.horizon": [2, 3]}
 
 

@@ -118,13 +118,14 @@ def test_over_dds_a_run_is_measured_and_its_files_are_named(launcher: Any) -> No
     folder = launcher(
         f"echo '{json.dumps(metrics)}' > $out/metrics.json; cd $out; touch a.mcap report.html log/ads.log"
     )
-    made = case(EXTERNAL | {"parameters": {"bridge.answer_timeout_s": 9.5}}, seeds=[4])
+    made = case(EXTERNAL | {"parameters": {"bridge.answer_timeout_s": 9.5}}, seeds=[4], end_after_contact_s=0.5)
     found = over_graph(made, folder)
     assert (found.metrics, found.failure) == (metrics, "")
     assert (found.recording, found.report, found.log) == ("run", "run/report.html", "run/log/ads.log")
     words = (folder / "words").read_text().split("\n")
     line = " ".join(words)
-    assert "--scenario demo --ego external --policy replay --ego-id 7 --ego-interface twist --seed 4" in line
+    assert "--scenario demo --ego external --policy replay --ego-id 7 --ego-interface twist" in line
+    assert "--seed 4 --end-after-contact 0.5" in line
     assert "--set bridge.answer_timeout_s=9.5 bridge.external_timeout_s=30.0 -- my_stack --fast" in line
 
 

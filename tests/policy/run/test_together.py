@@ -91,6 +91,19 @@ def test_every_run_is_what_it_is_alone(scenes: Scenes, policy: str, parameters: 
     assert len({len(run.tables) for run in together}) > 1, "some must be over sooner than others"
 
 
+def test_a_run_that_a_contact_ends_ends_no_other(make_scenario: Callable[..., Any], track: type) -> None:
+    """The egos brake, and the log has the one behind each drive on."""
+    column = [track(1, x=100.0, speed=8.0, last=60), track(2, x=92.0, speed=8.0, last=60)]
+    ending, going_on = (make_scenario(*column, end_after_contact_s=after) for after in (0.2, None))
+    brakes = {"ego": {"kind": "brake", "time": (0.0, 0.0)}}
+    plans = [RunPlan(each, "perturbed", "replay", brakes) for each in (ending, going_on, ending)]
+    together = record_together(plans)
+    for run, plan in zip(together, plans, strict=True):
+        assert_same(run, record(Runner(plan)))
+    reasons = [run.ended.reason for run in together if run.ended is not None]
+    assert reasons == ["contact", "time", "contact"]
+
+
 def test_the_order_and_the_company_do_not_matter(scenes: Scenes) -> None:
     plans = [RunPlan(scenario, ego, "yield") for scenario, ego in scenes[:2]]
     forwards, backwards = record_together(plans), record_together(plans[::-1])

@@ -72,7 +72,7 @@ def test_the_same_run_asked_for_twice_is_one_case() -> None:
 
 def test_json_keeps_a_case() -> None:
     ego = {"name": "mine", "kind": "external", "command": ["python3", "mine.py"], "ready_s": 3.0}
-    case = one(egos=[ego], seeds=[3], parameters={"conflict.horizon": [2.0]})
+    case = one(egos=[ego], seeds=[3], parameters={"conflict.horizon": [2.0]}, end_after_contact_s=0.5)
     assert Case.from_json(json.loads(json.dumps(case.to_json()))) == case
     assert case.shell == "graph"
 
@@ -91,6 +91,21 @@ def test_equal_runs_have_equal_ids_wherever_their_files_lie(tmp_path: Path) -> N
 def test_the_scenarios_seed_is_the_same_as_that_seed_given() -> None:
     given = one(seeds=[Scenario.load("demo").seed])
     assert given.id == one().id
+
+
+def test_the_end_of_runs_is_the_scenarios_unless_one_is_given(tmp_path: Path) -> None:
+    at_once = one(end_after_contact_s=0.0)
+    assert (at_once.end_after_contact_s, one().end_after_contact_s) == (0.0, None)
+    assert at_once.id != one().id and at_once.key != one().key
+    of_the_scenario = [{"scenario": scenario_file(tmp_path, end_after_contact_s=0.0), "ego_id": 1}]
+    usual = [{"scenario": scenario_file(tmp_path / "usual"), "ego_id": 1}]
+    assert one(cases=of_the_scenario).id == one(cases=usual, end_after_contact_s=0.0).id
+
+
+def test_a_case_of_before_runs_could_end_by_contact_is_read() -> None:
+    told = one().to_json()
+    del told["end_after_contact_s"]
+    assert Case.from_json(told) == one()
 
 
 def test_whole_numbers_are_equal_to_those_with_a_point() -> None:

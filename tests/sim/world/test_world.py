@@ -228,6 +228,47 @@ def test_the_run_is_over_when_the_log_is_that_the_ego_follows(leaving: Scenario)
     assert tables[34].row(EGO) >= 0 > tables[35].row(EGO)
 
 
+@pytest.fixture(scope="module")
+def bumping(make_scenario: Any, track: Any, lane_centres: tuple[float, ...]) -> Callable[..., Scenario]:
+    """An ego 14 m behind somebody whom it does not reach in its log; and two far away who touch in theirs."""
+
+    def make(**fields: Any) -> Scenario:
+        ego = track(EGO, x=100.0, y=lane_centres[1], speed=4.0, last=60)
+        slow = track(OTHER, x=118.5, y=lane_centres[1], speed=4.0, last=60)
+        apart = [track(agent, x=x, y=lane_centres[3], speed=4.0, last=60) for agent, x in ((THIRD, 300.0), (4, 302.0))]
+        return make_scenario(ego, slow, *apart, history_steps=HISTORY, **fields)
+
+    return make
+
+
+@pytest.mark.parametrize(("after", "steps"), [(0.0, 0), (0.5, 5), (None, None)])
+def test_the_run_is_over_some_time_after_the_ego_has_touched_somebody(
+    bumping: Callable[..., Scenario], after: float | None, steps: int | None
+) -> None:
+    world = World(bumping(end_after_contact_s=after))
+    tables = advance(world, world.reset(), HISTORY)
+    while world.ended is None and tables[-1].step < 40:
+        tables += advance(world, tables[-1], 1, ego=(3.0, 0.0))
+    touched = world.contacts[EGO, OTHER]
+    assert world.contacts[THIRD, 4] < touched, "others do not count"
+    if steps is None:
+        assert world.ended is None
+    else:
+        assert world.ended == RunEnd(EndReason.CONTACT, touched + steps) == RunEnd(EndReason.CONTACT, tables[-1].step)
+        assert world.summary()["ended"] == {"reason": "contact", "step": touched + steps, "lane": ""}
+        world.reset()
+        assert world.ended is None, "the next run begins anew"
+
+
+def test_whom_the_ego_touches_in_its_log_ends_no_run(make_scenario: Any, track: Any) -> None:
+    scenario = make_scenario(
+        track(EGO, x=100.0, speed=4.0, last=40), track(OTHER, x=103.0, speed=4.0, last=40), end_after_contact_s=0.0
+    )
+    world = World(scenario)
+    advance(world, world.reset(), 20, ego=(0.0, 0.0))
+    assert (EGO, OTHER) in world.contacts and world.ended is None
+
+
 # Controlled agents
 
 

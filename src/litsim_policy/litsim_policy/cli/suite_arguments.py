@@ -11,6 +11,7 @@ from typing import Any
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.policy_setup import packaged_setups
 from litsim_sim.campaign.suite import CaseEntry, EgoSetup, Suite, located, packaged_suites
+from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import SET_HELP, not_among, setting
 from litsim_sim.io.yaml_input import validate_yaml
@@ -32,6 +33,7 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("--policy", nargs="+", choices=policies, help="what moves the background (default: replay litsim)")
     p.add_argument("--predictor", nargs="+", metavar="MODEL", help="a row for each model that forecasts")
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed and ego, instead of the scenario's seed")
+    p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
     p.add_argument(
         "--set",
         type=setting,
@@ -57,9 +59,12 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
     if base is None:
         names = arguments.scenario or DEFAULTS["scenario"]
         given["name"] = Path(names[0]).stem if len(names) == 1 else f"{len(names)} scenarios"
-    given |= {
-        name: value for name, value in (("policies", arguments.policy), ("seeds", arguments.seeds)) if value is not None
+    asked = {
+        "policies": arguments.policy,
+        "seeds": arguments.seeds,
+        "end_after_contact_s": arguments.end_after_contact,
     }
+    given |= {name: value for name, value in asked.items() if value is not None}
     varied = {"predictor.model": arguments.predictor} if arguments.predictor else {}
     varied |= {f"{stage}.{name}": values for stage, name, values in arguments.set}
     given["parameters"] = (base.parameters if base else {}) | varied

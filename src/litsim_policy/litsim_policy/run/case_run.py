@@ -122,7 +122,7 @@ def plan_of(case: Case) -> RunPlan:
     Raises:
         InputError: the scenario cannot be used.
     """
-    scenario = _scenario(case.scenario).around(case.ego_id, case.seed)
+    scenario = _scenario(case.scenario).around(case.ego_id, case.seed, case.end_after_contact_s)
     return RunPlan(scenario, case.ego.kind, case.policy, case.stage_parameters)
 
 
@@ -218,6 +218,7 @@ def _launch(case: Case, out: Path) -> list[str]:
     words += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
     words += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
     words += [] if case.seed is None else ["--seed", str(case.seed)]
+    words += [] if case.end_after_contact_s is None else ["--end-after-contact", str(case.end_after_contact_s)]
     settings = [
         f"{stage}.{name}={json.dumps(value)}"
         for stage, values in _graph_parameters(case).items()

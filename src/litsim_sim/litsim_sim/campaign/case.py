@@ -48,6 +48,7 @@ class Case:
         policy: what moves the background.
         label: what tells its row from others of the same ego and policy; may be empty.
         seed: of everything random; None is the scenario's.
+        end_after_contact_s: time after the ego's first contact at which the run is over [s]; None is the scenario's.
         parameters: `stage.name` and value of each that is set by the row; those of the ego are in `ego`.
         shell: over DDS or in process.
         tags, events: as the suite gives them.
@@ -62,6 +63,7 @@ class Case:
     policy: str
     label: str
     seed: int | None
+    end_after_contact_s: float | None
     parameters: Settings
     shell: Shell
     tags: tuple[str, ...] = ()
@@ -96,6 +98,7 @@ class Case:
             "label": self.label,
             "row": self.row,
             "seed": self.seed,
+            "end_after_contact_s": self.end_after_contact_s,
             "parameters": dict(self.parameters),
             "shell": self.shell,
             "tags": list(self.tags),
@@ -105,8 +108,13 @@ class Case:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Case:
         """The case that :meth:`to_json` has written; KeyError and ValueError where it has not."""
-        own = {field: values[field] for field in cls.__dataclass_fields__ if field not in ("ego", "parameters")}
-        own |= {"tags": tuple(values["tags"]), "events": tuple(values["events"])}
+        apart = ("ego", "parameters", "end_after_contact_s")  # the last was not always there
+        own = {field: values[field] for field in cls.__dataclass_fields__ if field not in apart}
+        own |= {
+            "end_after_contact_s": values.get("end_after_contact_s"),
+            "tags": tuple(values["tags"]),
+            "events": tuple(values["events"]),
+        }
         return cls(ego=EgoSetup(**values["ego_setup"]), parameters=tuple(values["parameters"].items()), **own)
 
 
@@ -131,7 +139,7 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
     seeds: list[int | None] = [*suite.seeds] or [None]
     cases: dict[str, Case] = {}
     for row, seed, road in product(_rows(suite), seeds, roads):
-        case = _case(row, seed, road, graph=graph, deciding=deciding)
+        case = _case(row, seed, suite.end_after_contact_s, road, graph=graph, deciding=deciding)
         cases[case.id] = _merged(cases[case.id], case) if case.id in cases else case
     return list(cases.values())
 
@@ -174,11 +182,12 @@ class _Row:
 
 @dataclass(frozen=True)
 class _Road:
-    """An entry of the suite around one of its egos: with the seed of its scenario and what that scenario says."""
+    """An entry of the suite around one of its egos: with seed and end of its scenario, and what that says else."""
 
     entry: CaseEntry
     ego_id: int
     seed: int
+    end: float | None
     content: Mapping[str, Any]
 
 
@@ -211,16 +220,19 @@ def _roads(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
     Raises:
         InputError: the scenario cannot be used, or an ego is not in it.
     """
-    of_no_run = {"name", "description", "ego", "egos", "tuning", "seed"}
+    of_no_run = {"name", "description", "ego", "egos", "tuning", "seed", "end_after_contact_s"}
     content = scenario.file.model_dump(mode="json", exclude=of_no_run)
     files = {field: Path(getattr(scenario.file, field)) for field in ("recording", "net")}
     content |= {field: [path.name, file_digest(path)] for field, path in files.items()}
     for ego_id in chosen_egos(entry.chosen, scenario):
-        yield _Road(entry, ego_id, scenario.seed, content)
+        yield _Road(entry, ego_id, scenario.seed, scenario.file.end_after_contact_s, content)
 
 
-def _case(row: _Row, seed: int | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]) -> Case:
+def _case(
+    row: _Row, seed: int | None, end: float | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]
+) -> Case:
     short, ego = Path(road.entry.scenario).stem, row.ego
+    ending = {"end_after_contact_s": road.end if end is None else end}
     seed = road.entry.seed if seed is None else seed
     question = {
         "scenario": [short, road.content],
@@ -229,7 +241,7 @@ def _case(row: _Row, seed: int | None, road: _Road, *, graph: bool, deciding: Ma
         "policy": row.policy,
         "parameters": dict(row.parameters),
         "seed": road.seed if seed is None else seed,
-    }
+    } | (ending if ending["end_after_contact_s"] is not None else {})  # questions of before it was one stay the same
     shell = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
     given = [*ego.command, *ego.parameters.values(), *dict(row.parameters).values()]
     setup = {"ego": ego.model_dump(mode="json"), "files": _files(given)}
@@ -244,6 +256,7 @@ def _case(row: _Row, seed: int | None, road: _Road, *, graph: bool, deciding: Ma
         policy=row.policy,
         label=row.label,
         seed=seed,
+        end_after_contact_s=end,
         parameters=row.parameters,
         shell=shell,
         tags=tuple(road.entry.tags),

@@ -131,6 +131,8 @@ class Suite(BaseModel):
         egos: who drives it.
         policies: of :data:`litsim_sim.scenario.run_info.POLICIES`, names of packaged setups, or setups.
         seeds: a run for each; where there are none, one with the scenario's seed.
+        end_after_contact_s: time after the first contact of its ego at which a run is over [s]; null leaves it to the
+            scenario.
         parameters: values to try, by `stage.name`; several values of one make several rows.
         criteria: by which each run is judged, and the campaign as a whole.
     """
@@ -144,6 +146,7 @@ class Suite(BaseModel):
     egos: Annotated[list[EgoSetup], Field(min_length=1)]
     policies: Annotated[list[PolicyName | PolicySetup], Field(min_length=1)] = [REPLAY, "litsim"]
     seeds: list[Annotated[int, Field(ge=0, lt=SEEDS)]] = []
+    end_after_contact_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     parameters: dict[str, Annotated[list[Any], Field(min_length=1)]] = {}
     criteria: Annotated[Criteria, Field(default_factory=Criteria.load)]
 

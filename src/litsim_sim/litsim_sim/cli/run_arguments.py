@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from typing import Any
 
 from litsim_sim.core.parameters import SET_HELP, one_setting
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
 from litsim_sim.scenario.run_info import POLICIES, RunPlan
+
+END_AFTER_CONTACT: dict[str, Any] = {
+    "type": float,
+    "metavar": "SECONDS",
+    "help": "end a run so long after the ego's first contact; else as the scenario says, which mostly lets it go on",
+}
+"""Of an option of that name."""
 
 
 def add_run_arguments(p: argparse.ArgumentParser, egos: Iterable[str]) -> None:
@@ -18,6 +26,7 @@ def add_run_arguments(p: argparse.ArgumentParser, egos: Iterable[str]) -> None:
     p.add_argument("--predictor", metavar="MODEL", help="packaged model, or weights; else as the predictor is set")
     p.add_argument("--ego-id", type=int, help="another vehicle of the recording as the ego")
     p.add_argument("--seed", type=int, help="another seed than the scenario's")
+    p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
     p.add_argument(
         "--vehicle",
         type=_vehicle_value,
@@ -42,6 +51,7 @@ def plan_of(arguments: argparse.Namespace) -> RunPlan:
         predictor=arguments.predictor,
         ego_id=arguments.ego_id,
         seed=arguments.seed,
+        end_after_contact_s=arguments.end_after_contact,
         vehicle=dict(arguments.vehicle),
         settings=arguments.set,
     )

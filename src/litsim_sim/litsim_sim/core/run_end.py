@@ -12,12 +12,14 @@ class EndReason(StrEnum):
 
     TIME = "time"  # all steps of the scenario are done
     NET_END = "net_end"  # the ego has passed an end of the net: it has come through
+    CONTACT = "contact"  # the ego has touched another agent, and the scenario asks for no more
     LOG_OVER = "log_over"  # the ego followed its log to where that ends, and is gone with it
 
 
 SENTENCES = {
     EndReason.TIME: "all steps of the scenario are done",
     EndReason.NET_END: "the ego has left the net at its end",
+    EndReason.CONTACT: "the ego has touched another agent",
     EndReason.LOG_OVER: "the ego's log, which it followed, is over",
 }
 

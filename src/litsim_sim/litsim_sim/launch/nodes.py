@@ -109,4 +109,6 @@ def _bridge(plan: RunPlan, how: GraphOptions) -> dict[str, Any]:
         "progress": how.progress,
         "stage_parameters": json.dumps(plan.stage_parameters, sort_keys=True),
     }
+    if (after := plan.scenario.file.end_after_contact_s) is not None:
+        parameters["end_after_contact_s"] = after
     return parameters | {f"vehicle.{name}": value for name, value in plan.scenario.file.vehicle.items()}

@@ -37,6 +37,7 @@ class BridgeOptions:
         policy: what moves the background.
         ego_id: vehicle of the recording that is the ego.
         seed: of everything random in the run.
+        end_after_contact_s: time after the ego's first contact at which the run is over.
         mode: whether the bridge waits for answers, or keeps pace with the clock.
         on_missing: what happens in lock-step where an answer does not come.
         on_invalid: what happens where an answer of the ego cannot be used.
@@ -56,6 +57,7 @@ class BridgeOptions:
     policy: Annotated[str, OneOf(POLICIES)] = "litsim"
     ego_id: Annotated[Whole, Field(ge=OF_THE_SCENARIO)] = OF_THE_SCENARIO
     seed: Annotated[Whole, Field(ge=OF_THE_SCENARIO)] = OF_THE_SCENARIO
+    end_after_contact_s: Annotated[Duration, Field(ge=OF_THE_SCENARIO)] = float(OF_THE_SCENARIO)
     mode: Literal["lockstep", "realtime"] = "lockstep"
     on_missing: Literal["stop", "hold"] = "stop"
     on_invalid: Literal["stop", "hold"] = "stop"
@@ -86,7 +88,7 @@ class BridgeOptions:
         Raises:
             InputError: the scenario cannot be used, or not with these options.
         """
-        chosen = {"ego": self.ego_id, "seed": self.seed}
+        chosen = {"ego": self.ego_id, "seed": self.seed, "end_after_contact_s": self.end_after_contact_s}
         overrides: dict[str, Any] = {name: value for name, value in chosen.items() if value != OF_THE_SCENARIO}
         scenario = Scenario.load(self.scenario, **overrides, vehicle=self._own_vehicle or None)
         return RunPlan(scenario, self.ego, self.policy, _by_stage(self.stage_parameters), new_execution())

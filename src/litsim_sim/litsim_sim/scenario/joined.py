@@ -104,6 +104,11 @@ class JoinedScenario:
         """See :class:`.setting.Setting`."""
         return self.scenes[0].roi_m
 
+    @property
+    def steps_after_contact(self) -> tuple[int | None, ...]:
+        """See :class:`.setting.Setting`."""
+        return tuple(steps for scene in self.scenes for steps in scene.steps_after_contact)
+
     @cached_property
     def log_overlaps(self) -> LogOverlaps:
         """See :class:`.setting.Setting`."""

@@ -65,6 +65,7 @@ class RunPlan:
         predictor: str | None = None,
         ego_id: int | None = None,
         seed: int | None = None,
+        end_after_contact_s: float | None = None,
         vehicle: Mapping[str, float] | None = None,
         settings: Iterable[tuple[str, str, Any]] = (),
     ) -> RunPlan:
@@ -76,13 +77,19 @@ class RunPlan:
             predictor: model that forecasts; without meaning in a replay, where nothing is forecast.
             ego_id: vehicle of the recording that is the ego.
             seed: of everything random in the run.
+            end_after_contact_s: time after the ego's first contact at which the run is over [s].
             vehicle: fields of the ego's vehicle model.
             settings: stage, name and value of parameters.
 
         Raises:
             InputError: the scenario cannot be used.
         """
-        overrides: dict[str, Any] = {"ego": ego_id, "seed": seed, "vehicle": dict(vehicle or {}) or None}
+        overrides: dict[str, Any] = {
+            "ego": ego_id,
+            "seed": seed,
+            "end_after_contact_s": end_after_contact_s,
+            "vehicle": dict(vehicle or {}) or None,
+        }
         loaded = Scenario.load(scenario, **{name: value for name, value in overrides.items() if value is not None})
         model = [] if predictor is None or policy == REPLAY else [("predictor", "model", predictor)]
         return cls(loaded, ego, policy, by_stage([*model, *settings]))
@@ -99,7 +106,8 @@ class RunPlan:
         file = self.scenario.file
         names = {each: Path(getattr(file, each)).name for each in ("recording", "net")}
         without = {"coverage_min"}  # decides whether there is a run, not what happens in it
-        without |= set() if file.vehicle else {"vehicle"}  # runs of before it was a field keep their names
+        # runs of before these were fields keep their names
+        without |= {name for name in ("vehicle", "end_after_contact_s") if getattr(file, name) in ({}, None)}
         described = file.model_copy(update=names).model_dump_json(exclude=without)
         described = f"{described}\n{self.ego}\n{self.policy}"
         if self.stage_parameters:

@@ -134,15 +134,16 @@ class Scenario:
         """
         return cls._build(text, where, Path.cwd(), {})
 
-    def around(self, ego: int | None, seed: int | None) -> Scenario:
-        """The same scenario around another ego and with another seed; recording, log and lane map are shared.
+    def around(self, ego: int | None, seed: int | None, end_after_contact_s: float | None = None) -> Scenario:
+        """The same scenario around another ego, with another seed and end; recording, log and lane map are shared.
 
         None leaves a thing as it is.
 
         Raises:
-            InputError: the ego is not there from step 0 through the first simulated step, or the seed is negative.
+            InputError: the ego is not there from step 0 through the first simulated step, or a value does not fit.
         """
-        given = {name: value for name, value in (("ego", ego), ("seed", seed)) if value is not None}
+        asked = {"ego": ego, "seed": seed, "end_after_contact_s": end_after_contact_s}
+        given = {name: value for name, value in asked.items() if value is not None}
         file = validate_yaml(self.file.model_dump() | given, ScenarioFile, self.name, "")
         check_agents(file, self.log, self.history_steps, self.name)
         other = copy.copy(self)
@@ -223,6 +224,12 @@ class Scenario:
     def seed(self) -> int:
         """Seed of everything random in a run."""
         return self.file.seed
+
+    @property
+    def steps_after_contact(self) -> tuple[int | None, ...]:
+        """(1,) as :class:`litsim_sim.scenario.setting.Setting` has it."""
+        after = self.file.end_after_contact_s
+        return (None if after is None else round(after / STEP_S),)
 
     @cached_property
     def vehicle(self) -> VehicleModel:

@@ -61,6 +61,8 @@ class ScenarioFile(BaseModel):
         seed: of everything random.
         signals: file of the signals, relative to the YAML file, or its content, see :class:`SignalsFile`; those of the
             recording, if it has some of this net, where not given.
+        end_after_contact_s: time after the first contact of the ego at which the run is over [s], to a step; null: it
+            goes on. Whoever touches the ego in the log as well does not count.
         coverage_min: share, from 0 to 1, of the recorded box centres that have to lie on lanes of the net.
         vehicle: of the ego, by the fields of :class:`litsim_sim.core.vehicle.VehicleModel` that are not the default.
     """
@@ -81,6 +83,7 @@ class ScenarioFile(BaseModel):
     roi_m: Annotated[_Finite, Field(gt=0)] = 30.0
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
     signals: _SignalsField | None = None
+    end_after_contact_s: Annotated[_Finite, Field(ge=0)] | None = None
     coverage_min: Annotated[_Finite, Field(ge=0, le=1)] = 0.9
     vehicle: dict[str, _Finite] = {}
 

@@ -41,6 +41,10 @@ class Setting(Protocol):
         """Radius around each agent off its log within which others are forecast and may be taken over [m]."""
 
     @property
+    def steps_after_contact(self) -> tuple[int | None, ...]:
+        """Of each scene, how many steps follow the first contact of its ego; None where the run goes on."""
+
+    @property
     def log_overlaps(self) -> LogOverlaps:
         """Whose boxes overlap in the log itself, and when."""
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from litsim_sim.core.dynamics import VehicleLimits
-from litsim_sim.core.geometry import overlapping_pairs
+from litsim_sim.core.geometry import boxes_overlap, overlapping_pairs
 from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.run_end import EndReason, RunEnd
 from litsim_sim.core.scene import (
@@ -68,7 +68,8 @@ class World:
     (`entries`), and then enters under POLICY.
 
     The run is over once the ego has left: past an end of the net, or with its log where it followed that. Whoever
-    leaves the road to the side has not left the net.
+    leaves the road to the side has not left the net. Where the scenario asks for it, it is also over some time after
+    the ego has touched somebody whom it does not touch in the log.
 
     Joined scenarios are stepped together, each scene as if it were alone: see :meth:`step_together`.
     """
@@ -82,6 +83,9 @@ class World:
         """Why no step of a scene needs to follow the current one; None while its ego is there."""
         self._gone: BoolArray = np.empty(0, np.bool_)
         self._contacts: dict[tuple[int, int], int] = {}
+        after = scenario.steps_after_contact
+        self._steps_after_contact = {scene: steps for scene, steps in enumerate(after) if steps is not None}
+        self._last_steps: dict[int, int] = {}  # of the scenes of those whose egos have touched somebody
         self._mirror_deviation = 0.0
         self._mirror = mirror
         self._caught_up = True
@@ -93,7 +97,7 @@ class World:
 
     def reset(self) -> AgentTable:
         """Begin a run that knows nothing of the ones before, and return its step 0."""
-        self._contacts, self.entries = {}, Entries(self.scenario.log, self._entry)
+        self._contacts, self._last_steps, self.entries = {}, {}, Entries(self.scenario.log, self._entry)
         self._mirror_deviation, self._have_driven = 0.0, np.zeros(len(self._ego_ids), np.bool_)
         self.ends = [None] * len(self._ego_ids)
         self._gone = np.zeros(len(self._ego_ids), np.bool_)
@@ -137,6 +141,7 @@ class World:
         following = logged.take((driven.rows(logged.id) < 0) & may_follow)
         made = self._without_leavers(type(table).merged(step + 1, (driven, following)))
         self._table = self._finish(self.entries.admit(made, logged))
+        self._end_after_contacts(self._table)
         return self._table
 
     def drop(self, scene: int) -> None:
@@ -231,6 +236,33 @@ class World:
                     self.ends[scene] = RunEnd(EndReason.NET_END, table.step, lane)
                     leavers.append(row)
         return table.take(np.delete(np.arange(len(table)), leavers)) if leavers else table
+
+    def _end_after_contacts(self, table: AgentTable) -> None:
+        """Note which scenes are over at `table` because their egos have touched somebody."""
+        for scene, steps in self._steps_after_contact.items():
+            row = table.row(int(self._ego_ids[scene]))
+            if row < 0 or self.ends[scene] is not None or table.step <= self.scenario.history_steps:
+                continue
+            if scene not in self._last_steps and self._touches_anybody(table, row):
+                self._last_steps[scene] = table.step + steps
+            if self._last_steps.get(scene) == table.step:
+                self.ends[scene] = RunEnd(EndReason.CONTACT, table.step)
+
+    def _touches_anybody(self, table: AgentTable, row: int) -> bool:
+        """Whether the agent in `row` of `table` touches somebody of its scene whom it does not touch in the log."""
+        size = table.length[row : row + 1], table.width[row : row + 1]
+        others = table.take((table.scene == table.scene[row]) & (np.arange(len(table)) != row))
+        hit = boxes_overlap(
+            others.x - table.x[row],
+            others.y - table.y[row],
+            table.yaw[row : row + 1],
+            others.yaw,
+            size,
+            (others.length, others.width),
+        )
+        log, overlaps = self.scenario.log, self.scenario.log_overlaps
+        own = log.row(int(table.id[row]))
+        return any(not len(overlaps.steps(own, log.row(int(other)))) for other in others.id[hit])
 
     def _finish(self, table: AgentTable) -> AgentTable:
         """Mark the egos; the rest of what is due for the step has time until :meth:`catch_up`."""
