@@ -51,7 +51,7 @@ from litsim_predictor.inference.map_kernels import (
     KERNEL,
     QUARTER_COLUMNS,
     QUARTER_ROWS,
-    encode_map,
+    encode_maps,
     starts_apart,
     starts_in_halves,
 )
@@ -119,8 +119,7 @@ class MapEncoder:
         if not len(maps.new):
             return maps.known[maps.code_of]
         convolved = np.empty((len(maps.new), self._last.weight.shape[0]), np.float32)
-        for raster_row, row in zip(maps.new, convolved, strict=True):
-            encode_map(raster_row, row, *self._convolutions)
+        encode_maps(maps.new, convolved, *self._convolutions)
         codes = self._last(convolved)
         self._memory.keep(maps, codes)
         return np.concatenate([maps.known, codes])[maps.code_of]

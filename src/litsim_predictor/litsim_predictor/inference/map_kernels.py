@@ -1,7 +1,7 @@
 """What the joint predictor makes of maps, as compiled kernels in single precision: see :mod:`.joint_network`.
 
 Planes of a map have borders and lie behind each other in one array: each cell of a convolution's kernel is the whole
-plane, shifted.
+plane, shifted, and a convolution the product of its weights with all of these.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.dense_kernels import INNER
+from litsim_predictor.inference.dense_kernels import ROW, add_product, rectify
 from litsim_predictor.inference.joint_units import MAP_MIDDLE
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 from litsim_sim.core.compiled import (
@@ -27,43 +27,45 @@ from litsim_sim.core.compiled import (
 )
 from litsim_sim.core.scene import ByteArray, IntArray
 
-BYTES3 = read_array(uint8, 3)
+BYTES3, BYTES4 = (read_array(uint8, ndim) for ndim in (3, 4))
 KERNEL = 3  # cells along each side of a convolution's kernel
 HALF_ROWS, HALF_COLUMNS = ROWS // 2, COLUMNS // 2
 QUARTER_ROWS, QUARTER_COLUMNS = ROWS // 4, COLUMNS // 4
 HALVES = 4 * (HALF_ROWS + 1) * (HALF_COLUMNS + 1)
 """Cells of a channel whose even and odd rows and columns are planes of their own, with a border before them alone."""
 
+PIECE = 16
+"""Cells that are convolved at a time: rows have whole pieces, and planes as many cells more."""
 
-@kernel(void(SINGLES, INTS, SINGLES2, SINGLES, OUT_SINGLES2))
+
+@kernel(int64(int64))
+def in_pieces(cells: int) -> int:
+    """Return the cells of so many pieces as hold `cells`."""
+    return (cells + PIECE - 1) // PIECE * PIECE
+
+
+@kernel(void(ROW, INTS, SINGLES2, SINGLES, OUT_SINGLES2, OUT_SINGLES2))
 def convolve(
-    planes: Float32Array, starts: IntArray, weight: Float32Array, bias: Float32Array, out: Float32Array
+    planes: Float32Array,
+    starts: IntArray,
+    weight: Float32Array,
+    bias: Float32Array,
+    shifted: Float32Array,
+    out: Float32Array,
 ) -> None:
     """Write to `out` (o, p) `bias` (o,) and the sum over r of `weight` (o, r) times `planes` from `starts` (r,) on.
 
-    What is negative is 0.
+    What is negative is 0. In `shifted` (r, p) there is room for the planes from each start on.
     """
-    cells, inner = out.shape[1], weight.shape[1]
-    last = inner - inner % INNER
-    for o in range(len(out)):
-        here = out[o]
-        here[:] = bias[o]
-        for r in range(0, last, INNER):
-            w0, w1, w2, w3 = weight[o, r], weight[o, r + 1], weight[o, r + 2], weight[o, r + 3]
-            p0, p1, p2, p3 = (
-                planes[starts[r] :],
-                planes[starts[r + 1] :],
-                planes[starts[r + 2] :],
-                planes[starts[r + 3] :],
-            )
-            for p in range(cells):
-                here[p] = (((here[p] + w0 * p0[p]) + w1 * p1[p]) + w2 * p2[p]) + w3 * p3[p]
-        for r in range(last, inner):
-            w0, p0 = weight[o, r], planes[starts[r] :]
-            for p in range(cells):
-                here[p] += w0 * p0[p]
+    cells = out.shape[1]
+    for r in range(len(starts)):
+        plane, row = planes[starts[r] :], shifted[r]
         for p in range(cells):
-            here[p] = max(here[p], float32(0.0))
+            row[p] = plane[p]
+    for o in range(len(out)):
+        out[o, :] = bias[o]
+    add_product(weight, shifted, out)
+    rectify(out)
 
 
 @kernel(void(BYTES3, OUT_SINGLES))
@@ -99,10 +101,10 @@ def pooled(convolved: Float32Array, stride: int, planes: Float32Array) -> None:
 
 
 @kernel(
-    void(BYTES3, OUT_SINGLES, *(INTS, SINGLES2, SINGLES), *(INTS, SINGLES2, SINGLES), *(INTS, SINGLES2, SINGLES)),
+    void(BYTES4, OUT_SINGLES2, *(INTS, SINGLES2, SINGLES), *(INTS, SINGLES2, SINGLES), *(INTS, SINGLES2, SINGLES)),
 )
-def encode_map(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    raster: ByteArray,
+def encode_maps(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    rasters: ByteArray,
     out: Float32Array,
     starts1: IntArray,
     weight1: Float32Array,
@@ -114,31 +116,40 @@ def encode_map(  # noqa: PLR0917 - a kernel takes arrays and numbers
     weight3: Float32Array,
     bias3: Float32Array,
 ) -> None:
-    """Convolve, convolve, pool and convolve a map, each time rectified.
+    """Convolve, convolve, pool and convolve maps, each time rectified.
 
     Args:
-        raster: (CHANNELS, ROWS, COLUMNS).
-        out: (channels * QUARTER_ROWS * QUARTER_COLUMNS,).
+        rasters: (u, CHANNELS, ROWS, COLUMNS).
+        out: (u, channels * QUARTER_ROWS * QUARTER_COLUMNS).
         starts1, weight1, bias1: of the first convolution, see :func:`convolve`; then of the others.
     """
     channels = len(bias1)
     wide1, wide2, wide3 = HALF_COLUMNS + 1, HALF_COLUMNS + 2, QUARTER_COLUMNS + 2
-    planes1 = np.zeros(CHANNELS * HALVES, np.float32)
-    planes2 = np.zeros(channels * (HALF_ROWS + 2) * wide2, np.float32)
-    planes3 = np.zeros(channels * (QUARTER_ROWS + 2) * wide3, np.float32)
-    out1 = np.empty((channels, (HALF_ROWS - 1) * wide1 + HALF_COLUMNS), np.float32)
-    out2 = np.empty((channels, (HALF_ROWS - 1) * wide2 + HALF_COLUMNS), np.float32)
-    out3 = np.empty((channels, (QUARTER_ROWS - 1) * wide3 + QUARTER_COLUMNS), np.float32)
-    split_halves(raster, planes1)
-    convolve(planes1, starts1, weight1, bias1, out1)
-    with_borders(out1, wide1, planes2)
-    convolve(planes2, starts2, weight2, bias2, out2)
-    pooled(out2, wide2, planes3)
-    convolve(planes3, starts3, weight3, bias3, out3)
-    for c in range(channels):
-        for y in range(QUARTER_ROWS):
-            for x in range(QUARTER_COLUMNS):
-                out[(c * QUARTER_ROWS + y) * QUARTER_COLUMNS + x] = out3[c, y * wide3 + x]
+    cells1, cells2 = (
+        in_pieces((HALF_ROWS - 1) * wide1 + HALF_COLUMNS),
+        in_pieces((HALF_ROWS - 1) * wide2 + HALF_COLUMNS),
+    )
+    cells3 = in_pieces((QUARTER_ROWS - 1) * wide3 + QUARTER_COLUMNS)
+    planes1 = np.zeros(CHANNELS * HALVES + PIECE, np.float32)
+    planes2 = np.zeros(channels * (HALF_ROWS + 2) * wide2 + PIECE, np.float32)
+    planes3 = np.zeros(channels * (QUARTER_ROWS + 2) * wide3 + PIECE, np.float32)
+    shifted1 = np.empty((len(starts1), cells1), np.float32)
+    shifted2 = np.empty((len(starts2), cells2), np.float32)
+    shifted3 = np.empty((len(starts3), cells3), np.float32)
+    out1 = np.empty((channels, cells1), np.float32)
+    out2 = np.empty((channels, cells2), np.float32)
+    out3 = np.empty((channels, cells3), np.float32)
+    for i in range(len(rasters)):
+        split_halves(rasters[i], planes1)
+        convolve(planes1, starts1, weight1, bias1, shifted1, out1)
+        with_borders(out1, wide1, planes2)
+        convolve(planes2, starts2, weight2, bias2, shifted2, out2)
+        pooled(out2, wide2, planes3)
+        convolve(planes3, starts3, weight3, bias3, shifted3, out3)
+        for c in range(channels):
+            for y in range(QUARTER_ROWS):
+                for x in range(QUARTER_COLUMNS):
+                    out[i, (c * QUARTER_ROWS + y) * QUARTER_COLUMNS + x] = out3[c, y * wide3 + x]
 
 
 def starts_apart(channels: int, rows: int, columns: int) -> IntArray:
