@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -128,6 +129,15 @@ def test_only_a_leader_in_the_strip_that_the_ego_sweeps_is_followed(look, lane_c
     """Ahead, but in the next lane: one that comes over is not somebody whom the ego has been following."""
     ahead = {"id": 2, "x": 109.0, "y": lane_centres[lane], "speed": 5.0, "yaw": yaw, "last": 25}
     assert [c.agent for c in look(ahead, ego={"speed": 12.0}).conflicts()] == found
+
+
+def test_who_comes_towards_the_ego_is_no_leader_of_it(look, lane_centres) -> None:
+    """As an oncoming vehicle does whose way an ego that turns left, or stops there, is in."""
+    oncoming = {"id": 2, "x": 125.0, "y": lane_centres[1] + 1.0, "speed": 8.0, "yaw": math.pi}
+    (conflict,) = look(oncoming, ego={"speed": 0.0}).conflicts()
+    assert (conflict.agent, conflict.opponent) == (2, 1)
+    # 25 m apart, bumpers 20.5 m, at 8 m/s
+    assert conflict.time_to_conflict == pytest.approx(2.6, abs=0.11)
 
 
 def test_a_crossing_at_an_angle_is_found_when_shapely_finds_it(look, lane_centres) -> None:

@@ -31,14 +31,19 @@ def test_who_is_near_whom(seed: int, radius: float, agents: int) -> None:
 
 
 @given(seeds)
-def test_a_follower_has_the_other_ahead_in_its_strip(seed: int) -> None:
+def test_a_follower_has_the_other_ahead_in_its_strip_and_heads_the_same_way(seed: int) -> None:
     random = np.random.default_rng(seed)
     x, y = random.normal(0.0, [[12.0], [2.0]], (2, 8))
-    yaw, length, width = random.normal(0.0, 0.5, 8), random.uniform(3, 12, 8), random.uniform(1, 3, 8)
+    yaw, length, width = (
+        random.normal(0.0, random.choice([0.5, 3.0]), 8),
+        random.uniform(3, 12, 8),
+        random.uniform(1, 3, 8),
+    )
     leader, follower = both = random.integers(0, 8, (2, 40))
     ahead, left = to_body(x[leader] - x[follower], y[leader] - y[follower], yaw[follower])
     expected = ahead > FOLLOWED * 0.5 * (length[leader] + length[follower])
     expected &= np.abs(left) < 0.5 * (width[leader] + width[follower])
+    expected &= np.cos(yaw[leader] - yaw[follower]) > 0.0
     assert pairs.followed(both.T.copy(), x, y, yaw, length, width).tolist() == expected.tolist()
 
 

@@ -69,7 +69,10 @@ def near(scene: IntArray, x: FloatArray, y: FloatArray, of: BoolArray, others: B
 def followed(
     pairs: IntArray, x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray
 ) -> BoolArray:
-    """Return for each of `pairs` (m, 2) whether the first is ahead in the strip that the second sweeps straight on.
+    """Return for each of `pairs` (m, 2) whether the second follows the first.
+
+    The first is ahead in the strip that the second sweeps straight on, and heads the same way: by less than a quarter
+    turn. Whoever comes towards the second is no leader of it.
 
     Args:
         pairs: positions of agents.
@@ -83,7 +86,8 @@ def followed(
         ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
         clear = 0.5 * (length[leader] + length[follower])
         beside = 0.5 * (width[leader] + width[follower])
-        found[k] = ahead > FOLLOWED * clear and abs(left) < beside
+        same_way = math.cos(yaw[leader] - yaw[follower]) > 0.0
+        found[k] = same_way and ahead > FOLLOWED * clear and abs(left) < beside
     return found
 
 
