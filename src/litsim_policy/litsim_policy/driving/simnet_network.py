@@ -15,7 +15,7 @@ from safetensors import SafetensorError, safe_open
 from litsim_policy.driving.simnet_output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
 from litsim_policy.driving.simnet_raster import CHANNELS, PAPER, SMALL, Rasters, RasterShape
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.dense_kernels import add_product, linear, rectify
+from litsim_predictor.inference.dense_kernels import linear, rectified_product, rectify
 from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES, SINGLES2, SINGLES3, float32, kernel, void
 from litsim_sim.core.errors import InputError
 
@@ -101,10 +101,7 @@ def convolve(
                     patch[at] = float32(0.0)
                     for c in range(first, half_columns):
                         patch[at + c] = values[channel, row, 2 * c + j - 1]
-    for o in range(len(out)):
-        out[o] = bias[o]
-    add_product(weight, patches, out)
-    rectify(out)
+    rectified_product(weight, patches, bias, out)
 
 
 class GraphNetwork:

@@ -22,7 +22,7 @@ from litsim_predictor.inference.product_blocks import (
     add_row_block,
     multiply_add,
 )
-from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES2, float32, kernel, void
+from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES, SINGLES2, float32, kernel, void
 
 ROW = types.Array(float32, 1, "C", readonly=True)
 """Type of an array (n,) that lies in one piece, so that its neighbours are read at once."""
@@ -113,6 +113,18 @@ def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: 
 def rectified_linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
     """Likewise, with 0 in the place of what is negative."""
     linear(values, weight, bias, out)
+    rectify(out)
+
+
+@kernel(void(SINGLES2, SINGLES2, SINGLES, OUT_SINGLES2))
+def rectified_product(weight: Float32Array, values: Float32Array, bias: Float32Array, out: Float32Array) -> None:
+    """Write to `out` (m, n) the product of `weight` (m, k) and `values` (k, n) plus `bias` (m,), negative ones as 0.
+
+    It is what a convolution comes to, whose `values` are what each weight is to be multiplied with.
+    """
+    for i in range(out.shape[0]):
+        out[i, :] = bias[i]
+    add_product(weight, values, out)
     rectify(out)
 
 

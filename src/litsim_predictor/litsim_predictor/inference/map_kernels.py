@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.dense_kernels import ROW, add_product, rectify
+from litsim_predictor.inference.dense_kernels import ROW, rectified_product
 from litsim_predictor.inference.joint_units import MAP_MIDDLE
 from litsim_predictor.inference.raster import CHANNELS, COLUMNS, ROWS
 from litsim_sim.core.compiled import (
@@ -62,10 +62,7 @@ def convolve(
         plane, row = planes[starts[r] :], shifted[r]
         for p in range(cells):
             row[p] = plane[p]
-    for o in range(len(out)):
-        out[o, :] = bias[o]
-    add_product(weight, shifted, out)
-    rectify(out)
+    rectified_product(weight, shifted, bias, out)
 
 
 @kernel(void(BYTES3, OUT_SINGLES))

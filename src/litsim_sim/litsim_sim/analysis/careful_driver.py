@@ -65,7 +65,7 @@ def careful_driver(
     """
     steps = Steps.of(tables)
     rows, since = steps.rows_of(np.array([driven, agent])), steps.step - contact_step
-    near = (since * dt >= -max(LOOK_BACK_S, LOOK_ON_S)) & (since * dt <= LOOK_ON_S) & (rows >= 0).all(axis=1)
+    near = (since * dt >= -LOOK_BACK_S) & (since * dt <= LOOK_ON_S) & (rows >= 0).all(axis=1)
     own, other = rows[near].T
     step, table = steps.step[near], steps.stacked
     risky = step[_risky(table, own, other, lane_map) & (step <= contact_step)]

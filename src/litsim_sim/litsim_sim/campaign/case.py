@@ -232,7 +232,6 @@ def _case(
     row: _Row, seed: int | None, end: float | None, road: _Road, *, graph: bool, deciding: Mapping[str, str]
 ) -> Case:
     short, ego = Path(road.entry.scenario).stem, row.ego
-    ending = {"end_after_contact_s": road.end if end is None else end}
     seed = road.entry.seed if seed is None else seed
     question = {
         "scenario": [short, road.content],
@@ -241,7 +240,10 @@ def _case(
         "policy": row.policy,
         "parameters": dict(row.parameters),
         "seed": road.seed if seed is None else seed,
-    } | (ending if ending["end_after_contact_s"] is not None else {})  # questions of before it was one stay the same
+    }
+    ends = road.end if end is None else end
+    if ends is not None:  # questions of before runs could end so stay the same
+        question["end_after_contact_s"] = ends
     shell = GRAPH if graph or ego.kind == EXTERNAL else PROCESS
     given = [*ego.command, *ego.parameters.values(), *dict(row.parameters).values()]
     setup = {"ego": ego.model_dump(mode="json"), "files": _files(given)}

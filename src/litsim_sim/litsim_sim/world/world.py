@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from litsim_sim.core.dynamics import VehicleLimits
-from litsim_sim.core.geometry import boxes_overlap, overlapping_pairs
+from litsim_sim.core.geometry import overlapping_pairs
 from litsim_sim.core.quantities import Flag, configuration
 from litsim_sim.core.run_end import EndReason, RunEnd
 from litsim_sim.core.scene import (
@@ -85,7 +85,6 @@ class World:
         self._contacts: dict[tuple[int, int], int] = {}
         after = scenario.steps_after_contact
         self._steps_after_contact = {scene: steps for scene, steps in enumerate(after) if steps is not None}
-        self._last_steps: dict[int, int] = {}  # of the scenes of those whose egos have touched somebody
         self._mirror_deviation = 0.0
         self._mirror = mirror
         self._caught_up = True
@@ -97,7 +96,7 @@ class World:
 
     def reset(self) -> AgentTable:
         """Begin a run that knows nothing of the ones before, and return its step 0."""
-        self._contacts, self._last_steps, self.entries = {}, {}, Entries(self.scenario.log, self._entry)
+        self._contacts, self.entries = {}, Entries(self.scenario.log, self._entry)
         self._mirror_deviation, self._have_driven = 0.0, np.zeros(len(self._ego_ids), np.bool_)
         self.ends = [None] * len(self._ego_ids)
         self._gone = np.zeros(len(self._ego_ids), np.bool_)
@@ -159,8 +158,7 @@ class World:
         if self._caught_up:
             return
         self._caught_up, table = True, self._table
-        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width, table.scene):
-            self._contacts.setdefault((int(table.id[i]), int(table.id[j])), table.step)
+        self._note_contacts(table)
         if self._mirror is not None:
             self._mirror.show(table)
             if table.step % DEVIATION_STEPS == 0:
@@ -237,32 +235,26 @@ class World:
                     leavers.append(row)
         return table.take(np.delete(np.arange(len(table)), leavers)) if leavers else table
 
+    def _note_contacts(self, table: AgentTable) -> None:
+        """Note who touches whom at `table`; a second call for a step changes nothing."""
+        for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width, table.scene):
+            self._contacts.setdefault((int(table.id[i]), int(table.id[j])), table.step)
+
     def _end_after_contacts(self, table: AgentTable) -> None:
         """Note which scenes are over at `table` because their egos have touched somebody."""
+        if not self._steps_after_contact:
+            return
+        self._note_contacts(table)
         for scene, steps in self._steps_after_contact.items():
-            row = table.row(int(self._ego_ids[scene]))
-            if row < 0 or self.ends[scene] is not None or table.step <= self.scenario.history_steps:
-                continue
-            if scene not in self._last_steps and self._touches_anybody(table, row):
-                self._last_steps[scene] = table.step + steps
-            if self._last_steps.get(scene) == table.step:
+            ego = int(self._ego_ids[scene])
+            touched = [step for pair, step in self._contacts.items() if ego in pair and not self._touch_in_log(*pair)]
+            if self.ends[scene] is None and touched and table.step == min(touched) + steps:
                 self.ends[scene] = RunEnd(EndReason.CONTACT, table.step)
 
-    def _touches_anybody(self, table: AgentTable, row: int) -> bool:
-        """Whether the agent in `row` of `table` touches somebody of its scene whom it does not touch in the log."""
-        size = table.length[row : row + 1], table.width[row : row + 1]
-        others = table.take((table.scene == table.scene[row]) & (np.arange(len(table)) != row))
-        hit = boxes_overlap(
-            others.x - table.x[row],
-            others.y - table.y[row],
-            table.yaw[row : row + 1],
-            others.yaw,
-            size,
-            (others.length, others.width),
-        )
-        log, overlaps = self.scenario.log, self.scenario.log_overlaps
-        own = log.row(int(table.id[row]))
-        return any(not len(overlaps.steps(own, log.row(int(other)))) for other in others.id[hit])
+    def _touch_in_log(self, a: int, b: int) -> bool:
+        """Whether two agents touch at some step of the log."""
+        log = self.scenario.log
+        return len(self.scenario.log_overlaps.steps(log.row(a), log.row(b))) > 0
 
     def _finish(self, table: AgentTable) -> AgentTable:
         """Mark the egos; the rest of what is due for the step has time until :meth:`catch_up`."""
