@@ -41,8 +41,8 @@ def touch(table: AgentTable, own: int, poses: np.ndarray) -> float:
     """Time [s] of the first touch of the agent in row `own` that goes along `poses` (3, T)."""
     x, y, yaw, speed, length, width = one(table, own, "x", "y", "yaw", "speed", "length", "width")
 
-    def hits(dx: float, dy: float, own_yaw: float, other_yaw: float, size: tuple[float, float]) -> bool:
-        grown = np.array(size[0] + 2 * MARGIN), np.array(size[1] + 2 * MARGIN)
+    def hits(dx: float, dy: float, own_yaw: float, other_yaw: float, size: tuple[float, float], margin: float) -> bool:
+        grown = np.array(size[0] + 2 * margin), np.array(size[1] + 2 * margin)
         angles = np.array(own_yaw), np.array(other_yaw)
         return bool(boxes_overlap(np.array(dx), np.array(dy), *angles, (np.array(length), np.array(width)), grown))
 
@@ -53,14 +53,16 @@ def touch(table: AgentTable, own: int, poses: np.ndarray) -> float:
         ahead, left = to_body(np.array(other_x - x), np.array(other_y - y), np.array(yaw))
         behind = ahead < -0.5 * (length + size[0]) and abs(left) < 0.5 * (width + size[1])
         far = np.hypot(other_x - x, other_y - y) >= length + size[0] + (speed + other_speed) * STEP_S * INSTANTS
-        if j == own or far or behind or hits(other_x - x, other_y - y, yaw, other_yaw, size):
+        now = other_x - x, other_y - y, yaw, other_yaw, size
+        if j == own or far or behind or hits(*now, 0.0):
             continue
+        margin = 0.0 if hits(*now, MARGIN) else MARGIN
         for k in range(INSTANTS):
             time = STEP_S * (k + 1)
             going = min(time, other_speed / -acceleration) if acceleration < -1e-3 else time
             gone = other_speed * going + 0.5 * min(acceleration, 0.0) * going**2
             dx, dy = other_x + gone * np.cos(other_yaw) - poses[0, k], other_y + gone * np.sin(other_yaw) - poses[1, k]
-            if hits(dx, dy, poses[2, k], other_yaw, size):
+            if hits(dx, dy, poses[2, k], other_yaw, size, margin):
                 found = min(found, time)
     return found
 
@@ -86,6 +88,15 @@ def test_the_first_touch_is_that_of_each_pair_and_instant(crowd) -> None:
     expected = [[touch(table, row, poses[:, i, c]) for c in range(4)] for i, row in enumerate(rows.tolist())]
     assert found == pytest.approx(np.array(expected))
     assert np.isfinite(found).any()
+
+
+@pytest.mark.parametrize(("gap", "expected"), [(-0.1, np.inf), (0.05, 0.3), (0.09, 0.5), (0.19, 0.3)])
+def test_who_is_nearer_than_the_margin_still_counts(agent_table, gap: float, expected: float) -> None:
+    """An agent creeps at 0.2 m/s towards one that stands `gap` ahead: guarded until the boxes touch."""
+    table = agent_table(0, {"id": 1, "x": 0.0, "speed": 0.2}, {"id": 2, "x": 4.5 + gap, "speed": 0.0})
+    rows = np.array([0])
+    poses = rolled_out(table, rows, np.zeros((1, 1, 2)), SETTLE, 15)
+    assert first_touch(table, rows, poses, 15, 0.15)[0, 0] == pytest.approx(expected)
 
 
 def test_commands_do_not_change_each_other(crowd) -> None:

@@ -63,6 +63,8 @@ def _turned(settle: float, instants: int) -> FloatArray:
 def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: int, margin: float) -> FloatArray:
     """When boxes of agents first touch somebody else's; those that touch already and followers do not count.
 
+    Of boxes that are nearer than the margin already, the boxes themselves count.
+
     Args:
         table: everybody; those not looked at go straight on, and those that brake go on braking.
         rows: (m,) of the agents.
@@ -152,6 +154,8 @@ def _first_touch(  # noqa: PLR0917 - a kernel takes arrays and numbers
             ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
             follows = ahead < -0.5 * (length[j] + length[own]) and abs(left) < 0.5 * (width[j] + width[own])
             long, wide = length[j] + 2.0 * margin, width[j] + 2.0 * margin
+            if overlap(dx, dy, yaw[own], yaw[j], length[own], width[own], long, wide):
+                long, wide = length[j], width[j]
             if follows or overlap(dx, dy, yaw[own], yaw[j], length[own], width[own], long, wide):
                 continue
             radius = 0.5 * (math.hypot(long, wide) + math.hypot(length[own], width[own])) + ROUNDING
