@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 import signal
+import tempfile
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from itertools import islice
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -32,13 +35,16 @@ def rollouts(data: TrainingData, config: TrainConfig, processes: int) -> Iterato
         yield HereDriving(_course(data, config, "train")), HereDriving(_course(data, config, "validation"))
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, context, _begin, (data, config)) as pool:
-        for _ in range(processes):
-            pool.submit(_ready)  # they load what they need while the experts are looked at
-        try:
-            yield PoolDriving(pool, "train", processes), PoolDriving(pool, "validation", processes)
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    with tempfile.TemporaryDirectory(prefix="litsim_") as folder:
+        given = Path(folder) / "given"  # megabytes: as arguments, each process would keep this one until it has begun
+        given.write_bytes(pickle.dumps((data, config)))
+        with ProcessPoolExecutor(processes, context, _begin, (given,)) as pool:
+            for _ in range(processes):
+                pool.submit(_ready)  # they load what they need while the experts are looked at
+            try:
+                yield PoolDriving(pool, "train", processes), PoolDriving(pool, "validation", processes)
+            finally:
+                pool.shutdown(wait=False, cancel_futures=True)
 
 
 class PoolDriving:
@@ -75,10 +81,11 @@ _courses: dict[Part, Course] = {}
 _policies: list[GaussianPolicy] = []
 
 
-def _begin(data: TrainingData, config: TrainConfig) -> None:
-    """Make a process of the pool ready."""
+def _begin(given: Path) -> None:
+    """Make a process of the pool ready, by the data and the configuration in the file `given`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; who has begun this one ends it
     torch.set_num_threads(1)
+    data, config = pickle.loads(given.read_bytes())  # noqa: S301 - written by the process that begins this one
     _courses.update({part: _course(data, config, part) for part in PARTS})
     _policies.append(GaussianPolicy(config.observation))
 
