@@ -148,9 +148,13 @@ class Demonstrations:
 
     def error(self, policy: Learner, chosen: Tensor) -> Tensor:
         """Mean squared error on the pairs `chosen` (m,), each action in units of its spread; a scalar."""
-        scale = self.action.std(dim=0) + 1e-3
         said = policy.said(self.observation[chosen])
-        return nn.functional.mse_loss(said / scale, self.action[chosen] / scale)
+        return nn.functional.mse_loss(said / self._scale, self.action[chosen] / self._scale)
+
+    @cached_property
+    def _scale(self) -> Tensor:
+        """(3,) spread of each action, a little above 0."""
+        return self.action.std(dim=0) + 1e-3
 
 
 @dataclass(frozen=True)
