@@ -111,14 +111,20 @@ def test_an_agent_can_be_drawn_where_it_is_not() -> None:
 def test_stop_lines_are_shown_while_they_are_closed() -> None:
     link = SimpleNamespace(stop=np.array([230.0, LANE]), heading=0.0, width=3.0)
     shows = [SignalState.RED, SignalState.GREEN, SignalState.AMBER]
-    signals: Any = SimpleNamespace(
-        links=(link,),
-        link_group=np.array([0]),
-        table=lambda step: SimpleNamespace(state=np.array([shows[step]], np.uint8)),
-    )
+    signals: Any = SimpleNamespace(links=(link,), of_links=lambda step: np.array([[shows[step]]], np.uint8))
     painter = Painter(NET.drawn, signals, SMALL)
     seen = [painter.draw(step, driving((200.0, LANE, 0.0, 10.0)), np.array([0]))[0, STOP].copy() for step in range(3)]
     assert not seen[1].any()
     for closed in (seen[0], seen[2]):
         assert centre(closed, SMALL) == pytest.approx((30.0, 0.0), abs=0.02)
         assert closed.sum() == pytest.approx(3.0, rel=0.02)
+
+
+def test_each_scene_has_its_own_closed_stop_lines() -> None:
+    link = SimpleNamespace(stop=np.array([230.0, LANE]), heading=0.0, width=3.0)
+    shows = np.array([[SignalState.RED], [SignalState.GREEN], [SignalState.RED]], np.uint8)
+    signals: Any = SimpleNamespace(links=(link,), of_links=lambda _: shows)
+    motions = driving(*[(200.0, LANE, 0.0, 10.0)] * 3, scene=(0, 1, 2))
+    seen = Painter(NET.drawn, signals, SMALL).draw(0, motions, np.arange(3))[:, STOP]
+    assert not seen[1].any()
+    assert seen[0].any() and np.array_equal(seen[0], seen[2]), "a line is drawn once, however many scenes have it"

@@ -18,7 +18,7 @@ from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import lane_path, logged_path
 from litsim_policy.motion.stop_lines import GAP_MIN, SignalConfig, StopLines, idm_at_signals
-from litsim_sim.core.scene import AgentTable, ControlTable, EgoCommand, EgoMode
+from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.takeover import TakeoverTable
 from litsim_sim.maps.signal_links import read_links
@@ -50,11 +50,17 @@ def path_over(link: str) -> np.ndarray:
     return np.array([before, found.stop, found.exit, on])
 
 
+def at_speeds(*speeds: float) -> AgentTable:
+    """Agents of which nothing else is looked at, at step 0."""
+    columns = {"id": np.arange(len(speeds)), "speed": np.array(speeds), "length": np.full(len(speeds), LENGTH)}
+    return AgentTable(0, *(columns.get(name, np.zeros(len(speeds))) for name in ARRAY_FIELDS))
+
+
 def gap(signals: Signals, link: str, to_line: float, speed: float, **config: float) -> float:
     """Of an agent whose front is `to_line` m before the line, on the way over `link`."""
     lines = StopLines(signals, SignalConfig(**config))
     batch, s = PathBatch([path_over(link)]), np.array([80.0 - to_line - 0.5 * LENGTH])
-    return float(lines.gaps(0, batch, s, np.array([LENGTH]), np.array([speed]))[0])
+    return float(lines.gaps(at_speeds(speed), np.array([0]), batch, s)[0])
 
 
 def test_the_signal_of_the_own_way_counts() -> None:
@@ -86,13 +92,12 @@ def test_who_cannot_stop_drives_on() -> None:
 def test_several_agents_are_answered_as_one_is() -> None:
     signals = showing(straight=SignalState.RED, left=SignalState.AMBER)
     ways = ["WA_2 -> AAN_0", "EB_1 -> BA_1", "WA_1 -> AB_1", "WA_0 -> AB_0"]
-    to_line, speed = np.array([20.0, 20.0, 35.0, 4.0]), np.array([8.0, 8.0, 12.0, 2.0])
+    to_line, speed = np.array([20.0, 20.0, 35.0, 4.0]), [8.0, 8.0, 12.0, 2.0]
     alone = [gap(signals, way, t, v) for way, t, v in zip(ways, to_line, speed, strict=True)]
-    together = StopLines(signals).gaps(
-        0, PathBatch([path_over(way) for way in ways]), 80.0 - to_line - 0.5 * LENGTH, np.full(4, LENGTH), speed
-    )
+    table, rows, paths = at_speeds(*speed), np.arange(4), PathBatch([path_over(way) for way in ways])
+    together = StopLines(signals).gaps(table, rows, paths, 80.0 - to_line - 0.5 * LENGTH)
     assert together == pytest.approx(alone)
-    assert StopLines(None).gaps(0, PathBatch([path_over(ways[0])]), *np.ones((3, 1))).tolist() == [np.inf]
+    assert StopLines(None).gaps(table, rows, paths, np.ones(4)).tolist() == [np.inf] * 4
 
 
 @given(speed=st.floats(0.0, 20.0), before=st.floats(-8.0, 2.0), distance=st.floats(0.1, 200.0))
@@ -157,5 +162,5 @@ def test_lane_paths_of_the_ego_find_their_light(approach: Scenario) -> None:
     """The path that egos follow is made of the net's lanes, curves over the junction included."""
     for lane, y in Y.items():
         path = lane_path(approach.lane_map, -150.0, y, 0.0)
-        found = StopLines(approach.signals).gaps(0, path.batch, np.zeros(1), np.zeros(1), np.array([5.0]))
-        assert found == pytest.approx([150.0 + LINE], abs=0.1), lane
+        found = StopLines(approach.signals).gaps(at_speeds(5.0), np.array([0]), path.batch, np.zeros(1))
+        assert found == pytest.approx([150.0 + LINE - 0.5 * LENGTH], abs=0.1), lane

@@ -91,6 +91,26 @@ def test_every_run_is_what_it_is_alone(scenes: Scenes, policy: str, parameters: 
     assert len({len(run.tables) for run in together}) > 1, "some must be over sooner than others"
 
 
+def test_scenes_whose_signals_differ_are_each_what_they_are_alone(make_scenario: Any, track: type) -> None:
+    """The ego, and who is taken over behind it, come to a light that is red for longer in one scene than in others."""
+
+    def scene(red_until: float) -> Scenario:
+        changes = [[0.0, "east", "red"], [red_until, "east", "green"]]
+        column = [track(k, x=-150.0 - 12.0 * k, y=-4.95, speed=10.0, last=120) for k in range(1, 4)]
+        signals = {"groups": {"east": ["WA_0", "WA_1"]}, "changes": changes}
+        return make_scenario(*column, net="urban_like", signals=signals)
+
+    scenes = [scene(7.0), scene(2.0), scene(7.0).around(2, 5)]
+    plans = [RunPlan(each, "idm", policy) for policy in ("yield", "litsim") for each in scenes]
+    for same_policy in (plans[:3], plans[3:]):
+        runs = record_together(same_policy)
+        for run, plan in zip(runs, same_policy, strict=True):
+            assert_same(run, record(Runner(plan)))
+            assert any(run.takeovers.values())
+        stands = [min(float(table.speed.min()) for table in run.tables) for run in runs]
+        assert stands[0] < 2.0 < stands[1], "one of them waits at the light"
+
+
 def test_a_run_that_a_contact_ends_ends_no_other(make_scenario: Callable[..., Any], track: type) -> None:
     """The egos brake, and the log has the one behind each drive on."""
     column = [track(1, x=100.0, speed=8.0, last=60), track(2, x=92.0, speed=8.0, last=60)]

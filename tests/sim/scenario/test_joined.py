@@ -64,6 +64,27 @@ def test_boxes_at_the_same_place_in_different_scenes_do_not_touch(scenes: list[S
     assert World(JoinedScenario.of([*near])).reset().x.tolist() == [*scenes[0].log.table(0).x] * 2
 
 
+def test_each_scene_has_its_own_signals(make_scenario, track) -> None:
+    def scene(red_until: float, last: int, groups: tuple[str, ...] = ("a", "b")) -> Scenario:
+        """West is red until then; its group is the first by name in one scene and the second in another."""
+        changes = [[0.0, groups[0], "red"], [red_until, groups[0], "green"], [0.0, groups[1], "amber"]]
+        lanes = {groups[0]: ["WA_0", "WA_1"], groups[1]: ["BA_0"]}
+        return make_scenario(track(1, x=220.0, y=-4.95, speed=0.0, last=last), net="urban_like", signals={
+            "groups": lanes, "changes": changes,
+        })
+
+    scenes = [scene(1.0, 40), scene(2.0, 60, ("d", "c"))]
+    signals = JoinedScenario.of(scenes).signals
+    assert signals is not None and signals.links is scenes[0].signals.links
+    for step in (0, 9, 10, 19, 20, 40, 59, 80):
+        alone = [each.signals.table(step).state[each.signals.link_group] for each in scenes]
+        assert np.array_equal(signals.of_links(step), np.array(alone))
+        assert all(np.array_equal(each.signals.of_links(step), [own]) for each, own in zip(scenes, alone, strict=True))
+    assert (signals.of_links(15)[0] != signals.of_links(15)[1]).any()
+    other = make_scenario(track(1, x=220.0, y=-4.95, speed=0.0, last=40), net="urban_like")
+    assert len({kind(scenes[0]), kind(scenes[1]), kind(other)}) == 2, "without signals, nobody stops"
+
+
 def test_what_stages_ask_of_a_scenario_decides_what_can_be_joined(make_scenario, track) -> None:
     scene = make_scenario(track(1, x=100.0))
     assert kind(scene) == kind(scene.around(1, 5)) == kind(make_scenario(track(3, x=50.0)))

@@ -26,7 +26,7 @@ from litsim_sim.core.scene import AgentTable, ControlSource, ControlTable, Float
 from litsim_sim.core.takeover import PathSource, Takeover, TakeoverState, TakeoverTable
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.setting import Setting
-from litsim_sim.scenario.signals import Signals
+from litsim_sim.scenario.signals import LinkSignals
 
 HIDDEN = 128
 LAYERS = ("hidden0", "hidden1", "mean")
@@ -103,7 +103,7 @@ class Driver:
         lane_map: LaneMap,
         network: PolicyNetwork,
         safety: SafetyConfig | None = None,
-        signals: Signals | None = None,
+        signals: LinkSignals | None = None,
     ) -> None:
         self.observer = Observer(lane_map, network.observation)
         self.safety = SafetyLayer(lane_map, safety, signals)

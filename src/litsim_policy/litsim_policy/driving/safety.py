@@ -52,7 +52,7 @@ from litsim_sim.core.quantities import (
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
-from litsim_sim.scenario.signals import Signals
+from litsim_sim.scenario.signals import LinkSignals
 
 GUARDS = ("limits", "following", "contact", "road")
 SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as the one that was asked for
@@ -147,7 +147,7 @@ class SafeCommands:
 class SafetyLayer:
     """Applies to agents on one net; :attr:`interventions` counts agent-steps by guard since it was made."""
 
-    def __init__(self, lane_map: LaneMap, config: SafetyConfig | None = None, signals: Signals | None = None) -> None:
+    def __init__(self, lane_map: LaneMap, config: SafetyConfig | None = None, signals: LinkSignals | None = None) -> None:
         self.config = config or SafetyConfig()
         self._stop_lines = StopLines(signals)
         self.interventions = dict.fromkeys(GUARDS, 0)

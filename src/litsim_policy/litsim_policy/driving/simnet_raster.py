@@ -33,7 +33,7 @@ from litsim_sim.core.compiled import (
 )
 from litsim_sim.core.scene import BoolArray, ByteArray, FloatArray, IntArray
 from litsim_sim.core.signals import STOP_STATES
-from litsim_sim.scenario.signals import Signals
+from litsim_sim.scenario.signals import LinkSignals
 
 Rasters = npt.NDArray[np.float32]
 
@@ -95,11 +95,11 @@ class Painter:
 
     Args:
         net: as drawn.
-        signals: of the scenario; None for none.
+        signals: on it; None for none.
         shape: of the rasters.
     """
 
-    def __init__(self, net: DrawnNet, signals: Signals | None, shape: RasterShape) -> None:
+    def __init__(self, net: DrawnNet, signals: LinkSignals | None, shape: RasterShape) -> None:
         self._net, self._signals, self._shape = net, signals, shape
         links = () if signals is None else signals.links
         lines = [(*link.stop, link.heading, link.width) for link in links]
@@ -131,7 +131,7 @@ class Painter:
             np.ascontiguousarray(everybody.there),
             everybody.size,
             everybody.scene,
-            self._closed_lines(step),
+            *self._closed_lines(step),
             net.closeness,
             net.angle,
             np.array([*net.origin, net.cell, shape.cell]),
@@ -139,12 +139,16 @@ class Painter:
         )
         return rasters
 
-    def _closed_lines(self, step: int) -> FloatArray:
-        """(k, 4) middle [m], heading [rad] and width [m] of the stop lines at which somebody has to stop."""
+    def _closed_lines(self, step: int) -> tuple[FloatArray, IntArray]:
+        """The stop lines at which somebody has to stop.
+
+        Returns:
+            middle [m], heading [rad] and width [m] of each (k, 4), and in which scene that is (k,).
+        """
         if self._signals is None:
-            return self._lines
-        state = self._signals.table(step).state[self._signals.link_group]
-        return self._lines[np.isin(state, (*STOP_STATES, *AMBER))]
+            return self._lines, np.empty(0, np.int64)
+        scene, link = np.isin(self._signals.of_links(step), (*STOP_STATES, *AMBER)).nonzero()
+        return self._lines[link], scene
 
 
 @kernel(void(OUT_SINGLES2, float64, float64, float64, float64, float64, float64))
@@ -216,7 +220,7 @@ def draw_road(
                 raster[SINE, r, c] = SINES[lane] * turn_cos - COSINES[lane] * turn_sin
 
 
-@kernel(void(FLOATS3, INTS, FLOATS3, BOOLS2, FLOATS2, INTS, FLOATS2, BYTES2, BYTES2, FLOATS, OUT_SINGLES4))
+@kernel(void(FLOATS3, INTS, FLOATS3, BOOLS2, FLOATS2, INTS, FLOATS2, INTS, BYTES2, BYTES2, FLOATS, OUT_SINGLES4))
 def draw_rasters(  # noqa: PLR0917 - a kernel takes arrays and numbers
     own: FloatArray,
     rows: IntArray,
@@ -225,6 +229,7 @@ def draw_rasters(  # noqa: PLR0917 - a kernel takes arrays and numbers
     size: FloatArray,
     scene: IntArray,
     lines: FloatArray,
+    line_scene: IntArray,
     closeness: ByteArray,
     angle: ByteArray,
     sizes: FloatArray,
@@ -235,7 +240,7 @@ def draw_rasters(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         own, rows: as there.
         pose, there, size, scene: as :class:`Motions` has them.
-        lines: (k, 4) as :meth:`Painter._closed_lines` returns them.
+        lines, line_scene: as :meth:`Painter._closed_lines` returns them.
         closeness, angle: as :class:`DrawnNet` has them.
         sizes: the net's origin x and y [m], its cells and those of the rasters [m].
         rasters: written to.
@@ -258,6 +263,8 @@ def draw_rasters(  # noqa: PLR0917 - a kernel takes arrays and numbers
             angle,
         )
         for k in range(len(lines)):
+            if line_scene[k] != scene[rows[i]]:
+                continue
             dx, dy = lines[k, 0] - x, lines[k, 1] - y
             draw_box(
                 raster[STOP],

@@ -96,7 +96,7 @@ def _behind(
     view = along_paths(paths, table, own, path=path)
     gap, along, leads = view.gap, view.speed, view.ahead & view.in_path
     if stop_lines.any:
-        line = stop_lines.gaps(table.step, paths.take(path), view.own_s, table.length[own], table.speed[own])
+        line = stop_lines.gaps(table, own, paths.take(path), view.own_s)
         line[[not drivers[k].stops for k in minding]] = FREE
         # a red light is a leader that stands
         gap, along = np.column_stack([gap, line]), np.column_stack([along, np.zeros(len(line))])

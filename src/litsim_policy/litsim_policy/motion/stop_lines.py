@@ -12,10 +12,10 @@ from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.quantities import Acceleration, Positive, configuration
-from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState
 from litsim_sim.maps.signal_links import FACING, PASSED
-from litsim_sim.scenario.signals import Signals
+from litsim_sim.scenario.signals import LinkSignals
 
 AMBER = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)
 ON_WAY = 1.6  # [m] from the middle of a lane within which a path is on it: half the width of a narrow lane
@@ -39,7 +39,7 @@ class SignalConfig:
 class StopLines:
     """Answers how far agents on paths have to the stop lines at which they have to stop."""
 
-    def __init__(self, signals: Signals | None, config: SignalConfig | None = None) -> None:
+    def __init__(self, signals: LinkSignals | None, config: SignalConfig | None = None) -> None:
         self._signals = signals
         self._config = config or SignalConfig()
         links = () if signals is None else signals.links
@@ -52,29 +52,27 @@ class StopLines:
         """Whether there are signals on the road."""
         return self._signals is not None
 
-    def gaps(self, step: int, paths: PathBatch, s: FloatArray, length: FloatArray, speed: FloatArray) -> FloatArray:
+    def gaps(self, table: AgentTable, rows: IntArray, paths: PathBatch, s: FloatArray) -> FloatArray:
         """Distances (m,) [m] from the agents' fronts to where they have to stop; infinite where they need not.
 
         Args:
-            step: at which the signals are looked at.
-            paths: m paths.
-            s: (m,) arc length of the agents' centres on their paths [m].
-            length: (m,) of the agents [m].
-            speed: (m,) [m/s].
+            table: everybody, at the step at which the signals are looked at.
+            rows: (m,) of the agents.
+            paths: m of them, which they follow.
+            s: (m,) arc length of their centres on them [m].
         """
         found = np.full(len(paths), FREE)
         if self._signals is None or not len(paths):
             return found
-        state = self._signals.table(step).state[self._signals.link_group]
+        state, scene = self._signals.of_links(table.step), table.scene[rows]
         red, amber = np.isin(state, STOP_STATES), np.isin(state, AMBER)
-        asked = np.flatnonzero(red | amber)
-        if not len(asked):
+        path, link = (red | amber)[scene].nonzero()
+        if not len(path):
             return found
-        path, link = (grid.ravel() for grid in np.meshgrid(np.arange(len(paths)), asked, indexing="ij"))
         line, on_way = self._lines_on(paths, path, link)
-        gap = line - (s + 0.5 * length)[path]
-        needed = speed[path] ** 2 / (2.0 * np.maximum(gap, GAP_MIN))
-        bound = np.where(red[link], self._config.red_braking, self._config.amber_braking)
+        gap = line - (s + 0.5 * table.length[rows])[path]
+        needed = table.speed[rows][path] ** 2 / (2.0 * np.maximum(gap, GAP_MIN))
+        bound = np.where(red[scene[path], link], self._config.red_braking, self._config.amber_braking)
         stops = on_way & (gap > -PASSED) & (needed <= bound)
         np.minimum.at(found, path[stops], np.maximum(gap[stops], GAP_MIN))
         return found
@@ -83,8 +81,7 @@ class StopLines:
         """The same of agents that follow paths, at the step of their table."""
         if self._signals is None:
             return np.full(len(agents), FREE)
-        table = agents.table
-        return self.gaps(table.step, agents.paths, agents.s, table.length[agents.rows], agents.speed)
+        return self.gaps(agents.table, agents.rows, agents.paths, agents.s)
 
     def _lines_on(self, paths: PathBatch, path: IntArray, link: IntArray) -> tuple[FloatArray, BoolArray]:
         """Arc lengths (k,) [m] of stop lines on paths, and whether the path takes that connection (k,)."""

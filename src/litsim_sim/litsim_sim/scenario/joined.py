@@ -16,13 +16,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable, IntArray
+from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ByteArray, ControlTable, IntArray
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.scenario import Scenario
+from litsim_sim.maps.signal_links import SignalLink
 from litsim_sim.scenario.signals import Signals
 
 BITS = 32
@@ -62,6 +63,31 @@ class JoinedLog(Log):
         """See :meth:`Log.recorded`."""
         log = self.logs[agent >> BITS]
         return log, int(log.ids[agent & ((1 << BITS) - 1)])
+
+
+@dataclass(frozen=True)
+class JoinedSignals:
+    """The signals of several scenes on one net; see :class:`litsim_sim.scenario.signals.LinkSignals`."""
+
+    scenes: tuple[Signals, ...]
+
+    @property
+    def links(self) -> tuple[SignalLink, ...]:
+        """Of any of the scenes."""
+        return self.scenes[0].links
+
+    def of_links(self, step: int) -> ByteArray:
+        """(scenes, links) :class:`litsim_sim.core.signals.SignalState`."""
+        return self._states[:, :, min(step, self._states.shape[2] - 1)]
+
+    @cached_property
+    def _states(self) -> ByteArray:
+        """(scenes, links, steps of the longest)."""
+        steps = max(signals.states.shape[1] for signals in self.scenes)
+        return np.stack([
+            np.pad(signals.states, ((0, 0), (0, steps - signals.states.shape[1])), "edge")[signals.link_group]
+            for signals in self.scenes
+        ])
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,10 +145,11 @@ class JoinedScenario:
         """See :class:`.setting.Setting`."""
         return np.concatenate([scene.last_logged for scene in self.scenes])
 
-    @property
-    def signals(self) -> Signals | None:
+    @cached_property
+    def signals(self) -> JoinedSignals | None:
         """See :class:`.setting.Setting`."""
-        return self.scenes[0].signals
+        given = tuple(scene.signals for scene in self.scenes if scene.signals is not None)
+        return JoinedSignals(given) if given else None
 
     @property
     def net_path(self) -> Path:
@@ -191,8 +218,8 @@ class JoinedScenario:
 def kind(scenario: Scenario) -> Hashable:
     """Scenarios of which this is equal can be joined: what stages ask of all scenes at once is the same."""
     vehicle = tuple(vars(scenario.vehicle).items())
-    signals = None if scenario.signals is None else id(scenario.signals)
-    return scenario.net_path, scenario.history_steps, scenario.roi_m, signals, vehicle
+    controlled = None if scenario.signals is None else scenario.signals.link_names
+    return scenario.net_path, scenario.history_steps, scenario.roi_m, controlled, vehicle
 
 
 def _stacked(parts: Sequence[np.ndarray], steps: int) -> np.ndarray:

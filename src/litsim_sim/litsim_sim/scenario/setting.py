@@ -10,7 +10,7 @@ from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
-from litsim_sim.scenario.signals import Signals
+from litsim_sim.scenario.signals import LinkSignals
 
 
 class Setting(Protocol):
@@ -53,7 +53,7 @@ class Setting(Protocol):
         """(scenes,) the last step at which anybody of the scene is logged."""
 
     @property
-    def signals(self) -> Signals | None:
+    def signals(self) -> LinkSignals | None:
         """What signals show at each step."""
 
     @property

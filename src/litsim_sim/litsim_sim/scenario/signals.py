@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -113,6 +113,17 @@ class SignalsFile(_Strict):
         return self
 
 
+class LinkSignals(Protocol):
+    """What the signals on one net show, in one scene or in several that are stepped together."""
+
+    @property
+    def links(self) -> tuple[SignalLink, ...]:
+        """Controlled connections of the net, the same in all scenes."""
+
+    def of_links(self, step: int) -> ByteArray:
+        """(scenes, links) :class:`SignalState` that each connection is shown at `step`, the last one beyond it."""
+
+
 @dataclass(frozen=True)
 class Signals:
     """What every group shows at every step of a scenario.
@@ -132,6 +143,10 @@ class Signals:
     def table(self, step: int) -> SignalTable:
         """What the groups show at `step`; beyond the last step, what they showed then."""
         return SignalTable(step, self.groups, self.states[:, min(step, self.states.shape[1] - 1)])
+
+    def of_links(self, step: int) -> ByteArray:
+        """See :class:`LinkSignals`."""
+        return self.states[None, self.link_group, min(step, self.states.shape[1] - 1)]
 
     @property
     def known(self) -> bool:
