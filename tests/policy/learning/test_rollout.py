@@ -16,9 +16,9 @@ from litsim_policy.learning.network import GaussianPolicy
 from litsim_policy.learning.ppo import tensor
 from litsim_policy.learning.reward import Penalties
 from litsim_policy.learning.rollout import (
+    AT_FIRST,
     EMPTY_EPISODES_MAX,
     TOGETHER,
-    TOGETHER_AT_FIRST,
     Episode,
     Foresight,
     HereDriving,
@@ -144,9 +144,10 @@ def test_densities_are_those_that_training_takes_them_for(busy, policy) -> None:
 
 def test_no_more_episodes_are_begun_than_are_likely_to_be_asked_for() -> None:
     guess = Foresight()
-    assert guess.portion(1000.0, 0, 2) == guess.portion(np.inf, 0, 2) == TOGETHER_AT_FIRST, "nothing is known yet"
+    assert guess.portion(1000.0, 2) == AT_FIRST, "nothing is known yet"
+    assert guess.portion(np.inf, 2) == 2 * TOGETHER, "all will be asked for"
     guess.note(Episode([], {"transitions": 150.0}))
     guess.note(Episode([], {"transitions": 250.0}))
-    assert [guess.portion(1000.0, 0, 2), guess.portion(1000.0, 3, 1)] == [3, 2]
-    assert guess.portion(1000.0, 5, 1) == 0 and guess.portion(0.0, 0, 2) == 1
-    assert guess.portion(1e6, 0, 1) == TOGETHER
+    assert guess.portion(1000.0, 2) == 6, "five hold as much in the mean, and their sum has a deviation of 112"
+    assert guess.portion(0.0, 2) == guess.portion(-5.0, 2) == 1
+    assert guess.portion(1e6, 2) == 2 * TOGETHER

@@ -12,8 +12,8 @@ from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.data import TrainingData
 from litsim_policy.learning.environment import EnvironmentConfig
 from litsim_policy.learning.network import GaussianPolicy
-from litsim_policy.learning.rollout import Driving, Episode, collect, validate
-from litsim_policy.learning.rollout_pool import rollouts
+from litsim_policy.learning.rollout import TOGETHER, Driving, Episode, collect, validate
+from litsim_policy.learning.rollout_pool import rollouts, shared_out
 
 SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
 
@@ -70,6 +70,13 @@ def test_what_several_processes_drive_is_what_one_drives(data, config) -> None:
             assert validate(policy, here[1], config) == validate(policy, pool[1], config)
         first, second = (drawn(here[0], policy)[0] for policy in policies(config))
         assert not np.array_equal(first.tracks[0].raw, second.tracks[0].raw)
+
+
+def test_every_process_gets_something_and_groups_stay_whole_where_they_can() -> None:
+    assert shared_out([[0, 3], [1, 2, 4, 5, 6]], 2) == [[1, 2, 4, 5, 6], [0, 3]]
+    assert shared_out([[1], [0, 2, 3, 4, 5]], 3) == [[3, 4, 5], [0, 2], [1]]
+    assert shared_out([[0], [1]], 4) == [[0], [1]], "there are no more"
+    assert shared_out([range(TOGETHER + 1)], 1) == [range(24, 49), range(24)], "so many are not stepped together"
 
 
 def test_seeds_that_end_end_the_episodes(data, config) -> None:

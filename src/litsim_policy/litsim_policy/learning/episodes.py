@@ -79,9 +79,13 @@ class Course:
     safety: SafetyConfig = LIMITS_ONLY
     task: TaskConfig = TaskConfig()
 
+    def scenario(self, random: np.random.Generator) -> Scenario:
+        """What an episode draws first: one of the scenarios."""
+        return self.scenarios[int(random.integers(len(self.scenarios)))]
+
     def start(self, random: np.random.Generator) -> Start:
         """What an episode begins with: scenario and ego drawn by `random`, which goes on to draw who is drafted."""
-        scenario = with_ego(self.scenarios[int(random.integers(len(self.scenarios)))], random)
+        scenario = with_ego(self.scenario(random), random)
         return Start(scenario, drawn_ego(scenario, random), random)
 
 

@@ -22,7 +22,7 @@ from litsim_sim.scenario.joined import BITS, kind
 
 EMPTY_EPISODES_MAX = 100  # episodes in a row without anybody to drive, after which there is no point in going on
 TOGETHER = 48  # episodes that are stepped together at most
-TOGETHER_AT_FIRST = 8  # where nobody knows how many are worth it: other processes are to get some, too
+AT_FIRST = 12  # episodes that are driven where nobody knows how many are worth it
 COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard")  # of penalties, what is summed up
 VALIDATION_SEED = 10_000_019  # of the first episode of every validation
 
@@ -61,30 +61,38 @@ class Foresight:
     """Guesses how many episodes are worth driving at once: those that nobody asks for in the end are driven in vain.
 
     Attributes:
-        driven, done: agent-steps and episodes so far.
+        driven, squares: sums over episodes of their agent-steps, and of the squares of these.
+        done: episodes so far.
     """
 
     driven: float = 0.0
+    squares: float = 0.0
     done: int = 0
 
-    def portion(self, missing: float, begun: int, free: int) -> int:
-        """How many episodes the next process is to begin.
+    def portion(self, missing: float, processes: int) -> int:
+        """How many episodes to drive next, one at least.
+
+        Mostly they are enough: their mean less one standard deviation is. An episode more beside others costs little;
+        one that has to be driven on its own afterwards costs nearly as much as all of them.
 
         Args:
             missing: agent-steps that are still asked for.
-            begun: episodes under way; where there are none, one at least is to begin.
-            free: processes that have nothing to do.
+            processes: that drive them.
         """
-        if not np.isfinite(missing) or not self.done:
-            return TOGETHER_AT_FIRST
+        most = TOGETHER * processes
+        if not np.isfinite(missing):
+            return most
+        if not self.done:
+            return AT_FIRST
         mean = max(self.driven / self.done, 1.0)
-        # one more beside others costs less than one alone later on
-        needed = int(np.ceil(missing / mean)) + (1 if not begun else 0) - begun
-        return min(max(-(-needed // free), 0 if begun else 1), TOGETHER)
+        spread = max(self.squares / self.done - mean**2, 0.0) ** 0.5
+        expected = max(missing, 0.0) / mean
+        return min(max(int(np.ceil(expected + spread / mean * expected**0.5)), 1), most)
 
     def note(self, episode: Episode) -> None:
         """Learn from an episode."""
-        self.driven, self.done = self.driven + episode.sums.get("transitions", 0.0), self.done + 1
+        steps = episode.sums.get("transitions", 0.0)
+        self.driven, self.squares, self.done = self.driven + steps, self.squares + steps**2, self.done + 1
 
 
 class HereDriving:
@@ -98,7 +106,7 @@ class HereDriving:
     ) -> Iterator[Episode]:
         """See :class:`Driving`."""
         coming, missing = iter(seeds), enough
-        while portion := list(islice(coming, self._foresight.portion(missing, 0, 1))):
+        while portion := list(islice(coming, self._foresight.portion(missing, 1))):
             for episode in drive(self._course, policy, portion, draws=draws):
                 self._foresight.note(episode)
                 missing -= episode.sums.get("transitions", 0.0)
@@ -140,17 +148,21 @@ def drive(course: Course, policy: GaussianPolicy, seeds: Sequence[int], *, draws
 
     Those on scenarios of one kind are stepped together; each comes to the same as alone.
     """
-    starts = [course.start(seeding.np_random(seed)[0]) for seed in seeds]
-    groups: dict[Hashable, list[int]] = defaultdict(list)
-    for number, start in enumerate(starts):
-        groups[kind(start.scenario)].append(number)
     found: dict[int, Episode] = {}
     sampler = Sampler.of(policy)
-    for group in groups.values():
+    for group in by_kind(course, seeds):
+        starts = [course.start(seeding.np_random(seeds[number])[0]) for number in group]
         generators = [torch.Generator().manual_seed(seeds[number]) for number in group] if draws else None
-        together = _drive_together(Episodes(course, [starts[number] for number in group]), sampler, generators)
-        found |= dict(zip(group, together, strict=True))
+        found |= dict(zip(group, _drive_together(Episodes(course, starts), sampler, generators), strict=True))
     return [found[number] for number in range(len(seeds))]
+
+
+def by_kind(course: Course, seeds: Sequence[int]) -> list[list[int]]:
+    """The positions in `seeds` of the episodes that can be stepped together, those of each kind of scenario."""
+    groups: dict[Hashable, list[int]] = defaultdict(list)
+    for number, seed in enumerate(seeds):
+        groups[kind(course.scenario(seeding.np_random(seed)[0]))].append(number)
+    return list(groups.values())
 
 
 def _drive_together(

@@ -6,11 +6,10 @@ import multiprocessing
 import pickle
 import signal
 import tempfile
-from collections import deque
-from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Literal
 
@@ -21,7 +20,7 @@ from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.data import TrainingData
 from litsim_policy.learning.episodes import Course
 from litsim_policy.learning.network import GaussianPolicy
-from litsim_policy.learning.rollout import Driving, Episode, Foresight, HereDriving, drive
+from litsim_policy.learning.rollout import TOGETHER, Driving, Episode, Foresight, HereDriving, by_kind, drive
 
 Part = Literal["train", "validation"]
 PARTS: tuple[Part, ...] = ("train", "validation")
@@ -42,7 +41,8 @@ def rollouts(data: TrainingData, config: TrainConfig, processes: int) -> Iterato
             for _ in range(processes):
                 pool.submit(_ready)  # they load what they need while the experts are looked at
             try:
-                yield PoolDriving(pool, "train", processes), PoolDriving(pool, "validation", processes)
+                driving, validation = (PoolDriving(pool, part, _course(data, config, part), processes) for part in PARTS)
+                yield driving, validation
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
 
@@ -50,8 +50,8 @@ def rollouts(data: TrainingData, config: TrainConfig, processes: int) -> Iterato
 class PoolDriving:
     """Drives in the processes of a pool."""
 
-    def __init__(self, pool: ProcessPoolExecutor, part: Part, processes: int) -> None:
-        self._pool, self._part, self._processes = pool, part, processes
+    def __init__(self, pool: ProcessPoolExecutor, part: Part, course: Course, processes: int) -> None:
+        self._pool, self._part, self._course, self._processes = pool, part, course, processes
         self._foresight = Foresight()
 
     def episodes(
@@ -59,22 +59,31 @@ class PoolDriving:
     ) -> Iterator[Episode]:
         """See :class:`litsim_policy.learning.rollout.Driving`."""
         weights = {name: values.detach().numpy().copy() for name, values in policy.state_dict().items()}
-        waiting: deque[tuple[int, Future[list[Episode]]]] = deque()
         coming, missing = iter(seeds), enough
-        while True:
-            while len(waiting) < self._processes:
-                begun = sum(count for count, _ in waiting)
-                free = self._processes - len(waiting)
-                portion = list(islice(coming, self._foresight.portion(missing, begun, free)))
-                if not portion:
-                    break
-                waiting.append((len(portion), self._pool.submit(_drive, self._part, weights, portion, draws)))
-            if not waiting:
-                return
-            for episode in waiting.popleft()[1].result():
+        while portion := list(islice(coming, self._foresight.portion(missing, self._processes))):
+            shares = shared_out(by_kind(self._course, portion), self._processes)
+            jobs = [
+                self._pool.submit(_drive, self._part, weights, [portion[k] for k in share], draws) for share in shares
+            ]
+            driven = dict(zip(chain(*shares), chain(*(job.result() for job in jobs)), strict=True))
+            for _, episode in sorted(driven.items()):
                 self._foresight.note(episode)
                 missing -= episode.sums.get("transitions", 0.0)
                 yield episode
+
+
+def shared_out(groups: Iterable[Sequence[int]], processes: int) -> list[Sequence[int]]:
+    """`groups` as they are given to processes, the largest first.
+
+    A group is halved where a process would get none, or where it is more than are stepped together: what a step costs
+    is mostly the number of groups.
+    """
+    shares = sorted(groups, key=len, reverse=True)
+    while len(shares[0]) > (1 if len(shares) < processes else TOGETHER):
+        largest = shares.pop(0)
+        halves = largest[: len(largest) // 2], largest[len(largest) // 2 :]
+        shares = sorted([*shares, *halves], key=len, reverse=True)
+    return shares
 
 
 _courses: dict[Part, Course] = {}
