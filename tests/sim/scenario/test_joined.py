@@ -69,9 +69,14 @@ def test_each_scene_has_its_own_signals(make_scenario, track) -> None:
         """West is red until then; its group is the first by name in one scene and the second in another."""
         changes = [[0.0, groups[0], "red"], [red_until, groups[0], "green"], [0.0, groups[1], "amber"]]
         lanes = {groups[0]: ["WA_0", "WA_1"], groups[1]: ["BA_0"]}
-        return make_scenario(track(1, x=220.0, y=-4.95, speed=0.0, last=last), net="urban_like", signals={
-            "groups": lanes, "changes": changes,
-        })
+        return make_scenario(
+            track(1, x=220.0, y=-4.95, speed=0.0, last=last),
+            net="urban_like",
+            signals={
+                "groups": lanes,
+                "changes": changes,
+            },
+        )
 
     scenes = [scene(1.0, 40), scene(2.0, 60, ("d", "c"))]
     signals = JoinedScenario.of(scenes).signals

@@ -147,7 +147,9 @@ class SafeCommands:
 class SafetyLayer:
     """Applies to agents on one net; :attr:`interventions` counts agent-steps by guard since it was made."""
 
-    def __init__(self, lane_map: LaneMap, config: SafetyConfig | None = None, signals: LinkSignals | None = None) -> None:
+    def __init__(
+        self, lane_map: LaneMap, config: SafetyConfig | None = None, signals: LinkSignals | None = None
+    ) -> None:
         self.config = config or SafetyConfig()
         self._stop_lines = StopLines(signals)
         self.interventions = dict.fromkeys(GUARDS, 0)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from litsim_policy.motion.stop_lines import AMBER
+from litsim_policy.motion.stop_lines import IS_AMBER, IS_RED
 from litsim_predictor.inference.raster import TURNS, DrawnNet
 from litsim_sim.core.compiled import (
     BOOLS2,
@@ -32,7 +32,6 @@ from litsim_sim.core.compiled import (
     written_array,
 )
 from litsim_sim.core.scene import BoolArray, ByteArray, FloatArray, IntArray
-from litsim_sim.core.signals import STOP_STATES
 from litsim_sim.scenario.signals import LinkSignals
 
 Rasters = npt.NDArray[np.float32]
@@ -147,7 +146,7 @@ class Painter:
         """
         if self._signals is None:
             return self._lines, np.empty(0, np.int64)
-        scene, link = np.isin(self._signals.of_links(step), (*STOP_STATES, *AMBER)).nonzero()
+        scene, link = (IS_RED | IS_AMBER)[self._signals.of_links(step)].nonzero()
         return self._lines[link], scene
 
 

@@ -41,7 +41,8 @@ def rollouts(data: TrainingData, config: TrainConfig, processes: int) -> Iterato
             for _ in range(processes):
                 pool.submit(_ready)  # they load what they need while the experts are looked at
             try:
-                driving, validation = (PoolDriving(pool, part, _course(data, config, part), processes) for part in PARTS)
+                courses = {part: _course(data, config, part) for part in PARTS}
+                driving, validation = (PoolDriving(pool, part, courses[part], processes) for part in PARTS)
                 yield driving, validation
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)

@@ -18,6 +18,7 @@ from litsim_sim.maps.signal_links import FACING, PASSED
 from litsim_sim.scenario.signals import LinkSignals
 
 AMBER = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)
+IS_RED, IS_AMBER = (np.isin(np.arange(256), states) for states in (STOP_STATES, AMBER))  # by state
 ON_WAY = 1.6  # [m] from the middle of a lane within which a path is on it: half the width of a narrow lane
 GAP_MIN = 0.1  # [m] less than this counts as this
 FREE = np.inf
@@ -65,8 +66,8 @@ class StopLines:
         if self._signals is None or not len(paths):
             return found
         state, scene = self._signals.of_links(table.step), table.scene[rows]
-        red, amber = np.isin(state, STOP_STATES), np.isin(state, AMBER)
-        path, link = (red | amber)[scene].nonzero()
+        red = IS_RED[state]
+        path, link = (red | IS_AMBER[state])[scene].nonzero()
         if not len(path):
             return found
         line, on_way = self._lines_on(paths, path, link)

@@ -20,10 +20,10 @@ from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ByteArray, ControlTa
 from litsim_sim.core.takeover import Takeover
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.signal_links import SignalLink
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.log_overlaps import LogOverlaps
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.maps.signal_links import SignalLink
 from litsim_sim.scenario.signals import Signals
 
 BITS = 32
@@ -84,10 +84,12 @@ class JoinedSignals:
     def _states(self) -> ByteArray:
         """(scenes, links, steps of the longest)."""
         steps = max(signals.states.shape[1] for signals in self.scenes)
-        return np.stack([
-            np.pad(signals.states, ((0, 0), (0, steps - signals.states.shape[1])), "edge")[signals.link_group]
-            for signals in self.scenes
-        ])
+        return np.stack(
+            [
+                np.pad(signals.states, ((0, 0), (0, steps - signals.states.shape[1])), "edge")[signals.link_group]
+                for signals in self.scenes
+            ]
+        )
 
 
 @dataclass(frozen=True, eq=False)
