@@ -30,6 +30,8 @@ def test_portions_hold_what_can_be_stepped_together_and_leave_something_for_ever
         assert all(len({case.policy for case in some}) == 1 and len(some) <= TOGETHER for some in found)
         assert len(found) >= min(processes, len(cases))
     assert max(len(some) for some in batches(cases, 2)) == TOGETHER
+    policies = [some[0].policy for some in batches(cases, 2)]
+    assert policies == sorted(policies, key=["yield", "replay"].index), "what is quick fills what is left at the end"
     external = made(egos=[{"kind": "external", "command": ["true"]}])
     assert [len(some) for some in batches(external, 1)] == [1] * len(external)
 

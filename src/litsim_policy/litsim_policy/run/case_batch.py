@@ -11,7 +11,7 @@ from litsim_policy.run.together import common_parameters, record_together
 from litsim_sim.campaign.case import GRAPH, Case
 from litsim_sim.core.errors import reason
 from litsim_sim.scenario.joined import kind
-from litsim_sim.scenario.run_info import RunPlan
+from litsim_sim.scenario.run_info import REPLAY, RunPlan
 
 TOGETHER = 16
 """Runs that are stepped together at most: each eight more hold 50 MB, and save less than those before."""
@@ -26,10 +26,11 @@ Found = dict[str, Any] | str
 def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
     """`cases` in the portions in which processes are given them: what can be stepped together is not torn apart.
 
-    Runs over DDS go alone. There are portions for all processes, and so many that a slow one is not waited for long.
+    Runs over DDS go alone. There are portions for all processes, and so many that a slow one is not waited for long;
+    those of pure replay, which are quick, come last.
     """
     groups: dict[Hashable, list[Case]] = {}
-    for case in cases:
+    for case in sorted(cases, key=lambda case: case.policy == REPLAY):
         groups.setdefault(case.id if case.shell == GRAPH else (case.policy, str(case.parameters)), []).append(case)
     most = max(1, min(TOGETHER, -(-len(cases) // (2 * processes))))
     return [portion for group in groups.values() for portion in _portions(_by_scenario(group), most)]

@@ -8,7 +8,7 @@ those whose scene is the same. A scene's answers are those that it would get alo
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -187,12 +187,14 @@ class JoinedScenario:
 
     def takeovers(self, takeovers: Sequence[Takeover]) -> list[tuple[Takeover, ...]]:
         """`takeovers`, agents ascending, taken apart likewise."""
-        found: list[list[Takeover]] = [[] for _ in self.scenes]
-        for each in takeovers:
-            scene = each.agent >> BITS
-            agent, opponent = self.own(scene, np.array([each.agent, each.opponent])).tolist()
-            found[scene].append(replace(each, agent=agent, opponent=opponent))
-        return [tuple(own) for own in found]
+        ids = np.array([(each.agent, each.opponent) for each in takeovers], np.int64).reshape(-1, 2)
+        return [
+            tuple(
+                Takeover(**{**vars(each), "agent": agent, "opponent": opponent})
+                for each, (agent, opponent) in zip(takeovers[part], self.own(k, ids[part]).tolist(), strict=True)
+            )
+            for k, part in enumerate(self._parts(ids[:, 0]))
+        ]
 
     def told(self, scene: int) -> Callable[[int], int | None]:
         """What gives the id of an agent in the recording of `scene`, None of agents of others."""
