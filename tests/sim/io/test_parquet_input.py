@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.parquet_input import read_arrow, read_schema, read_table
+from litsim_sim.io.parquet_input import plain_columns, read_arrow, read_schema, read_table
 
 
 def test_all_columns_are_read(tmp_path: Path) -> None:
@@ -35,3 +37,19 @@ def test_missing_columns_and_what_a_missing_file_is_for(tmp_path: Path) -> None:
         read_table(tmp_path / "a.parquet", ("x", "y"))
     with pytest.raises(InputError, match=r"b\.parquet: no such file; the test needs it$"):
         read_table(tmp_path / "b.parquet", purpose="the test needs it")
+
+
+def test_plain_numbers_are_read_as_pandas_would() -> None:
+    whole, broken = np.arange(20, dtype=np.int16), np.where(np.arange(20) % 3, np.arange(20) / 7, np.nan)
+    given = pd.DataFrame({"whole": whole, "broken": broken.astype(np.float32), "name": "a", "index": whole + 5})
+    given["holes"] = pd.array(np.where(whole % 2, whole, pd.NA), "Int64")
+    arrow = pa.Table.from_pandas(given.set_index("index"))
+    parts = pa.concat_tables([arrow.slice(3, 9), arrow.slice(12)]).append_column("broken_", arrow["broken"].slice(3))
+    found, expected = plain_columns(parts), parts.to_pandas()
+    assert list(found) == ["whole", "broken", "broken_"], "no words, no whole numbers with gaps, no index"
+    for name, values in found.items():
+        assert values.dtype == expected[name].dtype
+        np.testing.assert_array_equal(values, expected[name])
+    assert np.isnan(found["broken"]).sum() == 6
+    assert not plain_columns(pa.table([[1], [2]], names=["twice", "twice"]))
+    assert plain_columns(parts.slice(0, 0))["whole"].tolist() == []

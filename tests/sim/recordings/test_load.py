@@ -111,8 +111,12 @@ def test_windows_files_with_defects(tmp_path: Path) -> None:
         load_recording(written(tmp_path, table.assign(colour=1)))
     with pytest.raises(InputError, match=r"missing columns \['heading_rad'\]"):
         load_recording(written(tmp_path, table.drop(columns="heading_rad")))
-    with pytest.raises(InputError, match="crop it to one"):
-        load_recording(written(tmp_path, table.drop(index=1)))
+    with pytest.raises(InputError, match=r"columns \['speed_mps'\] do not hold numbers"):
+        load_recording(written(tmp_path, table.assign(speed_mps="fast")))
+    for index in (True, False):  # with an index in the file, it is read by pandas
+        table.drop(index=1).to_parquet(tmp_path / "windows.parquet", index=index)
+        with pytest.raises(InputError, match="crop it to one"):
+            load_recording(tmp_path / "windows.parquet")
     with pytest.raises(InputError, match="column speed is nan"):
         load_recording(written(tmp_path, table.assign(speed_mps=np.nan)))
 

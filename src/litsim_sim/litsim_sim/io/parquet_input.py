@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -15,6 +16,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAGIC = b"PAR1"
+PLAIN = {
+    {"float32": "float", "float64": "double"}.get(name, name): np.dtype(name)
+    for name in ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float32", "float64")
+}
+"""Types of numbers, by Arrow's names."""
 UNREADABLE = (pa.ArrowException, OSError, UnicodeError)
 """What pyarrow raises on what is no Parquet, or is damaged."""
 
@@ -86,6 +92,34 @@ def read_table(path: Path, needed: Sequence[str] = (), *, purpose: str = "") -> 
     if missing:
         raise InputError(f"{path}: missing columns {missing}; expected {list(needed)}")
     return arrow.to_pandas()
+
+
+def plain_columns(arrow: pa.Table) -> dict[str, np.ndarray]:
+    """The columns that hold plain numbers, as arrays; a gap among fractions is not a number.
+
+    Left out are columns of other types, whole numbers with gaps, those whose names occur twice, and what is an index in
+    pandas. Arrow's own conversion imports pandas, which takes longer than anything else that a run reads.
+    """
+    names, index = arrow.column_names, (arrow.schema.pandas_metadata or {}).get("index_columns", [])
+    return {
+        name: np.concatenate([np.empty(0, dtype), *(_values(chunk, dtype) for chunk in column.chunks)])
+        for name, column in zip(names, arrow.columns, strict=True)
+        if (dtype := PLAIN.get(str(column.type))) is not None
+        and names.count(name) == 1
+        and name not in index
+        and (dtype.kind == "f" or not column.null_count)
+    }
+
+
+def _values(chunk: pa.Array, dtype: np.dtype) -> np.ndarray:
+    """The numbers of a part of a column, NaN where it has gaps."""
+    gaps, numbers = chunk.buffers()
+    own = slice(chunk.offset, chunk.offset + len(chunk))
+    values = np.frombuffer(numbers, dtype)[own]
+    if not chunk.null_count:
+        return values
+    there = np.unpackbits(np.frombuffer(gaps, np.uint8), bitorder="little")[own].astype(np.bool_)
+    return np.where(there, values, dtype.type(np.nan))
 
 
 def _require(path: Path, purpose: str = "") -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.scene import BoolArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -15,27 +16,37 @@ if TYPE_CHECKING:
 Crop = Mapping[str, Sequence[float]]
 """By column, the [low, high] to keep, both inclusive."""
 
+NUMBERS = "biuf"
+"""Kinds of types that hold numbers."""
+
 
 def cropped(table: pd.DataFrame, crop: Crop | None, where: str) -> pd.DataFrame:
     """The rows of `table` within every range of `crop`; `where` names the table in errors.
 
     Raises:
+        InputError: as :func:`within`.
+    """
+    return table[within({str(name): column for name, column in table.items()}, len(table), crop, where)]
+
+
+def within(columns: Mapping[str, Any], rows: int, crop: Crop | None, where: str) -> BoolArray:
+    """Which of the `rows` (n,) of columns, of arrays or of pandas, are within every range of `crop`.
+
+    Raises:
         InputError: `crop` names an unknown column or one without numbers, is malformed, or keeps nothing.
     """
-    from pandas.api.types import is_numeric_dtype
-
-    keep = np.ones(len(table), np.bool_)
+    keep = np.ones(rows, np.bool_)
     for column, limits in (crop or {}).items():
-        if column not in table.columns:
-            raise InputError(f"{where}: crop names unknown column {column!r}; the file has {list(table.columns)}")
+        if column not in columns:
+            raise InputError(f"{where}: crop names unknown column {column!r}; the file has {list(columns)}")
         try:
             low, high = (float(limit) for limit in limits)
         except (TypeError, ValueError) as error:
             raise InputError(f"{where}: crop of {column} is {limits!r}, expected [low, high]") from error
-        if not is_numeric_dtype(table[column].dtype):
+        if columns[column].dtype.kind not in NUMBERS:
             raise InputError(f"{where}: crop names column {column!r}, which does not hold numbers")
-        values = table[column].to_numpy(np.float64)
+        values = np.asarray(columns[column], np.float64)
         keep &= (values >= low) & (values <= high)
         if not keep.any():
             raise InputError(f"{where}: crop leaves no rows: {column} within [{low}, {high}]")
-    return table[keep]
+    return keep

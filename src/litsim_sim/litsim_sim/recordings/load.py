@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.parquet_input import is_parquet, read_schema, read_table
-from litsim_sim.recordings.cropping import Crop, cropped
+from litsim_sim.io.parquet_input import is_parquet, read_schema
+from litsim_sim.recordings.cropping import Crop, within
 from litsim_sim.recordings.ngsim import windows as ngsim_windows
 from litsim_sim.recordings.recording import COLUMNS, HEADER_KEY, Recording
 
@@ -42,12 +42,14 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
     schema = read_schema(path)
     columns = list(schema.names)
     if ngsim_windows.is_windows(columns):
-        return ngsim_windows.convert(cropped(read_table(path), crop, str(path)), str(path))
+        return ngsim_windows.load(path, crop)
     if HEADER_KEY in (schema.metadata or {}):
         recording = Recording.read(path)
         if not crop:
             return recording
-        return Recording.from_table(recording.header, cropped(recording.table, crop, str(path)), str(path))
+        kept = within(recording.columns, len(recording.columns["frame"]), crop, str(path))
+        left = {name: values[kept] for name, values in recording.columns.items()}
+        return Recording.from_columns(recording.header, left, str(path))
     raise InputError(
         f"{path}: format not recognised: columns are {columns}; expected {list(COLUMNS)} with a LitSim header, or the "
         f"US-101 windows file (columns {list(ngsim_windows.MARKERS)} among others); {OTHER_TABLES}"

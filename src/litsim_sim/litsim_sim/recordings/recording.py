@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import RATE_HZ, FloatArray
 from litsim_sim.io.files import replacing
-from litsim_sim.io.parquet_input import read_arrow
+from litsim_sim.io.parquet_input import plain_columns, read_arrow
 
 if TYPE_CHECKING:
     import pandas as pd  # where it is used: importing it takes as long as anything that the nodes of a run need
@@ -45,9 +45,6 @@ COLUMNS: dict[str, str] = {
     "lane": "int16",
 }
 """Columns of the neutral schema and their types. `lane` counts from the left edge, 1 first; -1 is unknown."""
-
-ARROW_TYPES = {name: {"float64": "double"}.get(dtype, dtype) for name, dtype in COLUMNS.items()}
-"""The same types in Arrow's words."""
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "x": (-1e7, 1e7),
@@ -135,6 +132,12 @@ class Recording:
         return cls._checked(header, {name: table[name].to_numpy() for name in COLUMNS}, numbers, where)
 
     @classmethod
+    def from_columns(cls, header: RecordingHeader, columns: Mapping[str, np.ndarray], where: str) -> Recording:
+        """The same of arrays (n,) of numbers by the names of :data:`COLUMNS`."""
+        numbers = {name: columns[name].astype(np.float64, copy=False) for name in COLUMNS}
+        return cls._checked(header, columns, numbers, where)
+
+    @classmethod
     def _checked(
         cls, header: RecordingHeader, given: Mapping[str, Any], numbers: Mapping[str, FloatArray], where: str
     ) -> Recording:
@@ -202,8 +205,7 @@ class Recording:
         except (ValueError, TypeError, AttributeError) as error:
             raise InputError(f"{where}: malformed header in the Parquet metadata: {error}") from error
         if (given := _neutral(arrow)) is not None:
-            numbers = {name: values.astype(np.float64, copy=False) for name, values in given.items()}
-            recording = cls._checked(header, given, numbers, where)
+            recording = cls.from_columns(header, given, where)
         else:
             recording = cls.from_table(header, arrow.to_pandas(), where)
         if metadata.get(CHECK_KEY, (crc := _checksum(raw, recording.columns))) != crc:
@@ -236,19 +238,12 @@ class Recording:
 
 
 def _neutral(arrow: pa.Table) -> dict[str, np.ndarray] | None:
-    """The columns of a table that has those of the neutral schema, in their types and without gaps; else None.
-
-    Arrow's own conversions from and to numpy import pandas.
-    """
+    """The columns of a table that has those of the neutral schema, in their types; else None."""
     if not arrow.num_rows or sorted(arrow.column_names) != sorted(COLUMNS):
         return None
-    columns = {name: arrow.column(name) for name in COLUMNS}
-    fit = all(column.null_count == 0 and str(column.type) == ARROW_TYPES[name] for name, column in columns.items())
-    return (
-        {name: np.concatenate([np.from_dlpack(c) for c in column.chunks]) for name, column in columns.items()}
-        if fit
-        else None
-    )
+    columns = plain_columns(arrow)
+    fit = all(name in columns and columns[name].dtype == dtype for name, dtype in COLUMNS.items())
+    return columns if fit else None
 
 
 def _arrow(values: np.ndarray, dtype: str) -> pa.Array:

@@ -8,9 +8,9 @@ metres and is used for cropping only.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray, Kind
 from litsim_sim.io import parquet_input
+from litsim_sim.recordings.cropping import NUMBERS, Crop, within
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 
 if TYPE_CHECKING:
@@ -71,15 +72,22 @@ def read_table(path: Path) -> pd.DataFrame:
     return neutral_table(parquet_input.read_table(path), str(path))
 
 
-def convert(table: pd.DataFrame, where: str) -> Recording:
-    """A (cropped) windows table as a recording; `where` names it in errors.
+def load(path: Path, crop: Crop | None = None) -> Recording:
+    """The windows of the file at `path` within `crop` as a recording.
 
     Raises:
-        InputError: as :func:`neutral_table`, or :meth:`Recording.from_table` refuses the content.
+        InputError: the file is missing or not of this format, `crop` does not fit it, vehicles are missing between
+            windows, or :meth:`Recording.from_columns` refuses the content.
     """
-    neutral = neutral_table(table, where)
-    frames = neutral.groupby("vehicle_id")["frame"].agg(["min", "max", "nunique"])
-    if (frames["max"] - frames["min"] >= frames["nunique"]).any():
+    where, arrow = str(path), parquet_input.read_arrow(path)
+    columns: Mapping[str, Any] = parquet_input.plain_columns(arrow)
+    if not {*arrow.column_names, *(crop or {})} - {*UNUSED} <= {*columns} or {*UNUSED} & {*(crop or {})}:
+        columns = arrow.to_pandas()
+    kept = within(columns, arrow.num_rows, crop, where)
+    neutral = neutral_columns({name: columns[name][kept] for name in columns}, where)
+    by_vehicle = np.lexsort((neutral["frame"], neutral["vehicle_id"]))
+    vehicle, frame = neutral["vehicle_id"][by_vehicle], neutral["frame"][by_vehicle]
+    if ((vehicle[1:] == vehicle[:-1]) & (frame[1:] - frame[:-1] > 1)).any():
         raise InputError(
             f"{where}: vehicles are missing between the windows of this file: crop it to one, such as frame 316 to 543 "
             f"and local_y_m 180 to 415"
@@ -91,43 +99,54 @@ def convert(table: pd.DataFrame, where: str) -> Recording:
         net="us101.net.xml",
         notes={"frames": [int(neutral["frame"].min()), int(neutral["frame"].max())]},
     )
-    return Recording.from_table(header, neutral, where)
+    return Recording.from_columns(header, neutral, where)
 
 
 def neutral_table(table: pd.DataFrame, where: str) -> pd.DataFrame:
     """A windows table in the columns of the neutral schema; tracks may have holes between the windows.
 
     Raises:
-        InputError: a column is missing or unknown, or no row is of a window.
+        InputError: as :func:`neutral_columns`.
     """
-    missing = [name for name in COLUMNS if name not in table.columns and name not in UNUSED]
-    unknown = [name for name in table.columns if name not in COLUMNS]
+    import pandas as pd
+
+    return pd.DataFrame(neutral_columns({str(name): column for name, column in table.items()}, where))
+
+
+def neutral_columns(columns: Mapping[str, Any], where: str) -> dict[str, np.ndarray]:
+    """The same of columns, of arrays or of pandas, as arrays.
+
+    Raises:
+        InputError: a column is missing, unknown, or not of numbers; or no row is of a window.
+    """
+    missing = [name for name in COLUMNS if name not in columns and name not in UNUSED]
+    unknown = [name for name in columns if name not in COLUMNS]
     if missing or unknown:
         raise InputError(f"{where}: unknown columns {unknown}, missing columns {missing}; expected {list(COLUMNS)}")
-    table = table[table["src"] < WINDOW_SOURCES]
-    if table.empty:
+    given = {name: columns[name] for name in COLUMNS if name not in UNUSED}
+    if words := [name for name, column in given.items() if column.dtype.kind not in NUMBERS]:
+        raise InputError(f"{where}: columns {words} do not hold numbers")
+    of_windows = np.asarray(given["src"]) < WINDOW_SOURCES
+    if not of_windows.any():
         raise InputError(f"{where}: no rows of the windows (src below {WINDOW_SOURCES}) are left to read")
-    values = {name: table[name].to_numpy(np.float64) for name in COLUMNS if name not in UNUSED}
+    given = {name: np.asarray(column)[of_windows] for name, column in given.items()}
+    values = {name: column.astype(np.float64) for name, column in given.items()}
     yaw = wrap_angle(values["heading_rad"] + MAP_FROM_GLOBAL_YAW)
     front_x, front_y = map_from_global(values["global_x_m"], values["global_y_m"])
     length, width = values["length_m"], values["width_m"]
-    import pandas as pd
-
-    return pd.DataFrame(
-        {
-            "vehicle_id": table["vehicle_id"].to_numpy(),
-            "frame": table["frame"].to_numpy(),
-            "x": front_x - 0.5 * length * np.cos(yaw),
-            "y": front_y - 0.5 * length * np.sin(yaw),
-            "yaw": yaw,
-            "speed": values["speed_mps"],
-            "acceleration": values["accel_mps2"],
-            "length": length,
-            "width": width,
-            "kind": kind_of(length, width),
-            "lane": table["lane_est"].to_numpy(),
-        }
-    )
+    return {
+        "vehicle_id": given["vehicle_id"],
+        "frame": given["frame"],
+        "x": front_x - 0.5 * length * np.cos(yaw),
+        "y": front_y - 0.5 * length * np.sin(yaw),
+        "yaw": yaw,
+        "speed": values["speed_mps"],
+        "acceleration": values["accel_mps2"],
+        "length": length,
+        "width": width,
+        "kind": kind_of(length, width),
+        "lane": given["lane_est"],
+    }
 
 
 def map_from_global(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
