@@ -22,6 +22,7 @@ from litsim_policy.learning.rollout import (
     Episode,
     Foresight,
     HereDriving,
+    begin,
     collect,
     drive,
     validate,
@@ -67,7 +68,7 @@ def lonely(make_scenario, track) -> Course:
 
 
 def test_tracks_are_whole(busy, policy, config) -> None:
-    tracks, rates = collect(HereDriving(busy), policy, config, 0)
+    tracks, rates = collect(begin(HereDriving(busy), policy, config, 0), config)
     assert sum(len(track) for track in tracks) == rates["transitions"] >= config.transitions
     for track in tracks:
         assert len(track.observation) == len(track) + 1 and track.raw.shape == (len(track), 3)
@@ -105,7 +106,7 @@ def test_where_nobody_is_driven_training_ends_and_says_so(lonely, policy, config
     assert drive(lonely, policy, [0], draws=False)[0].tracks == []
     said = f"nobody is driven in {EMPTY_EPISODES_MAX} episodes in a row, expected scenarios"
     with pytest.raises(InputError, match=said):
-        collect(HereDriving(lonely), policy, config, 0)
+        collect(begin(HereDriving(lonely), policy, config, 0), config)
 
 
 def test_a_validation_in_which_nobody_is_driven_is_no_perfect_score(lonely, policy, config) -> None:

@@ -12,7 +12,7 @@ from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.data import TrainingData
 from litsim_policy.learning.environment import EnvironmentConfig
 from litsim_policy.learning.network import GaussianPolicy
-from litsim_policy.learning.rollout import TOGETHER, Driving, Episode, collect, validate
+from litsim_policy.learning.rollout import TOGETHER, Driving, Episode, begin, collect, validate
 from litsim_policy.learning.rollout_pool import rollouts, shared_out
 
 SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
@@ -64,7 +64,7 @@ def test_what_several_processes_drive_is_what_one_drives(data, config) -> None:
                 assert one.tracks
                 assert_same(one, other)
             (tracks, rates), (same_tracks, same_rates) = (
-                collect(driving, policy, config, 3) for driving, _ in (here, pool)
+                collect(begin(driving, policy, config, 3), config) for driving, _ in (here, pool)
             )
             assert rates == same_rates and len(tracks) == len(same_tracks)
             assert validate(policy, here[1], config) == validate(policy, pool[1], config)
@@ -77,6 +77,17 @@ def test_every_process_gets_something_and_groups_stay_whole_where_they_can() -> 
     assert shared_out([[1], [0, 2, 3, 4, 5]], 3) == [[3, 4, 5], [0, 2], [1]]
     assert shared_out([[0], [1]], 4) == [[0], [1]], "there are no more"
     assert shared_out([range(TOGETHER + 1)], 1) == [range(24, 49), range(24)], "so many are not stepped together"
+
+
+def test_processes_begin_before_they_are_asked_for_an_episode(data, config, monkeypatch) -> None:
+    """So that the critic learns while they drive; this process begins when it is asked."""
+    begun: list[list[int]] = []
+    with rollouts(data, config, 2) as (driving, _):
+        submit = driving._pool.submit
+        monkeypatch.setattr(driving._pool, "submit", lambda *given: begun.append(given[-2]) or submit(*given))
+        episodes = driving.episodes(policies(config)[0], [1, 2, 3], np.inf, draws=False)
+        assert sorted(seed for seeds in begun for seed in seeds) == [1, 2, 3]
+        assert len(list(episodes)) == 3
 
 
 def test_seeds_that_end_end_the_episodes(data, config) -> None:

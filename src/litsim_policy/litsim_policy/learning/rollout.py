@@ -48,8 +48,10 @@ class Driving(Protocol):
     ) -> Iterator[Episode]:
         """The episodes of `seeds`, in this order, until they are over or nobody asks for the next one.
 
+        Other processes begin with them at once, this one when it is asked for the first.
+
         Args:
-            policy: which drives every agent in a slot.
+            policy: which drives every agent in a slot; it must not change until the last of them.
             seeds: of the episodes.
             enough: agent-steps with which nobody will ask for the next one.
             draws: whether actions are drawn; otherwise they are the policy's means.
@@ -113,10 +115,14 @@ class HereDriving:
                 yield episode
 
 
-def collect(
-    driving: Driving, policy: GaussianPolicy, config: TrainConfig, iteration: int
-) -> tuple[list[Track], dict[str, float]]:
-    """Drive whole episodes until they have `config.transitions` agent-steps.
+def begin(driving: Driving, policy: GaussianPolicy, config: TrainConfig, iteration: int) -> Iterator[Episode]:
+    """Begin to drive the episodes of an iteration, for :func:`collect`."""
+    seeds = (_episode_seed(config.seed, iteration, episode) for episode in count())
+    return driving.episodes(policy, seeds, config.transitions, draws=True)
+
+
+def collect(episodes: Iterator[Episode], config: TrainConfig) -> tuple[list[Track], dict[str, float]]:
+    """Take from `episodes` until they have `config.transitions` agent-steps.
 
     Returns:
         the tracks of all agents, and the rates of what happened by name (see :func:`_rates`).
@@ -127,8 +133,7 @@ def collect(
     tracks: list[Track] = []
     sums: dict[str, float] = defaultdict(float)
     number = empty = 0
-    seeds = (_episode_seed(config.seed, iteration, episode) for episode in count())
-    for episode in driving.episodes(policy, seeds, config.transitions, draws=True):
+    for episode in episodes:
         tracks += episode.tracks
         _add(sums, episode.sums)
         number += 1

@@ -7,7 +7,7 @@ import pickle
 import signal
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from itertools import chain, islice
 from pathlib import Path
@@ -60,17 +60,25 @@ class PoolDriving:
     ) -> Iterator[Episode]:
         """See :class:`litsim_policy.learning.rollout.Driving`."""
         weights = {name: values.detach().numpy().copy() for name, values in policy.state_dict().items()}
-        coming, missing = iter(seeds), enough
-        while portion := list(islice(coming, self._foresight.portion(missing, self._processes))):
-            shares = shared_out(by_kind(self._course, portion), self._processes)
-            jobs = [
-                self._pool.submit(_drive, self._part, weights, [portion[k] for k in share], draws) for share in shares
-            ]
-            driven = dict(zip(chain(*shares), chain(*(job.result() for job in jobs)), strict=True))
-            for _, episode in sorted(driven.items()):
-                self._foresight.note(episode)
-                missing -= episode.sums.get("transitions", 0.0)
-                yield episode
+        coming = iter(seeds)
+
+        def begin(missing: float) -> tuple[list[Sequence[int]], list[Future[list[Episode]]]]:
+            """Shares of the next episodes, as their positions, and the jobs that drive them."""
+            portion = list(islice(coming, self._foresight.portion(missing, self._processes)))
+            shares = shared_out(by_kind(self._course, portion), self._processes) if portion else []
+            given = ([portion[k] for k in share] for share in shares)
+            return shares, [self._pool.submit(_drive, self._part, weights, seeds, draws) for seeds in given]
+
+        def driven(missing: float, shares: list[Sequence[int]], jobs: list[Future[list[Episode]]]) -> Iterator[Episode]:
+            while jobs:
+                found = dict(zip(chain(*shares), chain(*(job.result() for job in jobs)), strict=True))
+                for _, episode in sorted(found.items()):
+                    self._foresight.note(episode)
+                    missing -= episode.sums.get("transitions", 0.0)
+                    yield episode
+                shares, jobs = begin(missing)
+
+        return driven(enough, *begin(enough))
 
 
 def shared_out(groups: Iterable[Sequence[int]], processes: int) -> list[Sequence[int]]:

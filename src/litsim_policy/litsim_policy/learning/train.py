@@ -27,7 +27,7 @@ from litsim_policy.learning.data import TrainingData, prepare
 from litsim_policy.learning.expert import ExpertPairs, expert_pairs
 from litsim_policy.learning.network import GaussianPolicy, driving_network, restore, save
 from litsim_policy.learning.ppo import Demonstrations, make_batch, tensor, update_policy
-from litsim_policy.learning.rollout import Driving, collect, validate
+from litsim_policy.learning.rollout import Driving, begin, collect, validate
 from litsim_policy.learning.rollout_pool import rollouts
 from litsim_policy.learning.sides import critic_sides, driven_pairs
 from litsim_policy.learning.training_program import training_parser, training_program
@@ -67,12 +67,12 @@ def _train(
         _warm_start(training.policy, shown, config)
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
-            begin = time.perf_counter()
+            started = time.perf_counter()
             found = _iterate(training, driving, recorded, shown, iteration)
             last = iteration == config.iterations - 1
             if iteration % config.validate_every == 0 or last:
                 found |= validate(training.policy, validation, config)
-            training.history.append(found | {"seconds": time.perf_counter() - begin})
+            training.history.append(found | {"seconds": time.perf_counter() - started})
             if found.get("validation_score", -np.inf) > training.best:
                 training.best = found["validation_score"]
                 save(training.policy, out / BEST, training.about)
@@ -99,10 +99,11 @@ def _iterate(
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
-    tracks, counts = collect(driving, training.policy, config, iteration)
-    pairs = driven_pairs(tracks)
-    expert, drawn = critic_sides(training.policy, recorded, len(pairs), generator)
+    episodes = begin(driving, training.policy, config, iteration)
+    expert, drawn = critic_sides(training.policy, recorded, config.transitions, generator)  # while others drive
     critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
+    tracks, counts = collect(episodes, config)
+    pairs = driven_pairs(tracks)
     passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
     scaled = config.critic_reward * (passing - passing.mean()) / max(passing.std(), 1.0)  # noise is not made louder
     ends = np.cumsum([len(track) for track in tracks])
