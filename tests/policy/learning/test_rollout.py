@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from litsim_policy.driving.safety import SafetyConfig
-from litsim_policy.learning import episodes
+from litsim_policy.learning import episodes, rollout
 from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.episodes import Course, EnvironmentConfig
 from litsim_policy.learning.network import GaussianPolicy
@@ -17,14 +17,14 @@ from litsim_policy.learning.ppo import tensor
 from litsim_policy.learning.reward import Penalties
 from litsim_policy.learning.rollout import (
     AT_FIRST,
+    AT_ONCE,
     EMPTY_EPISODES_MAX,
-    TOGETHER,
     Episode,
-    Foresight,
     HereDriving,
     begin,
     collect,
     drive,
+    planned,
     validate,
 )
 from litsim_sim.core.errors import InputError
@@ -68,7 +68,7 @@ def lonely(make_scenario, track) -> Course:
 
 
 def test_tracks_are_whole(busy, policy, config) -> None:
-    tracks, rates = collect(begin(HereDriving(busy), policy, config, 0), config)
+    tracks, rates = collect(begin(HereDriving(busy), policy, config, []))
     assert sum(len(track) for track in tracks) == rates["transitions"] >= config.transitions
     for track in tracks:
         assert len(track.observation) == len(track) + 1 and track.raw.shape == (len(track), 3)
@@ -106,7 +106,7 @@ def test_where_nobody_is_driven_training_ends_and_says_so(lonely, policy, config
     assert drive(lonely, policy, [0], draws=False)[0].tracks == []
     said = f"nobody is driven in {EMPTY_EPISODES_MAX} episodes in a row, expected scenarios"
     with pytest.raises(InputError, match=said):
-        collect(begin(HereDriving(lonely), policy, config, 0), config)
+        collect(begin(HereDriving(lonely), policy, config, []))
 
 
 def test_a_validation_in_which_nobody_is_driven_is_no_perfect_score(lonely, policy, config) -> None:
@@ -143,12 +143,25 @@ def test_densities_are_those_that_training_takes_them_for(busy, policy) -> None:
         assert policy.log_probability(seen, raw).tolist() == pytest.approx(track.log_probability.tolist(), abs=1e-4)
 
 
-def test_no_more_episodes_are_begun_than_are_likely_to_be_asked_for() -> None:
-    guess = Foresight()
-    assert guess.portion(1000.0, 2) == AT_FIRST, "nothing is known yet"
-    assert guess.portion(np.inf, 2) == 2 * TOGETHER, "all will be asked for"
-    guess.note(Episode([], {"transitions": 150.0}))
-    guess.note(Episode([], {"transitions": 250.0}))
-    assert guess.portion(1000.0, 2) == 6, "five hold as much in the mean, and their sum has a deviation of 112"
-    assert guess.portion(0.0, 2) == guess.portion(-5.0, 2) == 1
-    assert guess.portion(1e6, 2) == 2 * TOGETHER
+def test_so_many_episodes_are_begun_as_are_likely_to_be_enough() -> None:
+    history = [{"transitions": 150.0, "episodes": 1.0}, {"transitions": 650.0, "episodes": 3.0}]
+    assert planned([], 1000.0) == AT_FIRST, "nothing is known yet"
+    assert planned(history, 1000.0) == 7, "five hold as much in the mean, and a quarter more is begun"
+    assert planned(history, 1.0) == 1
+    assert planned(history, 1e6) == planned([{"transitions": 0.0, "episodes": 5.0}], 1000.0) == AT_ONCE
+
+
+def test_an_iteration_goes_on_until_it_has_its_agent_steps_and_takes_all_that_was_driven(busy, policy, config) -> None:
+    """One episode at a time is planned, by a history of long ones; three are needed."""
+    steps = [sum(len(t) for t in e.tracks) for e in drive(busy, policy, _seeds(config, 1, 8), draws=True)]
+    asked = config.model_copy(update={"transitions": sum(steps[:2]) + 1})
+    history = [{"transitions": 1e6, "episodes": 1.0}]
+    tracks, rates = collect(begin(HereDriving(busy), policy, asked, history))
+    assert rates["episodes"] == 3 and rates["transitions"] == sum(steps[:3]) == sum(len(t) for t in tracks)
+    more = config.model_copy(update={"transitions": 1})
+    history = [{"transitions": 0.5, "episodes": 2.0}]
+    assert collect(begin(HereDriving(busy), policy, more, history))[1]["episodes"] == 2, "what is driven counts"
+
+
+def _seeds(config: TrainConfig, iteration: int, count: int) -> list[int]:
+    return [rollout._episode_seed(config.seed, iteration, episode) for episode in range(count)]

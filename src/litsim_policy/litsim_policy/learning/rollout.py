@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, islice, pairwise
 from typing import Protocol
@@ -22,7 +22,9 @@ from litsim_sim.scenario.joined import BITS, kind
 
 EMPTY_EPISODES_MAX = 100  # episodes in a row without anybody to drive, after which there is no point in going on
 TOGETHER = 48  # episodes that are stepped together at most
-AT_FIRST = 12  # episodes that are driven where nobody knows how many are worth it
+AT_FIRST = 12  # episodes that are driven where nobody knows how many are enough
+AT_ONCE = 96  # episodes that are driven at most before it is seen whether they are enough
+MARGIN = 1.25  # times the episodes that are enough on average: a few more beside others cost less than two on their own
 COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard")  # of penalties, what is summed up
 VALIDATION_SEED = 10_000_019  # of the first episode of every validation
 
@@ -43,108 +45,90 @@ class Episode:
 class Driving(Protocol):
     """Drives episodes, in this process or in others; what comes of an episode is the same."""
 
-    def episodes(
-        self, policy: GaussianPolicy, seeds: Iterable[int], enough: float, *, draws: bool
-    ) -> Iterator[Episode]:
-        """The episodes of `seeds`, in this order, until they are over or nobody asks for the next one.
+    def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
+        """The episodes of `seeds`, in this order.
 
         Other processes begin with them at once, this one when it is asked for the first.
 
         Args:
             policy: which drives every agent in a slot; it must not change until the last of them.
-            seeds: of the episodes.
-            enough: agent-steps with which nobody will ask for the next one.
+            seeds: of the episodes, one at least.
             draws: whether actions are drawn; otherwise they are the policy's means.
         """
-
-
-@dataclass
-class Foresight:
-    """Guesses how many episodes are worth driving at once: those that nobody asks for in the end are driven in vain.
-
-    Attributes:
-        driven, squares: sums over episodes of their agent-steps, and of the squares of these.
-        done: episodes so far.
-    """
-
-    driven: float = 0.0
-    squares: float = 0.0
-    done: int = 0
-
-    def portion(self, missing: float, processes: int) -> int:
-        """How many episodes to drive next, one at least.
-
-        Mostly they are enough: their mean less one standard deviation is. An episode more beside others costs little;
-        one that has to be driven on its own afterwards costs nearly as much as all of them.
-
-        Args:
-            missing: agent-steps that are still asked for.
-            processes: that drive them.
-        """
-        most = TOGETHER * processes
-        if not np.isfinite(missing):
-            return most
-        if not self.done:
-            return AT_FIRST
-        mean = max(self.driven / self.done, 1.0)
-        spread = max(self.squares / self.done - mean**2, 0.0) ** 0.5
-        expected = max(missing, 0.0) / mean
-        return min(max(int(np.ceil(expected + spread / mean * expected**0.5)), 1), most)
-
-    def note(self, episode: Episode) -> None:
-        """Learn from an episode."""
-        steps = episode.sums.get("transitions", 0.0)
-        self.driven, self.squares, self.done = self.driven + steps, self.squares + steps**2, self.done + 1
 
 
 class HereDriving:
     """Drives in this process."""
 
     def __init__(self, course: Course) -> None:
-        self._course, self._foresight = course, Foresight()
+        self._course = course
 
-    def episodes(
-        self, policy: GaussianPolicy, seeds: Iterable[int], enough: float, *, draws: bool
-    ) -> Iterator[Episode]:
+    def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
         """See :class:`Driving`."""
-        coming, missing = iter(seeds), enough
-        while portion := list(islice(coming, self._foresight.portion(missing, 1))):
-            for episode in drive(self._course, policy, portion, draws=draws):
-                self._foresight.note(episode)
-                missing -= episode.sums.get("transitions", 0.0)
-                yield episode
+        for first in range(0, len(seeds), TOGETHER):
+            yield from drive(self._course, policy, seeds[first : first + TOGETHER], draws=draws)
 
 
-def begin(driving: Driving, policy: GaussianPolicy, config: TrainConfig, iteration: int) -> Iterator[Episode]:
-    """Begin to drive the episodes of an iteration, for :func:`collect`."""
-    seeds = (_episode_seed(config.seed, iteration, episode) for episode in count())
-    return driving.episodes(policy, seeds, config.transitions, draws=True)
+def begin(
+    driving: Driving, policy: GaussianPolicy, config: TrainConfig, history: Sequence[Mapping[str, float]]
+) -> Iterator[Episode]:
+    """Begin to drive an iteration's episodes, until they have `config.transitions` agent-steps; see :func:`collect`.
+
+    Args:
+        driving: which drives them.
+        policy: which draws the actions; it must not change until the last of them.
+        config: of the training.
+        history: entries of the iterations before, by which it is guessed how many episodes are enough.
+    """
+    seeds = (_episode_seed(config.seed, len(history), episode) for episode in count())
+
+    def portion(missing: float) -> Iterator[Episode]:
+        return driving.episodes(policy, list(islice(seeds, planned(history, missing))), draws=True)
+
+    return _until_enough(portion(config.transitions), portion, config)
 
 
-def collect(episodes: Iterator[Episode], config: TrainConfig) -> tuple[list[Track], dict[str, float]]:
-    """Take from `episodes` until they have `config.transitions` agent-steps.
+def planned(history: Sequence[Mapping[str, float]], missing: float) -> int:
+    """How many episodes to drive next for the agent-steps that are `missing`, by those of the iterations before."""
+    done = sum(entry["episodes"] for entry in history)
+    if not done:
+        return AT_FIRST
+    mean = max(sum(entry["transitions"] for entry in history) / done, 1.0)
+    return min(int(np.ceil(MARGIN * missing / mean)), AT_ONCE)
 
-    Returns:
-        the tracks of all agents, and the rates of what happened by name (see :func:`_rates`).
+
+def _until_enough(
+    episodes: Iterator[Episode], further: Callable[[float], Iterator[Episode]], config: TrainConfig
+) -> Iterator[Episode]:
+    """All of `episodes`, and `further` ones while agent-steps are missing.
 
     Raises:
         InputError: in none of many episodes in a row was anybody driven.
     """
+    missing, empty = float(config.transitions), 0
+    while True:
+        for episode in episodes:
+            missing -= episode.sums.get("transitions", 0.0)
+            empty = 0 if episode.tracks else empty + 1
+            if empty == EMPTY_EPISODES_MAX:
+                raise InputError(
+                    f"training: nobody is driven in {empty} episodes in a row, expected scenarios with vehicles within "
+                    f"environment.draft_radius ({config.environment.draft_radius} m) of the ego, or in conflict with it"
+                )
+            yield episode
+        if missing <= 0.0:
+            return
+        episodes = further(missing)
+
+
+def collect(episodes: Iterable[Episode]) -> tuple[list[Track], dict[str, float]]:
+    """Return the tracks of all agents in `episodes`, and the rates of what happened by name (see :func:`_rates`)."""
     tracks: list[Track] = []
     sums: dict[str, float] = defaultdict(float)
-    number = empty = 0
-    for episode in episodes:
+    number = 0
+    for number, episode in enumerate(episodes, 1):  # noqa: B007 - their count is what is left
         tracks += episode.tracks
         _add(sums, episode.sums)
-        number += 1
-        empty = 0 if episode.tracks else empty + 1
-        if sums["transitions"] >= config.transitions:
-            break
-        if empty == EMPTY_EPISODES_MAX:
-            raise InputError(
-                f"training: nobody is driven in {empty} episodes in a row, expected scenarios with vehicles within "
-                f"environment.draft_radius ({config.environment.draft_radius} m) of the ego, or in conflict with it"
-            )
     return tracks, _rates(sums, number)
 
 
@@ -227,7 +211,7 @@ def validate(policy: GaussianPolicy, driving: Driving, config: TrainConfig) -> d
     """
     sums: dict[str, float] = defaultdict(float)
     seeds = range(VALIDATION_SEED, VALIDATION_SEED + config.validation_episodes)
-    for episode in driving.episodes(policy, seeds, np.inf, draws=False):
+    for episode in driving.episodes(policy, seeds, draws=False):
         _add(sums, episode.sums)
     if not sums["transitions"]:
         raise InputError(

@@ -7,9 +7,9 @@ import pickle
 import signal
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -20,7 +20,7 @@ from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.data import TrainingData
 from litsim_policy.learning.episodes import Course
 from litsim_policy.learning.network import GaussianPolicy
-from litsim_policy.learning.rollout import TOGETHER, Driving, Episode, Foresight, HereDriving, by_kind, drive
+from litsim_policy.learning.rollout import TOGETHER, Driving, Episode, HereDriving, by_kind, drive
 
 Part = Literal["train", "validation"]
 PARTS: tuple[Part, ...] = ("train", "validation")
@@ -53,32 +53,18 @@ class PoolDriving:
 
     def __init__(self, pool: ProcessPoolExecutor, part: Part, course: Course, processes: int) -> None:
         self._pool, self._part, self._course, self._processes = pool, part, course, processes
-        self._foresight = Foresight()
 
-    def episodes(
-        self, policy: GaussianPolicy, seeds: Iterable[int], enough: float, *, draws: bool
-    ) -> Iterator[Episode]:
+    def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
         """See :class:`litsim_policy.learning.rollout.Driving`."""
         weights = {name: values.detach().numpy().copy() for name, values in policy.state_dict().items()}
-        coming = iter(seeds)
+        shares = shared_out(by_kind(self._course, seeds), self._processes)
+        jobs = [self._pool.submit(_drive, self._part, weights, [seeds[k] for k in share], draws) for share in shares]
 
-        def begin(missing: float) -> tuple[list[Sequence[int]], list[Future[list[Episode]]]]:
-            """Shares of the next episodes, as their positions, and the jobs that drive them."""
-            portion = list(islice(coming, self._foresight.portion(missing, self._processes)))
-            shares = shared_out(by_kind(self._course, portion), self._processes) if portion else []
-            given = ([portion[k] for k in share] for share in shares)
-            return shares, [self._pool.submit(_drive, self._part, weights, seeds, draws) for seeds in given]
+        def driven() -> Iterator[Episode]:
+            found = dict(zip(chain(*shares), chain(*(job.result() for job in jobs)), strict=True))
+            yield from (found[number] for number in range(len(seeds)))
 
-        def driven(missing: float, shares: list[Sequence[int]], jobs: list[Future[list[Episode]]]) -> Iterator[Episode]:
-            while jobs:
-                found = dict(zip(chain(*shares), chain(*(job.result() for job in jobs)), strict=True))
-                for _, episode in sorted(found.items()):
-                    self._foresight.note(episode)
-                    missing -= episode.sums.get("transitions", 0.0)
-                    yield episode
-                shares, jobs = begin(missing)
-
-        return driven(enough, *begin(enough))
+        return driven()
 
 
 def shared_out(groups: Iterable[Sequence[int]], processes: int) -> list[Sequence[int]]:

@@ -99,10 +99,10 @@ def _iterate(
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
-    episodes = begin(driving, training.policy, config, iteration)
+    episodes = begin(driving, training.policy, config, training.history)
     expert, drawn = critic_sides(training.policy, recorded, config.transitions, generator)  # while others drive
     critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
-    tracks, counts = collect(episodes, config)
+    tracks, counts = collect(episodes)
     pairs = driven_pairs(tracks)
     passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
     scaled = config.critic_reward * (passing - passing.mean()) / max(passing.std(), 1.0)  # noise is not made louder
