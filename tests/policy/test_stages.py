@@ -49,7 +49,7 @@ def test_parameters_of_every_stage_are_taken() -> None:
             2.0,
             r"no stage of this run: conflct \(near: conflict\); expected bridge, conflict, ego, ",
         ),
-        ("conflict", "horizn", 2.0, r"conflict: unknown parameter horizn \(near: horizon\); expected braking_hard, "),
+        ("conflict", "horizn", 2.0, r"conflict: unknown parameter horizn \(near: horizon\); expected approach_time, "),
         ("conflict", "horizon", -1, r"conflict: parameter horizon is -1, expected a number of at least 0.1 \[s\]"),
         (
             "policy",

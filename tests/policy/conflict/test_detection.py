@@ -166,8 +166,14 @@ def test_crossing_where_the_ego_has_been_before_is_none(look, lane_centres) -> N
 
 def test_agents_outside_of_the_region_of_interest_are_not_looked_at(look) -> None:
     fast = {"id": 2, "x": 65.0, "speed": 25.0}
-    assert look(fast, ego={"speed": 4.0}, roi_m=34.9).conflicts() == []
-    assert [c.agent for c in look(fast, ego={"speed": 4.0}, roi_m=35.1).conflicts()] == [2]
+
+    def found(roi_m: float, approach_time: float) -> list[int]:
+        return [c.agent for c in look(fast, ego={"speed": 4.0}, roi_m=roi_m, approach_time=approach_time).conflicts()]
+
+    assert found(34.9, 0.0) == []
+    assert found(35.1, 0.0) == [2]
+    assert found(30.0, 0.2) == [], "35 m away, it comes nearer by 21 m/s"
+    assert found(30.0, 0.3) == [2]
 
 
 def test_conflicts_beyond_the_horizon_are_not_believed(look) -> None:

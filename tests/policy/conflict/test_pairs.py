@@ -18,16 +18,27 @@ from strips import Strips
 seeds, radii = st.integers(0, 2**32), st.floats(0.0, 60.0)
 
 
-@given(seeds, radii, st.integers(0, 15))
-def test_who_is_near_whom(seed: int, radius: float, agents: int) -> None:
+@given(seeds, radii, st.floats(0.0, 5.0), st.integers(0, 15))
+def test_who_is_near_whom(seed: int, radius: float, time: float, agents: int) -> None:
     random = np.random.default_rng(seed)
     x, y = random.normal(0.0, 30.0, (2, agents))
+    yaw, speed = random.uniform(-4.0, 4.0, agents), random.uniform(0.0, 15.0, agents)
     of, others = random.random((2, agents)) < 0.5
     scene = np.sort(random.integers(0, 3, agents))
-    within = (np.hypot(x[:, None] - x, y[:, None] - y) <= radius) & (scene[:, None] == scene)
-    mine = within & of[:, None] & others
+    now, soon = np.array([x, y]), np.array([x, y]) + 1e-4 * speed * np.array([np.cos(yaw), np.sin(yaw)])
+    apart, then = (np.hypot(*(p[:, :, None] - p[:, None])) for p in (now, soon))
+    within = (apart <= radius) | (apart - time * np.maximum((apart - then) / 1e-4, 0.0) <= radius + 1e-3)
+    sure = (apart <= radius) | (np.abs(apart - time * (apart - then) / 1e-4 - radius) > 0.1)  # not a matter of rounding
+    mine = within & (scene[:, None] == scene)
     np.fill_diagonal(mine, val=False)
-    assert pairs.near(scene, x, y, of, others, radius).tolist() == np.argwhere(mine).tolist()
+    asked = sure & of[:, None] & others
+    found = np.zeros_like(mine)
+    found[tuple(pairs.near(scene, x, y, yaw, speed, of, others, radius, time).T)] = True
+    assert (found == mine)[asked].all() and not found[~(of[:, None] & others)].any()
+    any_of = pairs.near_any(scene, x, y, yaw, speed, of, radius, time)
+    everybody = np.ones(agents, np.bool_)
+    reached = pairs.near(scene, x, y, yaw, speed, everybody, of, radius, time)[:, 0]
+    assert any_of.nonzero()[0].tolist() == sorted({*of.nonzero()[0].tolist(), *reached.tolist()})
 
 
 @given(seeds)

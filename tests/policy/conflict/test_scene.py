@@ -83,8 +83,11 @@ def test_futures_are_made_of_those_near_alone_and_when_asked_for(crowd) -> None:
     first, far = table.id == 20, table.id == 50
     scene.detect(~first, first)
     (near,) = detector.made
-    distance = np.hypot(table.x - table.x[first], table.y - table.y[first])
-    assert near == table.id[distance <= ROI].tolist() and 1 < len(near) < len(table)
+    dx, dy = table.x - table.x[first], table.y - table.y[first]
+    distance = np.hypot(dx, dy)
+    nearer = -dx * (table.speed - table.speed[first]) / np.maximum(distance, 1e-9)  # everybody heads along x
+    soon = distance - ConflictConfig().approach_time * np.maximum(nearer, 0.0)
+    assert near == table.id[soon <= ROI].tolist() and (distance <= ROI).sum() < len(near) < len(table)
     scene.still_in_conflict(first, first)
     assert len(detector.made) == 1, "what is made is not made again"
     scene.detect(~far, far)

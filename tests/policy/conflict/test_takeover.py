@@ -60,7 +60,11 @@ def stage(make_scenario, track, placed):
         everybody = tracks or (track(1, x=300.0), track(2, x=60.0))
         scenario = make_scenario(*everybody, history_steps=history_steps, coverage_min=0.0)
         conflict = ConflictConfig(
-            **{name: config.pop(name) for name in ("region", "roi_m", "closing_time") if name in config}
+            **{
+                name: config.pop(name)
+                for name in ("region", "roi_m", "approach_time", "closing_time")
+                if name in config
+            }
         )
         manager = TakeoverManager(scenario, conflict, TakeoverConfig(**{"handback": "catch_up"} | config))
         return Stage(
@@ -144,10 +148,15 @@ def test_a_takeover_says_what_was_predicted(stage) -> None:
 
 
 def test_agents_outside_of_the_region_of_interest_are_left_alone(stage, track) -> None:
-    s = stage(track(1, x=300.0), track(2, x=60.0, speed=25.0), urgent_time=5.0)
+    s = stage(track(1, x=300.0), track(2, x=60.0, speed=25.0), urgent_time=5.0, approach_time=0.0)
     for _ in range(5):
         assert s.see({1: {"x": s.logged(2) + 31.0, "speed": 0.0}}).takeovers == ()
     assert len(s.see({1: {"x": s.logged(2) + 29.0, "speed": 0.0}}).takeovers) == 1
+
+
+def test_who_comes_up_fast_is_taken_over_before_it_is_within_the_radius(stage, track) -> None:
+    s = stage(track(1, x=300.0), track(2, x=60.0, speed=25.0), urgent_time=5.0)
+    assert only(s.see({1: {"x": s.logged(2) + 65.0, "speed": 0.0}})).agent == 2
 
 
 def test_a_leader_that_the_ego_runs_into_is_not_taken_over(stage) -> None:

@@ -7,16 +7,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from litsim_policy.driving.courtesy import FOLLOWING_TIME, distance_kept
 from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.observation import ObservationConfig
 from litsim_policy.driving.policy_c import PolicyC
 from litsim_policy.driving.safety import LIMITS_ONLY
-from litsim_policy.driving.yield_policy import FOLLOWING_TIME, YieldConfig, YieldPolicy, distance_kept
+from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_policy.motion.car_following import safe_speed
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.takeover import TakeoverTable
 from takeovers import takeover
 
 CONFIG = YieldConfig()
+LENGTH = 4.5  # [m]
+SAFE = LIMITS_ONLY.own_braking, LIMITS_ONLY.leader_braking, LIMITS_ONLY.relax
 STANDS, COMFORTABLE, COURTESY = CONFIG.idm.standstill_gap, CONFIG.idm.deceleration, CONFIG.courtesy_deceleration
 
 
@@ -26,6 +30,7 @@ def kept(wanted: float, speed: float, gap: float, lead: float, braking: float = 
         distance_kept(
             np.array([wanted]),
             np.array([speed]),
+            np.array([LENGTH]),
             np.array([[gap]]),
             np.array([[lead]]),
             np.array([[leads]]),
@@ -34,6 +39,7 @@ def kept(wanted: float, speed: float, gap: float, lead: float, braking: float = 
             STANDS,
             COMFORTABLE,
             COURTESY,
+            *SAFE,
         )[0]
     )
 
@@ -42,7 +48,7 @@ def kept(wanted: float, speed: float, gap: float, lead: float, braking: float = 
 def test_where_comfortable_braking_is_enough_it_drives_as_it_wants(wanted: float) -> None:
     assert kept(wanted, 12.0, 20.0, 9.0) == wanted
     assert kept(wanted, 12.0, 4.0, 9.0, leads=False) == wanted, "whoever is beside the path is no leader"
-    assert kept(wanted, 12.0, -1.0, 9.0) == wanted, "nor who is alongside"
+    assert kept(wanted, 12.0, -0.6 * LENGTH, 9.0) == wanted, "nor who is alongside"
 
 
 def test_it_does_not_brake_hard_for_what_takes_less() -> None:
@@ -61,11 +67,11 @@ def test_it_brakes_constantly_by_what_the_approach_takes(wanted: float) -> None:
     assert kept(wanted, 12.0, gap + 7.0, 5.0, braking=4.0) == pytest.approx(-(12.0**2) / (2 * (12.0 + stops)))
 
 
-@pytest.mark.parametrize("lead", [0.0, 6.0])
-def test_nearer_than_vehicles_stand_it_comes_down_to_the_speed_of_the_leader(lead: float) -> None:
-    assert kept(0.5, lead, 0.6 * STANDS, lead) == 0.0
-    assert kept(0.5, lead + 0.2, 0.9 * STANDS, lead) == pytest.approx(-0.2 / FOLLOWING_TIME)
-    assert kept(-1.0, lead, 0.6 * STANDS, lead) == -1.0, "it may fall back faster"
+def test_nearer_than_vehicles_stand_it_comes_down_to_the_speed_of_the_leader() -> None:
+    assert kept(0.5, 0.0, 0.6 * STANDS, 0.0) == 0.0
+    assert kept(0.5, 0.2, 0.9 * STANDS, 0.0) == pytest.approx(-0.2 / FOLLOWING_TIME)
+    assert kept(-1.0, 6.0, 0.6 * STANDS, 6.0) == -1.0, "it may fall back faster"
+    assert kept(0.5, 6.0, 0.6 * STANDS, 6.0) < 0.0, "as fast as a leader who drives is too fast there"
 
 
 @pytest.mark.parametrize("speed", [1.0, 3.0, 8.0, 15.0])
@@ -82,11 +88,30 @@ def test_who_approaches_somebody_who_stands_stops_behind_him_without_braking_har
         assert speed < 0.05 and STANDS / 2 < gap < STANDS + 1.0
 
 
+def test_it_comes_down_comfortably_to_a_speed_that_is_safe_should_the_leader_brake() -> None:
+    """As fast as the leader, but so near that it could not stop in time if he braked as hard as he can."""
+    own, his, _ = SAFE
+    speed, gap = 14.0, STANDS + 1.8
+    safe = safe_speed(gap - STANDS, speed, own, his)
+    stops = (safe + own * STEP_S) ** 2 / (2.0 * own) - 0.5 * own * STEP_S**2
+    assert stops == pytest.approx(gap - STANDS + speed**2 / (2.0 * his)), "that of Krauss, who reacts within a step"
+    assert kept(1.0, speed, gap, speed) == pytest.approx(safe - speed)
+    assert -COMFORTABLE < safe - speed < 0.0
+    assert kept(1.0, speed + 4.0, gap + 20.0, speed) == 1.0, "farther away, that is no question"
+
+
+@pytest.mark.parametrize("gap", [-0.4 * LENGTH, 0.0])
+def test_who_stands_with_somebody_across_its_front_stays_there(gap: float) -> None:
+    """The rear of one who crosses may lie behind the front bumper."""
+    assert kept(0.3, 0.0, gap, 0.0) == 0.0
+
+
 def test_of_several_leaders_the_most_demanding_one_counts() -> None:
     gaps, leads = np.array([[30.0, 6.0, 3.0]]), np.array([[True, True, False]])
     found = distance_kept(
         np.array([0.0]),
         np.array([12.0]),
+        np.array([LENGTH]),
         gaps,
         np.array([[9.0, 5.0, 0.0]]),
         leads,
@@ -95,6 +120,7 @@ def test_of_several_leaders_the_most_demanding_one_counts() -> None:
         STANDS,
         COMFORTABLE,
         COURTESY,
+        *SAFE,
     )
     assert found[0] == kept(0.0, 12.0, 6.0, 5.0) < -COMFORTABLE
 

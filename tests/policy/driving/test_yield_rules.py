@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_policy.driving.yield_policy import YieldConfig, give_way, side_taken
+from litsim_policy.driving.courtesy import side_taken
+from litsim_policy.driving.yield_policy import YieldConfig, give_way
 from litsim_policy.motion.car_following import idm_acceleration
 from litsim_sim.core.geometry import to_body
 

@@ -10,7 +10,7 @@ from pydantic import model_validator
 
 from litsim_policy.conflict.futures import OtherMotions, PredictedMotion, follow_logs, hold_back, interpolate, widest
 from litsim_policy.conflict.intended import IntentConfig, Intents, intended_motion
-from litsim_policy.conflict.pairs import closing_chances, followed, near, within_bounds
+from litsim_policy.conflict.pairs import closing_chances, followed, near, near_any, within_bounds
 from litsim_policy.conflict.weighed import quantile, weighed_chances
 from litsim_predictor.forecast import Forecast
 from litsim_sim.core.nearby import around
@@ -52,6 +52,8 @@ class ConflictConfig:
         emergency: from which on anybody's is. No forecast knows what is braked for like that, and whoever is behind
             needs longer to stop.
         roi_m: radius around an agent off its log within which others are looked at; 0 is the scenario's.
+        approach_time: within which others who come nearer, at the rate of now, have to be there to be looked at as
+            well; 0 leaves it at the radius. Whoever comes up to somebody who stands needs longer to stop than 30 m.
         region: off_log: around everybody off the log; ego: of these, agents are taken over within `roi_m` of the ego
             alone.
         closing_time: within which a conflict is certain and urgent, whatever the forecast says, if whoever is off its
@@ -70,6 +72,7 @@ class ConflictConfig:
     braking_hard: NonNegative[Acceleration] = 1.0
     emergency: NonNegative[Acceleration] = 4.0
     roi_m: NonNegative[Length] = 0.0
+    approach_time: NonNegative[Duration] = 3.0
     region: Literal["off_log", "ego"] = "off_log"
     closing_time: NonNegative[Duration] = 1.0
     intent: IntentConfig = IntentConfig()
@@ -105,7 +108,7 @@ class Conflict:
 class ConflictDetector:
     """Compares the futures of agents on their log with those of agents off it.
 
-    Background agents farther than `roi_m` [m] from an agent off its log are not looked at. Where two background agents
+    Background agents outside of the region of interest of an agent off its log are not looked at. Where two of them
     overlap in the log itself, and the one that is off its log is where its log has it then, their overlap is none to
     be resolved.
     """
@@ -254,12 +257,18 @@ class ConflictDetector:
         return self.overlap_probability(table, logged, expected, pairs, least)
 
     def around(self, table: AgentTable, agents: BoolArray) -> BoolArray:
-        """(n,) those no farther than the ROI from one of `agents` (n,), and these themselves."""
+        """(n,) those no farther than the ROI's radius from one of `agents` (n,), and these themselves."""
         return around(table, agents, self._roi_m)
 
+    def near_any(self, table: AgentTable, agents: BoolArray) -> BoolArray:
+        """(n,) those in the ROI of one of `agents` (n,), who come near it included, and these themselves."""
+        time = self._config.approach_time
+        return near_any(table.scene, table.x, table.y, table.yaw, table.speed, agents, self._roi_m, time)
+
     def near(self, table: AgentTable, of: BoolArray, others: BoolArray) -> IntArray:
-        """Pairs (m, 2) of rows, the first of `of`, the second of `others`, no farther apart than the ROI."""
-        return near(table.scene, table.x, table.y, of, others, self._roi_m)
+        """Pairs (m, 2) of rows, the first of `of`, the second of `others`, one in the ROI of the other."""
+        time = self._config.approach_time
+        return near(table.scene, table.x, table.y, table.yaw, table.speed, of, others, self._roi_m, time)
 
     def detect(
         self,

@@ -44,14 +44,46 @@ from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer, nobody follows anybody
 
 
-@kernel(OUT_INTS2(INTS, FLOATS, FLOATS, BOOLS, BOOLS, float64))
-def near(scene: IntArray, x: FloatArray, y: FloatArray, of: BoolArray, others: BoolArray, radius: float) -> IntArray:
-    """Return pairs (m, 2) of positions in one scene, first of the mask `of` (n,), second of `others`, within `radius`.
+@kernel(boolean(float64, float64, float64, float64, float64, float64))
+def in_region(dx: float, dy: float, faster_x: float, faster_y: float, radius: float, time: float) -> bool:
+    """Whether somebody is within `radius` [m], or comes so near within `time` [s] at the rate at which it comes nearer.
 
-    The radius is in metres.
+    Args:
+        dx, dy: where it is, from who is looked at [m].
+        faster_x, faster_y: its velocity less that of who is looked at [m/s].
+        radius, time: of the region.
+    """
+    square = dx * dx + dy * dy
+    if square <= radius * radius:
+        return True
+    nearer = -(dx * faster_x + dy * faster_y) * time  # by the distance, as is what follows
+    return square - math.sqrt(square) * radius <= nearer
+
+
+@kernel(OUT_INTS2(INTS, *[FLOATS] * 4, BOOLS, BOOLS, float64, float64))
+def near(  # noqa: PLR0917 - a kernel takes arrays and numbers
+    scene: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    of: BoolArray,
+    others: BoolArray,
+    radius: float,
+    time: float,
+) -> IntArray:
+    """Return pairs (m, 2) of positions in one scene, first of the mask `of` (n,), second of `others`.
+
+    They are :func:`in_region` of each other.
+
+    Args:
+        scene, x, y, yaw, speed: (n,) of everybody.
+        of, others: masks (n,).
+        radius, time: of the region [m], [s].
     """
     count, found = 0, np.empty((of.sum() * others.sum(), 2), np.int64)
     begin, end = 0, 0
+    vx, vy = speed * np.cos(yaw), speed * np.sin(yaw)
     for i in range(len(x)):
         if i == end:
             begin, end = i, behind_scene(scene, i)
@@ -59,10 +91,34 @@ def near(scene: IntArray, x: FloatArray, y: FloatArray, of: BoolArray, others: B
             for j in range(begin, end):
                 if not others[j] or i == j:
                     continue
-                if (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= radius**2:
+                if in_region(x[j] - x[i], y[j] - y[i], vx[j] - vx[i], vy[j] - vy[i], radius, time):
                     found[count, 0], found[count, 1] = i, j
                     count += 1
     return found[:count].copy()
+
+
+@kernel(OUT_BOOLS(INTS, *[FLOATS] * 4, BOOLS, float64, float64))
+def near_any(
+    scene: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    speed: FloatArray,
+    of: BoolArray,
+    radius: float,
+    time: float,
+) -> BoolArray:
+    """Return the mask (n,) of those that are :func:`near` one of the mask `of` (n,), these themselves included."""
+    found, begin, end = of.copy(), 0, 0
+    vx, vy = speed * np.cos(yaw), speed * np.sin(yaw)
+    for i in range(len(x)):
+        if i == end:
+            begin, end = i, behind_scene(scene, i)
+        if of[i]:
+            for j in range(begin, end):
+                if not found[j]:
+                    found[j] = in_region(x[j] - x[i], y[j] - y[i], vx[j] - vx[i], vy[j] - vy[i], radius, time)
+    return found
 
 
 @kernel(OUT_BOOLS(INTS2, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS))

@@ -67,7 +67,7 @@ class ConflictScene:
 
         What is expected of agents matters where they are `off_log`; of others, only their logs are looked at.
         """
-        missing = self._detector.around(self._table, agents) & ~self._covered
+        missing = self._detector.near_any(self._table, agents) & ~self._covered
         nothing_yet = not len(self._rows)
         if nothing_yet or missing.any():
             self._covered |= missing

@@ -146,9 +146,10 @@ class PolicyC:
     """The policy called `litsim`: the network drives whoever is held, rules whoever goes back to the log or passes.
 
     The network has learned to drive along its log among others; who passes is driven by the rules of policy `yield`,
-    behind the same safety layer. Two of these rules hold for the network, too: who would move to the side of its lane
-    where somebody else is waits in the lane, and distance is kept to whoever is ahead, and to red
-    (:func:`.yield_policy.distance_kept`). The network has seen few who stand, and no signals.
+    behind the same safety layer. The network is held to rules, too, those of :mod:`.courtesy`: who would move to the
+    side of its lane where somebody else is waits in the lane; distance is kept to whoever is ahead, and to red; whoever
+    crosses is waited for, and room made for whoever comes over. The network has seen few who stand or cross, and no
+    signals.
     """
 
     def __init__(
@@ -174,7 +175,7 @@ class PolicyC:
         if not len(scene):
             return ControlTable.empty(agents.table.step)
         acceleration, yaw_rate = self.driver.asked(scene)
-        acceleration = self._rules.keep_distance(agents, acceleration)
+        acceleration = self._rules.hold_to_rules(agents, acceleration, self.driver.safety.config)
         to_path, asked = agents.path_yaw_rate - agents.lane_yaw_rate, yaw_rate - agents.lane_yaw_rate
         waits = self._rules.side_taken(agents, or_will_be=True) & (to_path * asked > 0.0)
         yaw_rate = np.where(waits, agents.lane_yaw_rate, yaw_rate)

@@ -7,7 +7,6 @@ comfortable. Every intervention is counted.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +16,7 @@ from pydantic import model_validator
 
 from litsim_policy.driving.look_ahead import first_touch, rolled_out, stay_on_road, steps_of
 from litsim_policy.driving.task import DrivingScene, DrivingTask
-from litsim_policy.motion.car_following import LEADER_BRAKES, braking_behind
+from litsim_policy.motion.car_following import LEADER_BRAKES, braking_behind, safe_speed
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.stop_lines import StopLines
 from litsim_sim.core.compiled import (
@@ -388,15 +387,13 @@ def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
             acceleration_max: as in :class:`SafetyConfig`.
     """
     caps = np.empty(len(speed))
-    lag = own_braking * STEP_S
     for i in range(len(speed)):
         least = np.inf
         for j in np.flatnonzero(leads[i]):
             if not gap[i, j] > -0.5 * length[i]:
                 continue
             room, lead = gap[i, j] - standstill_gap, max(leader_speed[i, j], 0.0)
-            stop = 2.0 * own_braking * max(room, 0.0) + lead**2 * own_braking / leader_braking
-            cap = max((-lag + math.sqrt(lag**2 + stop) - speed[i]) / relax, -widening)
+            cap = max((safe_speed(room, lead, own_braking, leader_braking) - speed[i]) / relax, -widening)
             needed = braking_behind(speed[i], lead, acceleration[first[i] + j], room, leader_brakes)
             least = min(least, min(cap, -needed) if needed > imminent else cap)
         caps[i] = within(least, -braking_max, acceleration_max)

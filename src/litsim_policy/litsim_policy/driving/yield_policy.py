@@ -8,7 +8,9 @@ from dataclasses import field
 
 import numpy as np
 
+from litsim_policy.driving.courtesy import crossing_awaited, distance_kept, room_made, side_taken
 from litsim_policy.driving.handback import HandbackConfig, catch_up
+from litsim_policy.driving.safety import SafetyConfig
 from litsim_policy.driving.task import opponent_of
 from litsim_policy.motion.car_following import GAP_MIN, LEADER_BRAKES, IdmConfig, braking_behind, idm, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
@@ -19,14 +21,12 @@ from litsim_sim.core.compiled import (
     FLOATS,
     FLOATS2,
     INTS,
-    OUT_BOOLS,
     OUT_FLOATS,
     boolean,
     float64,
     int64,
     kernel,
 )
-from litsim_sim.core.pair_geometry import within_scenes
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Speed, configuration
 from litsim_sim.core.scene import (
     STEP_S,
@@ -42,7 +42,6 @@ from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
 
 CLOSE_UP = 5.0  # [m] to whoever is ahead, below which it matters whether the log itself runs into him
-FOLLOWING_TIME = 0.5  # [s] time constant with which a leader's speed is taken on, nearer to him than vehicles stand
 SOURCES = {
     TakeoverState.HELD: int(ControlSource.POLICY),
     TakeoverState.HANDBACK: int(ControlSource.HANDBACK),
@@ -65,6 +64,8 @@ class YieldConfig:
         side_margin: distance to the side that is kept to others.
         side_drift: distance to the side that counts as no move.
         room_horizon: for which whoever comes over is expected to go on, where policy litsim makes room for it.
+        crossing_horizon: for which whoever crosses is expected to go on, where policy litsim waits for it.
+        crossing_margin: distance kept to whoever crosses.
     """
 
     idm: IdmConfig = field(
@@ -78,6 +79,8 @@ class YieldConfig:
     side_margin: NonNegative[Length] = 0.3
     side_drift: NonNegative[Length] = 0.05
     room_horizon: NonNegative[Duration] = 2.5
+    crossing_horizon: NonNegative[Duration] = 3.0
+    crossing_margin: NonNegative[Length] = 0.5
 
 
 class YieldPolicy:
@@ -194,16 +197,17 @@ class YieldPolicy:
             config.side_horizon if or_will_be else 0.0,
         )
 
-    def keep_distance(self, agents: PathFollowers, wanted: FloatArray) -> FloatArray:
-        """Accelerations (m,) [m/s2] of agents that drive as they want to, `wanted` (m,), but keep their distance.
+    def hold_to_rules(self, agents: PathFollowers, wanted: FloatArray, safe: SafetyConfig) -> FloatArray:
+        """Accelerations (m,) [m/s2] of agents that drive as they want to, `wanted` (m,), but are considerate.
 
-        They keep it to whoever leads on their paths, as :func:`distance_kept` says, make room for whoever comes over
-        from the side, as :func:`room_made` says, and stop at red as ever.
+        They keep their distance, to whoever leads as `safe` says, wait for whoever crosses, make room for whoever comes
+        over (see :mod:`.courtesy`), and stop at red as ever.
         """
         view, table, config = agents.view, agents.table, self._config
         kept = distance_kept(
             wanted,
             agents.speed,
+            table.length[agents.rows],
             view.gap,
             view.speed,
             view.ahead & view.in_path,
@@ -211,6 +215,29 @@ class YieldPolicy:
             table.acceleration,
             config.idm.standstill_gap,
             config.idm.deceleration,
+            config.courtesy_deceleration,
+            safe.own_braking,
+            safe.leader_braking,
+            safe.relax,
+        )
+        kept = crossing_awaited(
+            kept,
+            agents.paths.segments,
+            agents.paths.count,
+            agents.s,
+            table.scene,
+            table.x,
+            table.y,
+            table.yaw,
+            table.speed,
+            table.acceleration,
+            table.yaw_rate,
+            table.length,
+            table.width,
+            table.off_log,
+            agents.rows,
+            config.crossing_margin,
+            config.crossing_horizon,
             config.courtesy_deceleration,
         )
         kept = room_made(
@@ -287,54 +314,6 @@ def _braking_needed(
     return found
 
 
-@kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS2, FLOATS2, BOOLS2, INTS, FLOATS, *[float64] * 3))
-def distance_kept(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    wanted: FloatArray,
-    speed: FloatArray,
-    gap: FloatArray,
-    along: FloatArray,
-    leads: BoolArray,
-    first: IntArray,
-    acceleration: FloatArray,
-    standstill_gap: float,
-    comfortable: float,
-    courtesy: float,
-) -> FloatArray:
-    """Accelerations (m,) [m/s2] of agents that drive as they want to, but keep their distance to whoever leads.
-
-    Once not to come nearer than `standstill_gap` takes more than comfortable braking, they brake by that, constantly:
-    harder than by `courtesy` only for half of that gap. Nearer than `standstill_gap` they come down to his speed.
-
-    Args:
-        wanted: (m,) accelerations [m/s2].
-        speed: (m,) of the agents [m/s].
-        gap, along: (m, w) to others and of others along the path [m], [m/s].
-        leads: (m, w) who of them leads.
-        first: (m,) row of the first of the others.
-        acceleration: (n,) of everybody [m/s2].
-        standstill_gap: kept behind a leader that stands [m].
-        comfortable, courtesy: braking [m/s2].
-    """
-    kept = wanted.copy()
-    for i in range(len(speed)):
-        soft, pressing = 0.0, 0.0
-        for j in range(gap.shape[1]):
-            if not (leads[i, j] and gap[i, j] > 0.0):
-                continue
-            kept[i] = max(kept[i], -courtesy)
-            lead, brakes = max(along[i, j], 0.0), acceleration[first[i] + j]
-            room, least = gap[i, j] - standstill_gap, gap[i, j] - 0.5 * standstill_gap
-            soft = max(soft, braking_behind(speed[i], lead, brakes, room, LEADER_BRAKES))
-            pressing = max(pressing, braking_behind(speed[i], lead, brakes, least, LEADER_BRAKES))
-        if soft > comfortable:
-            kept[i] = min(kept[i], -max(min(soft, courtesy), pressing))
-            continue
-        for j in range(gap.shape[1]):
-            if leads[i, j] and 0.0 < gap[i, j] < standstill_gap:
-                kept[i] = min(kept[i], (max(along[i, j], 0.0) - speed[i]) / FOLLOWING_TIME)
-    return kept
-
-
 @kernel(boolean(FLOATS, FLOATS, FLOATS, INTS, int64, int64))
 def _goes_first(x: FloatArray, y: FloatArray, yaw: FloatArray, ids: IntArray, j: int, own: int) -> bool:
     """Whether the agent in row `j` goes before that in row `own` where both are alongside; never each before the other.
@@ -408,105 +387,3 @@ def give_way(  # noqa: PLR0917 - a kernel takes arrays and numbers
                 courtesy = max(courtesy, -courtesy_deceleration)
             found[i] = min(found[i], courtesy)
     return found
-
-
-@kernel(OUT_BOOLS(INTS, *[FLOATS] * 6, INTS, FLOATS, FLOATS2, *[float64] * 5))
-def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    scene: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    speed: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    rows: IntArray,
-    lane_heading: FloatArray,
-    target: FloatArray,
-    side_gap: float,
-    side_horizon: float,
-    side_margin: float,
-    side_drift: float,
-    coming_over: float,
-) -> BoolArray:
-    """(m,) whether somebody is alongside, or will be soon, where the moves to the side of their lanes lead.
-
-    Args:
-        scene, x, y, yaw, speed, length, width: (n,) of everybody.
-        rows: (m,) of the agents.
-        lane_heading: (m,) of their lanes [rad].
-        target: (m, 2) which they move to [m].
-        side_gap, side_horizon, side_margin, side_drift: as in :class:`YieldConfig`.
-        coming_over: for which whoever comes over from the side is expected to go on doing so [s].
-    """
-    taken, (begin, end) = np.zeros(len(rows), np.bool_), within_scenes(scene, rows)
-    for i in range(len(rows)):
-        own, cos, sin = rows[i], math.cos(lane_heading[i]), math.sin(lane_heading[i])
-        move = -sin * (target[i, 0] - x[own]) + cos * (target[i, 1] - y[own])
-        if not abs(move) > side_drift:
-            continue
-        for j in range(begin[i], end[i]):
-            dx, dy = x[j] - x[own], y[j] - y[own]
-            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
-            faster = speed[j] - speed[own]
-            reach = 0.5 * (length[j] + length[own]) + side_gap
-            if np.sign(ahead) * faster < 0.0:
-                reach += abs(faster) * side_horizon
-            comes_over = -np.sign(left) * speed[j] * math.sin(yaw[j] - lane_heading[i])
-            clearance = abs(left) - 0.5 * (width[j] + width[own]) - max(comes_over, 0.0) * coming_over
-            if j != own and abs(ahead) < reach and left * move > 0.0 and clearance < abs(move) + side_margin:
-                taken[i] = True
-                break
-    return taken
-
-
-@kernel(OUT_FLOATS(FLOATS, INTS, *[FLOATS] * 7, INTS, FLOATS, *[float64] * 3))
-def room_made(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    wanted: FloatArray,
-    scene: IntArray,
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    speed: FloatArray,
-    acceleration: FloatArray,
-    length: FloatArray,
-    width: FloatArray,
-    rows: IntArray,
-    lane_heading: FloatArray,
-    side_gap: float,
-    horizon: float,
-    courtesy: float,
-) -> FloatArray:
-    """Accelerations (m,) [m/s2] of agents that drive as they want to, but make room for whoever comes over.
-
-    Who comes over, and would then be alongside with its middle ahead, is let in: they brake so as to be behind it by
-    then, no harder than by `courtesy`.
-
-    Args:
-        wanted: (m,) accelerations [m/s2].
-        scene, x, y, yaw, speed, acceleration, length, width: (n,) of everybody.
-        rows: (m,) of the agents.
-        lane_heading: (m,) of their lanes [rad].
-        side_gap: free road that is left between both [m].
-        horizon: for which everybody is taken to go on, who brakes with its braking [s].
-        courtesy: braking [m/s2].
-    """
-    made, (begin, end) = wanted.copy(), within_scenes(scene, rows)
-    for i in range(len(rows)):
-        own, cos, sin = rows[i], math.cos(lane_heading[i]), math.sin(lane_heading[i])
-        along = speed[own] * math.cos(yaw[own] - lane_heading[i])
-        across = speed[own] * math.sin(yaw[own] - lane_heading[i])
-        for j in range(begin[i], end[i]):
-            dx, dy = x[j] - x[own], y[j] - y[own]
-            ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
-            clearance = abs(left) - 0.5 * (width[j] + width[own])
-            over = -np.sign(left) * speed[j] * math.sin(yaw[j] - lane_heading[i])
-            nearer = over + np.sign(left) * across
-            if not (over > 0.0 and 0.0 < clearance < nearer * horizon):
-                continue
-            time = clearance / nearer
-            faster = speed[j] * math.cos(yaw[j] - lane_heading[i]) - along
-            then = ahead + faster * time + 0.5 * min(acceleration[j], 0.0) * time**2
-            missing = 0.5 * (length[j] + length[own]) + side_gap - then
-            if then >= 0.0 and missing > 0.0:
-                made[i] = min(made[i], -min(2.0 * missing / time**2, courtesy))
-    return made

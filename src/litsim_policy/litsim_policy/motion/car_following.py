@@ -33,7 +33,7 @@ from litsim_sim.core.compiled import (
 from litsim_sim.core.pair_geometry import within, within_scenes
 from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Speed, configuration
 from litsim_sim.core.quickly_made import quickly_made
-from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 
 SIGHT = 120.0  # [m] beyond which nobody is looked at
 MARGIN = 0.2  # [m] kept to the side of others, unless said otherwise
@@ -225,6 +225,22 @@ def idm(  # noqa: PLR0917 - a kernel takes arrays and numbers
             wanted = standstill_gap + max(0.0, speed * headway + closing)
             interaction = max(interaction, acceleration * (wanted / max(gap[j], GAP_MIN)) ** 2)
     return within(free - interaction, -braking_max, acceleration)
+
+
+@kernel(float64(*[float64] * 4))
+def safe_speed(room: float, leader_speed: float, own_braking: float, leader_braking: float) -> float:
+    """Speed [m/s] from which `own_braking` stops an agent behind its leader, should he brake as hard as he can.
+
+    That of Krauss (1997), who reacts within a step.
+
+    Args:
+        room: to the leader [m]; none is as 0.
+        leader_speed: along the path [m/s].
+        own_braking, leader_braking: [m/s2].
+    """
+    lag = own_braking * STEP_S
+    stop = 2.0 * own_braking * max(room, 0.0) + leader_speed**2 * own_braking / leader_braking
+    return -lag + math.sqrt(lag**2 + stop)
 
 
 @kernel(float64(*[float64] * 5))

@@ -30,10 +30,11 @@ def _row(name: str, kind: str, **parameters: Any) -> PolicySetup:
     return PolicySetup(name=name, kind=kind, parameters={k.replace("__", "."): v for k, v in parameters.items()})
 
 
+WITHIN_15_M: dict[str, float] = {"predictor__roi_m": 15.0, "conflict__roi_m": 15.0, "conflict__approach_time": 0.0}
 ABLATION: tuple[Policy, ...] = (
-    _row("M0", "yield", predictor__model="kinematic", predictor__roi_m=15.0, conflict__roi_m=15.0),
-    _row("M1", "yield", predictor__roi_m=15.0, conflict__roi_m=15.0),
-    _row("M2", OURS, predictor__roi_m=15.0, conflict__roi_m=15.0),
+    _row("M0", "yield", predictor__model="kinematic", **WITHIN_15_M),
+    _row("M1", "yield", **WITHIN_15_M),
+    _row("M2", OURS, **WITHIN_15_M),
     OURS,
 )
 """The paper's ablation: without joint prediction a kinematic one, without policy C rules; M* is ours as it comes."""
@@ -63,7 +64,7 @@ CHANGES = {
         "conflict.closing_time",
         "conflict.intent.used",
     ),
-    "ROI around the ego": ("conflict.region",),
+    "ROI around the ego": ("conflict.region", "conflict.approach_time"),
     "no confirmation": ("conflict.confirm_steps", "conflict.held_steps_min", "conflict.clear_steps"),
     "no passing": ("conflict.passing",),
     "its hand-back": (
@@ -72,7 +73,12 @@ CHANGES = {
         "conflict.release_speed",
         "conflict.release_yaw",
     ),
-    "no guards": ("policy.safety.following", "policy.safety.contact", "policy.safety.road"),
+    "no guards": (
+        "policy.safety.following",
+        "policy.safety.contact",
+        "policy.safety.road",
+        "policy.crossing_horizon",
+    ),
 }
 """What ours does otherwise than the paper, by what a row is called that does it as the paper: names of parameters."""
 

@@ -1,0 +1,140 @@
+"""Policy litsim before somebody who crosses its path: it brakes in time, no harder than drivers do for courtesy."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from litsim_policy.driving.courtesy import PEDALS, crossing_awaited
+from litsim_policy.driving.handback import HandbackConfig
+from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.driving.policy_c import PolicyC
+from litsim_policy.driving.safety import LIMITS_ONLY
+from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
+from litsim_policy.motion.path_batch import PathBatch
+from litsim_sim.core.scene import Controller
+from litsim_sim.core.takeover import TakeoverTable
+from takeovers import takeover
+
+CONFIG = YieldConfig()
+LENGTH, WIDTH = 5.0, 2.0  # [m]
+COURTESY = CONFIG.courtesy_deceleration
+PATH = np.array([[-50.0, 0.0], [200.0, 0.0]])
+
+
+def waits(
+    x: float,
+    y: float,
+    yaw: float,
+    speed: float,
+    *,
+    own: float = 12.0,
+    acceleration: float = 0.0,
+    turn: float = 0.0,
+    wanted: float = 0.5,
+    off_log: bool = True,
+    horizon: float = CONFIG.crossing_horizon,
+    path: np.ndarray = PATH,
+) -> float:
+    """What an agent at (0, 0) does, heading along x at speed `own`, with another one at (x, y)."""
+    paths = PathBatch([path])
+    columns = (
+        [0.0, x],
+        [0.0, y],
+        [0.0, yaw],
+        [own, speed],
+        [0.0, acceleration],
+        [0.0, turn],
+        [LENGTH] * 2,
+        [WIDTH] * 2,
+    )
+    made = crossing_awaited(
+        np.array([wanted]),
+        paths.segments,
+        paths.count,
+        paths.project(np.zeros(1, np.int64), np.zeros(1), np.zeros(1)).s,
+        np.zeros(2, np.int64),
+        *(np.array(column) for column in columns),
+        np.array([True, off_log]),
+        np.zeros(1, np.int64),
+        CONFIG.crossing_margin,
+        horizon,
+        COURTESY,
+    )
+    return float(made[0])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_it_brakes_by_as_little_as_lets_the_other_cross(side: float) -> None:
+    """24 m ahead, 2 s away, somebody crosses from either side; the earlier it is over, the less braking it takes."""
+    found = [waits(24.0, side * away, -side * np.pi / 2, 5.0) for away in (2.0, 5.0, 7.0, 9.0)]
+    pedals = [-COURTESY * k / PEDALS for k in range(1, PEDALS + 1)]
+    assert found[0] == 0.5, "over by then"
+    assert all(pedal in pedals for pedal in found[1:])
+    assert found == sorted(found, reverse=True) and found[-1] < found[1]
+
+
+def test_it_brakes_no_harder_than_for_courtesy_and_goes_on_braking_if_it_does() -> None:
+    assert waits(15.0, 3.0, -np.pi / 2, 1.0) == -COURTESY
+    assert waits(15.0, 3.0, -np.pi / 2, 1.0, wanted=-3.5) == -3.5
+
+
+def test_it_waits_for_who_turns_left_before_it() -> None:
+    """One that comes towards it and only begins to turn: going straight on, it would stay beside the path."""
+    oncoming = {"x": 30.0, "y": 3.5, "yaw": np.pi, "speed": 6.0}
+    assert waits(**oncoming, own=8.0) == 0.5
+    assert waits(**oncoming, own=8.0, turn=0.6) < -0.5
+
+
+def test_it_counts_with_who_speeds_up_and_with_who_stops() -> None:
+    late = {"x": 24.0, "y": 9.0, "yaw": -np.pi / 2}
+    assert waits(**late, speed=1.0) == 0.5
+    assert waits(**late, speed=1.0, acceleration=3.0) < -0.5
+    assert waits(**late, speed=6.0) < -0.5
+    assert waits(**late, speed=6.0, acceleration=-6.0) == 0.5
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"x": 24.0, "y": 7.0, "yaw": -np.pi / 2, "speed": 5.0, "off_log": False},
+        {"x": 24.0, "y": 7.0, "yaw": -0.5, "speed": 5.0},
+        {"x": 24.0, "y": 7.0, "yaw": np.pi / 2, "speed": 5.0},
+        {"x": 50.0, "y": 7.0, "yaw": -np.pi / 2, "speed": 3.0},
+        {"x": -3.0, "y": 7.0, "yaw": -np.pi / 2, "speed": 5.0},
+        {"x": 0.0, "y": 9.0, "yaw": -np.pi / 2, "speed": 8.0, "own": 2.0},
+        {"x": 24.0, "y": 7.0, "yaw": -np.pi / 2, "speed": 5.0, "horizon": 0.0},
+    ],
+    ids=["on its log", "same way", "goes away", "later", "behind", "runs into its side", "rule is off"],
+)
+def test_it_waits_for_nobody_else(other: dict[str, float]) -> None:
+    assert waits(**other) == 0.5
+
+
+def test_only_where_its_path_leads_counts() -> None:
+    """The same two, of whom the agent turns away before they would meet."""
+    bends = np.array([[-50.0, 0.0], [5.0, 0.0], [15.0, -30.0], [40.0, -150.0]])
+    crosses = {"x": 24.0, "y": 7.0, "yaw": -np.pi / 2, "speed": 5.0}
+    assert waits(**crosses) < 0.5
+    assert waits(**crosses, path=bends) == 0.5
+
+
+def test_policy_litsim_waits_for_the_ego_that_crosses(make_scenario, track, placed, lane_centres) -> None:
+    """The ego comes out of its lane across the road; the network of agent 2 asks for nothing."""
+    y = lane_centres[2]
+    scenario = make_scenario(track(1, x=130.0, y=lane_centres[0]), track(2, x=100.0, y=y, speed=12.0))
+    away = np.sign(lane_centres[0] - y)
+    ego = {"x": 124.0, "y": y + 7.0 * away, "yaw": -away * np.pi / 2, "speed": 5.0, "controller": Controller.EGO}
+    table = placed(scenario.log.table(0), 1, **ego)
+    says = SimpleNamespace(observation=ObservationConfig(), mean=lambda seen: np.zeros((len(seen), 3)))
+    path = np.array([[90.0, y], [300.0, y]])
+    held = TakeoverTable(0, (takeover(2, reference_path=path),))
+
+    def does(config: YieldConfig) -> float:
+        policy = PolicyC(scenario, says, YieldPolicy(scenario, config, HandbackConfig()), LIMITS_ONLY)
+        return float(policy.act(table, held).acceleration[0])
+
+    assert does(CONFIG) < -0.5
+    assert does(YieldConfig(crossing_horizon=0.0)) > does(CONFIG) + 0.5
