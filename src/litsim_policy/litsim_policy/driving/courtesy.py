@@ -30,6 +30,7 @@ from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 FOLLOWING_TIME = 0.5  # [s] time constant with which a leader's speed is taken on, nearer to him than vehicles stand
 PEDALS = 3  # ways of braking, up to the hardest, that are tried to let somebody cross
+TURNING_MIN = 1.0  # [m/s] from which on a turn says on which arc somebody is
 SAME_WAY = math.cos(math.pi / 4)  # of the angle between two headings up to which nobody crosses the other's way
 
 
@@ -196,7 +197,7 @@ def room_made(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 
 @kernel(boolean(float64, FLOATS3, int64, int64, float64, *[FLOATS] * 8, int64, int64, float64, int64))
-def _crosses(  # noqa: PLR0917 - a kernel takes arrays and numbers
+def _runs_into(  # noqa: PLR0917 - a kernel takes arrays and numbers
     pedal: float,
     segments: FloatArray,
     count: int,
@@ -217,7 +218,7 @@ def _crosses(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> bool:
     """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j`, whose middle is ahead then."""
     s, other_x, other_y, other_yaw = own_s, x[j], y[j], yaw[j]
-    bend = yaw_rate[j] / max(speed[j], 1.0)
+    bend = yaw_rate[j] / max(speed[j], TURNING_MIN)
     for k in range(instants):
         s += STEP_S * max(speed[own] + pedal * STEP_S * (k + 1), 0.0)
         gone = STEP_S * max(speed[j] + acceleration[j] * STEP_S * (k + 1), 0.0)
@@ -293,7 +294,7 @@ def crossing_awaited(  # noqa: PLR0917 - a kernel takes arrays and numbers
                 continue
             for k in range(PEDALS + 1):
                 pedal = made[i] if k == 0 else min(made[i], -courtesy * k / PEDALS)
-                if not _crosses(
+                if not _runs_into(
                     pedal,
                     segments,
                     count[i],
