@@ -57,7 +57,7 @@ def test_a_report_gives_the_path_from_a_little_behind_the_agent_on() -> None:
     first, second = off.report(
         here, np.array([1.0, 0.0]), (np.array([0.5, -1.0]), np.array([2.0, 0.0])), np.array([0, 3])
     )
-    assert first.reference_path[:, 0].tolist() == list(range(95, 251))
+    assert first.reference_path[:, 0].tolist() == list(range(95, 252))
     assert second.reference_path[:, 0].tolist() == list(range(195, 300))
     assert (first.agent, first.opponent, first.state, first.reason) == (
         1,

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from litsim_policy.motion import path_kernels
 from litsim_policy.motion.path_kernels import CHUNK, UNIT_X, UNIT_Y, S, X
+from litsim_policy.motion.reference_path import ReferencePath, window
 
 
 @st.composite
@@ -106,14 +107,26 @@ def test_segments_and_points_at_arc_lengths(lines, lengths: list[float]) -> None
             assert (points[p] == expected).all()
 
 
-@given(polylines(), st.floats(-20.0, 100.0), st.floats(0.0, 30.0))
-def test_windows_are_what_lies_between_two_arc_lengths_or_the_last_two_points(lines, low: float, width: float) -> None:
+@given(polylines(), st.floats(-20.0, 100.0), st.floats(0.0, 10.0), st.floats(0.0, 30.0))
+def test_windows_hold_what_is_around_an_arc_length_and_the_segments_there(lines, s, behind, ahead) -> None:
     segments, _, count = laid_out(lines)
-    begin, end = path_kernels.windows(segments, count, np.full(len(lines), low), np.full(len(lines), low + width))
+    begin, end = path_kernels.windows(segments, count, np.full(len(lines), s), behind, ahead)
     for p, line in enumerate(lines):
-        within = np.flatnonzero((along(line) >= low) & (along(line) <= low + width))
-        expected = within if len(within) >= 2 else [count[p] - 2, count[p] - 1]
-        assert list(range(begin[p], end[p])) == list(expected)
+        lengths, last = along(line), count[p] - 2
+        here, there = (np.clip(np.searchsorted(lengths, at, side="right") - 1, 0, last) for at in (s, s + ahead))
+        first = min(int(np.searchsorted(lengths, s - behind)), int(here))
+        assert (begin[p], end[p]) == (first, there + 2)
+
+
+def test_a_window_of_a_road_that_goes_straight_on_for_long_begins_where_the_agent_is() -> None:
+    """Between two vertices that are farther apart than a window is long, before a bend."""
+    path = ReferencePath.of(np.array([[0.0, 0.0], [10.0, 0.0], [500.0, 0.0], [510.0, 8.0]]))
+    seen = window(path, 250.0, 1.0)
+    assert seen.points.tolist() == [[10.0, 0.0], [500.0, 0.0]]
+    s, d = seen.project(np.array([250.0]), np.array([1.0]))
+    assert s[0] == 240.0 and d[0] == 1.0
+    near_the_bend = window(path, 400.0, 0.0)
+    assert near_the_bend.points[-1].tolist() == [510.0, 8.0], "beyond the vertex the road goes elsewhere"
 
 
 @given(polylines(), st.floats(0.1, 8.0))

@@ -79,10 +79,10 @@ class PathBatch:
         """Which points of the paths are given to policies whose agents are at arc lengths `s` (m,) [m].
 
         Returns:
-            the first (m,) and the one behind the last (m,): the points from PATH_BEHIND to PATH_AHEAD; the last two
-            points of the path, where fewer than two are.
+            the first (m,) and the one behind the last (m,): the points from PATH_BEHIND before the agents on, and those
+            of the segments up to PATH_AHEAD.
         """
-        return path_kernels.windows(self.segments, self.count, s - PATH_BEHIND, s + PATH_AHEAD)
+        return path_kernels.windows(self.segments, self.count, s, PATH_BEHIND, PATH_AHEAD)
 
     def heading(self, path: int | IntArray, segment: IntArray) -> FloatArray:
         """(...) direction [rad] of segments, of paths at positions `path`; shapes broadcast."""

@@ -202,19 +202,22 @@ def points_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatArr
     return found
 
 
-@kernel(types.Tuple((OUT_INTS, OUT_INTS))(FLOATS3, INTS, FLOATS, FLOATS))
-def windows(segments: FloatArray, count: IntArray, low: FloatArray, high: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return which vertices lie at arc lengths from `low` to `high` (m,) [m]: the first (m,), and that behind the last.
+@kernel(types.Tuple((OUT_INTS, OUT_INTS))(FLOATS3, INTS, FLOATS, float64, float64))
+def windows(
+    segments: FloatArray, count: IntArray, s: FloatArray, behind: float, ahead: float
+) -> tuple[IntArray, IntArray]:
+    """Return which vertices are the part of each path around its arc length in `s` (m,) [m]: two at least.
 
-    Where fewer than two do, they are the last two of the path.
+    They are those from `behind` [m] before it on, and all vertices of the segments that it and what is up to `ahead`
+    [m] beyond it lie on: a road may go straight on for longer than either.
+
+    Returns:
+        the first (m,), and the one behind the last (m,).
     """
     begin, end = np.zeros(len(count), np.int64), np.zeros(len(count), np.int64)
     for p in range(len(count)):
-        while begin[p] < count[p] and segments[p, begin[p], S] < low[p]:
+        here = segment_at(segments, count[p], p, s[p])
+        while begin[p] < here and segments[p, begin[p], S] < s[p] - behind:
             begin[p] += 1
-        end[p] = begin[p]
-        while end[p] < count[p] and segments[p, end[p], S] <= high[p]:
-            end[p] += 1
-        if end[p] - begin[p] < 2:
-            begin[p], end[p] = count[p] - 2, count[p]
+        end[p] = segment_at(segments, count[p], p, s[p] + ahead) + 2
     return begin, end
