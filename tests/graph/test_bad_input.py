@@ -106,7 +106,7 @@ def test_choices_of_the_command_line(graph: Any) -> None:
         (
             ("litsim_policy", "conflict"),
             ("-p", "rio:=3.0"),
-            "conflict: unknown parameter rio (near: region, horizon); expected braking_hard, ",
+            "conflict: unknown parameter rio (near: region, horizon); expected approach_time, ",
         ),
         (
             ("litsim_policy", "conflict"),
