@@ -108,9 +108,9 @@ class Conflict:
 class ConflictDetector:
     """Compares the futures of agents on their log with those of agents off it.
 
-    Background agents outside of the region of interest of an agent off its log are not looked at. Where two of them
-    overlap in the log itself, and the one that is off its log is where its log has it then, their overlap is none to
-    be resolved.
+    Background agents outside of the region of interest of an agent off its log are not looked at. Where two background
+    agents overlap in the log itself, and the one that is off its log is where its log has it then, their overlap is
+    none to be resolved.
     """
 
     def __init__(self, log: Log, roi_m: float, config: ConflictConfig, overlaps: LogOverlaps | None = None) -> None:
