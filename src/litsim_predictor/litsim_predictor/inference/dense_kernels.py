@@ -50,12 +50,6 @@ def tanh(x: np.float32) -> np.float32:
 
 
 @kernel(float32(float32))
-def sigmoid(x: np.float32) -> np.float32:
-    """The logistic function, likewise."""
-    return float32(0.5) + float32(0.5) * tanh(float32(0.5) * x)
-
-
-@kernel(float32(float32))
 def exp(x: np.float32) -> np.float32:
     """The exponential of `x`, at most 0, to 1e-7; likewise."""
     half = tanh(float32(0.5) * x)

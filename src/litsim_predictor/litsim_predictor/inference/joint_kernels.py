@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from litsim_predictor.forecast import Float32Array
-from litsim_predictor.inference.dense_kernels import ROW, linear, rectified_linear, sigmoid, tanh
+from litsim_predictor.inference.dense_kernels import tanh
 from litsim_predictor.inference.joint_units import CORRELATION_LIMIT, SCALE_FLOOR
 from litsim_sim.core.compiled import (
     BOOLS2,
@@ -29,54 +29,23 @@ from litsim_sim.core.scene import BoolArray, IntArray
 SOFT_UNTIL = 20.0  # beyond, log(1 + exp(x)) is x in single precision
 
 
-@kernel(void(SINGLES3, BOOLS2, OUT_SINGLES2, SINGLES2, ROW, SINGLES3, SINGLES2, SINGLES3, SINGLES2))
-def encode_histories(  # noqa: PLR0917 - a kernel takes arrays and numbers
-    history: Float32Array,
-    observed: BoolArray,
-    out: Float32Array,
-    embed: Float32Array,
-    embed_bias: Float32Array,
-    of_input: Float32Array,
-    input_bias: Float32Array,
-    of_state: Float32Array,
-    state_bias: Float32Array,
-) -> None:
-    """Read histories forwards and backwards by a gated recurrent unit (Cho et al. 2014).
+@kernel(void(SINGLES3, BOOLS2, float64, OUT_SINGLES3))
+def read_histories(history: Float32Array, observed: BoolArray, dt: float, out: Float32Array) -> None:
+    """Write histories as what differs from constant speed straight ahead, zeros where they are not observed.
 
     Args:
-        history, observed: (n, T, C) and (n, T).
-        out: (n, 2 w) the last states of both directions.
-        embed, embed_bias: (C + 1, w) and (w,) of the layer that reads a step, `observed` its last channel.
-        of_input, input_bias, of_state, state_bias: (2, w, 3 w) and (2, 3 w) of each direction: of the reset gate, the
-            update gate and the new state.
+        history, observed: (n, T, 4) x, y [m], yaw [rad] and speed [m/s], the present last, and (n, T).
+        dt: between steps [s].
+        out: (n, T, 5) the four, and whether they are observed.
     """
-    agents, steps, channels = history.shape
-    width = embed.shape[1]
-    read = np.empty((agents, channels + 1), np.float32)
-    embedded = np.empty((steps, agents, width), np.float32)
-    for t in range(steps):
-        for i in range(agents):
-            for c in range(channels):
-                read[i, c] = history[i, t, c]
-            read[i, channels] = float32(1.0) if observed[i, t] else float32(0.0)
-        rectified_linear(read, embed, embed_bias, embedded[t])
-    state = np.empty((agents, width), np.float32)
-    given, kept = np.empty((agents, 3 * width), np.float32), np.empty((agents, 3 * width), np.float32)
-    for direction in range(2):
-        state[:] = float32(0.0)
-        for step in range(steps):
-            t = step if direction == 0 else steps - 1 - step
-            linear(embedded[t], of_input[direction], input_bias[direction], given)
-            linear(state, of_state[direction], state_bias[direction], kept)
-            for i in range(agents):
-                for j in range(width):
-                    reset = sigmoid(given[i, j] + kept[i, j])
-                    update = sigmoid(given[i, width + j] + kept[i, width + j])
-                    new = tanh(given[i, 2 * width + j] + reset * kept[i, 2 * width + j])
-                    state[i, j] = new + update * (state[i, j] - new)
-        for i in range(agents):
-            for j in range(width):
-                out[i, direction * width + j] = state[i, j]
+    agents, steps, _ = history.shape
+    for i in range(agents):
+        now = history[i, steps - 1, 3]
+        for t in range(steps):
+            told = float32(1.0) if observed[i, t] else float32(0.0)
+            out[i, t, 0] = told * (history[i, t, 0] + float32(dt) * float32(steps - 1 - t) * now)
+            out[i, t, 1], out[i, t, 2] = history[i, t, 1], history[i, t, 2]
+            out[i, t, 3], out[i, t, 4] = told * (history[i, t, 3] - now), told
 
 
 @kernel(void(SINGLES2, OUT_SINGLES2, OUT_INTS))

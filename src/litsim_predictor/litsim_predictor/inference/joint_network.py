@@ -12,6 +12,7 @@ from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.attention_kernels import attend, meet
 from litsim_predictor.inference.contract import (
     DT,
+    HISTORY,
     HISTORY_CHANNELS,
     HORIZON,
     MANEUVERS,
@@ -25,14 +26,14 @@ from litsim_predictor.inference.contract import (
 from litsim_predictor.inference.dense_kernels import add_and_normalise, linear, rectified_linear
 from litsim_predictor.inference.joint_kernels import (
     choose_maneuvers,
-    encode_histories,
     further_maneuvers,
+    read_histories,
     write_gaussians,
 )
 from litsim_predictor.inference.joint_units import (
+    DEVIATION_UNITS,
     GAUSSIAN_CHANNELS,
     HEADS,
-    HISTORY_UNITS,
     LAYERS,
     MAP_MIDDLE,
     NEIGHBOURS,
@@ -68,6 +69,7 @@ def runs(provenance: Provenance) -> bool:
     return (
         provenance.model == "joint"
         and bool(parameters.get("relative", True))
+        and parameters.get("history", "recurrent") == "direct"
         and parameters.get("decoder", "direct") == "direct"
     )
 
@@ -129,27 +131,19 @@ class HistoryEncoder:
     """What the network makes of histories."""
 
     def __init__(self, arrays: Mapping[str, Float32Array]) -> None:
-        gru = {name.removeprefix("history.gru."): array for name, array in arrays.items()}
-        directions = ("_l0", "_l0_reverse")
-        self._channels = arrays["history.embed.0.weight"].shape[1] - 1
-        embed = arrays["history.embed.0.weight"] / np.array([*HISTORY_UNITS[: self._channels], 1.0], np.float32)
-        self._layers: tuple[Any, ...] = (
-            np.ascontiguousarray(embed.T),
-            arrays["history.embed.0.bias"],
-            *(
-                np.stack([np.ascontiguousarray(gru[f"{what}_{of}{direction}"].T) for direction in directions])
-                for of in ("ih", "hh")
-                for what in ("weight", "bias")
-            ),
+        self._first = Linear(
+            arrays["history.layers.0.weight"],
+            arrays["history.layers.0.bias"],
+            (*DEVIATION_UNITS, 1.0) * HISTORY,
+            rectified=True,
         )
-        self._width = 2 * gru["weight_hh_l0"].shape[1]
+        self._last = Linear(arrays["history.layers.2.weight"], arrays["history.layers.2.bias"], rectified=True)
 
     def __call__(self, inputs: AgentInputs) -> Float32Array:
         """Codes (n, width)."""
-        out = np.empty((len(inputs.history), self._width), np.float32)
-        history = np.ascontiguousarray(inputs.history[..., : self._channels])
-        encode_histories(history, inputs.observed, out, *self._layers)
-        return out
+        read = np.empty((len(inputs.history), HISTORY, HISTORY_CHANNELS + 1), np.float32)
+        read_histories(inputs.history, inputs.observed, DT, read)
+        return self._last(self._first(read.reshape(len(read), -1)))
 
 
 @quickly_made
@@ -278,8 +272,8 @@ def shapes(parameters: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
     """Shapes of the weights of a joint predictor with these parameters; see :class:`.learned.models.joint`."""
     maps, channels = parameters.get("map_width", 64), parameters.get("map_channels", 16)
     history, hidden = parameters.get("history_width", 64), parameters.get("hidden", 128)
-    state, read = parameters.get("state_width", 32), parameters.get("history_channels", HISTORY_CHANNELS)
-    width, half = maps + history + state, history // 2
+    state = parameters.get("state_width", 32)
+    width = maps + history + state
     found: dict[str, tuple[int, ...]] = {}
 
     def layer(name: str, *shape: int) -> None:
@@ -289,11 +283,8 @@ def shapes(parameters: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
     layer("map.layers.2", channels, channels, KERNEL, KERNEL)
     layer("map.layers.5", channels, channels, KERNEL, KERNEL)
     layer("map.layers.8", maps, channels * QUARTER_ROWS * QUARTER_COLUMNS)
-    layer("history.embed.0", half, read + 1)
-    for direction in ("l0", "l0_reverse"):
-        for of in ("ih", "hh"):
-            found[f"history.gru.weight_{of}_{direction}"] = (3 * half, half)
-            found[f"history.gru.bias_{of}_{direction}"] = (3 * half,)
+    layer("history.layers.0", 2 * history, HISTORY * (HISTORY_CHANNELS + 1))
+    layer("history.layers.2", history, 2 * history)
     layer("state.0", state, STATE_CHANNELS + TRAFFIC_CHANNELS * parameters.get("traffic", False))
     for number in range(parameters.get("layers", LAYERS)):
         for name, out in (("query", width), ("key_value", 2 * width), ("out", width)):

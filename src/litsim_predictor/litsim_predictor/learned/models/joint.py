@@ -16,8 +16,9 @@ from typing import Literal, cast
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.inference.contract import HISTORY_CHANNELS, HORIZON, MANEUVERS, STATE_CHANNELS
+from litsim_predictor.inference.contract import DT, HISTORY, HISTORY_CHANNELS, HORIZON, MANEUVERS, STATE_CHANNELS
 from litsim_predictor.inference.joint_units import (
+    DEVIATION_UNITS,
     GAUSSIAN_CHANNELS,
     HEADS,
     HISTORY_UNITS,
@@ -81,7 +82,7 @@ class MapEncoder(nn.Module):
         return cast(Tensor, self.layers[1:](read))
 
 
-class HistoryEncoder(nn.Module):
+class RecurrentHistory(nn.Module):
     """A bidirectional GRU over the observed steps, whose last states are taken together."""
 
     def __init__(self, width: int, channels: int) -> None:
@@ -96,6 +97,25 @@ class HistoryEncoder(nn.Module):
         units = history.new_tensor([*HISTORY_UNITS[: self.channels], 1.0])
         _, last = self.gru(self.embed[1](linear_of(read.transpose(0, 1), units, cast(nn.Linear, self.embed[0]))))
         return torch.cat([last[0], last[1]], dim=-1)
+
+
+class DirectHistory(nn.Module):
+    """Two dense layers that read all observed steps at once, as what differs from constant speed straight ahead."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Linear(HISTORY * (HISTORY_CHANNELS + 1), 2 * width), nn.ReLU(), nn.Linear(2 * width, width), nn.ReLU()
+        )
+
+    def forward(self, history: Tensor, observed: Tensor) -> Tensor:
+        """See :meth:`RecurrentHistory.forward`."""
+        x, y, yaw, speed = history.unbind(dim=-1)
+        seen, now = observed.to(history.dtype), speed[:, -1:]
+        ago = DT * torch.arange(HISTORY - 1, -1, -1, dtype=history.dtype, device=history.device)
+        read = torch.stack([(x + ago * now) * seen, y, yaw, (speed - now) * seen, seen], dim=-1)
+        units = history.new_tensor([*DEVIATION_UNITS, 1.0]).repeat(HISTORY)
+        return cast(Tensor, self.layers[1:](linear_of(read.flatten(1), units, cast(nn.Linear, self.layers[0]))))
 
 
 class RelativeAttention(nn.Module):
@@ -239,7 +259,8 @@ class JointPredictor(SceneModel):
     Args:
         map_width, map_channels: of the map encoder.
         history_width: of the history encoder, both directions together.
-        history_channels: 2 for coordinates alone (paper), 4 with yaw and speed.
+        history: "direct" or "recurrent" (paper).
+        history_channels: that a recurrent one reads: 2 for coordinates alone (paper), 4 with yaw and speed.
         state_width: of the current states.
         traffic: whether they say how fast the traffic ahead drives; see :mod:`.inference.traffic`. Only if `relative`.
         heads: of the attention.
@@ -258,6 +279,7 @@ class JointPredictor(SceneModel):
         map_width: int = 64,
         map_channels: int = 16,
         history_width: int = 64,
+        history: Literal["direct", "recurrent"] = "recurrent",
         history_channels: int = HISTORY_CHANNELS,
         state_width: int = 32,
         traffic: bool = False,
@@ -272,7 +294,9 @@ class JointPredictor(SceneModel):
     ) -> None:
         super().__init__()
         self.map = MapEncoder(map_channels, map_width)
-        self.history = HistoryEncoder(history_width, history_channels)
+        self.history = (
+            DirectHistory(history_width) if history == "direct" else RecurrentHistory(history_width, history_channels)
+        )
         self.scene = None if relative else SceneAttention(state_width, heads)
         if self.scene is None:
             read = STATE_CHANNELS + TRAFFIC_CHANNELS * traffic
