@@ -7,7 +7,15 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from litsim_predictor.inference.contract import AgentFutures, AgentInputs, ModeChoice
+from litsim_predictor.inference.contract import (
+    DT,
+    HISTORY,
+    HISTORY_CHANNELS,
+    AgentFutures,
+    AgentInputs,
+    ModeChoice,
+)
+from litsim_predictor.inference.joint_kernels import read_histories
 from litsim_predictor.inference.joint_network import JointNetwork, runs, shapes
 from litsim_predictor.inference.weights import read_weights
 from made_agents import scene
@@ -47,6 +55,22 @@ def test_who_is_out_of_reach_changes_no_bit(network: JointNetwork) -> None:
     together = network(both(here, far), np.arange(47))
     assert_rows_equal(network(here, np.arange(30)), together, list(range(30)))
     assert_rows_equal(network(far, np.arange(17)), together, list(range(30, 47)))
+
+
+def test_a_history_is_told_as_what_differs_from_constant_speed() -> None:
+    """Who drove straight on is told by zeros, who has braked by how far it is ahead of that; unseen is unknown."""
+    ago = DT * np.arange(HISTORY - 1, -1, -1)
+    history, observed = np.zeros((2, HISTORY, HISTORY_CHANNELS), np.float32), np.ones((2, HISTORY), np.bool_)
+    history[:, :, 0], history[:, :, 3] = -12.0 * ago, 12.0
+    history[1, :, 0], history[1, :, 3] = -12.0 * ago - 0.5 * 2.0 * ago**2, 12.0 + 2.0 * ago
+    observed[1, :4] = False
+    history[1, :4] = 0.0
+    told = np.empty((2, HISTORY, HISTORY_CHANNELS + 1), np.float32)
+    read_histories(history, observed, DT, told)
+    assert told[0] == pytest.approx(np.array([[0.0, 0.0, 0.0, 0.0, 1.0]] * HISTORY), abs=1e-5)
+    assert not told[1, :4].any()
+    assert told[1, 4:, 0] == pytest.approx(-(ago[4:] ** 2), abs=1e-5)
+    assert told[1, 4:, 3] == pytest.approx(2.0 * ago[4:], abs=1e-5)
 
 
 def test_who_is_near_does(network: JointNetwork) -> None:
