@@ -9,7 +9,7 @@ HISTORY_UNITS = (LENGTH, LENGTH, 1.0, SPEED)
 """By which the channels of a history are scaled."""
 DEVIATION_UNITS = (2.0, 1.0, 0.1, 2.0)
 """By which they are scaled where they are told as what differs from constant speed straight ahead [m], [m], [rad],
-[m/s]."""
+[m/s]: they are about as large as 1."""
 STATE_UNITS = (LENGTH, LENGTH, SPEED, 1.0)
 """By which the channels of a state are scaled: they are about as large as 1."""
 NEAR = 5.0  # [m] ahead or behind at which somebody counts as half as near as beside

@@ -4,8 +4,8 @@ Map raster through a small CNN, history through a bidirectional GRU, current sta
 attention between the agents (the paper's dynamic encoder), latent manoeuvres learned from history and interaction, and
 a decoder conditioned on them that answers Gaussians: all agents of a scene in one pass.
 
-Two things are chosen by configuration, because the paper's choice measures worse: how agents attend to each other
-(`relative`) and how futures are decoded (`decoder`).
+Three things are chosen by configuration, because the paper's choice measures worse: how histories are read (`history`),
+how agents attend to each other (`relative`) and how futures are decoded (`decoder`).
 """
 
 from __future__ import annotations
@@ -258,7 +258,7 @@ class JointPredictor(SceneModel):
 
     Args:
         map_width, map_channels: of the map encoder.
-        history_width: of the history encoder, both directions together.
+        history_width: of the history encoder; of a recurrent one, both directions together.
         history: "direct" or "recurrent" (paper).
         history_channels: that a recurrent one reads: 2 for coordinates alone (paper), 4 with yaw and speed.
         state_width: of the current states.
