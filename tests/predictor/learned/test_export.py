@@ -96,10 +96,10 @@ DIRECT = {"history": "direct"}
 MINE = [
     DIRECT | {"hidden": 32, "layers": 1, "neighbours": 4},
     DIRECT | {"hidden": 32, "traffic": True},
-    DIRECT | {"layers": 3, "neighbours": 20, "reach": 30.0, "heads": 4, "map_channels": 8} | {"history_width": 32},
+    DIRECT | {"layers": 3, "neighbours": 20, "reach": 30.0, "heads": 4, "map_channels": 8, "history_width": 32},
     DIRECT | {"relative": False},
     DIRECT | {"decoder": "recurrent"},
-    {"hidden": 32},
+    {"hidden": 32, "history_channels": 2},
 ]
 """Configurations of joint predictors of one's own; the last three have no kernels."""
 

@@ -103,7 +103,7 @@ def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: 
     add_product(values, weight, out)
 
 
-@kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2), outer=True)
+@kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2))
 def rectified_linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
     """Likewise, with 0 in the place of what is negative."""
     linear(values, weight, bias, out)
