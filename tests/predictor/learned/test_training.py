@@ -219,6 +219,9 @@ def interrupt_at(epoch: int) -> Callable[..., float]:
         ("model: joint\nlearning: 1\n", "small.yaml: line 2, field learning"),
         ("model: [\n", "small.yaml: malformed YAML"),
         ("model: rnn\n", "field model is 'rnn', expected one of joint, cs_lstm, bat"),
+        ("model: joint\nparameters: {width: 8}\n", "field parameters does not fit model joint"),
+        ("model: joint\nparameters: {history: dense}\n", "history is 'dense', expected one of direct, recurrent"),
+        ("model: joint\nparameters: {decoder: gru}\n", "decoder is 'gru', expected one of direct, recurrent"),
         (SMALL.replace("made.parquet", "gone.parquet"), "gone.parquet: no such file"),
     ],
 )

@@ -11,7 +11,7 @@ how agents attend to each other (`relative`) and how futures are decoded (`decod
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Literal, cast, get_args
 
 import torch
 from torch import Tensor, nn
@@ -53,6 +53,8 @@ from litsim_predictor.learned.models.model import (
     rows_of,
     same_agent,
 )
+
+Kind = Literal["direct", "recurrent"]  # all steps at once, or one after the other as in the paper
 
 
 class MapEncoder(nn.Module):
@@ -271,6 +273,9 @@ class JointPredictor(SceneModel):
         decoder: "direct" or "recurrent".
         hidden: of the decoder.
         dropout: on what the decoder reads.
+
+    Raises:
+        ValueError: `history` or `decoder` is neither of both.
     """
 
     def __init__(
@@ -279,7 +284,7 @@ class JointPredictor(SceneModel):
         map_width: int = 64,
         map_channels: int = 16,
         history_width: int = 64,
-        history: Literal["direct", "recurrent"] = "recurrent",
+        history: Kind = "recurrent",
         history_channels: int = HISTORY_CHANNELS,
         state_width: int = 32,
         traffic: bool = False,
@@ -288,11 +293,14 @@ class JointPredictor(SceneModel):
         layers: int = LAYERS,
         neighbours: int = NEIGHBOURS,
         reach: float = REACH,
-        decoder: Literal["direct", "recurrent"] = "direct",
+        decoder: Kind = "direct",
         hidden: int = 128,
         dropout: float = 0.1,
     ) -> None:
         super().__init__()
+        for name, kind in (("history", history), ("decoder", decoder)):
+            if kind not in get_args(Kind):
+                raise ValueError(f"{name} is {kind!r}, expected one of {', '.join(get_args(Kind))}")
         self.map = MapEncoder(map_channels, map_width)
         self.history = (
             DirectHistory(history_width) if history == "direct" else RecurrentHistory(history_width, history_channels)
