@@ -118,11 +118,12 @@ def look_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
             along = cos * direction[j, 0] + sin * direction[j, 1]
             if ahead <= KNOTS[0] or ahead >= KNOTS[-1] or along <= none:
                 continue
-            for k in range(places):
+            interval = 0  # between which knots it is: it counts for the one behind it and for the one ahead of it
+            while ahead >= KNOTS[interval + 1]:
+                interval += 1
+            for k in range(max(interval - 1, 0), min(interval + 1, places)):
                 before, knot, after = KNOTS[k], KNOTS[k + 1], KNOTS[k + 2]
                 near = min((ahead - before) / (knot - before), (after - ahead) / (after - knot))
-                if near <= none:
-                    continue
                 for w in range(len(WIDTHS)):
                     share, place = along * max(one - left / WIDTHS[w], none) * near, places * w + k
                     of[3 * place] += share * (speed[j] - own[i])
