@@ -12,8 +12,8 @@ import pytest
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted((*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*/*.md")))
+from documentation import PAGES, ROOT
+
 TARGET = {"link_open": "href", "image": "src"}
 NO_PART_OF_A_SLUG = re.compile(r"[^\w\- ]")
 

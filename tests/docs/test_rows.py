@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted((*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*/*.md")))
+from documentation import PAGES, ROOT
+
 BETWEEN_CELLS = re.compile(r"(?<!\\)\|")
 
 
