@@ -74,6 +74,15 @@ def test_every_process_gets_something_and_groups_stay_whole_where_they_can() -> 
     assert shared_out([[0, 3], [1, 2, 4, 5, 6]], 2) == [[1, 2, 4, 5, 6], [0, 3]]
     assert shared_out([[1], [0, 2, 3, 4, 5]], 3) == [[3, 4, 5], [0, 2], [1]]
     assert shared_out([[0], [1]], 4) == [[0], [1]], "there are no more"
+    assert shared_out([range(5), range(5, 13)], 2) == [range(5, 13), range(5)], "cut, all would take longer"
+
+
+def test_a_group_that_would_keep_one_process_busy_for_long_is_cut() -> None:
+    assert shared_out([range(11), range(11, 13)], 2) == [range(3, 11), range(3), range(11, 13)]
+    assert shared_out([range(12)], 2) == [range(6), range(6, 12)]
+
+
+def test_no_more_than_can_be_stepped_together_is_a_share() -> None:
     assert shared_out([range(TOGETHER + 1)], 1) == [range(24, 49), range(24)], "so many are not stepped together"
 
 

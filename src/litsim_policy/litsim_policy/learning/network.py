@@ -115,11 +115,11 @@ class Sampler:
         """Return that of `policy` with its weights of now."""
         return cls(driving_network(policy), policy.std().detach().double().numpy())
 
-    def sample(self, observation: FloatArray, noise: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    def sample(self, observation: FloatArray, noise: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Actions for observations (m, size), by standard normal `noise` (m, 3); None is none, the mean.
 
         Returns:
-            as :meth:`GaussianPolicy.sample`.
+            the means before tanh (m, 3), and the two of :meth:`GaussianPolicy.sample`.
         """
         mean = self.network.before_tanh(observation)
         raw = mean if noise is None else mean + self.std * noise
@@ -128,7 +128,7 @@ class Sampler:
         low, high = pedal_bounds(observation)
         below, above = log_ndtr((low - mean[:, 0]) / self.std[0]), log_ndtr((mean[:, 0] - high) / self.std[0])
         density[:, 0] = np.where(raw[:, 0] <= low, below, np.where(raw[:, 0] >= high, above, density[:, 0]))
-        return raw, density.sum(axis=1)
+        return mean, raw, density.sum(axis=1)
 
 
 def multilayer(inputs: int, outputs: int) -> nn.Sequential:

@@ -165,8 +165,8 @@ def _drive_together(
     open_tracks: dict[int, list[tuple[np.ndarray, ...]]] = defaultdict(list)
     while episodes.running.any():
         before, scene = episodes.seen.copy(), episodes.driven >> BITS
-        raw, density = sampler.sample(before, None if generators is None else _noise(scene, generators))
-        outcome = episodes.step(np.tanh(raw), sampler.network.mean(before))
+        mean, raw, density = sampler.sample(before, None if generators is None else _noise(scene, generators))
+        outcome = episodes.step(np.tanh(raw), np.tanh(mean))
         for k, agent in enumerate(outcome.agents.tolist()):
             step = (before[k], raw[k], density[k], outcome.executed[k], outcome.penalty[k], outcome.corrected[k])
             open_tracks[agent].append(step)

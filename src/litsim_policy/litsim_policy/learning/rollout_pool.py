@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from heapq import heapreplace
 from itertools import chain
 from pathlib import Path
 from typing import Literal
@@ -24,6 +25,7 @@ from litsim_policy.learning.rollout import TOGETHER, Driving, Episode, HereDrivi
 
 Part = Literal["train", "validation"]
 PARTS: tuple[Part, ...] = ("train", "validation")
+STEPS_COST = 2.0  # what a step costs however many episodes take it: so many times of what an episode adds (1.5 to 3)
 Weights = dict[str, np.ndarray]
 
 
@@ -68,17 +70,34 @@ class PoolDriving:
 
 
 def shared_out(groups: Iterable[Sequence[int]], processes: int) -> list[Sequence[int]]:
-    """`groups` as they are given to processes, the largest first.
+    """`groups` as they are given to processes, the largest first: each share goes to the process that is free first.
 
-    A group is halved where a process would get none, or where it is more than are stepped together: what a step costs
-    is mostly the number of groups.
+    A group is cut where all is then done sooner, by what shares are expected to cost, or where it is more episodes than
+    are stepped together.
     """
     shares = sorted(groups, key=len, reverse=True)
-    while len(shares[0]) > (1 if len(shares) < processes else TOGETHER):
-        largest = shares.pop(0)
-        halves = largest[: len(largest) // 2], largest[len(largest) // 2 :]
-        shares = sorted([*shares, *halves], key=len, reverse=True)
-    return shares
+    while len(shares[0]) > TOGETHER:
+        shares = _cut(shares, len(shares[0]) // 2)
+    while True:
+        cuts = (_cut(shares, size) for size in range(1, len(shares[0]) // 2 + 1))
+        sooner = min(cuts, key=lambda cut: _expected_end(cut, processes), default=shares)
+        if _expected_end(sooner, processes) >= _expected_end(shares, processes):
+            return shares
+        shares = sooner
+
+
+def _cut(shares: list[Sequence[int]], size: int) -> list[Sequence[int]]:
+    """`shares` with the first of them in two, the first `size` episodes and the others; the largest first."""
+    largest, *others = shares
+    return sorted([largest[:size], largest[size:], *others], key=len, reverse=True)
+
+
+def _expected_end(shares: list[Sequence[int]], processes: int) -> float:
+    """When the last of `processes` is done with `shares`, in the time that an episode takes among others."""
+    free_at = [0.0] * processes
+    for share in shares:
+        heapreplace(free_at, free_at[0] + STEPS_COST + len(share))
+    return max(free_at)
 
 
 _courses: dict[Part, Course] = {}
