@@ -41,8 +41,7 @@ def test_step_by_step_the_second_learns_how_long_ago_the_first_was_there(table: 
         table(k, {"id": 1, "x": k - 20.0, "y": 0.0}, {"id": 2, "x": 0.0, "y": k - 35.0, "yaw": 1.5707963})
         for k in range(60)
     ]
-    since = np.array([times for times, _ in times_since_others(tables)])
-    others = np.array([ids for _, ids in times_since_others(tables)])
+    since, others = (values.reshape(60, 2) for values in times_since_others(tables))
     (pair,) = encroachments(tables, 1)
     assert np.isinf(since[:, 0]).all()  # 1 comes first and meets nobody's past
     assert since[:, 1].min() == pair.pet
@@ -62,7 +61,7 @@ def test_step_by_step_the_shortest_is_that_of_the_pairs_in_which_an_agent_comes_
         )
         for k, rows in enumerate([list(zip(*start.T, yaw, strict=True))] * 60)
     ]
-    told = np.array([times for times, _ in times_since_others(tables)]).min(axis=0)
+    told = times_since_others(tables)[0].reshape(60, 12).min(axis=0)
     expected = np.full(12, np.inf)
     for agent in range(12):
         for found in encroachments(tables, agent):
@@ -76,5 +75,20 @@ def test_step_by_step_the_shortest_is_that_of_the_pairs_in_which_an_agent_comes_
 
 def test_agents_that_are_nowhere_meet_nobody(table: Make) -> None:
     tables = [table(k, {"id": 1, "x": np.nan, "y": 0.0}, {"id": 2, "x": 0.0, "y": 0.0}) for k in range(2)]
-    assert [times.tolist() for times, _ in times_since_others(tables)] == [[np.inf, np.inf]] * 2
-    assert [ids.tolist() for _, ids in times_since_others([table(0)])] == [[]]
+    assert times_since_others(tables)[0].tolist() == [np.inf] * 4
+    assert [values.tolist() for values in times_since_others([table(0)])] == [[], []]
+
+
+def test_of_several_at_the_same_age_the_lowest_id_counts(table: Make) -> None:
+    tables = [
+        table(
+            k,
+            {"id": 3, "x": -0.5, "y": 0.0 if k == 0 else 50.0},
+            {"id": 7, "x": -1.0, "y": 0.0 if k == 0 else -50.0},
+            {"id": 9, "x": 20.0 - 20.0 * k, "y": 0.0},
+        )
+        for k in range(2)
+    ]
+    since, others = times_since_others(tables)
+    assert (since[5], others[5]) == (pytest.approx(0.1), 3), "both have been there a step ago"
+    assert (since[0], others[0]) == (0.0, 7), "they touch"

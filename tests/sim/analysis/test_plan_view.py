@@ -14,6 +14,7 @@ from litsim_sim.analysis import plots
 from litsim_sim.analysis.plan_view import LIGHTS, Area, crossed, draw_signals, groups_in, paths
 from litsim_sim.core.scene import Controller
 from litsim_sim.core.signals import SignalState
+from litsim_sim.core.steps import Steps
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.signal_links import SignalLink
 from litsim_sim.scenario.scenario import packaged
@@ -66,10 +67,17 @@ def test_bars_show_each_state_for_as_long_as_it_lasts(signals: Signals) -> None:
 def test_paths_are_told_by_who_moves_the_agent(table: Any) -> None:
     moved = [Controller.LOG, Controller.POLICY, Controller.LOG]
     tables = [table(k, {"id": 2, "x": 5.0 * k, "y": 0.0, "controller": c}) for k, c in enumerate(moved)]
-    found = paths(tables, Area.around(np.zeros((1, 2))))
+    found = paths(Steps.of(tables), Area.around(np.zeros((1, 2))))
     assert [piece.tolist() for piece in found[Controller.POLICY]] == [[[0.0, 0.0], [5.0, 0.0]]]
     assert [piece.tolist() for piece in found[Controller.LOG]] == [[[5.0, 0.0], [10.0, 0.0]]]
     assert not found[Controller.EGO]
+
+
+def test_a_path_is_a_line_until_the_agent_leaves_the_picture_or_is_gone_for_a_step(table: Any) -> None:
+    places = [0.0, 5.0, 10.0, None, 15.0, 500.0, 900.0, 20.0]
+    tables = [table(k, *([] if x is None else [{"id": 2, "x": x, "y": 0.0}])) for k, x in enumerate(places)]
+    lines = paths(Steps.of(tables), Area.around(np.zeros((1, 2))))[Controller.LOG]
+    assert [line[:, 0].tolist() for line in lines] == [[0.0, 5.0, 10.0], [15.0, 500.0], [900.0, 20.0]]
 
 
 @pytest.mark.parametrize(("net", "y", "seen"), [(STREET, -5.0, "_plan"), (MOTORWAY, -5.5, "_space_time")])

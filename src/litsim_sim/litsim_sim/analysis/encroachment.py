@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba.types import UniTuple
+from numba.types import Tuple, UniTuple
 
-from litsim_sim.core.compiled import FLOATS2, INTS, float64, int64, kernel
-from litsim_sim.core.geometry import boxes_overlap
+from litsim_sim.core.compiled import FLOATS, FLOATS2, INTS, OUT_FLOATS, OUT_INTS, float64, int64, kernel
 from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
@@ -99,42 +98,58 @@ def _closest_use(
     return best
 
 
-def times_since_others(tables: Sequence[AgentTable]) -> Iterator[tuple[FloatArray, IntArray]]:
-    """For every table, how long ago another agent's box covered a place that each agent's box covers now.
+def times_since_others(tables: Sequence[AgentTable]) -> tuple[FloatArray, IntArray]:
+    """For every agent at every step, how long ago another agent's box covered a place that its own box covers now.
 
-    Yields:
-        time (n,) [s], 0 in contact and inf beyond :data:`PET_HORIZON_S`, and id (n,) of that other agent, the lowest of
-        several, -1 where there is none. The smallest time of an agent is the shortest post-encroachment time as in
-        :func:`encroachments` among the pairs in which it came second.
+    Returns:
+        time (m,) [s], 0 in contact and inf beyond :data:`PET_HORIZON_S`, and id (m,) of that other agent, the lowest of
+        several, -1 where there is none, for the rows of :attr:`litsim_sim.core.steps.Steps.stacked`. The smallest time
+        of an agent is the shortest post-encroachment time as in :func:`encroachments` among the pairs in which it came
+        second.
     """
-    recent: deque[AgentTable] = deque()
-    for table in tables:
-        recent.append(table)
-        while (table.step - recent[0].step) * STEP_S > PET_HORIZON_S:
-            recent.popleft()
-        yield _since_others(table, recent)
-
-
-def _since_others(table: AgentTable, recent: Sequence[AgentTable]) -> tuple[FloatArray, IntArray]:
-    from scipy.spatial import KDTree  # which takes as long to import as numba, and most measures do without
-
-    names = ("id", "x", "y", "yaw", "length", "width")
-    ids, x, y, yaw, length, width = (np.concatenate([getattr(t, name) for t in recent]) for name in names)
-    age = np.concatenate([np.full(len(t), (table.step - t.step) * STEP_S) for t in recent])
+    steps = Steps.of(tables)
+    table = steps.stacked
     since, other = np.full(len(table), np.inf), np.full(len(table), -1, np.int64)
-    usable = np.flatnonzero(np.isfinite(x + y))
-    own = np.flatnonzero(np.isfinite(table.x + table.y))
-    if not len(own):
+    there = np.flatnonzero(np.isfinite(table.x + table.y))
+    if not len(there):
         return since, other
-    reach = float(np.hypot(length, width).max())
-    now, before = np.column_stack([table.x, table.y])[own], np.column_stack([x, y])[usable]
-    near = KDTree(now).sparse_distance_matrix(KDTree(before), reach, output_type="ndarray")
-    a, b = own[near["i"]], usable[near["j"]]
-    a, b = a[ids[b] != table.id[a]], b[ids[b] != table.id[a]]
-    size = ((table.length[a], table.width[a]), (length[b], width[b]))
-    hit = boxes_overlap(x[b] - table.x[a], y[b] - table.y[a], table.yaw[a], yaw[b], *size)
-    a, b = a[hit], b[hit]
-    order = np.lexsort((ids[b], age[b], a))
-    agents, first = np.unique(a[order], return_index=True)
-    since[agents], other[agents] = age[b[order][first]], ids[b[order][first]]
+    place = max((table.x, table.y), key=lambda values: float(np.ptp(values[there])))
+    rows = there[np.lexsort((place[there], table.number[there]))]
+    begin = table.number[rows].searchsorted(np.arange(len(steps) + 1))
+    boxes = np.stack([values[rows] for values in (table.x, table.y, table.yaw, table.length, table.width)])
+    reach = float(np.hypot(boxes[3], boxes[4]).max())
+    since[rows], other[rows] = _since_others(steps.step, begin, table.id[rows], place[rows], boxes, reach)
+    return since, other
+
+
+@kernel(Tuple((OUT_FLOATS, OUT_INTS))(INTS, INTS, INTS, FLOATS, FLOATS2, float64))
+def _since_others(
+    step: IntArray, begin: IntArray, agent: IntArray, place: FloatArray, boxes: FloatArray, reach: float
+) -> tuple[FloatArray, IntArray]:
+    """See :func:`times_since_others`; of those who are somewhere, (m,), each step's in the order of their places.
+
+    Args:
+        step, begin: (S,) the steps, and (S + 1,) row at which each begins.
+        agent: (m,) ids.
+        place: (m,) along one axis [m], ascending in each step.
+        boxes: (5, m) x, y, yaw, length, width.
+        reach: within which the centres of two boxes are that overlap [m].
+    """
+    x, y, yaw, length, width = boxes
+    since, other = np.full(len(agent), math.inf), np.full(len(agent), -1, np.int64)
+    for k in range(len(step)):
+        for a in range(begin[k], begin[k + 1]):
+            for then in range(k, -1, -1):
+                age = (step[k] - step[then]) * STEP_S
+                if age > PET_HORIZON_S or other[a] >= 0:
+                    break
+                first, last = begin[then], begin[then + 1]
+                for b in range(first + np.searchsorted(place[first:last], place[a] - reach), last):
+                    if place[b] > place[a] + reach:
+                        break
+                    if agent[b] == agent[a] or (0 <= other[a] < agent[b]):
+                        continue
+                    dx, dy = x[b] - x[a], y[b] - y[a]
+                    if overlap(dx, dy, yaw[a], yaw[b], length[a], width[a], length[b], width[b]):
+                        since[a], other[a] = age, agent[b]
     return since, other

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,9 @@ from matplotlib.patches import Patch
 
 from litsim_sim.core.colours import INK, ROAD
 from litsim_sim.core.geometry import box_corners
-from litsim_sim.core.scene import STEP_S, AgentTable, Controller, FloatArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray, IntArray
 from litsim_sim.core.signals import SignalState
+from litsim_sim.core.steps import Steps
 from litsim_sim.maps.lane_crossings import lane_crossings
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.signals import Signals
@@ -100,17 +100,42 @@ def draw_stop_lines(axes: Axes, signals: Signals, step: int) -> None:
             axes.plot(*ends.T, color=colour, lw=4.0, solid_capstyle="butt", zorder=3)
 
 
-def paths(tables: list[AgentTable], area: Area) -> dict[Controller, list[FloatArray]]:
-    """Pieces (2, 2) of everybody's path in `area`, by who moved the agent."""
-    found: dict[Controller, list[FloatArray]] = {controller: [] for controller in Controller}
-    for before, after in pairwise(tables):
-        rows = before.rows(after.id)
-        both = np.flatnonzero(rows >= 0)
-        ends = np.stack([before.x[rows[both]], before.y[rows[both]], after.x[both], after.y[both]], axis=1)
-        ends = ends.reshape(-1, 2, 2)
-        inside = area.holds(ends).any(axis=1)
-        for piece, controller in zip(ends[inside], after.controller[both][inside].tolist(), strict=True):
-            found[Controller(controller)].append(piece)
+def paths(steps: Steps, area: Area) -> dict[Controller, list[FloatArray]]:
+    """Pieces (k, 2) of everybody's path in `area`, by who moved the agent."""
+    table = steps.stacked
+    points = np.stack([table.x, table.y], axis=-1)
+    order, follows = tracks(steps)
+    inside = area.holds(points[order])
+    follows[1:] &= inside[1:] | inside[:-1]
+    found = pieces(points[order], follows, table.controller[order].astype(np.int64))
+    return {controller: found.get(controller.value, []) for controller in Controller}
+
+
+def tracks(steps: Steps) -> tuple[IntArray, BoolArray]:
+    """The rows (m,) of :attr:`Steps.stacked`, those of an agent one after the other.
+
+    Returns:
+        the rows, and (m,) which of them go on from the one before: of the same agent, at the next step.
+    """
+    number = steps.stacked.number
+    order = np.lexsort((number, steps.agent))
+    follows = np.zeros(len(order), np.bool_)
+    follows[1:] = (np.diff(steps.agent[order]) == 0) & (np.diff(number[order]) == 1)
+    return order, follows
+
+
+def pieces(points: FloatArray, follows: BoolArray, kind: IntArray) -> dict[int, list[FloatArray]]:
+    """Lines (k, 2) through `points` (m, 2), by the `kind` (m,) of the points to which they lead.
+
+    A line goes on as long as each point `follows` (m,) the one before and is of the same kind.
+    """
+    begins = follows.copy()
+    begins[1:] &= ~follows[:-1] | (np.diff(kind) != 0)
+    ends = follows.copy()
+    ends[:-1] &= ~follows[1:] | begins[1:]
+    found: dict[int, list[FloatArray]] = {}
+    for begin, end in zip(np.flatnonzero(begins).tolist(), np.flatnonzero(ends).tolist(), strict=True):
+        found.setdefault(int(kind[begin]), []).append(points[begin - 1 : end + 1])
     return found
 
 

@@ -29,6 +29,8 @@ from litsim_sim.analysis.plan_view import (
     groups_in,
     line_handle,
     paths,
+    pieces,
+    tracks,
 )
 from litsim_sim.analysis.signals import run_passages
 from litsim_sim.analysis.takeover import LedgerEntry, ledger
@@ -43,6 +45,7 @@ AHEAD, BEHIND = 70.0, 70.0  # [m] of road around the ego in the bird's-eye view
 SAME_LANE, BESIDE = 1.8, 5.5  # [m] to either side of the ego: its lane, and those beside it
 LATER = 5  # steps after a contact, for it to be seen
 ROUTE_MAX = 3000.0  # [m]
+LOG_BESIDE = -1  # as a controller: the log, beside the ego's lane
 
 NAMES = {
     Controller.EGO: "ego",
@@ -124,7 +127,7 @@ def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -
     draw_lanes(axes, lane_map)
     if run.signals is not None:
         draw_stop_lines(axes, run.signals, table.step)
-    driven = paths([each for each in run.tables if each.step >= run.info.history_steps], area)
+    driven = paths(run.steps.after(run.info.history_steps - 1), area)
     for controller, width in ((Controller.LOG, 0.9), (Controller.BASELINE, 1.6), (Controller.POLICY, 2.2)):
         axes.add_collection(LineCollection(driven[controller], colors=COLOURS[controller], linewidths=width, zorder=4))
     axes.add_collection(
@@ -252,55 +255,36 @@ def _boxes(table: AgentTable) -> FloatArray:
     return box_corners(table.x, table.y, table.yaw, table.length, table.width)
 
 
-@dataclass(frozen=True)
-class _Paths:
-    """Pieces (2, 2) of paths in time and space: by controller, and of logged agents in the lanes beside the ego's."""
-
-    lane: dict[Controller, list[FloatArray]]
-    beside: list[FloatArray]
-
-    def add(self, piece: FloatArray, table: AgentTable, row: int, aside: float) -> None:
-        controller = Controller(table.controller[row])
-        logged_beside = controller == Controller.LOG and aside > SAME_LANE
-        (self.beside if logged_beside else self.lane[controller]).append(piece)
-
-
 def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
     """Paths of the agents in and beside the ego's lane, coloured by who moves them."""
-    route = _route(run, lane_map)
-    paths = _Paths({controller: [] for controller in Controller}, [])
-    before: dict[int, tuple[float, float]] = {}
-    extent: list[float] = []
-    for table in run.tables:
-        s, d = _along(route, table.x, table.y)
-        ego = table.row(run.info.ego_id)
-        if ego < 0:
-            break
-        aside = np.abs(d - d[ego])
-        now = {
-            agent: (table.step * run.info.dt, at)
-            for agent, at, off in zip(table.id.tolist(), s.tolist(), aside.tolist(), strict=True)
-            if off < BESIDE
-        }
-        for agent, at in now.items():
-            if agent in before:
-                paths.add(np.array([before[agent], at]), table, table.row(agent), float(aside[table.row(agent)]))
-        before = now
-        extent += [float(s[ego]) - AHEAD, float(s[ego]) + AHEAD]
-    axes.add_collection(LineCollection(paths.beside, colors=FAINT, linewidths=0.8))
-    for controller, width in ((Controller.LOG, 1.4), (Controller.BASELINE, 1.4), (Controller.POLICY, 2.4)):
-        axes.add_collection(LineCollection(paths.lane[controller], colors=COLOURS[controller], linewidths=width))
-    axes.add_collection(LineCollection(paths.lane[Controller.EGO], colors=COLOURS[Controller.EGO], linewidths=2.6))
+    steps, route = run.steps, _route(run, lane_map)
+    table = steps.stacked
+    s, d = _along(route, table.x, table.y)
+    ego = steps.rows_of(np.array([run.info.ego_id]))[:, 0]
+    until = int(np.argmin(ego >= 0)) if (ego < 0).any() else len(ego)  # from then on the ego is gone
+    aside = np.abs(d - d[ego[table.number]])
+    near = (aside < BESIDE) & (table.number < until)
+    order, follows = tracks(steps)
+    follows[1:] &= near[order][1:] & near[order][:-1]
+    kind = table.controller.astype(np.int64)
+    kind[(kind == Controller.LOG) & (aside > SAME_LANE)] = LOG_BESIDE
+    points = np.stack([steps.step[table.number] * run.info.dt, s], axis=-1)
+    lines = pieces(points[order], follows, kind[order])
+    axes.add_collection(LineCollection(lines.get(LOG_BESIDE, []), colors=FAINT, linewidths=0.8))
+    drawn = ((Controller.LOG, 1.4), (Controller.BASELINE, 1.4), (Controller.POLICY, 2.4), (Controller.EGO, 2.6))
+    for controller, width in drawn:
+        found = lines.get(controller.value, [])
+        axes.add_collection(LineCollection(found, colors=COLOURS[controller], linewidths=width))
+    extent = s[ego[:until]]
     ego_log = _logged_ego(run)
     if len(ego_log):
-        s, _ = _along(route, ego_log[:, 1], ego_log[:, 2])
-        axes.plot(ego_log[:, 0], s, color=INK, lw=1.1, ls=DASHED)
-    handles = [Line2D([], [], color=COLOURS[c], lw=2.5, label=NAMES[c]) for c in COLOURS if paths.lane[c]]
+        axes.plot(ego_log[:, 0], _along(route, ego_log[:, 1], ego_log[:, 2])[0], color=INK, lw=1.1, ls=DASHED)
+    handles = [Line2D([], [], color=COLOURS[c], lw=2.5, label=NAMES[c]) for c in COLOURS if c.value in lines]
     handles.append(Line2D([], [], color=FAINT, lw=2.5, label="log replay, lane beside"))
     handles.append(Line2D([], [], color=INK, lw=1.1, ls=DASHED, label="ego's log"))
     axes.legend(handles=handles, loc="upper left", fontsize=10, framealpha=0.92, edgecolor="none")
     end = run.tables[-1].step * run.info.dt
-    axes.set(xlim=(0.0, end), ylim=(min(extent, default=0.0), max(extent, default=1.0)))
+    axes.set(xlim=(0.0, end), ylim=(min(extent, default=0.0) - AHEAD, max(extent, default=0.0) + AHEAD))
     axes.set(xlabel="time [s]", ylabel="along the ego's lane [m]")
     axes.set_title("Traffic in the ego's lane and beside it", loc="left", fontsize=12, color=INK)
     _mark(axes, run, moment.step)

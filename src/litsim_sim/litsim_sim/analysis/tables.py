@@ -15,6 +15,7 @@ from litsim_sim.analysis.encroachment import times_since_others
 from litsim_sim.analysis.safety import following, times_to_collision
 from litsim_sim.analysis.takeover import LedgerEntry, ledger
 from litsim_sim.core.scene import AgentTable, Controller
+from litsim_sim.core.steps import Steps
 from litsim_sim.io.files import replacing
 from litsim_sim.record.run import Run
 
@@ -166,19 +167,20 @@ _STATES = {
 _CONTROLLERS = {each.value: each.name.lower() for each in Controller}
 
 
-def _surroundings(tables: Sequence[AgentTable]) -> dict[str, np.ndarray]:
+def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
     """Measures between an agent and the others; infinite, and -1 for ids, where there are none."""
-    names = ("leader", "gap_m", "headway_s", "drac_mps2", "ttc_s", "pet_s", "pet_agent")
+    names = ("leader", "gap_m", "headway_s", "drac_mps2")
     parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
-    for table, (pet, other) in zip(tables, times_since_others(tables), strict=True):
-        rows = np.arange(len(table))
-        found = following(table, rows)
+    for table in tables:
+        found = following(table, np.arange(len(table)))
         leader = np.where(found.leader >= 0, table.id[found.leader], -1)
-        drac = np.where(found.leader >= 0, found.drac, np.inf)
-        values = (leader, found.gap, found.headway, drac, times_to_collision(table, rows), pet, other)
+        values = (leader, found.gap, found.headway, np.where(found.leader >= 0, found.drac, np.inf))
         for part, value in zip(parts.values(), values, strict=True):
             part.append(value)
-    return {name: _joined(values) for name, values in parts.items()}
+    every = tables.stacked
+    pet, other = times_since_others(tables)
+    of_all = {"ttc_s": times_to_collision(every, np.arange(len(every))), "pet_s": pet, "pet_agent": other}
+    return {name: _joined(values) for name, values in parts.items()} | of_all
 
 
 def _deviations(run: Run, tables: Sequence[AgentTable]) -> dict[str, np.ndarray]:
