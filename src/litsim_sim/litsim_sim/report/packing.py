@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 ALIGNMENT = 4
+LEVEL = 6  # of compression: 9 takes eight times as long for 3 % less
 WHOLE = np.int32
 NARROWEST_FIRST = (np.int8, np.int16, WHOLE)
 
@@ -58,4 +59,4 @@ class Packer:
         header = json.dumps(tree, allow_nan=False, separators=(",", ":")).encode()
         header += b" " * (-len(header) % ALIGNMENT)
         whole = b"".join([len(header).to_bytes(4, "little"), header, *self._data])
-        return base64.b64encode(gzip.compress(whole, 9, mtime=0)).decode()
+        return base64.b64encode(gzip.compress(whole, LEVEL, mtime=0)).decode()
