@@ -11,6 +11,7 @@ from pathlib import Path
 
 from litsim_msgs.msg import Hello, RunInfo, StageStatus
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.timer import Timer
@@ -27,7 +28,7 @@ from litsim_sim.ros.cdr import run_id_of, stamp_ns, without_padding
 from litsim_sim.ros.definitions import definition, type_hash, type_name
 from litsim_sim.ros.endpoints import Endpoints, publisher_on, subscribe
 from litsim_sim.ros.parameters import read_parameters
-from litsim_sim.ros.process import SIGNAL_PERIOD, process, spin
+from litsim_sim.ros.process import process, spin
 from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
@@ -36,6 +37,7 @@ SETTLE_S = 0.05  # between two looks at whether all has come in
 REST_S = 0.02  # between two looks at what has come in: the bridge is ahead by many steps
 NICENESS = 5  # where processors are scarce, the loop comes first; the bridge does not run far ahead of the record
 WAITING = 2000  # messages of a topic that may wait to be written: others may speak on it, too, and push out the run's
+LAST_WORD_S = 0.2  # for which others may take to hear how a record has ended
 LINGER_S = 1.0  # for which a recorder that failed answers the bridge, which may not have heard it
 
 
@@ -81,6 +83,10 @@ class RecorderNode(Node):
         self._say(StageState.FAILED, text)
         until = time.monotonic() + linger
         spin(self, lambda: time.monotonic() > until)
+
+    def be_heard(self) -> None:
+        """Wait until the bridge, and whoever else listens, has what was said last, which would end with this node."""
+        self._status.wait_for_all_acked(Duration(seconds=LAST_WORD_S))
 
     def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
         special = {RUN_INFO.name: self._on_run_info, STATUS.name: self._on_status}.get(topic.name)
@@ -254,13 +260,12 @@ def main() -> None:
         try:
             spin(node, lambda: node.finished, REST_S)
         except KeyboardInterrupt as error:
-            node.abandon(reason(error), SIGNAL_PERIOD)
+            node.abandon(reason(error), LAST_WORD_S)
             raise
         except Exception as error:
             node.abandon(reason(error), LINGER_S)
             raise
-        until = time.monotonic() + SIGNAL_PERIOD  # the bridge may greet once more
-        spin(node, lambda: time.monotonic() > until)
+        node.be_heard()
         if node.gaps:
             print_error(f"the recording has gaps: {node.gaps}")
             sys.exit(EXIT_FAILED)

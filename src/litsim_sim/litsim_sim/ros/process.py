@@ -32,7 +32,7 @@ usage: {name} [--ros-args -p NAME:=VALUE ... --params-file FILE ...]
 One node of a run; `litsim_sim launch` starts all of them. Its parameters, with units and defaults, are in
 config/{name}.yaml of its package.
 """
-SIGNAL_PERIOD = 0.2  # [s] for which Ctrl-C may go unnoticed: waiting for DDS does not wake up for signals
+SIGNAL_PERIOD = 0.05  # [s] for which Ctrl-C may go unnoticed: waiting for DDS does not wake up for signals
 TOGETHER_S = 0.5  # [s] within which signals are one
 
 
