@@ -61,6 +61,20 @@ def test_options_are_its_fields(tmp_path: Path) -> None:
     assert found.parameters == {"predictor.model": ["kinematic"], "conflict.horizon": [2, 3]}
 
 
+@pytest.mark.parametrize("ids", [["7,3"], ["7", "3"], ["7,", "3"], ["7", ",3"]])
+def test_ids_of_egos_may_have_spaces_between_them_before_the_command_of_a_stack(ids: list[str]) -> None:
+    found = suite("--egos", *ids, "--ego", "external", "--", "my_stack")
+    assert [entry.chosen for entry in found.cases] == [[7, 3]]
+    assert [ego.command for ego in found.egos] == [["my_stack"]]
+
+
+@pytest.mark.parametrize("words", [["7", "x"], ["all", "7"], [","], ["1.5"], ["\u0667"]])
+def test_what_names_no_egos_is_told(words: list[str], capsys) -> None:
+    with pytest.raises(SystemExit):
+        suite("--egos", *words)
+    assert f"--egos: {' '.join(words)}: expected egos, tuning, ego, all, or ids" in capsys.readouterr().err
+
+
 def test_a_file_is_taken_as_it_is(file: Path) -> None:
     assert suite("--suite", file) == Suite.load(file)
 

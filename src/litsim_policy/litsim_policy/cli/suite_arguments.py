@@ -25,7 +25,9 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
     """What is run, with several values of what may vary from run to run; :func:`suite_of` reads it."""
     p.add_argument("--suite", help=f"YAML file, or packaged: {', '.join(packaged_suites())}; options override it")
     p.add_argument("--scenario", nargs="+", help="names of packaged scenarios, or YAML files (default: demo)")
-    p.add_argument("--egos", type=_egos, help="field of the scenarios (egos, tuning, ego), all, or ids with commas")
+    p.add_argument(
+        "--egos", nargs="+", action=_Egos, help="field of the scenarios (egos, tuning, ego), all, or ids of vehicles"
+    )
     p.add_argument(
         "--ego", nargs="+", help=f"what drives the ego: {', '.join(EGOS)}, or a name of the suite (default: idm)"
     )
@@ -101,15 +103,15 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
     return setups
 
 
-def _egos(text: str) -> str | list[int]:
-    """Which vehicles are the ego, from the text of an option.
+class _Egos(argparse.Action):
+    """Which vehicles are the ego: a word, or ids with commas or spaces between them."""
 
-    Raises:
-        argparse.ArgumentTypeError: the text names none.
-    """
-    if text in ("egos", "tuning", "ego", "all"):
-        return text
-    try:
-        return [int(part) for part in text.split(",")]
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected egos, tuning, ego, all, or ids with commas") from error
+    def __call__(self, _: object, namespace: argparse.Namespace, values: Any, __: object = None) -> None:
+        words = [word for word in ",".join(values).split(",") if word]
+        if len(words) == 1 and words[0] in ("egos", "tuning", "ego", "all"):
+            chosen: str | list[int] = words[0]
+        elif words and all(word.isascii() and word.isdigit() for word in words):
+            chosen = [int(word) for word in words]
+        else:
+            raise argparse.ArgumentError(self, f"{' '.join(values)}: expected egos, tuning, ego, all, or ids")
+        setattr(namespace, self.dest, chosen)
