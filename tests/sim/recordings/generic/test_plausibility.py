@@ -108,6 +108,74 @@ def test_without_speeds_only_the_impossible_is_refused(tmp_path: Path, traffic: 
         converted(tmp_path, traffic(x=100.0, y=100.0), columns=columns)
 
 
+def test_degrees_are_no_metres(tmp_path: Path, traffic: Traffic) -> None:
+    table = traffic().assign(x=lambda rows: 8.4 + rows["x"] / 73e3, y=lambda rows: 49.0 + rows["y"] / 111e3)
+    with pytest.raises(InputError, match=r"column 'speed' says \(median\); or are they degrees\?"):
+        converted(tmp_path, table)
+    without = {name: column for name, column in COLUMNS.items() if name != "speed"}
+    with pytest.raises(InputError, match=r"nobody drives: is units\.position, .* or are they degrees\?"):
+        converted(tmp_path, table, columns=without)
+
+
+def test_a_speed_along_an_axis(tmp_path: Path, traffic: Traffic) -> None:
+    table = traffic().assign(speed=lambda rows: np.where(rows["track_id"] > 3, -1.0, 1.0) * rows["speed"])
+    with pytest.raises(InputError, match=r"column 'speed' is below -5 m/s in 40% of the rows, .* along an axis\?"):
+        converted(tmp_path, table)
+
+
+def wavy(traffic: Traffic) -> pd.DataFrame:
+    """The same cars, straight on one behind the other, their speed swinging by 2 m/s; with column `acceleration`."""
+    table = traffic()
+    t, number = table["timestamp"], table["track_id"]
+    return table.assign(
+        x=10.0 * t - 2.0 * np.cos(t) + 30.0 * number,
+        y=5.0,
+        heading=0.0,
+        speed=10.0 + 2.0 * np.sin(t),
+        acceleration=2.0 * np.cos(t),
+    )
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (FOOT, "says 3.28 times .*units.acceleration ft/s2 would fit"),
+        (1.0 / 9.80665, "says 0.102 times .*units.acceleration g would fit"),
+        (-1.0, "the opposite of how speeds change in 100% of .* or is braking positive"),
+        (0.0, "says 0 times .*without field columns.acceleration"),
+    ],
+)
+def test_accelerations_are_changes_of_speed(tmp_path: Path, traffic: Traffic, factor: float, said: str) -> None:
+    columns = COLUMNS | {"acceleration": "acceleration"}
+    right = converted(tmp_path, wavy(traffic), columns=columns)
+    np.testing.assert_allclose(right["acceleration"], 2.0 * np.cos(0.1 * right["frame"]), atol=0.01)
+    wrong = wavy(traffic).assign(acceleration=lambda rows: factor * rows["acceleration"])
+    with pytest.raises(InputError, match=f"{said}.*\\(check acceleration\\)"):
+        converted(tmp_path, wrong, columns=columns)
+    assert len(converted(tmp_path, wrong, columns=columns, accept=["acceleration"]))
+    units = {FOOT: "ft/s2", 1.0 / 9.80665: "g"}
+    if factor in units:
+        mended = converted(tmp_path, wrong, columns=columns, units={"acceleration": units[factor]})
+        pd.testing.assert_frame_equal(mended, right, atol=1e-9, rtol=0.0)
+
+
+def test_an_angle_that_only_few_vehicles_tell(tmp_path: Path, traffic: Traffic) -> None:
+    """Along x headings are the same by both senses of rotation; who comes from a side street is not."""
+    straight = wavy(traffic)
+    crossing = straight[straight["track_id"] == 1].assign(track_id=9, x=60.0, y=straight["x"], heading=np.pi / 2)
+    table = pd.concat([straight, crossing], ignore_index=True)
+    assert converted(tmp_path, table)["yaw"].max() == pytest.approx(np.pi / 2)
+    with pytest.raises(InputError, match=r"in 16\.7% of the moving rows, .*angles\.positive clockwise would fit"):
+        converted(tmp_path, table.assign(heading=-table["heading"]))
+
+
+def test_headings_by_another_north(tmp_path: Path, traffic: Traffic) -> None:
+    table = wavy(traffic)
+    assert len(converted(tmp_path, table.assign(heading=np.deg2rad(3.0))))
+    with pytest.raises(InputError, match=r"5 vehicles that go straight are 12\.0 degrees to the right"):
+        converted(tmp_path, table.assign(heading=-np.deg2rad(12.0)))
+
+
 def test_swapped_sizes(tmp_path: Path, traffic: Traffic) -> None:
     with pytest.raises(InputError, match="are columns length and width swapped"):
         converted(tmp_path, traffic().rename(columns={"length": "width", "width": "length"}))

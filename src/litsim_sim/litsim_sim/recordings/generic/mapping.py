@@ -40,7 +40,7 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Length = Literal["m", "ft", "cm"]
 KindName = Literal["car", "truck", "motorcycle", "bicycle", "pedestrian", "unknown", "drop"]
 Value = str | int | float | bool
-Check = Literal["time", "speed", "heading", "side", "size"]
+Check = Literal["time", "speed", "acceleration", "heading", "side", "size"]
 
 
 class _Strict(BaseModel):

@@ -23,6 +23,15 @@ STEP_RANGE_S = (0.005, 0.5)  # between rows of a vehicle: 200 to 2 rows a second
 SPEED_MAX = 70.0  # [m/s] that nine in ten rows keep to
 AGREEMENT = 1.15  # by which speeds may differ from those of the positions; those of NGSIM's files do by 1.01
 HEADING_MAX = 0.35  # [rad] by which headings may differ from the direction of motion, half of the rows being better
+MISREAD = 0.005  # of the moving rows; where more are off than that, another convention may leave half of them at most
+TURNED_MAX = np.deg2rad(5.0)  # by which headings of vehicles that go straight may all differ from their way
+STRAIGHT, WAY_MIN, VEHICLES_MIN = np.deg2rad(8.0), 20.0, 5  # range of headings, [m], vehicles: who goes straight
+REVERSE_MAX = 5.0  # [m/s] faster than which nobody reverses
+STANDING = 0.5  # [m/s] below which all but one in a hundred rows are of parked vehicles
+CHANGE_S = 1.0  # [s] over which speeds are compared with those of the second before
+CHANGE_MIN = 0.5  # [m/s2] from which on a change of speed is certain
+CHANGES = (0.32, 1.6)  # by which accelerations may differ from those of the positions; NGSIM's files: 0.39 to 1
+SAME_SIGN = 0.8  # of the changes have to have the same sign; in NGSIM's files 0.95 do
 LENGTH_RANGE, WIDTH_RANGE = (1.5, 25.0), (0.5, 3.2)  # [m] of half of the vehicles
 ROWS_MIN = 20  # moving rows that a comparison needs
 ANGLE_UNITS, ZEROS, POSITIVES = ("rad", "deg"), ("x", "y"), ("counterclockwise", "clockwise")
@@ -33,7 +42,7 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
 
     Args:
         table: in SI units and frame map, sorted by vehicle and time; columns vehicle_id, t, x, y, length, width,
-            lane, and yaw and speed where the file has them.
+            lane, and yaw, speed and acceleration where the file has them.
         mapping: what the file is said to be; checks in its field `accept` are left out.
         where: names the file in errors.
 
@@ -42,7 +51,12 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
     """
     found = {"time": _time(table, mapping), "size": _size(table, mapping)}
     if not found["time"]:  # else nothing that follows from times says anything
-        found |= {"speed": _speed(table, mapping), "heading": _heading(table, mapping), "side": sides.problems(table)}
+        found |= {
+            "speed": _speed(table, mapping),
+            "acceleration": _acceleration(table, mapping),
+            "heading": _heading(table, mapping),
+            "side": sides.problems(table),
+        }
     problems = [f"{text} (check {name})" for name, text in found.items() if text and name not in mapping.accept]
     if problems:
         raise InputError(
@@ -74,14 +88,21 @@ def _speed(table: pd.DataFrame, mapping: Mapping) -> str:
     driven = steps["way"].to_numpy() / steps["dt"].to_numpy()
     if "speed" not in table:
         fast = float(np.quantile(driven, 0.9)) if len(driven) else 0.0
+        slow = float(np.quantile(driven, 0.99)) if len(driven) >= ROWS_MIN else STANDING
+        if slow >= STANDING and fast <= SPEED_MAX:
+            return ""
+        far = f"{fast:.0f} m/s in one row of ten and more, expected at most {SPEED_MAX:g}"
+        if slow < STANDING:
+            far = f"less than {STANDING:g} m/s in 99 of 100 rows, so that nobody drives"
+        right = f"is units.position, which is {mapping.units.position}, right, and {_clock(mapping)}?"
+        return f"positions change by {far}: {right}{_degrees(table, mapping)}"
+    if (back := table["speed"].to_numpy() < -REVERSE_MAX).any():
         return (
-            f"positions change by {fast:.0f} m/s in one row of ten and more, expected at most {SPEED_MAX:g}: is "
-            f"units.position, which is {mapping.units.position}, right, and {_clock(mapping)}?"
-            if fast > SPEED_MAX
-            else ""
+            f"column {mapping.columns.speed!r} is below -{REVERSE_MAX:g} m/s in {back.mean():.0%} of the rows, down to "
+            f"{table['speed'].min():.3g} m/s, expected speeds along the heading: is it that along an axis?"
         )
     said = steps["speed"].to_numpy()
-    moving = (np.abs(said) > 0.05) & (driven > 0.05)
+    moving = (np.abs(said) > 0.05) & ((driven > 0.05) | (np.abs(said) > MOVING))
     if moving.sum() < ROWS_MIN:
         return ""
     ratio = float(np.median(driven[moving] / np.abs(said[moving])))
@@ -96,10 +117,68 @@ def _speed(table: pd.DataFrame, mapping: Mapping) -> str:
         for unit in units
         if unit != given and _agrees(ratio, FACTORS[unit] / FACTORS[given], field == "units.speed")
     ]
-    if mapping.columns.time is None:
+    if mapping.columns.time is None and STEP_RANGE_S[0] <= ratio / mapping.rate_hz <= STEP_RANGE_S[1]:
         fits.append(f"rate_hz {mapping.rate_hz / ratio:.3g}")
-    would = f"; {' or '.join(fits)} would fit" if fits else ""
+    would = f"; {' or '.join(fits)} would fit" if fits else _degrees(table, mapping)
     return f"positions change {ratio:.3g} times as fast as column {mapping.columns.speed!r} says (median){would}"
+
+
+def _acceleration(table: pd.DataFrame, mapping: Mapping) -> str:
+    """Accelerations are those at which the way of a second is longer than that of the second before."""
+    if "acceleration" not in table:
+        return ""
+    said, driven = _changes(table)
+    clear = np.abs(driven) > CHANGE_MIN
+    if clear.sum() < ROWS_MIN:
+        return ""
+    said, driven = said[clear], driven[clear]
+    ratio, same = float(np.median(said / driven)), float((said * driven > 0.0).mean())
+    where = f"column {mapping.columns.acceleration!r} says"
+    if same < SAME_SIGN and ratio != 0.0:
+        return (
+            f"{where} the opposite of how speeds change in {1.0 - same:.0%} of {len(said)} clear changes: is it an "
+            f"acceleration along an axis, or is braking positive? Without field columns.acceleration it follows from "
+            f"the speeds"
+        )
+    if CHANGES[0] <= ratio <= CHANGES[1]:
+        return ""
+    fits = [
+        f"units.acceleration {unit}"
+        for unit in ("m/s2", "ft/s2", "g")
+        if CHANGES[0] <= ratio * FACTORS[unit] / FACTORS[mapping.units.acceleration] <= CHANGES[1]
+    ]
+    would = (
+        f"; {' or '.join(fits)} would fit" if fits else "; without field columns.acceleration it follows from speeds"
+    )
+    return f"{where} {ratio:.3g} times the acceleration with which positions change (median){would}"
+
+
+def _changes(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
+    """(k,) accelerations [m/s2] by the file and by its positions, both from the ways of two seconds in a row.
+
+    That of a second less that of the second before is what accelerations come to that are integrated twice; noise of
+    positions weighs little in it.
+    """
+    vehicle, t, x, y, given = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y", "acceleration"))
+    begins = np.flatnonzero((vehicle[1:] != vehicle[:-1]) | (np.diff(t) > STEP_RANGE_S[1])) + 1
+    said, driven = [np.zeros(0)], [np.zeros(0)]
+    for first, last in zip(np.r_[0, begins], np.r_[begins, len(t)], strict=True):
+        rows = slice(first, last)
+        at = np.arange(t[first], t[last - 1] + 1e-9, CHANGE_S)
+        step = np.diff(t[rows])
+        speed = np.r_[0.0, np.cumsum(0.5 * (given[rows][1:] + given[rows][:-1]) * step)]
+        way = np.r_[0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)]
+        said.append(np.diff(np.interp(at, t[rows], way), 2) / CHANGE_S**2)
+        gone = np.hypot(*(np.diff(np.interp(at, t[rows], values[rows])) for values in (x, y)))
+        driven.append(np.diff(gone) / CHANGE_S**2)
+    return np.concatenate(said), np.concatenate(driven)
+
+
+def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
+    """What to ask where positions may be longitudes and latitudes: they hardly differ, in any unit."""
+    if mapping.units.position != "m" or max(np.ptp(table[name].to_numpy()) for name in ("x", "y")) > 1.0:
+        return ""
+    return "; or are they degrees? Longitudes and latitudes have to be projected to metres first"
 
 
 def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
@@ -111,9 +190,7 @@ def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
     if len(steps) < ROWS_MIN:
         return ""
     motion, yaw = np.arctan2(steps["dy"].to_numpy(), steps["dx"].to_numpy()), steps["yaw"].to_numpy()
-    error = _apart(yaw, motion)
-    if error <= HEADING_MAX:
-        return ""
+    error, off = _apart(yaw, motion), _off(yaw, motion)
     mirror = -1.0 if mapping.transform.mirror_y else 1.0
     turn = np.deg2rad(mapping.transform.yaw_deg)
     there = mirror * (motion - turn)  # in the axes of the file; mirrored with the headings, it tells nothing of them
@@ -122,22 +199,50 @@ def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
     fits = []
     for unit, zero, positive in product(ANGLE_UNITS, ZEROS, POSITIVES):
         read = heading(angle * FACTORS[unit] / FACTORS[mapping.units.angle], zero, positive)
-        if _apart(read, there) <= 0.5 * HEADING_MAX:
+        if _apart(read, there) <= 0.5 * HEADING_MAX and _off(read, there) <= 0.5 * off:
             changes = {
                 "units.angle": (mapping.units.angle, unit),
                 "angles.zero": (mapping.angles.zero, zero),
                 "angles.positive": (mapping.angles.positive, positive),
             }
             fits.append([f"{name} {new}" for name, (old, new) in changes.items() if new != old])
+    few = off <= max(MISREAD, ROWS_MIN / len(steps))
+    if error <= HEADING_MAX and (few or not fits):
+        return _turned_headings(table, mapping)
     fewest = min(map(len, fits), default=0)
     would = " or ".join(" with ".join(fit) for fit in fits if len(fit) == fewest)
     mirrored = fewest == 1 and would.startswith("angles.positive")
     also = ", and transform.mirror_y with it where y points down but headings do not turn with it" if mirrored else ""
     far = f"headings are {np.rad2deg(error):.0f} degrees off the direction of motion (median of moving rows), at most "
+    far = f"{far}{np.rad2deg(HEADING_MAX):.0f} expected"
+    if error <= HEADING_MAX:
+        far = (
+            f"headings are more than {np.rad2deg(HEADING_MAX):.0f} degrees off the direction of motion in {off:.1%} of "
+        )
+        far = f"{far}the moving rows, and in less than half as many by another convention"
     largest = float(np.abs(angle).max() / FACTORS[mapping.units.angle])
     return (
-        f"{far}{np.rad2deg(HEADING_MAX):.0f} expected; column {mapping.columns.yaw!r} goes up to {largest:.4g} "
-        f"{mapping.units.angle}{f'; {would} would fit{also}' if fits else ''}"
+        f"{far}; column {mapping.columns.yaw!r} goes up to {largest:.4g} {mapping.units.angle}"
+        f"{f'; {would} would fit{also}' if fits else ''}"
+    )
+
+
+def _turned_headings(table: pd.DataFrame, mapping: Mapping) -> str:
+    """Vehicles that go straight all point along their way, not to one side of it."""
+    off = []
+    for _, rows in table.groupby("vehicle_id", sort=False):
+        yaw = np.unwrap(rows["yaw"].to_numpy())
+        way = rows[["x", "y"]].to_numpy()[[0, -1]]
+        gone = np.hypot(*(way[1] - way[0]))
+        if gone > WAY_MIN and np.ptp(yaw) < STRAIGHT:
+            off.append(float(wrap_angle(yaw.mean() - np.arctan2(*(way[1] - way[0])[::-1]))))
+    turned = float(np.median(off)) if len(off) >= VEHICLES_MIN else 0.0
+    if abs(turned) <= TURNED_MAX:
+        return ""
+    return (
+        f"headings of {len(off)} vehicles that go straight are {abs(np.rad2deg(turned)):.1f} degrees to the "
+        f"{'left' if turned > 0 else 'right'} of their way (median): is column {mapping.columns.yaw!r} relative to "
+        f"another north than the positions? Without field columns.yaw headings are directions of motion"
     )
 
 
@@ -185,6 +290,11 @@ def _agrees(ratio: float, factor: float, of_speed: bool) -> bool:
 def _apart(angles: FloatArray, others: FloatArray) -> float:
     """Median distance of two arrays of angles (n,) [rad]."""
     return float(np.median(np.abs(wrap_angle(angles - others))))
+
+
+def _off(angles: FloatArray, others: FloatArray) -> float:
+    """Share of two arrays of angles (n,) [rad] that are farther apart than headings and motion may be."""
+    return float((np.abs(wrap_angle(angles - others)) > HEADING_MAX).mean())
 
 
 def _fit(values: tuple[float, ...], bounds: tuple[tuple[float, float], ...], given: str, unit: str) -> bool:
