@@ -13,6 +13,7 @@ import pytest
 
 from litsim_sim.cli.data import main
 from litsim_sim.core.errors import InputError
+from litsim_sim.maps import lanelet2_osm
 from litsim_sim.maps.check import check_net
 from litsim_sim.maps.commonroad import read_lanelets
 from litsim_sim.maps.lane_map import LaneMap
@@ -281,5 +282,14 @@ def test_opendrive_that_is_missing_or_malformed(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such OpenDRIVE file"):
         import_opendrive(tmp_path / "absent.xodr", tmp_path / "a.net.xml")
     (tmp_path / "bad.xodr").write_text("no XML")
-    with pytest.raises(InputError, match="netconvert refused"):
+    with pytest.raises(InputError, match=r"netconvert refused .*bad\.xodr: [^\n]+$"):
         import_opendrive(tmp_path / "bad.xodr", tmp_path / "a.net.xml")
+
+
+def test_an_openstreetmap_is_no_lanelet2_map(tmp_path: Path) -> None:
+    pytest.importorskip("lanelet2")
+    nodes = "".join(f'<node id="{n}" lat="49.00{n}" lon="8.4"/>' for n in (1, 2))
+    way = '<way id="5"><nd ref="1"/><nd ref="2"/><tag k="highway" v="residential"/></way>'
+    (tmp_path / "map.osm").write_text(f'<?xml version="1.0"?><osm version="0.6">{nodes}{way}</osm>')
+    with pytest.raises(InputError, match=r"no lanelets that .*; it has 1 ways with tag highway, as OpenStreetMap"):
+        lanelet2_osm.import_lanelet2(tmp_path / "map.osm", (49.0, 8.4), tmp_path / "a.net.xml")

@@ -52,7 +52,9 @@ def read_lanelets(source: Path, origin: tuple[float, float]) -> list[Lanelet]:
     graph = routing.RoutingGraph(lanelet_map, rules)
     found = [_lanelet(raw, graph, rules) for raw in lanelet_map.laneletLayer if rules.canPass(raw)]
     if not found:
-        raise InputError(f"{source}: no lanelets that vehicles may use")
+        roads = sum("highway" in line.attributes for line in lanelet_map.lineStringLayer)
+        plain = f"; it has {roads} ways with tag highway, as OpenStreetMap, which does not say where lanes lie"
+        raise InputError(f"{source}: no lanelets that vehicles may use{plain if roads else ''}")
     if not all(np.isfinite(lanelet.centerline).all() for lanelet in found):
         raise InputError(f"{source}: bounds are not finite: is --origin within the map's UTM zone?")
     return found

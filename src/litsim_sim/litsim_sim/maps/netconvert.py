@@ -69,7 +69,7 @@ def build_net(
             ET.ElementTree(tree).write(folder / name, encoding="UTF-8", xml_declaration=True)
             kind = next(option for ending, option in PLAIN_OPTIONS.items() if name.endswith(ending))
             files += [kind, name]
-        return _convert([*files, *options], path, folder, outlines or {})
+        return _convert([*files, *options], path, folder, outlines or {}, f"the plan of {path.name}")
 
 
 def import_opendrive(source: Path, path: Path) -> list[str]:
@@ -85,10 +85,10 @@ def import_opendrive(source: Path, path: Path) -> list[str]:
         raise InputError(f"{source}: no such OpenDRIVE file")
     options = ["--opendrive-files", str(source.resolve()), "--opendrive.curve-resolution", "1"]
     with tempfile.TemporaryDirectory() as scratch:
-        return _convert(options, path, Path(scratch), {})
+        return _convert(options, path, Path(scratch), {}, str(source))
 
 
-def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping[str, str]) -> list[str]:
+def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping[str, str], source: str) -> list[str]:
     command = [
         *(str(find_netconvert()), *options, "--output-file", "made.net.xml", "--precision", str(DECIMALS)),
         # The frame must stay as given.
@@ -97,7 +97,8 @@ def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     made = folder / "made.net.xml"
     if done.returncode != 0 or not made.is_file():
-        raise InputError(f"netconvert refused the plan of {path.name}: {(done.stderr or done.stdout).strip()}")
+        why = " ".join((done.stderr or done.stdout).split())
+        raise InputError(f"netconvert refused {source}: {why}")
     # netconvert heads the file with the date and its command line, which would make every regeneration differ.
     net = re.sub(r"<!--.*?-->\n*", "", made.read_text(encoding="UTF-8"), count=1, flags=re.DOTALL)
     for junction, outline in outlines.items():
