@@ -195,7 +195,7 @@ def test_columns_and_files_that_are_missing(tmp_path: Path) -> None:
 
 
 def test_times_that_no_frame_falls_into(tmp_path: Path) -> None:
-    late = straight(seconds=1.0).assign(t=lambda table: table["t"] + 0.001)
+    late = straight(seconds=1.0).assign(t=lambda table: table["t"] + 0.1)
     with pytest.raises(InputError, match=r"in\.csv: no vehicle is seen at a frame of 10 Hz"):
         made(tmp_path, late, BOX | {"units": {"time": "ms"}, "accept": ["time"]})
 
@@ -252,3 +252,43 @@ def test_the_documented_examples(tmp_path: Path) -> None:
     np.testing.assert_allclose(table["y"], -30.0 + table["frame"])
     np.testing.assert_allclose(table["yaw"], np.pi / 2)
     np.testing.assert_allclose(table["speed"], 10.0)
+
+
+# Clocks and speeds as files have them
+
+
+@pytest.mark.parametrize("name", ["in.csv", "in.parquet"])
+def test_dates_are_times(tmp_path: Path, name: str) -> None:
+    """Dates with times of the day need no unit; no frame is lost to what seconds since 1970 are rounded to."""
+    plain = made(tmp_path, straight(), BOX).table
+    stamps = pd.Timestamp("2024-05-17T08:30:00") + pd.to_timedelta(straight()["t"], unit="s")
+    for times in (stamps, stamps.dt.tz_localize("UTC"), stamps.astype("datetime64[ms]")):
+        recording = made(tmp_path, straight().assign(t=times), BOX, name)
+        pd.testing.assert_frame_equal(recording.table, plain, atol=1e-3, rtol=0.0)
+        assert recording.header.notes["time_of_frame_0_s"] == pytest.approx(1715934600.0)
+    with pytest.raises(InputError, match=r"(line 6|row 5): column 't' is 'nan', expected a number; 1 such rows"):
+        made(tmp_path, straight().assign(t=stamps.where(stamps.index != 4)), BOX, name)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_no_frame_is_lost_by_the_size_of_a_clock(tmp_path: Path, unit: str, factor: float) -> None:
+    for begin in np.linspace(0.0, 0.9, 10):
+        late = straight().assign(t=lambda rows, begin=begin: np.round((1.7e9 + begin + rows["t"]) * factor, 1))
+        table = made(tmp_path, late, BOX | {"units": {"time": unit}}).table
+        assert len(table) == 31
+        np.testing.assert_allclose(np.hypot(np.diff(table["x"]), np.diff(table["y"])), 1.2, atol=1e-4)
+
+
+def test_who_reverses_has_no_speed(tmp_path: Path) -> None:
+    fields = BOX | {"columns": BOX["columns"] | {"speed": "v"}}  # type: ignore[operator]
+    table = straight().assign(v=lambda rows: rows["v"].where(rows["n"] != 7, -0.02))
+    table.to_csv(tmp_path / "in.csv", index=False)
+    recording, counts = convert(tmp_path / "in.csv", Mapping.model_validate(fields))
+    assert recording.table["speed"].tolist() == pytest.approx([12.0] * 7 + [0.0] + [12.0] * 23)
+    assert "speeds     1 rows below 0" in counts.text()
+    assert recording.header.notes["rows_backwards"] == 1
+
+
+def test_cells_that_a_file_need_not_have(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"column 'h' is 'nan', .*; without field columns\.yaw it follows from the mo"):
+        made(tmp_path, straight().assign(h=lambda rows: rows["h"].where(rows["n"] != 7)), BOX)

@@ -18,7 +18,7 @@ from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.obstacles import NAMES as OBSTACLES
 from litsim_sim.recordings.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
 from litsim_sim.recordings.generic.plausibility import check_plausible, heading
-from litsim_sim.recordings.generic.reading import kind_names, plain, read_rows
+from litsim_sim.recordings.generic.reading import is_stamped, kind_names, plain, read_rows, since_1970
 from litsim_sim.recordings.generic.resampling import in_order, resampled, split, without_outliers
 from litsim_sim.recordings.ngsim.tracks import PIECE, direction_of_motion
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
@@ -26,6 +26,7 @@ from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
 IDS_KEPT = 5000  # names of vehicles that are kept in the header; of more, only the count
 DROP = "drop"
 CLOCK = "time_of_frame_0_s"  # note of the header: what the clock of the file showed at frame 0
+DERIVED = ("yaw", "speed", "acceleration")  # columns that a file need not have
 
 
 def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
@@ -41,7 +42,7 @@ def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
     table, names = _in_si(without_unused(given), mapping, source)
     table = in_order(table, source, counts)
     check_plausible(table[~obstacle_rows(table)], mapping, str(source))
-    table = with_usual_sizes(table, mapping, counts)
+    table = with_usual_sizes(_never_backwards(table, counts), mapping, counts)
     table = without_outliers(table, source, counts)
     table = resampled(split(table, counts), source, counts)
     moving = _with_motion(table, mapping)
@@ -71,15 +72,20 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd
         bad = ~np.isfinite(values)
         if bad.any():
             at = int(np.argmax(bad))
+            without = f"; without field columns.{name} it follows from the motion" if name in DERIVED else ""
             raise InputError(
                 f"{source.at(row[at])}: column {getattr(columns, name)!r} is {str(given[name].iloc[at])!r}, expected a "
-                f"number; {int(bad.sum())} such rows"
+                f"number; {int(bad.sum())} such rows{without}"
             )
         return values * FACTORS[unit]
 
     ids, names = _ids(given["vehicle_id"], row, source)
-    time = numbers("time", units.time) if columns.time is not None else numbers("frame") / mapping.rate_hz
-    if columns.time is not None:  # frame 0 is the first one
+    if columns.time is None:
+        time = numbers("frame") / mapping.rate_hz
+    else:  # frame 0 is the first one
+        stamped = is_stamped(given["time"])
+        given = given.assign(time=since_1970(given["time"])) if stamped else given
+        time = numbers("time", "s" if stamped else units.time)
         zero = float(np.floor(time.min() * RATE_HZ) / RATE_HZ)
         time, names = time - zero, {CLOCK: round(zero, 6)} | names
     turn, mirror = np.deg2rad(mapping.transform.yaw_deg), -1.0 if mapping.transform.mirror_y else 1.0
@@ -106,6 +112,14 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd
     if columns.acceleration is not None:
         table["acceleration"] = numbers("acceleration", units.acceleration)
     return table, names
+
+
+def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
+    """`table` with 0 for the speeds of those who reverse, and of those whose speeds are noise about 0."""
+    if "speed" not in table:
+        return table
+    counts.backwards = int((table["speed"] < 0.0).sum())
+    return table.assign(speed=table["speed"].clip(lower=0.0))
 
 
 def _ids(column: pd.Series, row: IntArray, source: TableFile) -> tuple[IntArray, dict[str, Any]]:

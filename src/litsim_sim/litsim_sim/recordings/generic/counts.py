@@ -18,6 +18,7 @@ class Counts:
         pieces: tracks after those with long holes and jumps were cut.
         too_short: pieces that no frame of 10 Hz falls into.
         usual_sizes: pedestrians and cyclists without a size, who got a usual one.
+        backwards: rows with speeds below 0, which become 0.
         rows: rows of the recording, one for each vehicle and frame of 10 Hz.
     """
 
@@ -28,6 +29,7 @@ class Counts:
     pieces: int = 0
     too_short: int = 0
     usual_sizes: int = 0
+    backwards: int = 0
     rows: int = 0
 
     def leave_out(self, reason: str, rows: int) -> None:
@@ -45,6 +47,7 @@ class Counts:
             "tracks_after_cuts": self.pieces,
             "tracks_too_short": self.too_short,
             **({"tracks_of_usual_size": self.usual_sizes} if self.usual_sizes else {}),
+            **({"rows_backwards": self.backwards} if self.backwards else {}),
             "rows_at_10_hz": self.rows,
         }
 
@@ -58,4 +61,6 @@ class Counts:
         short = f", {self.too_short} of them left out: seen between two frames of 10 Hz only" if self.too_short else ""
         if self.usual_sizes:
             lines.append(f"sizes      {self.usual_sizes} pedestrians or cyclists without one got a usual one")
+        if self.backwards:
+            lines.append(f"speeds     {self.backwards} rows below 0, of who reverses or stands, became 0")
         return "\n".join([*lines, f"tracks     {self.tracks}{cut}{short}"])

@@ -25,7 +25,7 @@ from litsim_sim.recordings.generic.plausibility import (
     ZEROS,
     heading,
 )
-from litsim_sim.recordings.generic.reading import kind_names
+from litsim_sim.recordings.generic.reading import is_stamped, kind_names, since_1970
 from litsim_sim.recordings.generic.sides import MOVING
 
 NAMES: dict[str, str] = {
@@ -80,6 +80,8 @@ def draft(path: Path) -> str:
     columns = _named(source)
     raw = source.read(sorted(set(columns.values())))
     table = pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()})
+    if "time" in table and is_stamped(table["time"]):
+        table["time"] = since_1970(table["time"])
     made = _Draft({"name": re.sub(r"\W+", "_", path.stem), "source": "", "licence": "", "net": ""})
     made.remarks["source"] = "data set, site and period, as one would cite it"
     made.remarks["net"] = "name of the SUMO net that it lies on"

@@ -14,6 +14,7 @@ from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.ngsim.tracks import JUMP_MAX, PIECE
 
 HOLE_MAX_S = 0.5  # [s] without a row that is interpolated; a longer hole splits the track
+EDGE = 1e-4  # of a frame by which a row may miss it: more than seconds since 1970 are rounded to
 AWAY_MAX_S = 0.5  # [s] for which a vehicle may be elsewhere between two jumps: an error, those rows are left out
 JUMPS_MAX = 0.01  # of the rows; where more are left out, or follow a jump, the file is refused
 
@@ -94,7 +95,7 @@ def resampled(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.Data
     pieces = []
     for vehicle, rows in table.groupby("vehicle_id", sort=True):
         t = rows["t"].to_numpy()
-        first, last = int(np.ceil(t[0] * RATE_HZ - 1e-6)), int(np.floor(t[-1] * RATE_HZ + 1e-6))
+        first, last = int(np.ceil(t[0] * RATE_HZ - EDGE)), int(np.floor(t[-1] * RATE_HZ + EDGE))
         if last < first:
             counts.too_short += 1
             continue
@@ -106,7 +107,7 @@ def resampled(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.Data
                 values[name] = np.interp(at, t, rows[name].to_numpy())
         if "yaw" in rows:
             values["yaw"] = np.interp(at, t, np.unwrap(rows["yaw"].to_numpy()))
-        nearest = np.clip(np.searchsorted(t, at - 1e-6), 0, len(t) - 1)
+        nearest = np.clip(np.searchsorted(t, at - EDGE * STEP_S), 0, len(t) - 1)
         for name in ("length", "width"):
             values[name] = float(rows[name].median())
         for name in ("kind", "lane"):
