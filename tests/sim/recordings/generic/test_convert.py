@@ -81,6 +81,28 @@ def test_box_centres_stay(tmp_path: Path, name: str) -> None:
     assert recording.header.notes["ids"] == {"truck 7": 1}
 
 
+def test_rear_axles_and_corners_become_box_centres(tmp_path: Path) -> None:
+    right, source = made(tmp_path, straight(), BOX).table, straight()
+    back = 0.29 * 9.0
+    axle = source.assign(px=source["px"] - back * np.cos(0.3), py=source["py"] - back * np.sin(0.3))
+    pd.testing.assert_frame_equal(made(tmp_path, axle, BOX | {"reference": "rear_axle"}).table, right, atol=1e-9)
+    corner = straight(angle=np.pi).assign(px=lambda rows: rows["px"] - 4.5, py=lambda rows: -rows["py"] - 1.25)
+    fields = BOX | {"reference": "box_corner", "transform": {"mirror_y": True, "yaw_deg": 0.0}}
+    table = made(tmp_path, corner, fields).table
+    np.testing.assert_allclose(table[["x", "y"]].iloc[0], [5.0, 3.0], atol=1e-9)
+    with pytest.raises(InputError, match=r"20 degrees off the file's x axis in 100% of .* reference box_corner"):
+        made(tmp_path, straight(angle=1.0), BOX | {"reference": "box_corner"})
+
+
+def test_speeds_by_their_components(tmp_path: Path) -> None:
+    columns = BOX["columns"] | {"speed": ["vx", "vy"]}  # type: ignore[operator]
+    source = straight().assign(vx=43.2 * np.cos(0.3), vy=43.2 * np.sin(0.3))
+    table = made(tmp_path, source, BOX | {"columns": columns, "units": {"speed": "km/h"}}).table
+    np.testing.assert_allclose(table["speed"], 12.0)
+    with pytest.raises(InputError, match=r"line 9: column 'vy' is 'nan', .*; without field columns\.speed"):
+        made(tmp_path, source.assign(vy=lambda rows: rows["vy"].where(rows["n"] != 7)), BOX | {"columns": columns})
+
+
 @pytest.mark.parametrize("rate", [5.0, 25.0, 29.97])
 def test_other_rates_are_brought_to_10_hz(tmp_path: Path, rate: float) -> None:
     table = made(tmp_path, straight(rate), FRONT | {"rate_hz": rate}).table
@@ -203,7 +225,10 @@ def test_times_that_no_frame_falls_into(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"reference": "rear"}, "reference: Input should be 'front_centre' or 'box_centre', found 'rear'"),
+        (
+            {"reference": "rear"},
+            "reference: Input should be 'front_centre', 'box_centre', 'rear_axle' or 'box_corner', found 'rear'",
+        ),
         ({"colour": 1}, "colour: Extra inputs are not permitted"),
         ({"units": {"position": "yard"}}, "units.position: Input should be 'm', 'ft' or 'cm'"),
         ({"columns": {"vehicle_id": "id"}}, "columns.x: Field required"),

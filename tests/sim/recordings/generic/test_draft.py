@@ -80,3 +80,33 @@ def test_a_table_without_places(tmp_path: Path, traffic: Traffic) -> None:
     traffic().drop(columns=["x", "timestamp"]).to_csv(tmp_path / "case.csv", index=False)
     with pytest.raises(InputError, match=r"no column looks like x, time or frame; the file has \['track_id', 'y'"):
         draft(tmp_path / "case.csv")
+
+
+def test_corners_of_boxes_in_a_picture_and_components_of_speed(tmp_path: Path, traffic: Traffic) -> None:
+    """Columns as in highD: the width of a box is the length of the vehicle, and frames tell nothing of their rate."""
+    table = traffic()
+    gone = table["speed"] * table["timestamp"]
+    picture = pd.DataFrame(
+        {
+            "frame": (25.0 * table["timestamp"]).round().astype(int),
+            "id": table["track_id"],
+            "x": 400.0 - gone - 2.2,
+            "y": 4.0 * table["track_id"] - 0.9,
+            "width": table["length"],
+            "height": table["width"],
+            "xVelocity": -table["speed"],
+            "yVelocity": 0.0,
+        }
+    )
+    picture.to_csv(tmp_path / "in.csv", index=False)
+    fields = yaml.safe_load(draft(tmp_path / "in.csv"))
+    assert fields["columns"]["length"] == "width"
+    assert fields["columns"]["width"] == "height"
+    assert fields["columns"]["speed"] == ["xVelocity", "yVelocity"]
+    assert fields["reference"] == "box_corner"
+    assert fields["rate_hz"] == 25.0
+    made = convert(tmp_path / "in.csv", Mapping.model_validate(fields))[0].table
+    first = made[made["frame"] == 0]
+    np.testing.assert_allclose(first["x"], 400.0, atol=1e-9)
+    np.testing.assert_allclose(first["y"], 4.0 * first["vehicle_id"], atol=1e-9)
+    np.testing.assert_allclose(made["speed"], 6.0 + made["vehicle_id"])

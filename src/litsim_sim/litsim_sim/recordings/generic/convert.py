@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
@@ -26,6 +27,8 @@ from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
 IDS_KEPT = 5000  # names of vehicles that are kept in the header; of more, only the count
 DROP = "drop"
 CLOCK = "time_of_frame_0_s"  # note of the header: what the clock of the file showed at frame 0
+AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rear_axle, "box_corner": 0.0}
+"""By reference, how far the middle of the box is ahead of it, in lengths; corners are taken for it earlier."""
 DERIVED = ("yaw", "speed", "acceleration")  # columns that a file need not have
 
 
@@ -72,9 +75,10 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd
         bad = ~np.isfinite(values)
         if bad.any():
             at = int(np.argmax(bad))
-            without = f"; without field columns.{name} it follows from the motion" if name in DERIVED else ""
+            ours = name.removesuffix("_x").removesuffix("_y")
+            without = f"; without field columns.{ours} it follows from the motion" if ours in DERIVED else ""
             raise InputError(
-                f"{source.at(row[at])}: column {getattr(columns, name)!r} is {str(given[name].iloc[at])!r}, expected a "
+                f"{source.at(row[at])}: column {columns.named()[name]!r} is {str(given[name].iloc[at])!r}, expected a "
                 f"number; {int(bad.sum())} such rows{without}"
             )
         return values * FACTORS[unit]
@@ -89,7 +93,14 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd
         zero = float(np.floor(time.min() * RATE_HZ) / RATE_HZ)
         time, names = time - zero, {CLOCK: round(zero, 6)} | names
     turn, mirror = np.deg2rad(mapping.transform.yaw_deg), -1.0 if mapping.transform.mirror_y else 1.0
-    x, y = numbers("x", units.position), mirror * numbers("y", units.position)
+    sizes = {}
+    for name in ("length", "width"):
+        size = getattr(columns, name)
+        sizes[name] = numbers(name, units.size) if isinstance(size, str) else size * FACTORS[units.size]
+    x, y = numbers("x", units.position), numbers("y", units.position)
+    if mapping.reference == "box_corner":
+        x, y = x + 0.5 * sizes["length"], y + 0.5 * sizes["width"]
+    y = mirror * y
     table = pd.DataFrame(
         {
             "vehicle_id": ids,
@@ -101,13 +112,13 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd
             "lane": numbers("lane") if columns.lane is not None else -1.0,
         }
     )
-    for name in ("length", "width"):
-        size = getattr(columns, name)
-        table[name] = numbers(name, units.size) if isinstance(size, str) else size * FACTORS[units.size]
+    table = table.assign(**sizes)
     if columns.yaw is not None:
         angle = heading(numbers("yaw", units.angle), mapping.angles.zero, mapping.angles.positive)
         table["yaw"] = mirror * angle + turn
-    if columns.speed is not None:
+    if isinstance(columns.speed, tuple):
+        table["speed"] = np.hypot(numbers("speed_x", units.speed), numbers("speed_y", units.speed))
+    elif columns.speed is not None:
         table["speed"] = numbers("speed", units.speed)
     if columns.acceleration is not None:
         table["acceleration"] = numbers("acceleration", units.acceleration)
@@ -172,10 +183,9 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
         along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan))
         table = table.assign(yaw=np.where(walking, along, table["yaw"]) if "yaw" in table else along)
     yaw = wrap_angle(table["yaw"].to_numpy())
-    if mapping.reference == "front_centre":
-        half = 0.5 * table["length"].to_numpy()
-        table = table.assign(x=x - half * np.cos(yaw), y=y - half * np.sin(yaw))
-    table = table.assign(yaw=yaw)
+    ahead = AHEAD[mapping.reference] * table["length"].to_numpy()
+    x, y = x + ahead * np.cos(yaw), y + ahead * np.sin(yaw)
+    table = table.assign(x=x, y=y, yaw=yaw)
     if "speed" not in table or walking.any():
         speed = np.hypot(_rate(vehicle, x), _rate(vehicle, y))
         table = table.assign(speed=np.where(walking, speed, table["speed"]) if "speed" in table else speed)

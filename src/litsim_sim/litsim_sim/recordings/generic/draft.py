@@ -38,6 +38,8 @@ NAMES: dict[str, str] = {
     "width": r"(v_?|vehicle_?)?width(_?(m|ft|cm))?",
     "yaw": r"(yaw|heading|course|psi|theta|orientation|angle)(_?(rad|deg))?",
     "speed": r"speed|velocity|v|v_?vel|lon_?velocity|speed_?(ms|mps|kmh|mph|m_s)",
+    "speed_x": r"v(el|elocity)?_?x|x_?v(el|elocity)|speed_?x",
+    "speed_y": r"v(el|elocity)?_?y|y_?v(el|elocity)|speed_?y",
     "acceleration": r"(lon_?)?(acceleration|accel|acc)(_?(mps2|m_?s2))?|v_?acc",
     "kind": r"(agent|object|vehicle|track|v)?_?(type|class|kind|category)|classification",
     "lane": r"lane(_?id)?",
@@ -59,6 +61,9 @@ HINTS = (
     "# transform: {yaw_deg: 0, x: 0, y: 0}  # onto the net, in degrees and metres; data map --check says what fits",
     "# signals: signals.yaml  # what signals of the net showed (docs/signals.md)",
 )
+COMPONENTS = ("speed_x", "speed_y")
+HEIGHT = "height"
+"""Of a box in a picture, across the road; its width is along it."""
 IDENTITY = ("vehicle_id", "x", "y")
 
 
@@ -78,19 +83,26 @@ def draft(path: Path) -> str:
     """
     source = TableFile.open(path)
     columns = _named(source)
-    raw = source.read(sorted(set(columns.values())))
+    used = set(columns.values())
+    raw = source.read(sorted(used))
     table = pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()})
+    components = [columns.pop(name) for name in COMPONENTS if name in columns]
+    if components and "speed" not in columns:
+        table["speed"] = np.hypot(table["speed_x"], table["speed_y"])
     if "time" in table and is_stamped(table["time"]):
         table["time"] = since_1970(table["time"])
     made = _Draft({"name": re.sub(r"\W+", "_", path.stem), "source": "", "licence": "", "net": ""})
     made.remarks["source"] = "data set, site and period, as one would cite it"
     made.remarks["net"] = "name of the SUMO net that it lies on"
     sizes = {name: size for name, size in USUAL_SIZE.items() if name not in columns}
-    made.fields["columns"] = columns | sizes
+    made.fields["columns"] = columns | sizes | ({"speed": components} if "speed" in table and components else {})
     if sizes:
         made.remarks["columns"] = f"the file has no {' and '.join(sizes)}: a usual car's are taken, in metres"
     made.fields["reference"] = "box_centre"
-    made.remarks["reference"] = "a guess: box_centre or front_centre"
+    made.remarks["reference"] = "a guess: box_centre, front_centre or rear_axle"
+    if columns.get("width") == HEIGHT:
+        made.fields["reference"] = "box_corner"
+        made.remarks["reference"] = "a guess: columns width and height are of boxes in a picture, x and y their corner"
     if "clip" in columns and table["clip"].nunique() < 2:
         del columns["clip"], made.fields["columns"]["clip"]
     if "clip" in columns:
@@ -104,7 +116,7 @@ def draft(path: Path) -> str:
     _motion(made, steps)
     if "kind" in columns:
         _kinds(made, table["kind"])
-    unused = [name for name in source.columns if name not in columns.values()]
+    unused = [name for name in source.columns if name not in used]
     text = _written(made, f"Drafted from the columns of {path.name}; not used: {', '.join(unused) or 'none'}.")
     Mapping.model_validate(yaml.safe_load(text))  # else this is wrong, not the user
     return text
@@ -121,6 +133,11 @@ def _named(source: TableFile) -> dict[str, str]:
                 break
     if "time" in found:
         found.pop("frame", None)
+    if "speed" in found or not {*COMPONENTS} <= {*found}:
+        for name in COMPONENTS:
+            found.pop(name, None)
+    if "length" not in found and "width" in found and HEIGHT in source.columns:  # of boxes along x, as in highD
+        found |= {"length": found["width"], "width": HEIGHT}
     missing = [name for name in IDENTITY if name not in found]
     missing += [] if "time" in found or "frame" in found else ["time or frame"]
     if missing:
@@ -200,12 +217,16 @@ def _motion(made: _Draft, steps: _Steps) -> None:
             for rate, faster in rates.items()
         }
         units["speed"], rate = min(choices, key=lambda choice: round(choices[choice], 2))
-        made.remarks["units.speed"] = f"column {columns['speed']} agrees so with how positions change"
+        made.remarks["units.speed"] = f"{_who_agrees(columns['speed'])} so with how positions change"
         if by_frame:
             made.fields["rate_hz"] = rate
             made.remarks["rate_hz"] = "a guess by how positions change: frames a second of the camera"
     if "yaw" in steps.begin and moving.any():
         _angles(made, steps.begin["yaw"].to_numpy(np.float64)[moving], np.arctan2(dy, dx)[moving])
+
+
+def _who_agrees(column: str | list[str]) -> str:
+    return f"column {column} agrees" if isinstance(column, str) else f"columns {' and '.join(column)} agree"
 
 
 def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:

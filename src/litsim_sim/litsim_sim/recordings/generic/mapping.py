@@ -64,7 +64,8 @@ class Columns(_Strict):
         x, y: of the reference point.
         length, width: column, or a number in the unit of sizes.
         yaw: heading; derived from motion if not given.
-        speed, acceleration: along the heading; derived from positions if not given.
+        speed, acceleration: along the heading; derived from positions if not given. Two columns of speed are its
+            components along x and y.
         kind: class of the vehicle, translated by `kinds`.
         clip: which of several clips a row is of; their times and vehicle ids have nothing to do with each other.
         lane: counted from the left edge, 1 first.
@@ -78,7 +79,7 @@ class Columns(_Strict):
     length: str | Annotated[float, Field(gt=0)]
     width: str | Annotated[float, Field(gt=0)]
     yaw: str | None = None
-    speed: str | None = None
+    speed: str | tuple[str, str] | None = None
     acceleration: str | None = None
     kind: str | None = None
     clip: str | None = None
@@ -89,6 +90,13 @@ class Columns(_Strict):
         if (self.frame is None) == (self.time is None):
             raise ValueError("give either frame or time")
         return self
+
+    def named(self) -> dict[str, str]:
+        """By our name, the columns of the file; components of speed are ``speed_x`` and ``speed_y``."""
+        said = self.model_dump()
+        if isinstance(self.speed, tuple):
+            said |= {"speed_x": self.speed[0], "speed_y": self.speed[1]}
+        return {ours: theirs for ours, theirs in said.items() if isinstance(theirs, str)}
 
 
 class Units(_Strict):
@@ -127,7 +135,8 @@ class Mapping(_Strict):
     Attributes:
         name, source, licence, net: for the header of the recording.
         columns: which column is what.
-        reference: what x and y are of: the middle of the front bumper, or of the box.
+        reference: what x and y are of: the middle of the front bumper, of the box or of the rear axle; or the corner of
+            the box where x and y of the file are least, all vehicles driving along its x axis, either way.
         rate_hz: frames per second of column `frame`.
         units, angles, transform: of the file.
         kinds: vehicle classes by what column `kind` says; ``drop`` leaves those rows out. Pedestrians and bicycles
@@ -146,7 +155,7 @@ class Mapping(_Strict):
     licence: str = ""
     net: str = ""
     columns: Columns
-    reference: Literal["front_centre", "box_centre"]
+    reference: Literal["front_centre", "box_centre", "rear_axle", "box_corner"]
     rate_hz: Annotated[float, Field(gt=0, le=1000)] = RATE_HZ
     units: Units = Units()
     angles: Angles = Angles()

@@ -18,7 +18,7 @@ USUAL_SIZES: dict[Kind, tuple[float, float]] = {Kind.BICYCLE: (1.8, 0.6), Kind.P
 """Length and width [m] of those whose size the file does not say."""
 
 NAMES = tuple(kind.name.lower() for kind in USUAL_SIZES)
-UNUSED = ("yaw", "speed", "acceleration")
+UNUSED = ("yaw", "speed", "speed_x", "speed_y", "acceleration")
 
 
 def obstacle_rows(table: pd.DataFrame) -> BoolArray:

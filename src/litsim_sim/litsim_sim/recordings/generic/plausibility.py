@@ -26,6 +26,7 @@ HEADING_MAX = 0.35  # [rad] by which headings may differ from the direction of m
 MISREAD = 0.005  # of the moving rows; where more are off than that, another convention may leave half of them at most
 TURNED_MAX = np.deg2rad(5.0)  # by which headings of vehicles that go straight may all differ from their way
 STRAIGHT, WAY_MIN, VEHICLES_MIN = np.deg2rad(8.0), 20.0, 5  # range of headings, [m], vehicles: who goes straight
+ACROSS_MAX = 0.05  # of the moving rows that may lead off the x axis where corners of boxes along it are given
 REVERSE_MAX = 5.0  # [m/s] faster than which nobody reverses
 STANDING = 0.5  # [m/s] below which all but one in a hundred rows are of parked vehicles
 CHANGE_S = 1.0  # [s] over which speeds are compared with those of the second before
@@ -54,7 +55,7 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
         found |= {
             "speed": _speed(table, mapping),
             "acceleration": _acceleration(table, mapping),
-            "heading": _heading(table, mapping),
+            "heading": _across(table, mapping) or _heading(table, mapping),
             "side": sides.problems(table),
         }
     problems = [f"{text} (check {name})" for name, text in found.items() if text and name not in mapping.accept]
@@ -179,6 +180,22 @@ def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
     if mapping.units.position != "m" or max(np.ptp(table[name].to_numpy()) for name in ("x", "y")) > 1.0:
         return ""
     return "; or are they degrees? Longitudes and latitudes have to be projected to metres first"
+
+
+def _across(table: pd.DataFrame, mapping: Mapping) -> str:
+    """Vehicles whose corners are given drive along the x axis of the file."""
+    steps = _steps(table)
+    steps = steps[steps["way"] > MOVING * steps["dt"]]
+    if mapping.reference != "box_corner" or len(steps) < ROWS_MIN:
+        return ""
+    motion = np.arctan2(steps["dy"].to_numpy(), steps["dx"].to_numpy()) - np.deg2rad(mapping.transform.yaw_deg)
+    across = float((np.abs(np.sin(motion)) > np.sin(HEADING_MAX)).mean())
+    if across <= ACROSS_MAX:
+        return ""
+    return (
+        f"vehicles drive more than {np.rad2deg(HEADING_MAX):.0f} degrees off the file's x axis in {across:.0%} of the "
+        f"moving rows, and reference box_corner is for boxes along that axis"
+    )
 
 
 def _heading(table: pd.DataFrame, mapping: Mapping) -> str:

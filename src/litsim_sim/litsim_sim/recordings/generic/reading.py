@@ -20,7 +20,7 @@ def read_rows(source: TableFile, mapping: Mapping, counts: Counts) -> pd.DataFra
         InputError: the file cannot be read, lacks a column, has several clips of which none is chosen, or the mapping
             keeps no row of it.
     """
-    columns = {ours: theirs for ours, theirs in mapping.columns.model_dump().items() if isinstance(theirs, str)}
+    columns = mapping.columns.named()
     raw = source.read(sorted({*columns.values(), *mapping.rows}), whose="of the mapping")
     counts.read = len(raw)
     raw = _filtered(raw, mapping, source, counts)
