@@ -219,6 +219,26 @@ def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert (source.read_bytes(), mapping.read_bytes()) == before
 
 
+def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """At 25 Hz, frame 50 is second 2."""
+    cars = [
+        pd.DataFrame({"id": number, "n": 25 * number + np.arange(75), "x": -126.6 + 0.4 * np.arange(75), "y": -4.95})
+        for number in range(6)
+    ]
+    pd.concat(cars).to_csv(tmp_path / "in.csv", index=False)
+    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": 4, "width": 2}
+    fields = {"name": "made", "columns": columns, "reference": "box_centre", "rate_hz": 25, "signals": "signals.yaml"}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(fields | {"net": "urban_like.net.xml"}))
+    states = {"file": "states.csv", "unit": "frame"}
+    (tmp_path / "signals.yaml").write_text(yaml.safe_dump({"groups": {"east": ["WA"]}, "states": states}))
+    (tmp_path / "states.csv").write_text("group,begin,state\neast,0,green\neast,50,red\neast,75,green\n")
+    command = ["convert", str(tmp_path / "in.csv"), str(tmp_path / "out.parquet")]
+    data.main([*command, "--mapping", str(tmp_path / "m.yaml")])
+    carried = Recording.read(tmp_path / "out.parquet").header.signals["changes"]
+    assert carried == [[0.0, "east", "green"], [2.0, "east", "red"], [3.0, "east", "green"]]
+    assert "east: 6 vehicles pass, 1 at red" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

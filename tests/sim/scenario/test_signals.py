@@ -16,7 +16,7 @@ from litsim_sim.core.signals import SignalState
 from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import Scenario
-from litsim_sim.scenario.signals import Signals, SignalsFile, heed, on_clock
+from litsim_sim.scenario.signals import Signals, SignalsFile, heed, on_clock, resolved
 
 GROUPS = {"east": ["WA_0", "WA_1 -> AB_1"], "left": ["WA_2 -> AAN_0"], "walk": []}
 CHANGES = [
@@ -143,6 +143,19 @@ def test_a_file_of_changes_with_codes_of_its_own(tmp_path: Path, build: Callable
         again = Scenario.from_yaml(scenario.to_yaml(), "text")  # stands for itself: the file is not needed again
         assert again.signals is not None
         np.testing.assert_array_equal(again.signals.states, wanted.signals.states)
+
+
+def test_changes_at_dates(tmp_path: Path) -> None:
+    (tmp_path / "states.csv").write_text("group,begin,state\neast,2024-05-17T08:30:00.5,red\n")
+    given = SignalsFile.model_validate({"groups": {"east": ["WA"]}, "states": {"file": "states.csv"}})
+    assert resolved(given, tmp_path, "made").changes == [(1715934600.5, "east", "red")]
+
+
+@pytest.mark.parametrize(("unit", "begin"), [("ms", 1500), ("us", 1500000), ("ns", 1500000000), ("frame", 15)])
+def test_units_of_changes(tmp_path: Path, unit: str, begin: int) -> None:
+    (tmp_path / "states.csv").write_text(f"group,begin,state\neast,{begin},red\n")
+    given = SignalsFile.model_validate({"groups": {"east": ["WA"]}, "states": {"file": "states.csv", "unit": unit}})
+    assert resolved(given, tmp_path, "made").changes == [(1.5, "east", "red")]
 
 
 def test_a_fixed_cycle(build: Callable[..., Scenario]) -> None:

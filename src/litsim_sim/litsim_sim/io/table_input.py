@@ -110,6 +110,20 @@ class TableFile:
         return InputError(f"{path}: not readable as CSV or Parquet: {' '.join(str(error).split())}")
 
 
+def is_stamped(column: pd.Series) -> bool:
+    """Whether a column of times holds dates with times of the day, such as 2024-05-17T08:30:00.040."""
+    import pandas as pd
+
+    return pd.api.types.is_datetime64_any_dtype(column)
+
+
+def since_1970(column: pd.Series) -> pd.Series:
+    """Such times as seconds since 1970 UTC, NaN where there is none; those without a time zone are taken as UTC."""
+    import pandas as pd
+
+    return (pd.to_datetime(column, utc=True) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
+
+
 def _first_odd_line(path: Path) -> str:
     """What is wrong in the first line of a CSV file that cannot be read: its number, and how it differs; or nothing."""
     with path.open("rb") as file:

@@ -19,7 +19,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.core.scene import RATE_HZ, STEP_S, ByteArray, IntArray
 from litsim_sim.core.signals import STOP_STATES, SignalState, SignalTable
-from litsim_sim.io.table_input import TableFile
+from litsim_sim.io.table_input import TableFile, is_stamped, since_1970
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.maps.signal_links import ARROW, SignalLink, crossings, read_links
 from litsim_sim.scenario.log import Log
@@ -32,7 +32,7 @@ NAMES = {state.name.lower(): state for state in SignalState} | {
     "unknown": SignalState.UNAVAILABLE,
 }
 StateName = Annotated[str, OneOf(tuple(NAMES))]
-SECONDS = {"s": 1.0, "ms": 1e-3, "frame": STEP_S}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "frame": STEP_S}
 AT_RED_MAX, PASSED_MIN = 0.5, 5  # share and number of vehicles past the lines of a group from which on it is refused
 
 
@@ -58,7 +58,7 @@ class StateList(_Strict):
     Attributes:
         file: relative to the file that names it.
         group, begin, state: its columns.
-        unit: of `begin`, counted from frame 0 of the recording.
+        unit: of `begin`, counted from frame 0 of the recording; dates with times of the day have none.
         codes: our names of states by those of the file, where they differ.
     """
 
@@ -66,7 +66,7 @@ class StateList(_Strict):
     group: str = "group"
     begin: str = "begin"
     state: str = "state"
-    unit: Literal["s", "ms", "frame"] = "s"
+    unit: Literal["s", "ms", "us", "ns", "frame"] = "s"
     codes: Annotated[dict[str, StateName], _Named] = {}
 
 
@@ -186,12 +186,12 @@ def resolved(given: SignalsFile, folder: Path, where: str) -> SignalsFile:
     return SignalsFile(groups=given.groups, changes=changes)
 
 
-def on_clock(given: SignalsFile, zero_s: float) -> SignalsFile:
-    """The same, resolved, with times counted from `zero_s` on [s] instead of from 0."""
+def on_clock(given: SignalsFile, zero_s: float, slower: float = 1.0) -> SignalsFile:
+    """The same, resolved, with times counted from `zero_s` on [s] instead of from 0, once changes are made `slower`."""
     if given.program is not None:
         program = given.program.model_copy(update={"offset_s": given.program.offset_s - zero_s})
         return given.model_copy(update={"program": program})
-    changes = [(round(begin - zero_s, 6), group, state) for begin, group, state in given.changes or []]
+    changes = [(round(slower * begin - zero_s, 6), group, state) for begin, group, state in given.changes or []]
     return given.model_copy(update={"changes": changes})
 
 
@@ -358,7 +358,9 @@ def _read_changes(given: StateList, path: Path) -> list[tuple[float, str, Any]]:
     table = source.read([given.group, given.begin, given.state], may_be_empty=True)
     from pandas import to_numeric  # a run without such a file needs none of it
 
-    begin = to_numeric(table[given.begin], errors="coerce").to_numpy(np.float64)
+    stamped = is_stamped(table[given.begin])
+    times = since_1970(table[given.begin]) if stamped else table[given.begin]
+    begin = to_numeric(times, errors="coerce").to_numpy(np.float64)
     if not np.isfinite(begin).all():
         at = int(np.argmin(np.isfinite(begin)))
         found = str(table[given.begin].iloc[at])
@@ -374,7 +376,7 @@ def _read_changes(given: StateList, path: Path) -> list[tuple[float, str, Any]]:
         )
     order = np.argsort(begin, kind="stable")
     group = table[given.group].map(_plain).to_numpy()
-    seconds = begin * SECONDS[given.unit]
+    seconds = begin * (1.0 if stamped else SECONDS[given.unit])
     return [(round(float(seconds[i]), 6), str(group[i]), str(names.iloc[i])) for i in order]
 
 

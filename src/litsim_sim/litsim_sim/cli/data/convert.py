@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from litsim_sim.cli.recordings import describe, net_of
 from litsim_sim.core.errors import InputError
@@ -13,6 +13,9 @@ from litsim_sim.io.files import refuse_input_as_output, replacing
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from litsim_sim.recordings.generic.mapping import Mapping
 
 
 def add(subparsers: Any) -> None:
@@ -79,7 +82,7 @@ def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]])
     if clip is not None and mapping.columns.clip is None:
         raise InputError(f"{arguments.mapping}: a clip is chosen, but field columns.clip does not say where clips are")
     recording, counts = convert_mapped(arguments.source, mapping.model_copy(update={"rows": rows, "clip": clip}))
-    recording, heeded = _with_signals(recording, mapping.signals, arguments.mapping, arguments.out)
+    recording, heeded = _with_signals(recording, mapping, arguments.mapping, arguments.out)
     recording.write(_file(arguments.out))
     print(describe(recording))
     print(counts.text())
@@ -87,23 +90,26 @@ def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]])
         print(line)
 
 
-def _with_signals(recording: Recording, signals: str, mapping: Path, out: Path) -> tuple[Recording, list[str]]:
-    """The recording with the signals that a mapping names, and how vehicles heed them, in lines.
+def _with_signals(recording: Recording, mapping: Mapping, file: Path, out: Path) -> tuple[Recording, list[str]]:
+    """The recording with the signals that the mapping in `file` names, and how vehicles heed them, in lines.
+
+    Frames of a file of states are those of the table, where it counts frames, and else those of the recording.
 
     Raises:
         InputError: the signals cannot be used, do not fit the net, or are not what vehicles heed; or there is no net.
     """
-    if not signals:
+    if not mapping.signals:
         return recording, []
     from litsim_sim.recordings.generic.convert import CLOCK
     from litsim_sim.scenario.recorded_signals import survey
     from litsim_sim.scenario.signals import SignalsFile, on_clock, resolved
 
-    path = mapping.parent / signals
+    path = file.parent / mapping.signals
     given = read_yaml(path, SignalsFile)
     by_frame = given.states is not None and given.states.unit == "frame"
     zero = 0.0 if by_frame else float(str(recording.header.notes.get(CLOCK, 0.0)))
-    content = on_clock(resolved(given, path.parent, str(path)), zero)
+    slower = recording.header.rate_hz / mapping.rate_hz if by_frame and mapping.columns.frame is not None else 1.0
+    content = on_clock(resolved(given, path.parent, str(path)), zero, slower)
     net = net_of(recording.header, out)
     lines = survey(content, net, recording, str(path))
     header = replace(recording.header, net=net.name, signals=content.model_dump(mode="json", exclude_none=True))

@@ -12,14 +12,14 @@ from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
-from litsim_sim.io.table_input import TableFile
+from litsim_sim.io.table_input import TableFile, is_stamped, since_1970
 from litsim_sim.recordings.cleaning.cleaning import clean, front_centres
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.obstacles import NAMES as OBSTACLES
 from litsim_sim.recordings.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
 from litsim_sim.recordings.generic.plausibility import check_plausible, heading
-from litsim_sim.recordings.generic.reading import is_stamped, kind_names, plain, read_rows, since_1970
+from litsim_sim.recordings.generic.reading import kind_names, plain, read_rows
 from litsim_sim.recordings.generic.resampling import in_order, resampled, split, without_outliers
 from litsim_sim.recordings.ngsim.tracks import PIECE, direction_of_motion
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader

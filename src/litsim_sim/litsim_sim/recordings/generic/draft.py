@@ -15,7 +15,7 @@ import yaml
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.io.table_input import TableFile
+from litsim_sim.io.table_input import TableFile, is_stamped, since_1970
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.plausibility import (
     ANGLE_UNITS,
@@ -25,7 +25,7 @@ from litsim_sim.recordings.generic.plausibility import (
     ZEROS,
     heading,
 )
-from litsim_sim.recordings.generic.reading import is_stamped, kind_names, since_1970
+from litsim_sim.recordings.generic.reading import kind_names
 from litsim_sim.recordings.generic.sides import MOVING
 
 NAMES: dict[str, str] = {

@@ -70,16 +70,6 @@ def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFile, counts:
     return raw[keep]
 
 
-def is_stamped(column: pd.Series) -> bool:
-    """Whether a column of times holds dates with times of the day, such as 2024-05-17T08:30:00.040."""
-    return pd.api.types.is_datetime64_any_dtype(column)
-
-
-def since_1970(column: pd.Series) -> pd.Series:
-    """Such times as seconds since 1970 UTC, NaN where there is none; those without a time zone are taken as UTC."""
-    return (pd.to_datetime(column, utc=True) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
-
-
 def kind_names(column: pd.Series) -> pd.Series:
     """What column `kind` says, as the texts by which kinds are compared; that of an empty cell is empty."""
     codes, names = pd.factorize(column, use_na_sentinel=False)
