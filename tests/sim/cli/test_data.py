@@ -219,6 +219,36 @@ def test_convert_with_a_mapping(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert (source.read_bytes(), mapping.read_bytes()) == before
 
 
+def test_one_mapping_for_several_recordings_with_vehicles_of_their_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns = {"vehicle_id": "id", "frame": "n", "x": "x", "y": "y", "length": "long", "width": 2}
+    fields = {"name": "made", "columns": columns, "reference": "box_centre"}
+    vehicles = {"vehicles": {"file": "01_meta.csv", "vehicle_id": "id"}}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(fields | vehicles))
+    (tmp_path / "plain.yaml").write_text(yaml.safe_dump(fields | {"columns": columns | {"length": 4}}))
+    for number in (1, 2):
+        track = pd.DataFrame({"id": 7, "n": range(20), "x": np.arange(20) * 1.0, "y": 0.0})
+        track.to_csv(tmp_path / f"0{number}_tracks.csv", index=False)
+        (tmp_path / f"0{number}_meta.csv").write_text(f"id,long\n7,{3 + number}\n")
+    command = ["convert", str(tmp_path / "02_tracks.csv"), str(tmp_path / "out.parquet")]
+    second = ["--vehicles", str(tmp_path / "02_meta.csv")]
+    for options, length in (([], 4.0), (second, 5.0)):
+        data.main([*command, "--mapping", str(tmp_path / "m.yaml"), *options])
+        recording = Recording.read(tmp_path / "out.parquet")
+        assert set(recording.table["length"]) == {length}
+        assert str(tmp_path) not in str(recording.header.notes)
+    capsys.readouterr()
+    for options, said in (
+        ([], "--vehicles goes with --mapping"),
+        (["--mapping", str(tmp_path / "plain.yaml")], "field"),
+    ):
+        with pytest.raises(SystemExit) as stopped:
+            data.main([*command, *options, *second])
+        assert stopped.value.code == 2
+        assert said in capsys.readouterr().err
+
+
 def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """At 25 Hz, frame 50 is second 2."""
     cars = [

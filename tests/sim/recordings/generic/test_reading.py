@@ -165,3 +165,59 @@ def test_columns_with_the_same_name(tmp_path: Path) -> None:
     (tmp_path / "in.csv").write_text("track_id,timestamp,x,x,y\n1,0.0,1,2,3\n")
     with pytest.raises(InputError, match=r"several columns are called \['x'\]"):
         convert(tmp_path / "in.csv", Mapping.model_validate(FIELDS))
+
+
+# A second file with a row for each vehicle
+
+
+META = {"vehicles": {"file": "meta.csv", "vehicle_id": "id"}}
+
+
+def meta() -> pd.DataFrame:
+    classes = ["car", "truck_bus", "car", "car", "pedestrian"]
+    return pd.DataFrame(
+        {"id": [1.0, 2.0, 3.0, 4.0, 5.0], "long": [4.0, 12.0, 4.2, 4.4, 0.0], "kind": classes, "x": 9.0}
+    )
+
+
+def test_classes_and_sizes_of_a_second_file(
+    tmp_path: Path, traffic: Traffic, converted: Callable[..., tuple[Recording, Counts]]
+) -> None:
+    """What the table has comes from there, though the second file has such a column as well."""
+    columns = COLUMNS | {"length": "long", "kind": "kind"}
+    kinds = {"car": "car", "truck_bus": "truck", "pedestrian": "drop"}
+    meta().sample(frac=1.0, random_state=3).to_csv(tmp_path / "meta.csv", index=False)
+    recording, counts = converted(traffic(), columns=columns, kinds=kinds, rows={"long": {"max": 13.0}}, **META)
+    first = recording.table.groupby("vehicle_id")[["length", "kind"]].first()
+    assert first["length"].to_dict() == {1: 4.0, 2: 12.0, 3: 4.2, 4: 4.4}
+    assert first["kind"].to_dict() == {1: Kind.CAR, 2: Kind.TRUCK, 3: Kind.CAR, 4: Kind.CAR}
+    assert counts.left_out == {"kind pedestrian": 300}
+    plain, _ = converted(traffic()[lambda rows: rows["track_id"] < 5])
+    pd.testing.assert_series_equal(recording.table["x"], plain.table["x"])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda table: table[table["id"] != 4], r"line 902: vehicle 4 is not in .*meta\.csv; 1 such vehicles"),
+        (lambda table: pd.concat([table, table[:1]]), r"meta\.csv: line 7: vehicle 1 is there a second time"),
+        (
+            lambda table: table.drop(columns="long"),
+            r"meta\.csv: columns \['long'\] of the mapping, field vehicles, are",
+        ),
+        (
+            lambda table: table.rename(columns={"id": "nr"}),
+            r"meta\.csv: columns \['id'\] of the mapping, field vehicles",
+        ),
+    ],
+)
+def test_second_files_that_do_not_fit(
+    tmp_path: Path,
+    traffic: Traffic,
+    converted: Callable[..., tuple[Recording, Counts]],
+    change: Callable[[pd.DataFrame], pd.DataFrame],
+    message: str,
+) -> None:
+    change(meta()).to_csv(tmp_path / "meta.csv", index=False)
+    with pytest.raises(InputError, match=message):
+        converted(traffic(), columns=COLUMNS | {"length": "long"}, **META)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,8 @@ def add(subparsers: Any) -> None:
     command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help=crop_help)
     command.add_argument("--mapping", type=Path, metavar="M.yaml", help="IN is any CSV or Parquet, described by M.yaml")
     command.add_argument("--clip", metavar="CLIP", help="with --mapping: which of several clips in IN")
+    vehicles_help = "with --mapping: the file of its field vehicles"
+    command.add_argument("--vehicles", type=Path, metavar="FILE", help=vehicles_help)
     draft_help = "write to OUT a mapping (YAML) for IN, guessed from its columns, to be checked by you"
     command.add_argument("--draft", action="store_true", help=draft_help)
     raw_help = "official NGSIM: keep published speeds and accelerations, do not smooth positions"
@@ -49,13 +52,15 @@ def run(arguments: argparse.Namespace) -> None:
         InputError: IN cannot be used, `--crop` or the mapping do not fit it, or OUT cannot be written.
     """
     crop = parse_crop(arguments.crop)
-    refuse_input_as_output(arguments.out, arguments.source, *filter(None, [arguments.mapping]))
+    refuse_input_as_output(arguments.out, arguments.source, *filter(None, [arguments.mapping, arguments.vehicles]))
     if arguments.draft:
         _draft(arguments)
     elif arguments.mapping is not None:
         _convert_mapped(arguments, crop)
     elif arguments.clip is not None:
         raise InputError("--clip goes with --mapping")
+    elif arguments.vehicles is not None:
+        raise InputError("--vehicles goes with --mapping")
     elif _is_official(arguments.source):
         from litsim_sim.recordings.ngsim import official as ngsim
 
@@ -81,7 +86,13 @@ def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]])
     clip = mapping.clip if arguments.clip is None else arguments.clip
     if clip is not None and mapping.columns.clip is None:
         raise InputError(f"{arguments.mapping}: a clip is chosen, but field columns.clip does not say where clips are")
-    recording, counts = convert_mapped(arguments.source, mapping.model_copy(update={"rows": rows, "clip": clip}))
+    chosen: dict[str, Any] = {"rows": rows, "clip": clip}
+    if arguments.vehicles is not None:
+        if mapping.vehicles is None:
+            raise InputError(f"{arguments.mapping}: --vehicles is given, but field vehicles does not say what is in it")
+        file = os.path.relpath(arguments.vehicles, arguments.source.parent)
+        chosen["vehicles"] = mapping.vehicles.model_copy(update={"file": file})
+    recording, counts = convert_mapped(arguments.source, mapping.model_copy(update=chosen))
     recording, heeded = _with_signals(recording, mapping, arguments.mapping, arguments.out)
     recording.write(_file(arguments.out))
     print(describe(recording))

@@ -19,7 +19,7 @@ from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.obstacles import NAMES as OBSTACLES
 from litsim_sim.recordings.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
 from litsim_sim.recordings.generic.plausibility import check_plausible, heading
-from litsim_sim.recordings.generic.reading import kind_names, plain, read_rows
+from litsim_sim.recordings.generic.reading import plain, read_rows, texts
 from litsim_sim.recordings.generic.resampling import in_order, resampled, split, without_outliers
 from litsim_sim.recordings.ngsim.tracks import PIECE, direction_of_motion
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
@@ -151,7 +151,7 @@ def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableF
     """The rows of kinds that the mapping keeps, whose kind is one of ours."""
     if "kind" not in given:
         return given
-    said, kinds = kind_names(given["kind"]), {plain(name): ours for name, ours in mapping.kinds.items()}
+    said, kinds = texts(given["kind"]), {plain(name): ours for name, ours in mapping.kinds.items()}
     unknown = sorted(set(said.unique()) - set(kinds))
     if unknown:
         row = given["row"][said == unknown[0]].iloc[0]

@@ -25,7 +25,7 @@ from litsim_sim.recordings.generic.plausibility import (
     ZEROS,
     heading,
 )
-from litsim_sim.recordings.generic.reading import kind_names
+from litsim_sim.recordings.generic.reading import texts
 from litsim_sim.recordings.generic.sides import MOVING
 
 NAMES: dict[str, str] = {
@@ -58,6 +58,7 @@ KINDS: dict[str, str] = {
 USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, where the file has none
 CAMERA_RATES_HZ = (10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
 HINTS = (
+    "# vehicles: {file: tracksMeta.csv, vehicle_id: id}  # a file with a row for each vehicle: classes, sizes",
     "# transform: {yaw_deg: 0, x: 0, y: 0}  # onto the net, in degrees and metres; data map --check says what fits",
     "# signals: signals.yaml  # what signals of the net showed (docs/signals.md)",
 )
@@ -245,7 +246,7 @@ def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:
 
 
 def _kinds(made: _Draft, kinds: pd.Series) -> None:
-    counts = kind_names(kinds).value_counts()
+    counts = texts(kinds).value_counts()
     found = {
         str(said): next((ours for ours, like in KINDS.items() if re.fullmatch(like, str(said).lower())), "unknown")
         for said in counts.index

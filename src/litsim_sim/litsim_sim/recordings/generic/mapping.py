@@ -99,6 +99,18 @@ class Columns(_Strict):
         return {ours: theirs for ours, theirs in said.items() if isinstance(theirs, str)}
 
 
+class Vehicles(_Strict):
+    """A second file with a row for each vehicle, as many data sets have it for classes and sizes.
+
+    Attributes:
+        file: relative to the table.
+        vehicle_id: its column of ids, those of the table.
+    """
+
+    file: Annotated[str, Field(min_length=1)]
+    vehicle_id: str
+
+
 class Units(_Strict):
     """The units of lengths, speeds, accelerations and times in the file, as the mapping names them."""
 
@@ -135,6 +147,7 @@ class Mapping(_Strict):
     Attributes:
         name, source, licence, net: for the header of the recording.
         columns: which column is what.
+        vehicles: where those of the columns are that the table lacks.
         reference: what x and y are of: the middle of the front bumper, of the box or of the rear axle; or the corner of
             the box where x and y of the file are least, all vehicles driving along its x axis, either way.
         rate_hz: frames per second of column `frame`.
@@ -155,6 +168,7 @@ class Mapping(_Strict):
     licence: str = ""
     net: str = ""
     columns: Columns
+    vehicles: Vehicles | None = None
     reference: Literal["front_centre", "box_centre", "rear_axle", "box_corner"]
     rate_hz: Annotated[float, Field(gt=0, le=1000)] = RATE_HZ
     units: Units = Units()

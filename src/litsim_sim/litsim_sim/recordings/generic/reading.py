@@ -8,7 +8,7 @@ import pandas as pd
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.table_input import TableFile
 from litsim_sim.recordings.generic.counts import Counts
-from litsim_sim.recordings.generic.mapping import Mapping, Span, Value
+from litsim_sim.recordings.generic.mapping import Mapping, Span, Value, Vehicles
 
 SHOWN = 12  # values of a column that a message lists
 
@@ -21,11 +21,42 @@ def read_rows(source: TableFile, mapping: Mapping, counts: Counts) -> pd.DataFra
             keeps no row of it.
     """
     columns = mapping.columns.named()
-    raw = source.read(sorted({*columns.values(), *mapping.rows}), whose="of the mapping")
+    wanted = {*columns.values(), *mapping.rows}
+    own = {*source.columns, columns["vehicle_id"]} if mapping.vehicles is not None else wanted
+    raw = source.read(sorted(wanted & own), whose="of the mapping")
     counts.read = len(raw)
+    if mapping.vehicles is not None:
+        raw = _with_vehicles(raw, sorted(wanted - own), mapping.vehicles, columns["vehicle_id"], source)
     raw = _filtered(raw, mapping, source, counts)
     raw = _of_one_clip(raw, mapping, source, counts)
     return pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()} | {"row": raw["row"]})
+
+
+def _with_vehicles(
+    raw: pd.DataFrame, wanted: list[str], vehicles: Vehicles, vehicle_id: str, source: TableFile
+) -> pd.DataFrame:
+    """The rows with the columns `wanted` of their vehicles, from the file that has a row for each.
+
+    Raises:
+        InputError: that file cannot be read, lacks a column or a vehicle of the rows, or has one twice.
+    """
+    other = TableFile.open(source.path.parent / vehicles.file)
+    table = other.read(sorted({vehicles.vehicle_id, *wanted}), whose="of the mapping, field vehicles,")
+    ids = texts(table[vehicles.vehicle_id])
+    if (twice := ids.duplicated().to_numpy()).any():
+        at = int(np.argmax(twice))
+        raise InputError(
+            f"{other.at(table['row'].iloc[at])}: vehicle {ids.iloc[at]} is there a second time, expected a row for each"
+        )
+    theirs = texts(raw[vehicle_id])
+    if (lost := ~theirs.isin(ids).to_numpy()).any():
+        at = int(np.argmax(lost))
+        raise InputError(
+            f"{source.at(raw['row'].iloc[at])}: vehicle {theirs.iloc[at]} is not in {other}; "
+            f"{theirs[lost].nunique()} such vehicles"
+        )
+    place = pd.Index(ids).get_indexer(pd.Index(theirs))
+    return raw.assign(**{name: table[name].to_numpy()[place] for name in wanted})
 
 
 def _filtered(raw: pd.DataFrame, mapping: Mapping, source: TableFile, counts: Counts) -> pd.DataFrame:
@@ -70,11 +101,11 @@ def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFile, counts:
     return raw[keep]
 
 
-def kind_names(column: pd.Series) -> pd.Series:
-    """What column `kind` says, as the texts by which kinds are compared; that of an empty cell is empty."""
+def texts(column: pd.Series) -> pd.Series:
+    """What a column of kinds or ids says, as the texts by which these are compared; that of an empty cell is empty."""
     codes, names = pd.factorize(column, use_na_sentinel=False)
-    texts = np.array(["" if pd.isna(name) else plain(name) for name in names], object)
-    return pd.Series(texts[codes], index=column.index)
+    plainly = np.array(["" if pd.isna(name) else plain(name) for name in names], object)
+    return pd.Series(plainly[codes], index=column.index)
 
 
 def plain(value: object) -> str:
