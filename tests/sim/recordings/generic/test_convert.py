@@ -317,3 +317,39 @@ def test_who_reverses_has_no_speed(tmp_path: Path) -> None:
 def test_cells_that_a_file_need_not_have(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"column 'h' is 'nan', .*; without field columns\.yaw it follows from the mo"):
         made(tmp_path, straight().assign(h=lambda rows: rows["h"].where(rows["n"] != 7)), BOX)
+
+
+# Noise
+
+
+def waiting(noise: float) -> pd.DataFrame:
+    """A car that drives 20 m northwards, and waits there for 20 s, at 10 Hz."""
+    t = np.arange(0.0, 24.0, 0.1)
+    rng = np.random.default_rng(4)
+    x, y = rng.normal(0.0, noise, (2, len(t)))
+    return pd.DataFrame({"id": 1, "t": t, "px": 50.0 + x, "py": np.minimum(5.0 * t, 20.0) + y, "l": 5.0, "w": 2.0})
+
+
+@pytest.mark.parametrize("reference", ["box_centre", "front_centre"])
+@pytest.mark.parametrize("smooth", [True, False])
+def test_who_waits_does_not_turn_by_noise(tmp_path: Path, reference: str, smooth: bool) -> None:
+    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}  # type: ignore[attr-defined]
+    fields = BOX | {"columns": columns, "reference": reference, "clean": smooth}
+    table = made(tmp_path, waiting(0.15), fields).table
+    stands = table[table["frame"] > 60]
+    np.testing.assert_allclose(stands["yaw"], np.pi / 2, atol=0.3)
+    middle = 20.0 if reference == "box_centre" else 17.5
+    np.testing.assert_allclose(stands[["x", "y"]], np.broadcast_to([50.0, middle], (len(stands), 2)), atol=0.9)
+
+
+def test_noise_is_told(tmp_path: Path) -> None:
+    columns = {name: column for name, column in BOX["columns"].items() if name != "yaw"}  # type: ignore[attr-defined]
+    for noise, told in ((0.0, False), (0.1, True)):
+        waiting(noise).to_csv(tmp_path / "in.csv", index=False)
+        _, counts = convert(tmp_path / "in.csv", Mapping.model_validate(BOX | {"columns": columns}))
+        assert ("of the accelerations are beyond 5 m/s2: field clean of the mapping" in counts.text()) == told
+    with pytest.raises(
+        InputError, match=r"accelerations that follow from the file go up to .*: field clean of the map"
+    ):
+        made(tmp_path, waiting(1.0), BOX | {"columns": columns})
+    assert len(made(tmp_path, waiting(1.0), BOX | {"columns": columns, "clean": True}).table)

@@ -21,11 +21,13 @@ from litsim_sim.recordings.generic.obstacles import obstacle_rows, with_usual_si
 from litsim_sim.recordings.generic.plausibility import check_plausible, heading
 from litsim_sim.recordings.generic.reading import plain, read_rows, texts
 from litsim_sim.recordings.generic.resampling import in_order, resampled, split, without_outliers
-from litsim_sim.recordings.ngsim.tracks import PIECE, direction_of_motion
-from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
+from litsim_sim.recordings.ngsim.tracks import DIRECTION_MIN, PIECE, direction_of_motion
+from litsim_sim.recordings.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
 
 IDS_KEPT = 5000  # names of vehicles that are kept in the header; of more, only the count
 DROP = "drop"
+CREEPING = 1.0  # [m] within a second below which a vehicle keeps its direction, as one that waits would turn by noise
+HARSH = 5.0  # [m/s2] beyond which vehicles hardly ever brake or accelerate
 CLOCK = "time_of_frame_0_s"  # note of the header: what the clock of the file showed at frame 0
 AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rear_axle, "box_corner": 0.0}
 """By reference, how far the middle of the box is ahead of it, in lengths; corners are taken for it earlier."""
@@ -53,6 +55,15 @@ def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
         walking = obstacle_rows(moving)  # the model of motion is that of vehicles
         cleaned, _ = clean(front_centres(moving[~walking]).drop(columns=["speed", "acceleration"]))
         moving = pd.concat([cleaned, moving[walking]])
+    else:
+        harsh = np.abs(moving["acceleration"].to_numpy()[~obstacle_rows(moving)]) > HARSH
+        counts.harsh = float(harsh.mean())
+        if not (np.abs(moving["acceleration"]) <= BOUNDS["acceleration"][1]).all() and "acceleration" not in table:
+            raise InputError(
+                f"{source}: accelerations that follow from the file go up to "
+                f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
+                f"rows: field clean of the mapping, set to true, smooths such positions"
+            )
     header = RecordingHeader(
         name=mapping.name,
         source=mapping.source,
@@ -180,7 +191,8 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
     vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
     walking = obstacle_rows(table)
     if "yaw" not in table or walking.any():
-        along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan))
+        least = np.where(walking, DIRECTION_MIN, CREEPING)
+        along = direction_of_motion(vehicle, x, y, np.full(len(table), np.nan), least)
         table = table.assign(yaw=np.where(walking, along, table["yaw"]) if "yaw" in table else along)
     yaw = wrap_angle(table["yaw"].to_numpy())
     ahead = AHEAD[mapping.reference] * table["length"].to_numpy()

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+HARSH_MAX = 0.05  # of the accelerations of vehicles, from which on it is said that they are noise
+
 
 @dataclass
 class Counts:
@@ -19,6 +21,7 @@ class Counts:
         too_short: pieces that no frame of 10 Hz falls into.
         usual_sizes: pedestrians and cyclists without a size, who got a usual one.
         backwards: rows with speeds below 0, which become 0.
+        harsh: share of the rows of vehicles at which they brake or accelerate as they hardly ever do.
         rows: rows of the recording, one for each vehicle and frame of 10 Hz.
     """
 
@@ -30,6 +33,7 @@ class Counts:
     too_short: int = 0
     usual_sizes: int = 0
     backwards: int = 0
+    harsh: float = 0.0
     rows: int = 0
 
     def leave_out(self, reason: str, rows: int) -> None:
@@ -63,4 +67,7 @@ class Counts:
             lines.append(f"sizes      {self.usual_sizes} pedestrians or cyclists without one got a usual one")
         if self.backwards:
             lines.append(f"speeds     {self.backwards} rows below 0, of who reverses or stands, became 0")
+        if self.harsh > HARSH_MAX:
+            share = f"{self.harsh:.0%} of the accelerations are beyond 5 m/s2"
+            lines.append(f"rough      {share}: field clean of the mapping, set to true, smooths positions")
         return "\n".join([*lines, f"tracks     {self.tracks}{cut}{short}"])

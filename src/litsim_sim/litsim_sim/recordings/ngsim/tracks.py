@@ -129,13 +129,16 @@ def neutral(
     return table[list(COLUMNS)], None
 
 
-def direction_of_motion(vehicle: IntArray, x: FloatArray, y: FloatArray, hint: FloatArray) -> FloatArray:
+def direction_of_motion(
+    vehicle: IntArray, x: FloatArray, y: FloatArray, hint: FloatArray, least: float | FloatArray = DIRECTION_MIN
+) -> FloatArray:
     """Heading [rad] (n,) from the way between half a second before and after; held where a vehicle stands.
 
     Args:
         vehicle: (n,) ids; rows of one vehicle are consecutive frames.
         x, y: (n,) [m].
         hint: (n,) heading of vehicles that never move, NaN for 0.
+        least: way [m], of all rows or (n,), below which a vehicle stands.
     """
     index = np.arange(len(vehicle))
     first = np.flatnonzero(np.r_[True, vehicle[1:] != vehicle[:-1]])
@@ -143,7 +146,7 @@ def direction_of_motion(vehicle: IntArray, x: FloatArray, y: FloatArray, hint: F
     last = np.r_[first[1:], len(vehicle)] - 1
     before, after = np.maximum(index - SMOOTHED, first[track]), np.minimum(index + SMOOTHED, last[track])
     dx, dy = x[after] - x[before], y[after] - y[before]
-    seen = np.hypot(dx, dy) >= DIRECTION_MIN
+    seen = np.hypot(dx, dy) >= least
     yaw = pd.Series(np.where(seen, np.arctan2(dy, dx), np.nan))
     held = yaw.groupby(track).ffill().groupby(track).bfill().to_numpy()
     return np.where(np.isnan(held), np.nan_to_num(hint), held)
