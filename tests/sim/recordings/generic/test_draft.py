@@ -110,3 +110,25 @@ def test_corners_of_boxes_in_a_picture_and_components_of_speed(tmp_path: Path, t
     np.testing.assert_allclose(first["x"], 400.0, atol=1e-9)
     np.testing.assert_allclose(first["y"], 4.0 * first["vehicle_id"], atol=1e-9)
     np.testing.assert_allclose(made["speed"], 6.0 + made["vehicle_id"])
+
+
+@pytest.mark.parametrize("column", ["timestamp", "x", "heading", "speed", "width"])
+def test_cells_that_are_no_numbers(tmp_path: Path, traffic: Traffic, column: str) -> None:
+    """An empty cell is no matter for a draft; text, such as numbers with decimal commas, is."""
+    table = traffic()
+    table.assign(**{column: table[column].where(table.index != 2)}).to_csv(tmp_path / "in.csv", index=False)
+    with_gap = drafted(tmp_path / "in.csv")
+    table.to_csv(tmp_path / "in.csv", index=False)
+    assert with_gap == drafted(tmp_path / "in.csv")
+    table.astype({column: object}).assign(**{column: "1,5"}).to_csv(tmp_path / "in.csv", index=False)
+    with pytest.raises(InputError, match=f"in.csv: line 2: column '{column}' is '1,5', expected a number; 1500 such"):
+        draft(tmp_path / "in.csv")
+
+
+def test_a_draft_for_dates(tmp_path: Path, traffic: Traffic) -> None:
+    table = traffic()
+    table["timestamp"] = pd.Timestamp("2024-05-17T08:30:00") + pd.to_timedelta(table["timestamp"], unit="s")
+    table.to_csv(tmp_path / "in.csv", index=False)
+    made = convert(tmp_path / "in.csv", drafted(tmp_path / "in.csv"))[0].table
+    assert made["frame"].max() == 119
+    assert made["speed"].max() == pytest.approx(11.0)

@@ -65,6 +65,7 @@ HINTS = (
 COMPONENTS = ("speed_x", "speed_y")
 HEIGHT = "height"
 """Of a box in a picture, across the road; its width is along it."""
+NUMBERS = {"time", "frame", "x", "y", "length", "width", "yaw", "speed", "speed_x", "speed_y"}
 IDENTITY = ("vehicle_id", "x", "y")
 
 
@@ -87,11 +88,13 @@ def draft(path: Path) -> str:
     used = set(columns.values())
     raw = source.read(sorted(used))
     table = pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()})
+    if "time" in table and is_stamped(table["time"]):
+        table["time"] = since_1970(table["time"])
+    for name in sorted(NUMBERS & {*columns}):
+        table[name] = _numbers(table[name], raw["row"], columns[name], source)
     components = [columns.pop(name) for name in COMPONENTS if name in columns]
     if components and "speed" not in columns:
         table["speed"] = np.hypot(table["speed_x"], table["speed_y"])
-    if "time" in table and is_stamped(table["time"]):
-        table["time"] = since_1970(table["time"])
     made = _Draft({"name": re.sub(r"\W+", "_", path.stem), "source": "", "licence": "", "net": ""})
     made.remarks["source"] = "data set, site and period, as one would cite it"
     made.remarks["net"] = "name of the SUMO net that it lies on"
@@ -121,6 +124,22 @@ def draft(path: Path) -> str:
     text = _written(made, f"Drafted from the columns of {path.name}; not used: {', '.join(unused) or 'none'}.")
     Mapping.model_validate(yaml.safe_load(text))  # else this is wrong, not the user
     return text
+
+
+def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFile) -> pd.Series:
+    """The numbers of a column, NaN where cells are empty.
+
+    Raises:
+        InputError: a cell is something else; `name` and `row` tell it.
+    """
+    values = pd.to_numeric(column, errors="coerce").astype(np.float64)
+    if (bad := (values.isna() & column.notna()).to_numpy()).any():
+        at = int(np.argmax(bad))
+        raise InputError(
+            f"{source.at(row.iloc[at])}: column {name!r} is {str(column.iloc[at])!r}, expected a number; "
+            f"{int(bad.sum())} such rows"
+        )
+    return values
 
 
 def _named(source: TableFile) -> dict[str, str]:
@@ -168,7 +187,8 @@ class _Steps:
     @classmethod
     def of(cls, table: pd.DataFrame) -> _Steps:
         clock = "time" if "time" in table else "frame"
-        ordered = table.sort_values(["vehicle_id", clock])
+        known = table.dropna(subset=[name for name in (clock, "x", "y", "yaw", "speed") if name in table])
+        ordered = known.sort_values(["vehicle_id", clock])
         same = np.diff(pd.factorize(ordered["vehicle_id"])[0]) == 0
         changes = (np.diff(ordered[name].to_numpy(np.float64))[same] for name in (clock, "x", "y"))
         return cls(clock, ordered[:-1][same], *changes)
