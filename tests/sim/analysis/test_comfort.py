@@ -79,3 +79,12 @@ def test_values_of_a_turn() -> None:
 def test_nothing_to_judge(table: Make) -> None:
     assert comfort(ride(table, [0.0, 0.0]), 1, 0.1) is None
     assert comfort(ride(table, [0.0] * 5), 2, 0.1) is None
+
+
+def test_a_change_over_steps_that_are_lost_is_no_jerk(table: Make) -> None:
+    """From 0 to 2 m/s2 while nobody looked: 20 m/s3 if that were one step."""
+    tables = ride(table, [0.0] * 5 + [0.5, 1.0, 1.5] + [2.0] * 5)
+    lost = comfort([each for each in tables if not 5 <= each.step < 8], 1, 0.1)
+    assert lost is not None
+    assert lost.comfortable
+    assert comfort(tables[::2], 1, 0.1) is None, "of no two steps in a row is any change known"

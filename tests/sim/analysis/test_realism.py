@@ -81,3 +81,15 @@ def test_some_of_those_that_were_looked_at_are_judged_as_if_they_were_all(table:
     everybody = Naturalness(run, log, {1, 2, 3}, None, 0.1)
     assert everybody.of({2}) == realism(run, log, {2}, None, 0.1)
     assert everybody.of({2}) != everybody.of({1, 2, 3})
+
+
+def test_motion_over_steps_that_are_lost_is_not_that_of_one_step(table: Make) -> None:
+    """Speeding up by 1 m/s2 from step 10 on; steps before one that is looked at are lost."""
+    log = [
+        table(k, *({"id": a, "x": 1.0 * k - 20.0 * a, "y": 0.0, "speed": 10.0 + 0.1 * max(0, k - 9)} for a in (1, 2)))
+        for k in range(40)
+    ]
+    kept = [each for each in log if not 15 <= each.step < 19]
+    found = realism(kept, log, {2}, None, 0.1)
+    assert found is not None
+    assert found.features["linear_acceleration"] > 0.9, "5 m/s2, as it would be over one step, never happens in the log"

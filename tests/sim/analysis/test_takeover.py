@@ -193,3 +193,28 @@ def test_motion_within_the_vehicle_s_limits_is_no_jump(table: Make) -> None:
     found = jump(before, after, 2, 0.1)
     assert (found.speed, found.yaw) == (pytest.approx(0.0, abs=1e-9), 0.0)
     assert found.position < 0.03
+
+
+def test_what_is_measured_at_a_step_is_measured_there_though_others_are_lost(
+    table: Make, make_run: Make, moved: Make
+) -> None:
+    """The ego comes nearer to agent 2 by 0.1 m a step; five steps before the second detection are not in the record."""
+    log = follower_log(table)
+    run = [moved([each], 1, x=-0.1 * each.step)[0] for each in log]
+    found = {20: [record(2, detected_step=20)], 40: [record(2, detected_step=40)]}
+    kept = [k for k in range(len(log)) if not 10 <= k < 15]
+    lost = make_run([run[k] for k in kept], [log[k] for k in kept], takeovers=found)
+    assert [entry.ego_distance for entry in ledger(lost)] == pytest.approx([18.0, 16.0])
+    split = make_run(run, log, takeovers={20: found[20], 30: found[20]})
+    assert [entry.ego_distance for entry in ledger(split)] == pytest.approx([18.0, 18.0]), "both at the detection"
+    gone = make_run(run[:40], log[:40], takeovers=found)
+    assert [entry.ego_distance for entry in ledger(gone)] == [pytest.approx(18.0), None], "step 40 is lost itself"
+
+
+def test_steps_that_are_lost_are_no_jump(table: Make, make_run: Make, moved: Make) -> None:
+    run, log = handed_back(table, moved, 2.0)
+    for gap, returns in (((21, 25), 0), ((22, 25), 1)):
+        kept = [k for k in range(len(log)) if not gap[0] <= k < gap[1]]
+        backs = handbacks(make_run([run[k] for k in kept], [log[k] for k in kept]))
+        assert len(backs) == returns
+        assert all(back.jump.position == pytest.approx(2.0) for back in backs), "not 3 m more, the way of three steps"

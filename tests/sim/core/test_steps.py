@@ -56,6 +56,13 @@ def test_the_track_of_an_agent_is_of_the_steps_at_which_it_is_there(crowd: Crowd
         assert steps.stacked.x[steps.track(agent)].tolist() == x
 
 
+def test_steps_behind_a_gap_follow_no_other(crowd: Crowd) -> None:
+    tables = crowd(8)
+    assert Steps(tables).follows.tolist() == [False] + [True] * 7
+    assert Steps([tables[0], tables[1], tables[5], tables[6]]).follows.tolist() == [False, True, False, True]
+    assert Steps([]).follows.tolist() == []
+
+
 def test_nobody_at_all_is_no_rows() -> None:
     for steps in (Steps([]), Steps([AgentTable.empty(3), AgentTable.empty(4)])):
         assert not len(steps.stacked) and not len(steps.overlaps) and not len(steps.track(1))

@@ -48,18 +48,23 @@ class Comfort:
 
 
 def comfort(tables: Sequence[AgentTable], agent: int, dt: float) -> Comfort | None:
-    """Comfort of `agent` over `tables`, `dt` seconds apart; None where it is on the road for fewer than three."""
+    """Comfort of `agent` over `tables`, steps of `dt` [s].
+
+    None where it is on the road for fewer than three steps, or for no two in a row.
+    """
     steps = Steps.of(tables)
     rows, table = steps.track(agent), steps.stacked
-    if len(rows) < 3:
+    follows = np.diff(steps.step[table.number[rows]]) == 1
+    if len(rows) < 3 or not follows.any():
         return None
     speed, acceleration, yaw_rate, controller = (
         getattr(table, field)[rows] for field in ("speed", "acceleration", "yaw_rate", "controller")
     )
     values = motion_values(speed, acceleration, yaw_rate, dt)
-    within = {
-        name: float(np.mean((values[name] >= low) & (values[name] <= high))) for name, (low, high) in BOUNDS.items()
-    }
+    within = {}
+    for name, (low, high) in BOUNDS.items():
+        known = values[name] if len(values[name]) == len(rows) else values[name][follows]
+        within[name] = float(np.mean((known >= low) & (known <= high)))
     begins = hard_brakes_begin(acceleration)
     return Comfort(agent, within, int(begins.sum()), int((begins & (controller != Controller.LOG)).sum()))
 

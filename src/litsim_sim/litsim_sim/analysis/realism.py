@@ -157,7 +157,7 @@ def _values(
 ) -> tuple[IntArray, dict[str, FloatArray]]:
     """Every feature of `agents` (None: all) at every fifth of `steps`, concatenated; before them, whose they are."""
     table, number = steps.stacked, steps.stacked.number
-    looked_at = (number % SAMPLE == 0) & (number > 0)
+    looked_at = (number % SAMPLE == 0) & steps.follows[number]
     if agents is not None:
         looked_at &= np.isin(steps.ids, sorted(agents))[steps.agent]
     rows = np.flatnonzero(looked_at)
@@ -171,7 +171,8 @@ def _values(
     found["linear_speed"] = table.speed[rows]
     found["linear_acceleration"] = (table.speed[rows] - table.speed[before]) / dt
     found["angular_speed"] = turn
-    found["angular_acceleration"] = np.where(first >= 0, (turn - _turn(table, before, first, dt)) / dt, 0.0)
+    known = (first >= 0) & steps.follows[number[before]]
+    found["angular_acceleration"] = np.where(known, (turn - _turn(table, before, first, dt)) / dt, 0.0)
     found["distance_to_nearest"] = _distances_to_nearest(steps, rows)
     found["collision"] = np.isin(rows, steps.overlaps).astype(np.float64)
     found["time_to_collision"] = np.minimum(times_to_collision(table, rows), TTC_HORIZON_S)

@@ -60,7 +60,8 @@ class LedgerEntry:
         residual_speed: speed beyond that of the same log at the same step [m/s].
         time_shift: lag of the log that it goes back to, at the last step of the takeover [s].
         outcome: how it ended; None where the run ended before, and before the log.
-        ego_distance: from the agent's centre to the ego's at the detection [m]; None where the ego is gone.
+        ego_distance: from the agent's centre to the ego's at the detection [m]; None where the ego is gone, or the
+            record lacks that step.
     """
 
     agent: int
@@ -198,6 +199,7 @@ def handbacks(run: Run) -> list[Handback]:
     """Returns to the log, in order: an agent is under POLICY at one step and under LOG at the next."""
     steps, table = run.steps, run.steps.stacked
     held = np.flatnonzero(table.of_policy & (table.number < len(steps) - 1))
+    held = held[steps.follows[table.number[held] + 1]]
     after = steps.rows[table.number[held] + 1, steps.agent[held]]
     back = held[(after >= 0) & (table.controller[after] == Controller.LOG)]
     return [
@@ -262,13 +264,19 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayC
         residual_speed=last.residual_speed if logged else None,
         time_shift=last.time_shift,
         outcome=_outcome(run, first.agent, last_step, released=last.state == TakeoverState.RELEASED),
-        ego_distance=_ego_distance(run, first.agent, episode[0][0]),
+        ego_distance=_ego_distance(run, first.agent, first.detected_step),
     )
 
 
 def _ego_distance(run: Run, agent: int, step: int) -> float | None:
-    """Distance [m] between the centres of `agent` and the ego at `step`; None where one of them is not there."""
-    table = run.tables[step - run.tables[0].step]
+    """Distance [m] between the centres of `agent` and the ego at `step`.
+
+    None where one of them is not there, or the record lacks the step.
+    """
+    at = int(run.steps.step.searchsorted(step))
+    if at == len(run.tables) or run.tables[at].step != step:
+        return None
+    table = run.tables[at]
     i, j = table.row(agent), table.row(run.info.ego_id)
     return float(np.hypot(table.x[i] - table.x[j], table.y[i] - table.y[j])) if min(i, j) >= 0 else None
 
@@ -292,7 +300,7 @@ def _handback(run: Run, index: int, agent: int) -> Handback:
     for k in range(index, min(index + SETTLING_MAX, len(run.tables) - 1)):
         before, after = run.tables[k], run.tables[k + 1]
         row = after.row(agent)
-        if row < 0 or after.controller[row] != Controller.LOG:
+        if row < 0 or after.controller[row] != Controller.LOG or not run.steps.follows[k + 1]:
             break
         found = found.largest(jump(before, after, agent, run.info.dt))
         logged = _logged(run, k, agent, lag), _logged(run, k + 1, agent, lag)

@@ -72,6 +72,11 @@ class Steps(Sequence[AgentTable]):
         return np.array([table.step for table in self._tables], np.int64)
 
     @cached_property
+    def follows(self) -> BoolArray:
+        """(S,) whether the table before is of the step before: of the first it is not, nor behind a gap in a record."""
+        return np.diff(self.step, prepend=self.step[:1]) == 1
+
+    @cached_property
     def begin(self) -> IntArray:
         """(S + 1,) row in :attr:`stacked` at which each step begins; at last the number of rows."""
         return np.cumsum([0, *(len(table) for table in self._tables)])
