@@ -82,6 +82,14 @@ def test_a_forecast_is_held_back_to_the_arc_length_that_braking_reaches(seed, sp
     assert (states[:, YAW:] == before[:, YAW:]).all()
 
 
+def test_who_has_braked_to_a_stand_is_held_there_though_it_is_expected_to_stand_on_before_it_drives_off() -> None:
+    """Its forecast does not move at first, so that no share of its first way leads to where it is."""
+    states = np.zeros((6, 6))
+    states[:, X] = [5.0, 5.0, 5.1, 5.3, 5.6, 6.0]
+    futures.hold_back(states, 5.0, 0.0, 0.0, 2.0, 1.0)
+    assert (states[:, X] == 5.0).all() and (states[:, Y] == 0.0).all()
+
+
 @given(seeds)
 def test_bounds_hold_the_centres_while_they_are_valid_and_the_largest_spread(seed: int) -> None:
     random = np.random.default_rng(seed)

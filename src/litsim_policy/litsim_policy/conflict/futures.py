@@ -300,6 +300,7 @@ def hold_back(states: FloatArray, x: float, y: float, speed: float, braking: flo
             continue
         while travelled[at + 1] < reach:  # reach grows from step to step
             at += 1
-        share = (reach - travelled[at]) / (travelled[at + 1] - travelled[at])
+        way = travelled[at + 1] - travelled[at]
+        share = (reach - travelled[at]) / way if way > 0.0 else 0.0  # none where it stands, and is expected to stand on
         states[t, X] = places[at, 0] + share * (places[at + 1, 0] - places[at, 0])
         states[t, Y] = places[at, 1] + share * (places[at + 1, 1] - places[at, 1])
