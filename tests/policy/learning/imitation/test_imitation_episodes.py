@@ -11,11 +11,14 @@ import torch
 
 from litsim_policy.driving.imitation_policy import BOUNDS
 from litsim_policy.driving.traffic_observation import SIZE
+from litsim_policy.learning.data import DataConfig
 from litsim_policy.learning.expert import PairsConfig
+from litsim_policy.learning.imitation.config import ImitationTraining
 from litsim_policy.learning.imitation.episodes import Faults, TrafficEpisodes
 from litsim_policy.learning.imitation.expert import traffic_pairs
 from litsim_policy.learning.imitation.network import TrafficPolicy
-from litsim_policy.learning.imitation.rollout import drive
+from litsim_policy.learning.imitation.rollout import collect, drive, validate
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.scenario.scenario import Scenario
 
@@ -102,3 +105,11 @@ def test_displaced_vehicles_are_shown_the_way_back(make_scenario: Any, track: An
     assert int(far.sum()) > 10 and bool((lane_offset * pairs.corrected.action[:, 1] < 0)[far].all())
     assert torch.equal(pairs.corrected.action[:, 0], pairs.recorded.action[:, 0])
     assert len(pairs.shown.action) == 2 * len(pairs.recorded.action)
+
+
+def test_where_nobody_is_driven_training_ends_and_nothing_is_scored(scenario: Scenario) -> None:
+    config = ImitationTraining(data=DataConfig(), radius=1.0, validation_scenes=2)
+    with pytest.raises(InputError, match=r"nobody is driven in 104 scenes in a row, .* within radius \(1 m\)"):
+        collect([scenario], TrafficPolicy(), config, 0)
+    with pytest.raises(InputError, match="nobody is driven in the 2 scenes of validation"):
+        validate([scenario], TrafficPolicy(), config)

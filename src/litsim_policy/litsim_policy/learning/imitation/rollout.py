@@ -14,12 +14,14 @@ from litsim_policy.learning.imitation.config import ImitationTraining
 from litsim_policy.learning.imitation.episodes import TrafficEpisodes
 from litsim_policy.learning.imitation.network import TrafficPolicy
 from litsim_policy.learning.ppo import Track, tensor
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.scenario.joined import kind
 from litsim_sim.scenario.scenario import Scenario
 
 VALIDATION_SEED = 10_000_019
 EVERYBODY = 1000  # agents of a scene: more than there are
+EMPTY_SCENES_MAX = 100  # scenes in a row without anybody to drive, after which there is no point in going on
 
 
 @dataclass(frozen=True)
@@ -77,17 +79,26 @@ def collect(
 
     Returns:
         tracks, and rates by name as :func:`rates` has them.
+
+    Raises:
+        InputError: in none of many scenes in a row was anybody driven.
     """
     random = np.random.default_rng([config.seed, 2, iteration])
     generator = torch.Generator().manual_seed(int(random.integers(2**62)))
     stage = iteration * len(config.agents) // config.iterations
     found: list[Drive] = []
-    while sum(len(track) for one in found for track in one.tracks) < config.transitions:
+    missing, empty = config.transitions, 0
+    while missing > 0:
         drawn = [with_ego(scenarios[int(random.integers(len(scenarios)))], random) for _ in range(config.together)]
-        found += [
+        some = [
             drive(scenes, policy, config.agents[stage], config.radius, config.horizon, generator)
             for scenes in _by_kind(drawn)
         ]
+        steps = sum(len(track) for one in some for track in one.tracks)
+        missing, empty = missing - steps, 0 if steps else empty + len(drawn)
+        if empty >= EMPTY_SCENES_MAX:
+            raise _nobody_driven(f"{empty} scenes in a row", config)
+        found += some
     return [track for one in found for track in one.tracks], rates(found)
 
 
@@ -96,11 +107,16 @@ def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: Imita
 
     Returns:
         rates by name, and `validation_score`, at most 0.
+
+    Raises:
+        InputError: nobody is driven in any of them, so that there is nothing to score.
     """
     random = np.random.default_rng(VALIDATION_SEED)
     drawn = [with_ego(scenarios[k % len(scenarios)], random) for k in range(config.validation_scenes)]
     found = [drive(scenes, policy, EVERYBODY, config.radius, config.horizon, None) for scenes in _by_kind(drawn)]
     rated = rates(found)
+    if not rated["transitions"]:
+        raise _nobody_driven(f"the {config.validation_scenes} scenes of validation", config)
     score = -(rated["contact"] + rated["off_road"] + config.error_weight * rated["error"])
     return {f"validation_{name}": rated[name] for name in ("contact", "off_road", "error")} | {
         "validation_score": score
@@ -119,6 +135,14 @@ def rates(drives: Sequence[Drive]) -> dict[str, float]:
         "off_road": off / max(len(tracks), 1),
         "error": float(errors.mean()) if len(errors) else 0.0,
     }
+
+
+def _nobody_driven(where: str, config: ImitationTraining) -> InputError:
+    """The error of scenes, named by `where`, that have nobody to drive."""
+    return InputError(
+        f"training: nobody is driven in {where}, expected scenarios with vehicles within radius ({config.radius:g} m) "
+        "of the ego"
+    )
 
 
 def _by_kind(scenes: Sequence[Scenario]) -> list[list[Scenario]]:
