@@ -7,6 +7,7 @@ import pytest
 
 from litsim_policy.learning.draw import drafted_tasks, drawn_ego, with_ego
 from litsim_policy.learning.task import TaskConfig
+from litsim_sim.core.scene import Kind
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -41,3 +42,11 @@ def test_agents_near_the_ego_that_stay_are_drafted_towards_where_their_log_goes(
         s, d = task.path.project(task.goal[:1], task.goal[1:])
         assert s[0] > 0.0 and abs(d[0]) < 0.1
     assert len(drafted_tasks(table, traffic, 1, 50.0, config, np.random.default_rng(0))) == 1
+
+
+def test_who_walks_or_rides_beside_the_ego_is_not_drafted(make_scenario, track) -> None:
+    """Who near the ego is a car is drafted, in whatever company."""
+    others = track(2, x=80.0, kind=Kind.PEDESTRIAN), track(3, x=120.0, kind=Kind.BICYCLE), track(4, x=60.0)
+    traffic = make_scenario(track(1, x=100.0), *others)
+    tasks = drafted_tasks(traffic.log.table(3), traffic, 5, 50.0, TaskConfig(), np.random.default_rng(0))
+    assert [task.agent for task in tasks] == [4]

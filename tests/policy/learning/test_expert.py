@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from litsim_policy.driving.observation import Observer
+from litsim_policy.driving.observation import ObservationConfig, Observer
 from litsim_policy.driving.task import DrivingTask
+from litsim_policy.learning.expert import ExpertConfig, expert_pairs
+from litsim_policy.learning.task import TaskConfig
 from litsim_policy.motion.reference_path import logged_path
+from litsim_sim.core.scene import Kind
 from litsim_sim.scenario.scenario import Scenario
 
 
@@ -31,3 +34,16 @@ def test_displaced_vehicles_see_together_what_each_would_see_alone() -> None:
         for name, values in zip(columns, poses, strict=True):
             columns[name][row] = values[k]
         assert np.array_equal(together[k], observer.observe(replace(table, **columns), [task])[0])
+
+
+def test_driving_is_not_learned_from_who_rides_a_bicycle(make_scenario, track) -> None:
+    """Two in a column, 15 m apart: both are seen to interact, and are learned from where they drive."""
+
+    def pairs(kind: Kind) -> int:
+        scenario = make_scenario(track(1, x=100.0), track(2, x=115.0, kind=kind))
+        found = expert_pairs(
+            [scenario], ObservationConfig(), ExpertConfig(beside=20.0), TaskConfig(), np.random.default_rng(0)
+        )
+        return len(found.observation)
+
+    assert pairs(Kind.CAR) == 2 * pairs(Kind.BICYCLE) > 0

@@ -63,13 +63,13 @@ def drafted_tasks(
     """Tasks of at most `count` agents that are drawn within `radius` [m] of the ego, agents ascending.
 
     Each follows its whole logged path, with a task as recorded drivers are given them. Drawn are agents whose log lasts
-    for another second at least.
+    for another second at least; never pedestrians and cyclists, whom nobody drives.
     """
     log, step = scenario.log, table.step
     ego = table.row(scenario.ego_id)
     rows = np.searchsorted(log.ids, table.id)
     near = np.hypot(table.x - table.x[ego], table.y - table.y[ego]) <= radius
-    near &= (log.last_step[rows] > step + STAYS) & (table.id != scenario.ego_id)
+    near &= (log.last_step[rows] > step + STAYS) & (table.id != scenario.ego_id) & ~table.obstacle
     tasks = []
     for agent in sorted(random.permutation(table.id[near])[:count].tolist()):
         path = logged_path(log, scenario.lane_map, agent)

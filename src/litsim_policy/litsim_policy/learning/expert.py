@@ -141,12 +141,12 @@ def _of_scenario(
 
 
 def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
-    """Mask (n,) of the agents of `table` that move and have somebody ahead or beside, as near as `config` says."""
+    """Mask (n,) of the vehicles of `table` that move and have somebody ahead or beside, as near as `config` says."""
     dx, dy = table.x[None] - table.x[:, None], table.y[None] - table.y[:, None]
     ahead, left = to_body(dx, dy, table.yaw[:, None])
     leads = (ahead > 0) & (ahead < config.ahead) & (np.abs(left) < 0.5 * (table.width[None] + table.width[:, None]))
     beside = (np.hypot(dx, dy) < config.beside) & ~np.eye(len(table), dtype=np.bool_)
-    return np.asarray((leads | beside).any(axis=1) & (table.speed >= config.speed_min))
+    return np.asarray((leads | beside).any(axis=1) & (table.speed >= config.speed_min) & ~table.obstacle)
 
 
 def inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tuple[FloatArray, FloatArray]:
