@@ -109,6 +109,8 @@ def test_drivers_are_imitated(file: Path) -> None:
     [
         ("iterations: 0\ndata: {}\n", "field iterations: .*greater than 0"),
         ("data: {}\nlearning_rat: 1\n", "field learning_rat"),
+        ("data: {}\nppo: {epochs: 0}\n", "field ppo.epochs: .*greater than 0"),
+        ("data: {}\ncritic: {updates: 0}\n", "field critic.updates: .*greater than 0"),
         ("iterations: [\n", "malformed YAML"),
         ("data: {generated: [{net: us101_like, segments: 0, seed: 1}]}\n", "field data.generated.0.segments"),
         ("data: {real: [{frames: [500, 700], local_y_m: [0, 100]}]}\n", "which results are reported on"),

@@ -34,7 +34,7 @@ class CriticConfig:
 
     learning_rate: Positive[Number] = 3e-4
     gradient_penalty: NonNegative[Number] = 2.0
-    updates: NonNegative[Whole] = 20
+    updates: Positive[Whole] = 20
     batch: Positive[Whole] = 256
     noise: NonNegative[Number] = 0.1
     reward_limit: Positive[Number] = 3.0

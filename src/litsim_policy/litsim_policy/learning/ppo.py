@@ -55,7 +55,7 @@ class PpoConfig:
 
     learning_rate: Positive[Number] = 3e-4
     batch: Positive[Whole] = 256
-    epochs: NonNegative[Whole] = 4
+    epochs: Positive[Whole] = 4
     clip: Positive[Number] = 0.2
     discount: Share = 0.98
     smoothing: Share = 0.95
