@@ -5,9 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
-from litsim_sim.analysis.careful_driver import BRAKE_MAX, REACTION_S, WANDERING, careful_driver
+from litsim_sim.analysis.careful_driver import (
+    BRAKE_JERK,
+    BRAKE_MAX,
+    REACTION_S,
+    WANDERING,
+    careful_driver,
+    speed_lost,
+)
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.scenario import packaged
 
@@ -57,6 +65,33 @@ def test_one_that_appears_right_ahead_cannot_be_avoided(table: Make) -> None:
     assert found.perceived_step == 48
     assert not found.avoided
     assert found.speed_at_contact == pytest.approx(10.0)  # still reacting
+
+
+def test_the_driver_brakes_neither_sooner_nor_harder_than_the_regulation_says() -> None:
+    """The speed that is lost is the integral of a braking that grows from 0.75 s on, in 0.6 s, to 0.774 g."""
+    times = np.linspace(0.0, 4.0, 40_001)
+    braking = np.clip(BRAKE_JERK * (times - REACTION_S), 0.0, BRAKE_MAX)
+    lost = np.concatenate([[0.0], np.cumsum(0.5 * (braking[1:] + braking[:-1]) * np.diff(times))])
+    assert [speed_lost(time) for time in times[::500]] == pytest.approx(lost[::500].tolist(), abs=1e-6)
+
+
+def test_one_is_met_that_is_just_too_near_to_stop_behind(table: Make) -> None:
+    """At 10 m/s he stops within 17.0 m: 7.5 m while he reacts, 5.5 m while his braking grows, 3.9 m at its most.
+
+    Whoever stands there is a risk from the first step on, at which less than 2 s are left.
+    """
+    found = []
+    for room in (16.5, 17.5):  # [m] between the bumpers at that step
+        tables = [
+            table(
+                k,
+                {"id": 1, "x": 1.0 * k, "y": 0.0, "speed": 10.0},
+                {"id": 2, "x": room + 4.0, "y": 0.0, "speed": 0.0},
+            )
+            for k in range(40)
+        ]
+        found.append(careful_driver(tables, 1, 2, contact(tables, room + 4.0), 0.1, None).avoided)
+    assert found == [False, True]
 
 
 LANES = (-1.83, -5.49, -9.15)  # [m] centres of the leftmost lanes of us101_like

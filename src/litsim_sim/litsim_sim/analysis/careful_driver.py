@@ -72,8 +72,7 @@ def careful_driver(
     perceived = int(risky[0]) if len(risky) else contact_step
     step, own, other = (values[step >= perceived] for values in (step, own, other))
     path = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(table.x[own]), np.diff(table.y[own])))])
-    braking = (step - perceived) * dt > REACTION_S
-    s, speed = _braked(table.speed[own].tolist(), path.tolist(), braking.tolist(), dt)
+    s, speed = _braked(table.speed[own].tolist(), path.tolist(), ((step - perceived) * dt).tolist())
     x, y, yaw = (np.interp(s, path, values) for values in (table.x[own], table.y[own], np.unwrap(table.yaw[own])))
     own_size, other_size = ((table.length[at], table.width[at]) for at in (own, other))
     hits = boxes_overlap(table.x[other] - x, table.y[other] - y, yaw, table.yaw[other], own_size, other_size)
@@ -82,22 +81,30 @@ def careful_driver(
     return CarefulDriver(agent, contact_step, perceived, avoided=not len(met), speed_at_contact=at_contact)
 
 
-def _braked(real: list[float], path: list[float], braking: list[bool], dt: float) -> tuple[list[float], list[float]]:
+def speed_lost(time: float) -> float:
+    """Speed [m/s] that the driver has braked away `time` [s] after he saw the risk, unless he stands by then.
+
+    Nothing while he reacts; then his braking grows with BRAKE_JERK up to BRAKE_MAX, and stays there.
+    """
+    braked, build_up = max(time - REACTION_S, 0.0), BRAKE_MAX / BRAKE_JERK
+    return 0.5 * BRAKE_JERK * min(braked, build_up) ** 2 + BRAKE_MAX * max(braked - build_up, 0.0)
+
+
+def _braked(real: list[float], path: list[float], time: list[float]) -> tuple[list[float], list[float]]:
     """How far along the path of his vehicle the driver is at each step [m], and how fast [m/s].
 
     Args:
         real: speeds of the vehicle [m/s].
         path: how far along its path it was [m].
-        braking: whether he has reacted.
-        dt: of a step [s].
+        time: since he saw the risk [s], ascending from 0.
     """
-    s, speed, brake = [0.0], [real[0]], 0.0
+    s, speed = [0.0], [real[0]]
     for k in range(1, len(real)):
-        if braking[k]:
-            brake = min(BRAKE_MAX, brake + BRAKE_JERK * dt)
-        most = real[k] if brake == 0.0 else speed[-1]
-        speed.append(max(0.0, min(speed[-1] - brake * dt, most)))
-        s.append(min(s[-1] + 0.5 * (speed[-2] + speed[-1]) * dt, path[k]))  # he is never ahead of where the vehicle was
+        lost = speed_lost(time[k]) - speed_lost(time[k - 1])
+        most = real[k] if time[k] <= REACTION_S else speed[-1]
+        speed.append(max(0.0, min(speed[-1] - lost, most)))
+        way = 0.5 * (speed[-2] + speed[-1]) * (time[k] - time[k - 1])
+        s.append(min(s[-1] + way, path[k]))  # he is never ahead of where the vehicle was
     return s, speed
 
 
