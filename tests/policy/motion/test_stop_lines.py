@@ -14,10 +14,10 @@ from litsim_policy.driving.handback import HandbackConfig
 from litsim_policy.driving.policy_c import Driver, PolicyCConfig
 from litsim_policy.driving.task import DrivingTask
 from litsim_policy.driving.yield_policy import YieldConfig, YieldPolicy
-from litsim_policy.motion.car_following import IdmConfig
+from litsim_policy.motion.car_following import GAP_MIN, IdmConfig
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import lane_path, logged_path
-from litsim_policy.motion.stop_lines import GAP_MIN, SignalConfig, StopLines, idm_at_signals
+from litsim_policy.motion.stop_lines import SignalConfig, StopLines, idm_at_signals
 from litsim_sim.core.scene import ARRAY_FIELDS, AgentTable, ControlTable, EgoCommand, EgoMode
 from litsim_sim.core.signals import SignalState
 from litsim_sim.core.takeover import TakeoverTable

@@ -9,14 +9,15 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from litsim_policy.run.summary_table import HORIZONS, MEASURES, print_summary
+from litsim_policy.run.summary_table import MEASURES, print_summary
+from litsim_sim.analysis.displacement import HORIZONS_S
 
 WIDTH = 100
 
 
 def row(**values: Any) -> dict[str, Any]:
     """Measures of a row, as wide as they get."""
-    ade = dict.fromkeys(HORIZONS, 0.000868)
+    ade = dict.fromkeys(map(str, HORIZONS_S), 0.000868)
     usual: dict[str, Any] = dict.fromkeys(MEASURES.values(), 0.000868) | {"runs": 20, "agents": 1920, "failed": 0}
     return usual | {"ade_controlled_m": ade, "ade_all_m": ade, "reactive": 1.0, "measured": 20} | values
 
@@ -74,7 +75,7 @@ def test_figures_of_fewer_runs_than_there_are_are_marked_and_explained() -> None
 
 
 def test_horizons_that_no_run_reaches_are_left_out() -> None:
-    ade = dict.fromkeys(HORIZONS) | {"5": 1.25}
+    ade = dict.fromkeys(map(str, HORIZONS_S)) | {"5": 1.25}
     lines = printed({"a": row(ade_controlled_m=ade, ade_all_m=ade | {"5": None}), "b": row(ade_all_m=ade)})
     assert cells(lines, "ADE@5 s m, controlled") == ["1.25", "0.000868"]
     assert cells(lines, "ADE@5 s m, all") == ["-", "1.25"] and not cells(lines, "ADE@10 s m, all")

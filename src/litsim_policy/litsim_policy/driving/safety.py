@@ -33,6 +33,7 @@ from litsim_sim.core.compiled import (
     float64,
     kernel,
 )
+from litsim_sim.core.dynamics import SPEED_MIN
 from litsim_sim.core.pair_geometry import within
 from litsim_sim.core.quantities import (
     Acceleration,
@@ -56,7 +57,6 @@ from litsim_sim.scenario.signals import LinkSignals
 GUARDS = ("limits", "following", "contact", "road")
 SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as the one that was asked for
 BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] that the guard for contact tries before the hardest
-SPEED_MIN = 1e-3  # [m/s] up to which the bound on lateral acceleration is that of this speed
 
 
 @configuration

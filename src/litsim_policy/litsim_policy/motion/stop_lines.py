@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from litsim_policy.motion.car_following import IdmConfig, idm_acceleration
+from litsim_policy.motion.car_following import GAP_MIN, IdmConfig, idm_acceleration
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_sim.core.quantities import Acceleration, Positive, configuration
@@ -20,7 +20,6 @@ from litsim_sim.scenario.signals import LinkSignals
 AMBER = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)
 IS_RED, IS_AMBER = (np.isin(np.arange(256), states) for states in (STOP_STATES, AMBER))  # by state
 ON_WAY = 1.6  # [m] from the middle of a lane within which a path is on it: half the width of a narrow lane
-GAP_MIN = 0.1  # [m] less than this counts as this
 FREE = np.inf
 
 

@@ -11,6 +11,8 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from litsim_sim.analysis.displacement import HORIZONS_S
+
 MEASURES = {
     "runs": "runs",
     "passed": "passed",
@@ -47,7 +49,6 @@ OF_ALL_RUNS = ("runs", "passed", "not_passed", "errors", "reactive")
 
 MARK = "*"
 PERCENT = ("rate_all", "rate_controlled", "reactive", "relevant_ratio", "guarded", "off_road")
-HORIZONS = ("5", "10", "15", "20", "25")  # [s]
 DISPLACEMENTS = (("ade_controlled_m", "controlled"), ("ade_all_m", "all"))
 
 
@@ -103,7 +104,7 @@ def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]
     mine = [summary[row] for row in headings]
     for name, key in MEASURES.items():
         table.add_row(name, *(_cell(key, row[key]) + _mark(key, row) for row in mine))
-    for horizon in HORIZONS:
+    for horizon in map(str, HORIZONS_S):
         if any(row["ade_all_m"][horizon] is not None for row in summary.values()):
             for key, whose in DISPLACEMENTS:
                 cells = (_cell(key, row[key][horizon]) + _mark(key, row) for row in mine)

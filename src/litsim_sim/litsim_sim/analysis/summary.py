@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from litsim_sim.analysis.displacement import HORIZONS_S
+
 
 def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]:
     """One row of the table: sums, means and largest values over the runs that were measured; over nothing, None.
@@ -18,7 +20,7 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
     """
     runs = list(runs)
     every = len(runs) + failed
-    ade = {h: _mean(r["ade_controlled_m"].get(h) for r in runs) for h in ("5", "10", "15", "20", "25")}
+    ade = {h: _mean(r["ade_controlled_m"].get(h) for r in runs) for h in map(str, HORIZONS_S)}
     return {
         "runs": every,
         "failed": failed,

@@ -10,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from litsim_sim.core.compiled import FLOATS, INTS, OUT_INTS2, kernel
-from litsim_sim.core.dynamics import VehicleLimits
+from litsim_sim.core.dynamics import SPEED_MIN, VehicleLimits
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import AgentTable, Controller, FloatArray, IntArray
@@ -216,12 +216,12 @@ def jump(before: AgentTable, after: AgentTable, agent: int, dt: float) -> Jump:
     moved = np.array([after.x[j] - before.x[i], after.y[j] - before.y[i]])
     faster = float(after.speed[j] - before.speed[i])
     mean_speed = 0.5 * float(before.speed[i] + after.speed[j])
-    turn_max = min(mean_speed * limits.curvature_max, limits.lateral_acceleration_max / max(mean_speed, 1e-3)) * dt
+    turning = min(mean_speed * limits.curvature_max, limits.lateral_acceleration_max / max(mean_speed, SPEED_MIN))
     turned = abs(float(wrap_angle(after.yaw[j] - before.yaw[i])))
     return Jump(
         position=float(np.hypot(*(moved - 0.5 * (v0 + v1) * dt))),
         speed=max(0.0, faster - limits.acceleration_max * dt, -faster - limits.deceleration_max * dt),
-        yaw=max(0.0, turned - turn_max),
+        yaw=max(0.0, turned - turning * dt),
     )
 
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, Strict, ValidationError, model_validator
 
-from litsim_sim.core.dynamics import VehicleLimits
+from litsim_sim.core.dynamics import SPEED_MIN, VehicleLimits
 from litsim_sim.core.parameters import problems
 from litsim_sim.core.quantities import Duration, NonNegative, Unit, configuration
 from litsim_sim.core.scene import STEP_S
@@ -66,7 +66,7 @@ class VehicleModel(VehicleLimits):
 
     def within(self, acceleration: float, yaw_rate: float, speed: float) -> tuple[float, float]:
         """An acceleration [m/s2] and a yaw rate [rad/s] cut to the limits at `speed` [m/s]."""
-        turn = min(speed * self.curvature_max, self.lateral_acceleration_max / max(speed, 1e-3))
+        turn = min(speed * self.curvature_max, self.lateral_acceleration_max / max(speed, SPEED_MIN))
         cut = min(max(acceleration, -self.deceleration_max), self.acceleration_max)
         return cut, min(max(yaw_rate, -turn), turn)
 
