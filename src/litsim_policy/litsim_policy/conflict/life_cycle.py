@@ -80,7 +80,7 @@ class Residuals:
 
     @property
     def reported(self) -> tuple[FloatArray, FloatArray]:
-        """Position and speed as they are published: -1 and 0 of those that have no log to go back to."""
+        """Residuals (r,) of position [m] and speed [m/s] as published; -1 and 0 of those without a log to return to."""
         return np.where(self.known, self.position, -1.0), np.where(self.known, self.speed, 0.0)
 
     def take(self, which: BoolArray) -> Residuals:

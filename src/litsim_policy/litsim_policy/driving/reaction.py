@@ -23,6 +23,9 @@ from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState, Ta
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
 
+LATE = int(ControlSource.LATE)
+DRAW = 715  # tells these draws from others by the same seeds and ids
+
 
 @configuration
 class ReactionConfig:
@@ -41,9 +44,6 @@ class ReactionConfig:
     braking_jerk: NonNegative[Jerk] = 0.0
 
 
-LATE = int(ControlSource.LATE)
-
-
 class Drives(Protocol):
     """A policy, as :class:`litsim_policy.driving.registry.Policy`."""
 
@@ -52,7 +52,7 @@ class Drives(Protocol):
 
 
 class HumanReaction:
-    """`policy`, as people could carry it out."""
+    """What `policy` commands, but no sooner and no harder than people could do it."""
 
     def __init__(self, policy: Drives, scenario: Setting, config: ReactionConfig) -> None:
         self.policy, self._config, self._log = policy, config, scenario.log
@@ -111,7 +111,3 @@ def reaction_steps(config: ReactionConfig, identities: IntArray) -> IntArray:
     drawn = [np.random.default_rng([*identity, DRAW]).standard_normal() for identity in identities.tolist()]
     times = config.time * np.exp(config.spread * np.array(drawn))
     return np.array([math.floor(t / STEP_S + 0.5) for t in times.tolist()], np.int64)
-
-
-DRAW = 715
-"""Tells these draws from others by the same seeds and ids."""

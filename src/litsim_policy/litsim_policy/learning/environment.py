@@ -79,7 +79,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
             self._episodes.step(np.empty((0, 3)))
 
     def _own(self, agents: IntArray) -> IntArray:
-        """Ids in the recording."""
+        """Ids in the recording of `agents`, whose ids are those of the joined scenes."""
         return self._episodes.joined.own(0, agents)
 
     def _observations(self) -> Array:

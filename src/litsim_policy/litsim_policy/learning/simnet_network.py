@@ -95,7 +95,7 @@ def save(network: SimNet, path: Path, about: dict[str, str]) -> None:
 
 
 def ending(backbone: Backbone) -> str:
-    """Of the file that :func:`save` writes."""
+    """Ending of the name of the file that :func:`save` writes for a network with this backbone."""
     return ".safetensors" if backbone == "small" else ".onnx"
 
 

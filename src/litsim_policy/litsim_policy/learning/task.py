@@ -67,7 +67,7 @@ def nearest(table: AgentTable, row: int) -> int:
 
 
 def all_nearest(table: AgentTable, rows: IntArray) -> IntArray:
-    """The same (m,) of the agents in `rows` (m,)."""
+    """What :func:`nearest` finds, (m,) ids, for each of the agents in `rows` (m,)."""
     least = _nearest(table.scene, table.x, table.y, rows)
     return np.where(least < 0, NOBODY, table.id[least])
 

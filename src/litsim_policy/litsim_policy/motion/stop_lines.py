@@ -78,7 +78,7 @@ class StopLines:
         return found
 
     def of(self, agents: PathFollowers) -> FloatArray:
-        """The same of agents that follow paths, at the step of their table."""
+        """What :meth:`gaps` finds (m,) [m] for agents that follow paths, at the step of their table."""
         if self._signals is None:
             return np.full(len(agents), FREE)
         return self.gaps(agents.table, agents.rows, agents.paths, agents.s)

@@ -91,7 +91,7 @@ def score_drives(
 
 
 def _scores(scenario: Scenario, drive: Drive, predictor: Predictor, detector: ConflictDetector) -> Iterator[PairScores]:
-    """Of each step of a drive after the history."""
+    """Scores of the pairs of a drive, at every `EVERY`-th step after the history."""
     tables = [_driven(scenario, drive, step) for step in range(len(drive.x))]
     meets = [_meeting(table, drive.ego) for table in tables]
     met: set[int] = set()

@@ -181,7 +181,7 @@ class LockstepMetrics(TypedDict):
 
 
 class Spread(TypedDict):
-    """Of compute times [ms]."""
+    """Least, median and greatest of some compute times [ms]."""
 
     min: float
     median: float

@@ -196,7 +196,7 @@ def _distances_to_nearest(steps: Steps, rows: IntArray) -> FloatArray:
 
 
 def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:
-    """Between centres, less the mean half-length of both [m]; 40 m where an agent is alone."""
+    """Distances (m,) [m] to the nearest: between centres, less half of both lengths; 40 m where an agent is alone."""
     if len(table) < 2:
         return np.full(len(rows), 40.0)
     distance = np.hypot(table.x[rows, None] - table.x, table.y[rows, None] - table.y)
@@ -206,7 +206,7 @@ def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:
 
 
 def _distance_to_edge(table: AgentTable, rows: np.ndarray, lane_map: LaneMap) -> FloatArray:
-    """Of the corner that is farthest out, from the edge of the lanes there [m]; negative off the road.
+    """Distances (m,) [m] from the edge of the lanes to the corner that is farthest out; negative off the road.
 
     On the road it is what is left of the lane that the corner is in, so neighbouring lanes count as edges only where
     there is none.

@@ -81,7 +81,7 @@ def run_passages(run: Run) -> list[Passage] | None:
 
 
 def log_passages(run: Run) -> list[Passage]:
-    """Who did in the recording, in the same time."""
+    """Who passed a stop line in the recording, in the same time; empty where the scenario knows of no signals."""
     return [] if run.signals is None else passages(run.signals, _driven(run, run.log))
 
 

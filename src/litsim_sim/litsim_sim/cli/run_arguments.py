@@ -15,7 +15,7 @@ END_AFTER_CONTACT: dict[str, Any] = {
     "metavar": "SECONDS",
     "help": "end a run so long after the ego's first contact; else as the scenario says, which mostly lets it go on",
 }
-"""Of an option of that name."""
+"""What argparse is told of an option `--end-after-contact`."""
 
 
 def add_run_arguments(p: argparse.ArgumentParser, egos: Iterable[str]) -> None:

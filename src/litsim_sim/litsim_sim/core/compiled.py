@@ -138,12 +138,12 @@ class Kernel:
 
     @property
     def _file(self) -> Path:
-        """Of its source."""
+        """The file of its source."""
         return Path(self._function.__code__.co_filename)
 
     @property
     def _name(self) -> str:
-        """Of the file of its machine code, after which no other is named."""
+        """Name of the file of its machine code; no other kernel, and no other version of this one, has the same."""
         line, python = self._function.__code__.co_firstlineno, sys.implementation.cache_tag
         return f"{self._file.stem}.{self._function.__name__}-{line}-{self.stamp}.{python}.kernel"
 
@@ -228,11 +228,11 @@ class KernelLocator:
         return None if directory is None else cls(directory, _stamp(function))
 
     def ensure_cache_path(self) -> None:
-        """Make the directory."""
+        """Make the directory in which machine code is kept."""
         self._directory.mkdir(parents=True, exist_ok=True)
 
     def get_cache_path(self) -> str:
-        """Return the directory."""
+        """Return the directory in which machine code is kept."""
         return str(self._directory)
 
     def get_source_stamp(self) -> str:

@@ -30,7 +30,7 @@ class History:
         self._there = np.zeros((self._length, 0), np.bool_)
 
     def __len__(self) -> int:
-        """Steps that are held."""
+        """How many steps are held."""
         return self._held
 
     def push(self, table: AgentTable) -> None:

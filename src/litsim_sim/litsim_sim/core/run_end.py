@@ -40,7 +40,7 @@ class RunEnd:
 
     @property
     def sentence(self) -> str:
-        """The same in words."""
+        """Why the run is over, in words."""
         return SENTENCES[self.reason] + (f", by lane {self.lane}" if self.lane else "")
 
     def plain(self) -> dict[str, Any]:

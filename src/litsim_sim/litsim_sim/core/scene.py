@@ -222,7 +222,7 @@ class ControlTable:
     def of_policy(
         cls, table: AgentTable, rows: IntArray, acceleration: FloatArray, yaw_rate: FloatArray
     ) -> ControlTable:
-        """The same where all of it is what a policy says."""
+        """Controls without slip, as :meth:`without_slip` makes them, all of which are what a policy says."""
         source = np.full(len(rows), ControlSource.POLICY, np.uint8)
         return cls.without_slip(table, rows, acceleration, yaw_rate, source)
 

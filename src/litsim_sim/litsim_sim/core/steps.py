@@ -35,7 +35,7 @@ class StackedTable(AgentTable):
         raise NotImplementedError
 
     def rows(self, agents: IntArray) -> IntArray:
-        """Not defined likewise."""
+        """Not defined, for the same reason."""
         raise NotImplementedError
 
     def take(self, rows: IntArray | BoolArray) -> Self:
@@ -93,7 +93,7 @@ class Steps(Sequence[AgentTable]):
 
     @cached_property
     def _agents(self) -> tuple[IntArray, IntArray]:
-        """Ids of everybody, and position among them of each row."""
+        """Ids (n,) of everybody who is ever on the road, and the position among them of the agent of each row (m,)."""
         ids, agent = np.unique(self.stacked.id, return_inverse=True)
         return ids, agent
 

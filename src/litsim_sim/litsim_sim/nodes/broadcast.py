@@ -36,7 +36,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 PUBLISHED = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES)
 PUBLISHED_OF_SIGNALS = (SIGNAL_MAP, SIGNALS)
-"""The same of scenarios that know of signals."""
+"""What is published in addition where the scenario knows of signals."""
 ROUTE_LENGTH = 1000.0  # [m] of the route that the ego is given
 
 
@@ -50,7 +50,7 @@ class Broadcast:
         self._scene: list[tuple[Topic, Any]] = []
 
     def begin(self, info: RunInfo) -> None:
-        """What holds for the whole run."""
+        """Publish what holds for the whole run."""
         self._publishers[RUN_INFO].publish(info)
         self._publishers[EGO_ROUTE].publish(route(self._plan.scenario))
         self._publishers[LANES].publish(standard.lanes(self._plan.scenario.lane_map))

@@ -24,7 +24,7 @@ LINE = 0.15  # [m] wide
 POINTS_MAX = 13  # of a forecast
 
 _Key = tuple[str, int]
-"""Namespace, and agent."""
+"""What tells a marker from the others of its topic: its namespace, and the id of its agent."""
 
 
 class Layer:

@@ -73,7 +73,7 @@ class JoinedSignals:
 
     @property
     def links(self) -> tuple[SignalLink, ...]:
-        """Of any of the scenes."""
+        """The signalled connections of the net, which all scenes share."""
         return self.scenes[0].links
 
     def of_links(self, step: int) -> ByteArray:

@@ -49,7 +49,7 @@ class Log:
     """
 
     table_type: ClassVar[type[AgentTable]] = AgentTable
-    """Of the tables that it makes."""
+    """Class of the tables that it makes."""
 
     ids: IntArray
     kind: ByteArray

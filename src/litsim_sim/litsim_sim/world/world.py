@@ -116,7 +116,7 @@ class World:
         return self.step_together(controls, (ego,))
 
     def step_together(self, controls: ControlTable, egos: Sequence[EgoCommand]) -> AgentTable:
-        """The same with an answer for the ego of each scene."""
+        """Like :meth:`step`, with one answer for the ego of each scene, in the order of the scenes."""
         self.catch_up()
         table, step = self._table, self._table.step
         check_answers(step, self._ego_ids, controls, egos, table)
@@ -205,7 +205,7 @@ class World:
 
     @property
     def egos_are_driven(self) -> BoolArray:
-        """The same of the ego of each scene."""
+        """(scenes,) what :attr:`ego_is_driven` says, of the ego of each scene."""
         return (self._table.step >= self.scenario.history_steps) & (self._table.rows(self._ego_ids) >= 0)
 
     @property

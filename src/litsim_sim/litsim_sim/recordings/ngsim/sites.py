@@ -157,7 +157,7 @@ PEACHTREE = Site(
 )
 
 SITES: dict[str, Site] = {site.name: site for site in (US101, I80, LANKERSHIM, PEACHTREE)}
-"""By name."""
+"""All sites by their names."""
 
 
 def site_at(location: str) -> Site | None:

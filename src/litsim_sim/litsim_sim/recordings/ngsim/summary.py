@@ -16,7 +16,7 @@ ROWS_SHOWN = 3
 
 @dataclass
 class _Seen:
-    """Of one clock."""
+    """What has been read so far of the rows that share one clock."""
 
     rows: int = 0
     vehicles: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
