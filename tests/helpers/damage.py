@@ -23,7 +23,7 @@ from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import Run, read_run
 
 BLOCK = 512  # bytes of a sector of a disk
-SAME, REFUSED, SHORTER = "the same", "refused", "cut short, and said so"
+SAME, REFUSED, SHORTER = "same measures", "refused", "reported as cut short"
 Counts = Counter[tuple[str, str]]
 """How often a way of damage gave SAME, REFUSED or SHORTER."""
 
@@ -53,12 +53,12 @@ def _repeat(data: bytearray, at: int, random_: random.Random) -> None:
     data[at : at + BLOCK] = data[(other := random_.randrange(len(data))) : other + BLOCK]
 
 
-CUT, FLIP = "cut off there", "a bit flipped"
+CUT, FLIP = "truncated", "a bit flipped"
 WAYS: dict[str, Callable[[bytearray, int, random.Random], None]] = {
     FLIP: _flip,
     "a byte replaced": _replace,
     "bytes removed": _remove,
-    "bytes put in": _insert,
+    "bytes inserted": _insert,
     f"{BLOCK} bytes zeroed": _zero,
     f"{BLOCK} bytes taken from elsewhere": _repeat,
 }
