@@ -106,7 +106,7 @@ def figure(rooms: dict[str, Room]) -> Iterator[str]:
 
 def table(package: str, rooms: dict[str, Room], level: dict[str, int]) -> Iterator[str]:
     """The rooms of a package from the top floor down, with all that they import."""
-    yield "| folder | what it is for | imports |"
+    yield "| folder | purpose | imports |"
     yield "|---|---|---|"
     mine = [room for room in rooms.values() if room.name.startswith(f"{package}.")]
     for room in sorted(mine, key=lambda each: (-level[each.name], each.name)):
@@ -121,8 +121,8 @@ def drawing() -> str:
     rooms = rooms_of_the_house()
     level = floors(rooms)
     arrows = sum(len(room.imports) for room in rooms.values())
-    lines = [f"{len(rooms)} folders, {arrows} imports between them on {max(level.values())} floors, none upwards."]
-    lines += ["Imports that follow from others are left out of the figure; the tables list all.", "", *figure(rooms)]
+    lines = [f"{len(rooms)} folders, {arrows} imports between them, in {max(level.values())} layers, none upwards."]
+    lines += ["Imports that others imply are left out of the figure; the tables list all.", "", *figure(rooms)]
     for package in PACKAGES:
         lines += ["", f"### {package}", "", *table(package, rooms, level)]
     return "\n".join(lines)
