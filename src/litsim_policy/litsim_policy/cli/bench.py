@@ -1,4 +1,4 @@
-"""`bench`: what a step costs in process and over the graph; detection alone; throughput; memory; the start."""
+"""`bench`: measure a step in process and over the graph; or detection alone, throughput, memory or the start."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from litsim_policy.run.conflict_benchmark import detection_rows, measure_detecti
 from litsim_policy.run.memory_benchmark import measure_memory, memory_rows
 from litsim_policy.run.start_benchmark import measure_start, start_rows
 from litsim_policy.run.throughput import measure_throughput, throughput_rows
+from litsim_sim.cli.arguments import DefaultsFormatter
 from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.io.files import replacing
 
@@ -29,34 +30,38 @@ DETECTION_REPEATS = 200
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy bench``."""
-    p = argparse.ArgumentParser(
-        prog="bench", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    p = argparse.ArgumentParser(prog="bench", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--agents", type=int, nargs="+", default=[50, 150, 250, 1000], help="numbers of agents")
     p.add_argument("--seconds", type=float, default=13.0, help="simulated time of a run, 3 s of history included")
-    p.add_argument("--repeats", type=int, default=5, help="of every run, one shell after the other")
-    p.add_argument("--apart", action="store_true", help="over the graph a process for every node")
+    p.add_argument(
+        "--repeats", type=int, default=5, help="repeats of every run, in process and over the graph in turns"
+    )
+    p.add_argument("--apart", action="store_true", help="over the graph, one process per node")
     p.add_argument("--markdown", type=Path, metavar="FILE", help="write the table to this file as well")
     p.add_argument(
         "--highway-env",
         type=Path,
         metavar="FOLDER",
-        help="of its step_time.py and the environment .venv: highway-env is stepped beside (`make bench` sets it up)",
+        help="compare with highway-env: folder of step_time.py and its .venv (`make bench` sets it up)",
     )
-    p.add_argument("--throughput", action="store_true", help="how much `evaluate` and `train` get done in a second")
+    p.add_argument("--throughput", action="store_true", help="measure the throughput of `evaluate` and `train`")
     p.add_argument(
-        "--beside", type=Path, metavar="CHECKOUT", help="with --throughput: in turns with another one, built"
+        "--beside", type=Path, metavar="CHECKOUT", help="with --throughput: alternate with another, built checkout"
     )
-    p.add_argument("--scenario", nargs="+", default=["demo"], help="with --throughput: what is evaluated")
-    p.add_argument("--egos", default="egos", help="with --throughput: of these, as `evaluate` has them")
-    p.add_argument("--processes", type=at_least_one, default=2, help="with --throughput: of an evaluation")
+    p.add_argument("--scenario", nargs="+", default=["demo"], help="with --throughput: scenarios to evaluate")
+    p.add_argument("--egos", default="egos", help="with --throughput: egos, as for `evaluate`")
+    p.add_argument("--processes", type=at_least_one, default=2, help="with --throughput: processes of `evaluate`")
     p.add_argument(
-        "--memory", type=float, metavar="MINUTES", help="of simulated time: whether the memory of a long run grows"
+        "--memory", type=float, metavar="MINUTES", help="whether memory grows in a run of this much simulated time"
     )
     p.add_argument(
-        "--start", action="store_true", help="from the launcher to the first step, beside the slowest import"
+        "--start",
+        action="store_true",
+        help="measure the time from the launcher's start to the first step, and the slowest import",
     )
-    p.add_argument("--conflicts", action="store_true", help="conflict detection alone, over 50 steps of horizon")
+    p.add_argument(
+        "--conflicts", action="store_true", help="measure conflict detection alone, over a horizon of 50 steps"
+    )
     return p
 
 

@@ -1,6 +1,6 @@
-"""`calibrate`: which threshold, horizon and spread of detection see how many conflicts ahead, and what runs cost then.
+"""`calibrate`: how many conflicts each threshold, horizon and spread of detection predicts, and at what cost to runs.
 
-Only tuning egos are looked at, and of generated segments their egos: make them with a seed that nothing is reported on.
+Only tuning egos are used, and the egos of generated segments: generate these with a seed that no reported figure uses.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from litsim_policy.run.conflict_calibration import COSTS, Curve, costs, draw_cal
 from litsim_policy.run.conflict_recall import SECONDS
 from litsim_predictor.inference.contract import ModeChoice
 from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig
+from litsim_sim.cli.arguments import DefaultsFormatter
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
@@ -28,16 +29,18 @@ PRECISION = 0.9  # at which the best threshold is told
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy calibrate``."""
-    p = argparse.ArgumentParser(
-        prog="calibrate", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    p = argparse.ArgumentParser(prog="calibrate", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--scenario", nargs="+", default=["us101_0750"], help="names of packaged scenarios, or YAML files")
-    p.add_argument("--predictor", default=DEFAULT_MODEL, metavar="MODEL", help="that forecasts")
-    p.add_argument("--modes", nargs="+", type=int, default=[0, 3], help="a curve for each number of further manoeuvres")
-    p.add_argument("--spread", nargs="+", type=float, default=[1.0], help="a curve for each scale of the deviations")
-    p.add_argument("--horizon", type=int, choices=SECONDS, default=SECONDS[-1], help="[s]")
+    p.add_argument("--predictor", default=DEFAULT_MODEL, metavar="MODEL", help="forecasting model")
+    p.add_argument(
+        "--modes", nargs="+", type=int, default=[0, 3], help="numbers of further manoeuvres; a curve for each"
+    )
+    p.add_argument(
+        "--spread", nargs="+", type=float, default=[1.0], help="scales of the forecasts' deviations; a curve for each"
+    )
+    p.add_argument("--horizon", type=int, choices=SECONDS, default=SECONDS[-1], help="horizon of detection [s]")
     p.add_argument("--thresholds", nargs="+", type=float, default=[0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7])
-    p.add_argument("--cost", nargs="*", type=float, default=[], help="thresholds at which runs are made as well")
+    p.add_argument("--cost", nargs="*", type=float, default=[], help="thresholds to run scenarios with")
     p.add_argument("--ego", nargs="+", default=["idm", "perturbed"], help="with --cost: who drives")
     p.add_argument("--policy", default="litsim", help="with --cost: what moves the background")
     p.add_argument("--out", type=Path, metavar="FILE.png", help="the picture")

@@ -1,4 +1,4 @@
-"""`check_ads`: lets a driving system drive the ego for some seconds and judges every clause of the ego port."""
+"""`check_ads`: let a driving system drive the ego for some seconds, and judge every clause of the ego port."""
 
 from __future__ import annotations
 
@@ -36,20 +36,46 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=DefaultsFormatter,
     )
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
-    p.add_argument("--seconds", type=positive, default=4.0, metavar="S", help="driven, after the history")
+    p.add_argument("--seconds", type=positive, default=4.0, metavar="S", help="driving time after the history [s]")
     p.add_argument(
-        "--wait", type=positive, default=30.0, metavar="S", help="for a publisher, then for its first answer"
+        "--wait",
+        type=positive,
+        default=30.0,
+        metavar="S",
+        help="time to wait for a publisher, then for its first answer [s]",
     )
-    p.add_argument("--answer-timeout", type=positive, default=5.0, metavar="S", help="for every later one")
-    p.add_argument("--end-wait", type=positive, default=5.0, metavar="S", help="until it is silent after the run")
-    p.add_argument("--latency-limit", type=positive, metavar="MS", help="of 95 %% of the answers; else the timeout")
     p.add_argument(
-        "--clipped-limit", type=number(0.0, 1.0), default=0.1, metavar="SHARE", help="beyond the vehicle's limits"
+        "--answer-timeout", type=positive, default=5.0, metavar="S", help="timeout of every later answer [s]"
     )
-    p.add_argument("--domain-id", type=int, help="ROS_DOMAIN_ID; else the environment's, else 0, or free for COMMAND")
+    p.add_argument(
+        "--end-wait",
+        type=positive,
+        default=5.0,
+        metavar="S",
+        help="time after the run within which it must fall silent [s]",
+    )
+    p.add_argument(
+        "--latency-limit",
+        type=positive,
+        metavar="MS",
+        help="limit that 95 %% of the answers must meet; default: the timeout",
+    )
+    p.add_argument(
+        "--clipped-limit",
+        type=number(0.0, 1.0),
+        default=0.1,
+        metavar="SHARE",
+        help="largest share of answers beyond the vehicle's limits",
+    )
+    p.add_argument("--domain-id", type=int, help="default: ROS_DOMAIN_ID, else 0, or a free domain with COMMAND")
     p.add_argument("--json", type=Path, metavar="FILE", help="write the result here")
     p.add_argument("--out", type=Path, metavar="FOLDER", help=f"keep record, logs and {PLOT_FILE} here")
-    p.add_argument("command", nargs="*", metavar="COMMAND", help="after --: starts the stack; else start it yourself")
+    p.add_argument(
+        "command",
+        nargs="*",
+        metavar="COMMAND",
+        help="after --: command that starts the stack; without it, start it yourself",
+    )
     return p
 
 

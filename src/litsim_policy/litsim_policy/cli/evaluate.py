@@ -1,4 +1,4 @@
-"""`evaluate`: campaigns. Every case of a suite is run and judged; one table, and a verdict on every run."""
+"""`evaluate`: run a campaign: every case of a suite is run and judged, with one table and a verdict on every run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from litsim_sim.report.experiment import EXPERIMENT_REPORT_FILE
 
 STATUS_HELP = (
     "Exit status: 0, the campaign passes by the criteria of its suite (by default: every run passes); 1, it does not, "
-    "and stderr says why; 2, bad input; 130, interrupted: the same command goes on."
+    "and stderr says why; 2, bad input; 130, interrupted; the same command resumes it."
 )
 DEFAULT_OUT = "bags/evaluation"
 TOLD_AS = {Verdict.PASSED: "passed", Verdict.FAILED: "failed", Verdict.ERROR: "errors"}
@@ -44,18 +44,18 @@ def parser() -> argparse.ArgumentParser:
         prog="evaluate", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter
     )
     add_suite_arguments(p)
-    p.add_argument("--graph", action="store_true", help="run own egos over DDS, too, and record them")
-    p.add_argument("--out", help=f"folder of the campaign, gone on with where it was (default: {DEFAULT_OUT})")
-    p.add_argument("--processes", type=at_least_one, default=2, help="runs at a time")
+    p.add_argument("--graph", action="store_true", help="run LitSim's own egos over DDS, too, and record them")
+    p.add_argument("--out", help=f"folder of the campaign; an existing one is resumed (default: {DEFAULT_OUT})")
+    p.add_argument("--processes", type=at_least_one, default=2, help="number of runs at a time")
     p.add_argument(
-        "--time-limit", type=positive, default=TIME_LIMIT_S, metavar="S", help="after which a run over DDS has failed"
+        "--time-limit", type=positive, default=TIME_LIMIT_S, metavar="S", help="time limit of a run over DDS [s]"
     )
     p.add_argument(
         "--ray", metavar="ADDRESS", help=f"run on a Ray cluster: auto, HOST:PORT, or {LOCAL} for one of this machine"
     )
-    p.add_argument("--dry-run", action="store_true", help="say what would be run and what is done already")
-    p.add_argument("--retry-errors", action="store_true", help="run again those that could not be judged")
-    p.add_argument("--overwrite", action="store_true", help="remove the campaign that lies in the folder")
+    p.add_argument("--dry-run", action="store_true", help="only list what would be run and what is done")
+    p.add_argument("--retry-errors", action="store_true", help="repeat runs that could not be judged")
+    p.add_argument("--overwrite", action="store_true", help="replace the campaign in the folder")
     return p
 
 

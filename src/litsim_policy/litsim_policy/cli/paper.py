@@ -1,4 +1,4 @@
-"""`paper`: the paper's experiments, each a campaign that is gone on with where it was, with its tables and figures."""
+"""`paper`: run the paper's experiments, each a campaign that can be resumed, and make their tables and figures."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy paper``."""
     p = argparse.ArgumentParser(prog="paper", description=__doc__, epilog=EPILOG, formatter_class=DefaultsFormatter)
     parts = (*EXPERIMENTS, BACKBONES, ORACLES, FIGURES, CASES, ALL)
-    p.add_argument("what", choices=parts, help="experiment, or what is made of it")
-    p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="where")
+    p.add_argument("what", choices=parts, help="experiment to run, or output to make")
+    p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="sets of cases")
     p.add_argument("--ego", nargs="+", choices=OWN_EGOS, help="what drives the ego, instead of the experiment's own")
     p.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), help="folder of campaigns, tables and figures")
-    p.add_argument("--processes", type=at_least_one, default=2, help="runs at a time")
+    p.add_argument("--processes", type=at_least_one, default=2, help="number of runs at a time")
     p.add_argument("--quick", action="store_true", help="a few short runs, to see that it works")
-    p.add_argument("--overwrite", action="store_true", help="begin anew where other sources have run")
-    p.add_argument("--as-it-is", action="store_true", help="run nothing: tables and figures of what has been run")
+    p.add_argument("--overwrite", action="store_true", help="start afresh if the sources have changed since")
+    p.add_argument("--as-it-is", action="store_true", help="run nothing; make tables and figures from existing runs")
     p.add_argument("--resnet50", type=Path, metavar="FILE", help="weights of simnet's large backbone, for 'backbones'")
     p.add_argument("--page", type=Path, help="Markdown file whose marked parts are filled, such as docs/results.md")
     p.add_argument("--images", type=Path, help="folder of the figures (default: figures in --out)")

@@ -1,4 +1,4 @@
-"""`rerun BAG`: one stage, or the whole run, once more from the record, compared with what is recorded."""
+"""`rerun BAG`: run one stage, or the whole run, again from the record, and compare."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(prog="rerun", description=__doc__)
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     kind = p.add_mutually_exclusive_group(required=True)
-    kind.add_argument("--node", metavar="STAGE", help=f"feed its recorded inputs to a stage: {', '.join(STAGES)}")
-    kind.add_argument("--resimulate", action="store_true", help="run all of it again from what the bag holds")
+    kind.add_argument(
+        "--node", metavar="STAGE", help=f"feed a stage its recorded inputs, and compare: {', '.join(STAGES)}"
+    )
+    kind.add_argument("--resimulate", action="store_true", help="simulate the run again from the bag, and compare")
     p.add_argument("--json", type=Path, metavar="FILE", help="write what was found to this file")
     return p
 

@@ -1,4 +1,4 @@
-"""`run`: one run in this process, without ROS, with the metrics that a recorded run would have."""
+"""`run`: one run in this process, without ROS, with the same metrics as a recorded run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`security`: who may publish and hear what, as a policy of SROS2 for `ros2 security generate_artifacts`.
+"""`security`: write who may publish and read what, as an SROS2 policy for `ros2 security generate_artifacts`.
 
 Every program of LitSim that takes part in runs gets an enclave of its own, /litsim/NAME. A stack under test gets
 /litsim/ads, where it may answer on one topic of the ego port, and read what is published for it.
@@ -29,10 +29,10 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="security", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    p.add_argument("--out", type=Path, required=True, metavar="POLICY.xml", help="where the policy is written")
+    p.add_argument("--out", type=Path, required=True, metavar="POLICY.xml", help="file to write")
     stack = p.add_argument_group("a stack under test")
     stack.add_argument(
-        "--ego-interface", choices=[each.value for each in Interface], help="the one that it may answer by"
+        "--ego-interface", choices=[each.value for each in Interface], help="the interface that it may answer on"
     )
     stack.add_argument("--stack-node", nargs="+", default=[], metavar="NODE", help="full names of its nodes")
     return p

@@ -26,15 +26,18 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("--suite", help=f"YAML file, or packaged: {', '.join(packaged_suites())}; options override it")
     p.add_argument("--scenario", nargs="+", help="names of packaged scenarios, or YAML files (default: demo)")
     p.add_argument(
-        "--egos", nargs="+", action=_Egos, help="field of the scenarios (egos, tuning, ego), all, or ids of vehicles"
+        "--egos",
+        nargs="+",
+        action=_Egos,
+        help="vehicles that are egos: a field of the scenarios (egos, tuning, ego), all, or ids",
     )
     p.add_argument(
         "--ego", nargs="+", help=f"what drives the ego: {', '.join(EGOS)}, or a name of the suite (default: idm)"
     )
     policies = (*POLICIES, *packaged_setups())
     p.add_argument("--policy", nargs="+", choices=policies, help="what moves the background (default: replay litsim)")
-    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="a row for each model that forecasts")
-    p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed and ego, instead of the scenario's seed")
+    p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a row for each")
+    p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed; default: the scenario's")
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
     p.add_argument(
         "--set",
@@ -44,9 +47,12 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
         metavar="STAGE.NAME=VALUE[,VALUE]",
         help=f"{SET_HELP}; a row for each of several values",
     )
-    p.add_argument("--criteria", metavar="FILE", help="by which runs are judged; default: the packaged ones")
+    p.add_argument("--criteria", metavar="FILE", help="criteria that judge the runs (YAML); default: the packaged ones")
     p.add_argument(
-        "command", nargs="*", metavar="COMMAND", help="after --: starts the external ego, once a run; else you start it"
+        "command",
+        nargs="*",
+        metavar="COMMAND",
+        help="after --: command that starts the external ego, once per run; without it, start it yourself",
     )
 
 

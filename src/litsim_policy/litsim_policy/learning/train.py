@@ -151,7 +151,9 @@ def _warm_start(policy: GaussianPolicy, shown: Demonstrations, config: TrainConf
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy train``."""
     p = training_parser("train", __doc__, "config/policy_c.yaml")
-    p.add_argument("--processes", type=at_least_one, default=2, help="that drive the episodes; default %(default)s")
+    p.add_argument(
+        "--processes", type=at_least_one, default=2, help="processes that simulate episodes; default %(default)s"
+    )
     return p
 
 

@@ -18,8 +18,8 @@ def training_parser(prog: str, doc: str | None, example: str) -> argparse.Argume
     p = argparse.ArgumentParser(prog=prog, description=(doc or "").splitlines()[0])
     p.add_argument("--config", type=Path, required=True, help=f"YAML file, such as {example}")
     p.add_argument("--out", type=Path, required=True, help="folder of the results")
-    p.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
-    p.add_argument("--threads", type=at_least_one, default=1, help="of torch; default %(default)s")
+    p.add_argument("--resume", action="store_true", help="resume from the checkpoint in --out")
+    p.add_argument("--threads", type=at_least_one, default=1, help="threads of torch; default %(default)s")
     return p
 
 

@@ -1,4 +1,4 @@
-"""`bench`: time per step of the predictors, for growing numbers of agents in the region of interest."""
+"""`bench`: measure the time per step of the predictors, for several numbers of agents in the region of interest."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ from tqdm import tqdm
 
 from litsim_predictor.benchmark import time_models
 from litsim_predictor.models import MODELS
+from litsim_sim.cli.arguments import DefaultsFormatter
 from litsim_sim.cli.program import program
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_predictor bench``."""
-    p = argparse.ArgumentParser(
-        prog="bench", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
-    p.add_argument("--models", nargs="+", help="names, or files of weights (default: all that come with the package)")
+    p = argparse.ArgumentParser(prog="bench", description=__doc__, formatter_class=DefaultsFormatter)
+    p.add_argument("--models", nargs="+", help="names, or files of weights (default: all packaged models)")
     p.add_argument("--agents", type=int, nargs="+", default=[10, 40, 100, 200], help="numbers of agents, at most 250")
-    p.add_argument("--steps", type=int, default=100, help="that are timed, after 4 s that are not")
-    p.add_argument("--torch", action="store_true", help="time learned models run by torch, not compiled, as well")
+    p.add_argument("--steps", type=int, default=100, help="timed steps, after 4 s of warm-up")
+    p.add_argument("--torch", action="store_true", help="also time learned models run by torch")
     return p
 
 

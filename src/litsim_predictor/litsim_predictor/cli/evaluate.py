@@ -1,6 +1,6 @@
-"""`evaluate`: predictors side by side on the same scenes: errors, likelihood, calibration, consistency, conflicts.
+"""`evaluate`: compare predictors on the same scenes: errors, likelihood, calibration, consistency, conflicts.
 
-Scored are vehicles with 3 s of history and 5 s of future, at 5 Hz: the first 3 s of a track are skipped. Without
+Vehicles with 3 s of history and 5 s of future are scored, at 5 Hz: the first 3 s of a track are skipped. Without
 --recording or --validation the scenes are those of a scenario, whose egos also leave their log, to see which conflicts
 are announced.
 """
@@ -22,6 +22,7 @@ from rich.table import Table
 from tqdm import tqdm
 
 from litsim_predictor.cli.train import packaged_configs
+from litsim_sim.cli.arguments import DefaultsFormatter
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
@@ -35,27 +36,30 @@ SECONDS = ("1", "2", "3", "4", "5")
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_predictor evaluate``."""
-    p = argparse.ArgumentParser(
-        prog="evaluate", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
-    p.add_argument("--models", nargs="+", help="names, or files of weights (default: all that come with the package)")
+    p = argparse.ArgumentParser(prog="evaluate", description=__doc__, formatter_class=DefaultsFormatter)
+    p.add_argument("--models", nargs="+", help="names, or files of weights (default: all packaged models)")
     source = p.add_mutually_exclusive_group()
-    source.add_argument("--recording", nargs="+", type=Path, help="recordings in the neutral schema, not a scenario")
     source.add_argument(
-        "--validation", metavar="CONFIG", help="what validates this training configuration, not a scenario"
+        "--recording", nargs="+", type=Path, help="recordings in the neutral schema, instead of a scenario"
     )
-    p.add_argument("--net", help="SUMO net of the recordings, packaged or a file, where not as they say")
+    source.add_argument(
+        "--validation", metavar="CONFIG", help="validation data of this training configuration, instead of a scenario"
+    )
+    p.add_argument("--net", help="SUMO net of the recordings, packaged or a file; default: as they say")
     p.add_argument("--scenario", default="us101_0750", help="name of a packaged scenario, or a YAML file")
     p.add_argument(
-        "--split", default="all", choices=["all", "train", "val", "test"], help="part by vehicle id, 70/10/20 per file"
+        "--split",
+        default="all",
+        choices=["all", "train", "val", "test"],
+        help="part of the vehicles by id, 70/10/20 per file",
     )
     p.add_argument(
-        "--egos", default="egos", choices=["egos", "tuning", "none"], help="of the scenario, that leave their log"
+        "--egos", default="egos", choices=["egos", "tuning", "none"], help="egos of the scenario that leave their log"
     )
     p.add_argument(
         "--straight",
         action="store_true",
-        help="learned models as they answer, and not along lanes that bend, as in runs",
+        help="leave forecasts of learned models straight; runs bend them along lanes",
     )
     p.add_argument("--stride", type=int, default=2, help="frames of 0.1 s from scene to scene")
     p.add_argument(
@@ -63,19 +67,19 @@ def parser() -> argparse.ArgumentParser:
         type=float,
         default=0.0,
         metavar="M",
-        help="forecast each agent from what is within so many metres of it, as around the ego in a run; 0: all is seen",
+        help="forecast each agent from what is within M metres of it, as around the ego in a run; 0: from everything",
     )
-    p.add_argument("--batch", type=int, default=512, help="agents in a batch, about")
-    p.add_argument("--seed", type=int, default=0, help="of the joint ADE's samples and of the egos' braking")
-    p.add_argument("--device", default="cpu", help="of torch")
-    p.add_argument("--json", type=Path, metavar="OUT", help="write everything here")
+    p.add_argument("--batch", type=int, default=512, help="approximate number of agents in a batch")
+    p.add_argument("--seed", type=int, default=0, help="seed of the joint ADE's samples and of the egos' braking")
+    p.add_argument("--device", default="cpu", help="device of torch")
+    p.add_argument("--json", type=Path, metavar="OUT", help="write all measures here")
     p.add_argument("--csv", action="store_true", help="print comma-separated values, one line for each model")
     p.add_argument("--plot", type=Path, metavar="OUT.png", help="draw the errors, calibration and conflicts here")
     p.add_argument(
         "--learning-curve",
         type=Path,
         metavar="OUT.png",
-        help="instead, draw what the files of --models recorded on validation, over the share of vehicles they learned",
+        help="only draw validation errors from the files of --models, over the share of vehicles that they learned",
     )
     return p
 

@@ -19,7 +19,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--weights", required=True, help=f"{', '.join(SHIPPED)}, or a file of weights (safetensors)")
     p.add_argument("--out", type=Path, required=True, metavar="FILE.onnx")
     p.add_argument(
-        "--graph-only", action="store_true", help="without weights, as the package holds it beside its safetensors"
+        "--graph-only", action="store_true", help="graph without weights, as packaged beside the safetensors"
     )
     return p
 

@@ -11,7 +11,7 @@ from litsim_sim.cli.program import program
 from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
 from litsim_sim.io.yaml_input import read_yaml, validate_yaml
 
-DATA_HELP = "Files of recordings are looked for here, beside the configuration, and under LITSIM_DATA."
+DATA_HELP = "Recordings are searched in the current folder, beside the configuration, and in LITSIM_DATA."
 
 
 def parser() -> argparse.ArgumentParser:
@@ -19,13 +19,15 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(prog="train", description=__doc__, epilog=DATA_HELP)
     names = ", ".join(sorted(packaged_configs()))
     p.add_argument("--config", default="default", help=f"{names}, or a YAML file (default: default)")
-    p.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="weights, checkpoint, curves, history")
-    p.add_argument("--fraction", type=float, metavar="F", help="of the vehicles, instead of the configuration's")
-    p.add_argument("--resume", action="store_true", help="go on where the checkpoint in FOLDER stopped")
-    p.add_argument("--epochs", type=int, metavar="N", help="instead of the configuration's")
-    p.add_argument("--seed", type=int, metavar="N", help="instead of the configuration's")
-    p.add_argument("--device", default="auto", help="of torch: cpu, cuda, cuda:1 (default: cuda where there is one)")
-    p.add_argument("--threads", type=int, metavar="N", help="of torch on the CPU (default: all cores)")
+    p.add_argument(
+        "--out", type=Path, required=True, metavar="FOLDER", help="folder of weights, checkpoint, curves, history"
+    )
+    p.add_argument("--fraction", type=float, metavar="F", help="share of the vehicles, instead of the configuration's")
+    p.add_argument("--resume", action="store_true", help="resume from the checkpoint in FOLDER")
+    p.add_argument("--epochs", type=int, metavar="N", help="replaces the configuration's")
+    p.add_argument("--seed", type=int, metavar="N", help="replaces the configuration's")
+    p.add_argument("--device", default="auto", help="device of torch: cpu, cuda, cuda:1 (default: cuda if available)")
+    p.add_argument("--threads", type=int, metavar="N", help="threads of torch on the CPU (default: all cores)")
     return p
 
 

@@ -1,4 +1,4 @@
-"""`analyze BAG`: the measures of a recorded run, on the terminal and as files beside the bag."""
+"""`analyze BAG`: compute the measures of a recorded run, on the terminal and as files beside the bag."""
 
 from __future__ import annotations
 

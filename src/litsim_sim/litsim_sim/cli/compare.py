@@ -1,4 +1,4 @@
-"""`compare A B [C...]`: the measures of runs side by side, what differs from the first in yellow; or two campaigns."""
+"""`compare A B [C...]`: compare the measures of runs, with differences from the first in yellow; or two campaigns."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="RUN",
         help="folder, MCAP file or metrics.json of a run; or the folders of two campaigns, the earlier one first",
     )
-    p.add_argument("--differences", action="store_true", help="of runs: only what differs")
-    p.add_argument("--all", action="store_true", help="of campaigns: every measure that differs, and every case")
+    p.add_argument("--differences", action="store_true", help="for runs: show only what differs")
+    p.add_argument("--all", action="store_true", help="for campaigns: show every measure that differs, and every case")
     p.add_argument("--json", action="store_true", help="print JSON instead of a table")
     return p
 

@@ -1,4 +1,4 @@
-"""`compile`: the machine code of all kernels made now, so that no later start waits for it."""
+"""`compile`: compile all kernels now, so that no later start waits for that."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Launch a whole run: every node as its own process, watched until the run is recorded and analysed."""
+"""Launch a whole run: start its nodes, watch them until the run is recorded, and measure it."""
 
 from __future__ import annotations
 
@@ -125,23 +125,44 @@ def parser() -> argparse.ArgumentParser:
         prog="launch", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter
     )
     add_run_arguments(p, EGOS)
-    p.add_argument("--out", help="folder of the recording; bags/SCENARIO where not given")
-    p.add_argument("--overwrite", action="store_true", help="replace a recording that is there already")
-    p.add_argument("--mode", default=MODES[0], choices=MODES, help="who waits for whom")
-    p.add_argument("--on-missing", default="stop", choices=STOP_OR_HOLD, help="in lockstep, after the timeout")
-    p.add_argument("--on-invalid", default="stop", choices=STOP_OR_HOLD, help="where the ego's answer is no use")
-    p.add_argument("--ego-interface", default=AUTO, choices=INTERFACES, help="of an external ego; auto: its first")
-    p.add_argument("--answer-timeout", type=positive, default=5.0, metavar="S", help="for the answers to one step")
+    p.add_argument("--out", help="folder of the record; default: bags/SCENARIO")
+    p.add_argument("--overwrite", action="store_true", help="replace an existing record")
+    p.add_argument(
+        "--mode", default=MODES[0], choices=MODES, help="lockstep: the world waits for answers; realtime: it does not"
+    )
+    p.add_argument(
+        "--on-missing",
+        default="stop",
+        choices=STOP_OR_HOLD,
+        help="what to do if an answer is missing at the timeout, in lockstep",
+    )
+    p.add_argument(
+        "--on-invalid", default="stop", choices=STOP_OR_HOLD, help="what to do if the ego's answer is invalid"
+    )
+    p.add_argument(
+        "--ego-interface",
+        default=AUTO,
+        choices=INTERFACES,
+        help="topic of an external ego; auto: the first that it uses",
+    )
+    p.add_argument(
+        "--answer-timeout", type=positive, default=5.0, metavar="S", help="timeout of the answers to a step [s]"
+    )
     p.add_argument(
         "--domain-id",
         type=int,
-        help="ROS_DOMAIN_ID; else the environment's, or else a free one (external ego that you start yourself: 0)",
+        help="default: ROS_DOMAIN_ID, else a free domain (0 for an external ego that you start yourself)",
     )
-    p.add_argument("--apart", action="store_true", help="a process for every node; else predictor to policy share one")
-    p.add_argument("--no-analyze", dest="analyze", action="store_false", help="record only")
-    p.add_argument("--quiet", action="store_true", help="no progress, no table")
     p.add_argument(
-        "command", nargs="*", metavar="COMMAND", help="after --: starts an external ego; else start it yourself"
+        "--apart", action="store_true", help="one process per node; default: predictor, conflict and policy share one"
+    )
+    p.add_argument("--no-analyze", dest="analyze", action="store_false", help="record only")
+    p.add_argument("--quiet", action="store_true", help="print no progress and no table")
+    p.add_argument(
+        "command",
+        nargs="*",
+        metavar="COMMAND",
+        help="after --: command that starts an external ego; without it, start the ego yourself",
     )
     return p
 

@@ -1,4 +1,4 @@
-"""`live`: a run, or its replay, as markers for RViz and Foxglove, and for Foxglove over a WebSocket."""
+"""`live`: show a run, or its replay, in RViz and Foxglove, by markers and by a WebSocket server for Foxglove."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ PORTS = range(2**16)
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim live``."""
     p = argparse.ArgumentParser(prog="live", description=__doc__)
-    p.add_argument("--rate", type=_rate, default=20.0, metavar="HZ", help="pictures a second at most (default: 20)")
+    p.add_argument(
+        "--rate", type=_rate, default=20.0, metavar="HZ", help="largest number of frames per second (default: 20)"
+    )
     serving = p.add_argument_group("Foxglove over a WebSocket (needs foxglove-sdk)")
     serving.add_argument("--foxglove", action="store_true", help="serve all topics and the markers")
-    serving.add_argument("--port", type=_port, help=f"default: {PORT}; 0 is a free one")
+    serving.add_argument("--port", type=_port, help=f"default: {PORT}; 0 takes a free one")
     serving.add_argument("--host", help=f"address to listen on (default: {HOST}, for this machine alone)")
     return p
 

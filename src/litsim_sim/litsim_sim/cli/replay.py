@@ -1,4 +1,4 @@
-"""`replay BAG`: a recorded run published again as if live; made whole, one of its stages or all of it run again."""
+"""`replay BAG`: publish a recorded run again as if live; or repair it, or re-run one of its stages or all of it."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     playing = p.add_argument_group("publish its topics and /clock")
     playing.add_argument("--rate", type=float, default=1.0, help="simulated seconds per second (default: 1)")
-    playing.add_argument("--start", type=float, default=0.0, metavar="S", help="begin there [s]")
-    playing.add_argument("--loop", action="store_true", help="begin anew after the end")
+    playing.add_argument("--start", type=float, default=0.0, metavar="S", help="time at which to begin [s]")
+    playing.add_argument("--loop", action="store_true", help="restart after the end")
     playing.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="only these, and /clock")
     playing.add_argument("--paused", action="store_true", help="wait for space, s, or the services ~/pause and ~/step")
     playing.add_argument(
@@ -36,17 +36,19 @@ def parser() -> argparse.ArgumentParser:
         type=number(0.0),
         default=1.0,
         metavar="S",
-        help="for subscribers to be found before it begins (default: 1)",
+        help="time to discover subscribers before it begins [s] (default: 1)",
     )
     other = p.add_argument_group("instead of playing")
     kind = other.add_mutually_exclusive_group()
     kind.add_argument(
-        "--repair", action="store_true", help="make a complete bag of one that was cut short; needs --out"
+        "--repair", action="store_true", help="make a complete bag from one that was cut short; needs --out"
     )
-    kind.add_argument("--node", metavar="STAGE", help=f"feed its recorded inputs to a stage: {', '.join(STAGES)}")
-    kind.add_argument("--resimulate", action="store_true", help="run all of it again from what the bag holds")
+    kind.add_argument(
+        "--node", metavar="STAGE", help=f"feed a stage its recorded inputs, and compare: {', '.join(STAGES)}"
+    )
+    kind.add_argument("--resimulate", action="store_true", help="simulate the run again from the bag, and compare")
     other.add_argument("--out", type=Path, metavar="FOLDER", help="where --repair writes the new bag")
-    other.add_argument("--json", type=Path, metavar="FILE", help="what --node or --resimulate found")
+    other.add_argument("--json", type=Path, metavar="FILE", help="write the findings of --node or --resimulate here")
     return p
 
 

@@ -1,4 +1,4 @@
-"""`report RUN`: a run as one HTML file to look at, or a whole campaign; also scenes of a run as pictures."""
+"""`report RUN`: show a run, or a whole campaign, as one HTML file; also scenes of a run as pictures or a film."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(prog="report", description=__doc__)
     p.add_argument("run", type=Path, help="folder of a run, its MCAP file, or the folder of a campaign")
     p.add_argument("--out", type=Path, metavar="HTML", help="default: report.html (experiment.html) in the folder")
-    pictures = p.add_argument_group("pictures of a run, instead of a page unless --out is given too")
+    pictures = p.add_argument_group("pictures of a run (no page then, unless --out is given too)")
     pictures.add_argument("--png", type=Path, help="one scene")
-    pictures.add_argument("--step", type=int, metavar="K", help="of that scene; default: a telling moment")
+    pictures.add_argument("--step", type=int, metavar="K", help="step of the scene; default: an interesting one")
     pictures.add_argument("--gif", type=Path, help="a film")
     pictures.add_argument("--mp4", type=Path, help="a film; needs ffmpeg")
     pictures.add_argument(

@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 from litsim_sim.core.parameters import SET_HELP, one_setting
 from litsim_sim.core.vehicle import VEHICLE_FIELDS, VehicleModel
-from litsim_sim.scenario.run_info import POLICIES, RunPlan
+from litsim_sim.scenario.run_info import EXTERNAL, POLICIES, RunPlan
 
 END_AFTER_CONTACT: dict[str, Any] = {
     "type": float,
     "metavar": "SECONDS",
-    "help": "end a run so long after the ego's first contact; else as the scenario says, which mostly lets it go on",
+    "help": "end a run this long after the ego's first contact; default: as the scenario says, usually not at all",
 }
 """What argparse is told of an option `--end-after-contact`."""
 
 
-def add_run_arguments(p: argparse.ArgumentParser, egos: Iterable[str]) -> None:
+def add_run_arguments(p: argparse.ArgumentParser, egos: Sequence[str]) -> None:
     """What is run, once, with one of `egos`; :func:`plan_of` reads it."""
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
-    p.add_argument("--ego", default="idm", choices=tuple(egos), help="what drives the ego; external: your own stack")
+    external = "; external: your own stack" if EXTERNAL in egos else ""
+    p.add_argument("--ego", default="idm", choices=tuple(egos), help=f"what drives the ego{external}")
     p.add_argument("--policy", default="litsim", choices=POLICIES, help="what moves the background")
-    p.add_argument("--predictor", metavar="MODEL", help="packaged model, or weights; else as the predictor is set")
-    p.add_argument("--ego-id", type=int, help="another vehicle of the recording as the ego")
-    p.add_argument("--seed", type=int, help="another seed than the scenario's")
+    p.add_argument(
+        "--predictor", metavar="MODEL", help="packaged model, or file of weights; default: parameter predictor.model"
+    )
+    p.add_argument("--ego-id", type=int, help="vehicle of the recording that is the ego; default: the scenario's")
+    p.add_argument("--seed", type=int, help="seed of everything random; default: the scenario's")
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
     p.add_argument(
         "--vehicle",
@@ -33,7 +36,7 @@ def add_run_arguments(p: argparse.ArgumentParser, egos: Iterable[str]) -> None:
         nargs="+",
         default=[],
         metavar="NAME=VALUE",
-        help=f"the ego's vehicle model, else the scenario's: {', '.join(VEHICLE_FIELDS)}",
+        help=f"parameters of the ego's vehicle, over the scenario's: {', '.join(VEHICLE_FIELDS)}",
     )
     p.add_argument("--set", type=one_setting, nargs="+", default=[], metavar="STAGE.NAME=VALUE", help=SET_HELP)
 

@@ -21,7 +21,12 @@ def add(subparsers: Any) -> None:
     command = subparsers.add_parser("calibrate", help="fit IDM and Krauss to recorded pairs, lane changes to windows")
     command.add_argument("--data", type=Path, help=f"folder of real data; default ${DATA_VARIABLE}")
     command.add_argument("--seed", type=int, default=0, help="default %(default)s")
-    command.add_argument("--out", type=Path, metavar="OUT.json", help="parameter file; not calibrated if not given")
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="OUT.json",
+        help="file of the calibrated parameters; without it, nothing is calibrated",
+    )
     command.add_argument("--compare", action="store_true", help="compare generated traffic with the complete windows")
     command.set_defaults(run=run)
 

@@ -17,7 +17,7 @@ from litsim_sim.recordings.recording import Recording
 OPTIONS = {
     "longitudinal_period_s": "oscillations along the road of this period are halved, shorter ones vanish [s]",
     "lateral_period_s": "the same across the road [s]",
-    "path_speed": "below it paths are smoothed over length instead of time [m/s]",
+    "path_speed": "speed below which paths are smoothed over length instead of time [m/s]",
     "huber": "residuals beyond this are outliers [m]",
 }
 """Fields of the configuration that can be set, and their help."""
@@ -25,7 +25,7 @@ OPTIONS = {
 
 def add(subparsers: Any) -> None:
     """Add the parser of the command."""
-    command = subparsers.add_parser("clean", help="smooth motion, and what that changed")
+    command = subparsers.add_parser("clean", help="smooth the motion of a recording, and report the changes")
     command.add_argument("source", type=Path, metavar="IN", help="recording of any known format (crop it with convert)")
     command.add_argument("out", type=Path, metavar="OUT.parquet")
     defaults = asdict(CleaningConfig())

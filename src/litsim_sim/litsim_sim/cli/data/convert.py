@@ -26,17 +26,17 @@ def add(subparsers: Any) -> None:
         help="any known format to the neutral schema",
         description="Convert a recording to the neutral schema. Official NGSIM files (recognised by content) are "
         "cleaned, and may hold several recordings: then OUT is a folder with one file each. An interrupted conversion "
-        "of them is taken up by the same command.",
+        "of them is resumed by the same command.",
     )
     command.add_argument("source", type=Path, metavar="IN", help="recording of any known format")
     command.add_argument("out", type=Path, metavar="OUT", help="file OUT.parquet, or a folder for official NGSIM files")
-    crop_help = "keep rows with COLUMN, as named in IN (NGSIM: as docs/data.md names them), from LOW through HIGH"
+    crop_help = "keep rows with LOW <= COLUMN <= HIGH, with COLUMN as named in IN (NGSIM: in docs/data.md)"
     command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help=crop_help)
     command.add_argument("--mapping", type=Path, metavar="M.yaml", help="IN is any CSV or Parquet, described by M.yaml")
     command.add_argument("--clip", metavar="CLIP", help="with --mapping: which of several clips in IN")
     vehicles_help = "with --mapping: the file of its field vehicles"
     command.add_argument("--vehicles", type=Path, metavar="FILE", help=vehicles_help)
-    draft_help = "write to OUT a mapping (YAML) for IN, guessed from its columns, to be checked by you"
+    draft_help = "guess a mapping (YAML) for IN from its columns, and write it to OUT for you to check"
     command.add_argument("--draft", action="store_true", help=draft_help)
     raw_help = "official NGSIM: keep published speeds and accelerations, do not smooth positions"
     command.add_argument("--raw", action="store_true", help=raw_help)

@@ -13,7 +13,7 @@ def add(subparsers: Any) -> None:
     """Add the parser of the command."""
     command = subparsers.add_parser("download", help="fetch NGSIM from the US DOT's portal; continues where it stopped")
     command.add_argument("out", type=Path, nargs="?", default=Path(FILE), metavar="OUT.csv", help="default %(default)s")
-    command.add_argument("--host", default=HOST, help=f"a mirror that answers like the portal; dataset {DATASET}")
+    command.add_argument("--host", default=HOST, help=f"mirror with the API of the portal, for dataset {DATASET}")
     command.set_defaults(run=run)
 
 

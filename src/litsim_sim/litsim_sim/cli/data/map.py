@@ -30,17 +30,17 @@ def add(subparsers: Any) -> None:
     what.add_argument("--lanelet2", type=Path, metavar="F.osm", help="import a Lanelet2 map (pip install lanelet2)")
     what.add_argument("--opendrive", type=Path, metavar="F.xodr", help="import an OpenDRIVE map through netconvert")
     what.add_argument("--check", type=Path, metavar="NET.net.xml", help="check this net instead of building one")
-    command.add_argument("--recording", type=Path, metavar="R", help="to fit lanes to, or to check against")
-    command.add_argument("--site", choices=SITES, help="where it was recorded; default: as the recording says")
+    command.add_argument("--recording", type=Path, metavar="R", help="recording to fit lanes to, or to check against")
+    command.add_argument("--site", choices=SITES, help="site of the recording; default: as the recording says")
     command.add_argument(
         "--origin",
         type=float,
         nargs=2,
         metavar=("LAT", "LON"),
-        help="of --lanelet2's frame map; for --check, of the site",
+        help="origin of frame map for --lanelet2; position of the site for --check",
     )
     command.add_argument("--cad", type=Path, metavar="FILE", help="CAD centre lines, for --check")
-    scenario_help = "for --check: of CommonRoad windows, the name of one; without --recording, a scenario or its file"
+    scenario_help = "for --check: name of a CommonRoad window; without --recording, a scenario or its file"
     command.add_argument("--scenario", action="append", default=[], metavar="S", help=scenario_help)
     picture_help = "for --check: draw the net, the tracks and where they lie on no lane"
     command.add_argument("--picture", type=Path, metavar="P.png", help=picture_help)

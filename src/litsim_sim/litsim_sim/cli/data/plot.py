@@ -21,9 +21,7 @@ def add(subparsers: Any) -> None:
     """Add the parser of the command."""
     command = subparsers.add_parser("plot", help="draw space-time diagrams by lane and a map of the tracks")
     command.add_argument("recording", type=Path, help="recording of any known format")
-    command.add_argument(
-        "out", type=Path, metavar="OUT", help="OUT.png, or OUT.html for a page that needs no other file"
-    )
+    command.add_argument("out", type=Path, metavar="OUT", help="OUT.png, or OUT.html for a self-contained page")
     command.add_argument(
         "--net", help="net under the tracks: file, or name of a packaged one; default: that of the header"
     )
@@ -31,7 +29,7 @@ def add(subparsers: Any) -> None:
     command.add_argument("--signals", type=Path, metavar="FILE", help=signals_help)
     at_help = "draw an intersection as it was S seconds after the first frame, with what its stop lines showed then"
     command.add_argument("--at", type=float, nargs="+", default=[], metavar="S", help=at_help)
-    crop_help = "draw rows with COLUMN, as named in the file, from LOW through HIGH; may be repeated"
+    crop_help = "draw only rows with LOW <= COLUMN <= HIGH; may be repeated"
     command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help=crop_help)
     command.set_defaults(run=run)
 

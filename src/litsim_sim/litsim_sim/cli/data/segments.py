@@ -27,21 +27,23 @@ def add(subparsers: Any) -> None:
     command.add_argument("--manifest", type=Path, help="instead: reproduce this manifest and its scenario files")
     command.add_argument("--out", type=Path, required=True, metavar="DIR")
     command.add_argument("--net", help="packaged net or file; default: the one that the recording names")
-    command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help="as of convert")
+    command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help="as for convert")
     defaults = segments.Settings()
-    command.add_argument("--seed", type=int, default=defaults.seed, help="of the egos; default %(default)s")
+    command.add_argument(
+        "--seed", type=int, default=defaults.seed, help="seed of the choice of egos; default %(default)s"
+    )
     for name, text in (
         ("history", "recorded past [s]"),
-        ("simulation", "after it [s]"),
-        ("stride", "from the start of a segment to the next [s]"),
-        ("ego-min", "that an ego is there for after the history [s]"),
+        ("simulation", "simulated time after the history [s]"),
+        ("stride", "time from the start of a segment to the start of the next [s]"),
+        ("ego-min", "least time that an ego is present after the history [s]"),
     ):
         value = getattr(defaults, f"{name.replace('-', '_')}_s")
         command.add_argument(f"--{name}", type=float, default=value, help=f"{text}; default %(default)s")
     split = [f"{share:g}" for share in defaults.split]
     shares = f"shares of time for train, val and test; default {' '.join(split)}"
     command.add_argument("--split", type=float, nargs=3, default=list(defaults.split), help=shares)
-    coverage = "share of the box centres that have to lie on lanes, for the scenarios; default: as of scenarios"
+    coverage = "share of box centres that must lie on lanes in the scenarios; default: that of scenarios"
     command.add_argument("--coverage-min", type=float, metavar="SHARE", help=coverage)
     command.set_defaults(run=run)
 

@@ -37,15 +37,21 @@ def add(subparsers: Any) -> None:
     )
     names = "packaged name, scenario file, or folder that `data segments` wrote"
     command.add_argument("scenarios", nargs="+", metavar="SCENARIO", help=names)
-    command.add_argument("--out", type=Path, metavar="SUITE.yaml", help="print the table alone if not given")
+    command.add_argument(
+        "--out", type=Path, metavar="SUITE.yaml", help="suite to write; without it, only print the table"
+    )
     kinds = ", ".join(EventKind)
     command.add_argument("--events", metavar="KIND[=N],...", help=f"of {kinds}; default all but following and turn")
     how = command.add_mutually_exclusive_group()
-    how.add_argument("--hardest", type=at_least_one, metavar="N", help="of each kind the N most severe")
-    how.add_argument("--spread", type=at_least_one, metavar="N", help="of each kind N, spread evenly over severity")
-    command.add_argument("--name", help="of the suite; default that of the file")
+    how.add_argument("--hardest", type=at_least_one, metavar="N", help="choose the N most severe events of each kind")
+    how.add_argument(
+        "--spread", type=at_least_one, metavar="N", help="choose N events of each kind, spread evenly over severity"
+    )
+    command.add_argument("--name", help="name of the suite; default: the name of the file")
     drivers = [ego for ego in EGOS if ego != EXTERNAL]
-    command.add_argument("--egos", nargs="+", choices=drivers, default=["idm"], help="who drives; default idm")
+    command.add_argument(
+        "--egos", nargs="+", choices=drivers, default=["idm"], help="what drives the egos; default idm"
+    )
     packed = "copy scenarios and their pieces of recordings into the folder SUITE beside the file"
     command.add_argument("--pack", action="store_true", help=packed)
     command.add_argument("--plot", type=Path, metavar="OUT.png", help="draw the severities by kind")

@@ -20,8 +20,10 @@ def add(subparsers: Any) -> None:
     command = subparsers.add_parser("synthesize", help="generate recordings with SUMO on a packaged net")
     command.add_argument("--net", choices=NETS, default=NETS[0], help="default %(default)s")
     command.add_argument("--seed", type=int, default=17, help="default %(default)s, that of scenario demo")
-    command.add_argument("--seconds", type=float, default=28.1, help="of a single recording; default %(default)s")
-    segments = "as many segments of 28 s, with manifest and scenario files, in a folder"
+    command.add_argument(
+        "--seconds", type=float, default=28.1, help="length of a single recording [s]; default %(default)s"
+    )
+    segments = "generate N segments of 28 s, with manifest and scenario files, in a folder"
     command.add_argument("--segments", type=int, metavar="N", help=segments)
     command.add_argument("--out", type=Path, metavar="OUT", help="OUT.parquet, or the folder of the segments")
     command.add_argument(
