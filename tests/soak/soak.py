@@ -306,14 +306,14 @@ def page(results: Sequence[Result], title: str) -> str:
     spoilt = [each for each in results if each.spoilt]
     results = [each for each in results if not each.spoilt]
     failed = [each for each in results if each.wrong]
-    again = f", and {len(spoilt)} more that nodes of others have spoilt" if spoilt else ""
+    again = f", and {len(spoilt)} more disturbed by other nodes" if spoilt else ""
     lines = [
         f"## {title}",
         "",
-        f"{len(results)} runs, {len(results) - len(failed)} of them as they should be{again}: exit status 0, the known",
-        f"digest, no process, shared memory, domain or open file left. {minutes:.0f} minutes on {cores} cores.",
-        "Memory is the largest of a launcher and of a node; the growth of either from run to run is that of a fitted",
-        "line, the growth within a run that of whichever process grew most from its second quarter to its last.",
+        f"{len(results)} runs, {len(results) - len(failed)} of them correct{again}: exit status 0, the known digest,",
+        f"no process, shared memory, domain or open file left. {minutes:.0f} minutes on {cores} cores.",
+        "Memory is the maximum of a launcher and of a node; growth from run to run is the slope of a fitted line,",
+        "growth within a run that of the process that grew most from its second quarter to its last.",
         "",
         f"| {' | '.join(COLUMNS)} |",
         "|---|---:|---|---:|---:|---:|---:|---:|---:|",
@@ -369,8 +369,8 @@ def write_page(folder: Path, path: Path) -> None:
     found = {"Many": results_in(folder / "runs.jsonl"), "Large": results_in(folder / "long.jsonl")}
     if not any(found.values()):
         return
-    text = "# Soak\n\n`make soak` runs the graph 100 times, `make soak ARGS=--long` with a thousand agents and for\n"
-    text += "ten minutes of simulated time.\n"
+    text = "# Soak\n\nThis page shows whether runs stay reliable, over many runs and over long ones. `make soak` runs\n"
+    text += "the graph 100 times, `make soak ARGS=--long` with a thousand agents and for ten simulated minutes.\n"
     for title, results in found.items():
         if results:
             commits = ", ".join(dict.fromkeys(each.commit for each in results))
