@@ -80,6 +80,34 @@ def test_overwriting_begins_anew(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("**/result*.json"))
 
 
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_others_have_in_the_folder_stays(tmp_path: Path, *, overwrite: bool) -> None:
+    made = cases()
+    theirs = tmp_path / "runs" / "exp1" / "weights.pt"
+    theirs.parent.mkdir(parents=True)
+    theirs.write_text("of a training")
+    if overwrite:
+        CampaignFolder(tmp_path).begin(suite(), made, VERSIONS)
+    CampaignFolder(tmp_path).begin(suite(), made, VERSIONS, overwrite=overwrite)
+    assert theirs.read_text() == "of a training"
+
+
+def test_overwriting_leaves_no_verdicts_of_before(tmp_path: Path) -> None:
+    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS)
+    for name in ("junit.xml", "experiment.html", "results.json"):
+        (tmp_path / name).write_text("passed")
+    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS, overwrite=True)
+    assert not [each for each in tmp_path.iterdir() if each.is_file() and each.read_text() == "passed"]
+
+
+def test_a_run_whose_folder_cannot_be_made_is_told(tmp_path: Path, case: Case) -> None:
+    folder = CampaignFolder(tmp_path)
+    folder.run_folder(case).parent.mkdir()
+    folder.run_folder(case).write_text("a file")
+    with pytest.raises(InputError, match=rf"runs/{case.id}: cannot be made: File exists"):
+        folder.clear(case)
+
+
 def test_other_criteria_judge_what_was_measured_again(tmp_path: Path) -> None:
     first, second = made = cases()
     folder = CampaignFolder(tmp_path)

@@ -20,13 +20,12 @@ from litsim_policy.run.summary_table import print_summary
 from litsim_sim.campaign.case import Case, cases_of, code_versions
 from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.campaign.folder import CampaignFolder
-from litsim_sim.campaign.results import RESULTS_FILE, Campaign, RunResult
+from litsim_sim.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult
 from litsim_sim.campaign.row_summary import row_summary
 from litsim_sim.cli.arguments import DefaultsFormatter, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error
 from litsim_sim.launch.processes import without_interrupts
-from litsim_sim.report.experiment import EXPERIMENT_REPORT_FILE
 
 STATUS_HELP = (
     "Exit status: 0, the campaign passes by the criteria of its suite (by default: every run passes); 1, it does not, "

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import fcntl
 import json
+import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from litsim_sim.campaign.case import Case
+from litsim_sim.campaign.case import ID_LENGTH, Case
+from litsim_sim.campaign.junit import JUNIT_FILE
 from litsim_sim.campaign.results import (
     CAMPAIGN_FILE,
+    EXPERIMENT_REPORT_FILE,
     FORMAT,
     RESULT_FILE,
     RESULTS_FILE,
@@ -25,9 +28,11 @@ from litsim_sim.campaign.results import (
 )
 from litsim_sim.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import Unwritable, replacing
 
 LOCK_FILE = ".lock"
+RUN_FOLDER = re.compile(f"[0-9a-f]{{{ID_LENGTH}}}")
+"""Names of the folders of runs; whatever else lies beside them is not the campaign's, and stays."""
 
 
 class CampaignFolder:
@@ -64,8 +69,8 @@ class CampaignFolder:
     ) -> dict[str, RunResult]:
         """Begin a campaign, or go on with the one that lies here.
 
-        Folders of runs without a result, which a killed campaign leaves behind, are removed. Results that were judged
-        by other criteria are judged again, from their measures.
+        Folders of runs without a result, which a killed campaign leaves behind, are removed; what others have put into
+        the folder stays. Results that were judged by other criteria are judged again, from their measures.
 
         Args:
             suite: resolved.
@@ -121,10 +126,17 @@ class CampaignFolder:
         return self.path / RUNS_FOLDER / case.id
 
     def clear(self, case: Case) -> Path:
-        """Make the folder of the run of `case` empty; returns it."""
+        """Make the folder of the run of `case` empty; returns it.
+
+        Raises:
+            Unwritable: it cannot be made.
+        """
         folder = self.run_folder(case)
         shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
+        try:
+            folder.mkdir(parents=True)
+        except OSError as error:
+            raise Unwritable(f"{folder}: cannot be made: {error.strerror or error}") from error
         return folder
 
     def store(self, result: RunResult) -> None:
@@ -150,14 +162,19 @@ class CampaignFolder:
         return self.path / CAMPAIGN_FILE
 
     def _remove(self) -> None:
-        shutil.rmtree(self.path / RUNS_FOLDER, ignore_errors=True)
-        for name in (RESULTS_FILE, CAMPAIGN_FILE):
+        for folder in self._run_folders():
+            shutil.rmtree(folder, ignore_errors=True)
+        for name in (RESULTS_FILE, JUNIT_FILE, EXPERIMENT_REPORT_FILE, CAMPAIGN_FILE):
             (self.path / name).unlink(missing_ok=True)
 
     def _remove_unfinished(self) -> None:
-        for folder in (self.path / RUNS_FOLDER).glob("*"):
+        for folder in self._run_folders():
             if not (folder / RESULT_FILE).is_file():
                 shutil.rmtree(folder, ignore_errors=True)
+
+    def _run_folders(self) -> list[Path]:
+        """The folders that runs have left here."""
+        return [each for each in (self.path / RUNS_FOLDER).glob("*") if RUN_FOLDER.fullmatch(each.name)]
 
 
 def _check_same(earlier: Campaign, cases: Sequence[Case], versions: Mapping[str, str]) -> None:

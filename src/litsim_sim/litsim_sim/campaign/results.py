@@ -18,6 +18,7 @@ CAMPAIGN_FILE = "campaign.json"
 RESULT_FILE = "result.json"
 RESULTS_FILE = "results.json"
 RUNS_FOLDER = "runs"
+EXPERIMENT_REPORT_FILE = "experiment.html"
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any
 from tqdm import tqdm
 
 from litsim_sim.campaign.criteria import CriterionResult, Verdict
-from litsim_sim.campaign.results import RUNS_FOLDER, Campaign, RunResult
+from litsim_sim.campaign.results import EXPERIMENT_REPORT_FILE, RUNS_FOLDER, Campaign, RunResult
 from litsim_sim.campaign.row_summary import row_summary
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.run import read_run
@@ -22,7 +22,6 @@ from litsim_sim.report.run_report import save
 from litsim_sim.report.thumbnails import read_thumbnail, write_thumbnail
 from litsim_sim.report.wording import leaf, number, percent
 
-EXPERIMENT_REPORT_FILE = "experiment.html"
 TAGS_MAX = 30  # in the table by tag, the worst ones
 NOT_PASSED = "not passed"  # a choice of the filter by verdict, as in assets/campaign_runs.js
 NAMES_MAX = 4  # scenarios, egos or policies that a heading names; of more it says how many there are
