@@ -127,4 +127,10 @@ def test_failed_runs_stay_in_the_denominator_and_are_told() -> None:
     assert row["reactive"] == 0.25, "a run of which nothing is known is not known to be free of collisions"
     assert row["relevant_ratio"] == pytest.approx(0.2) and row["takeovers"] == 4
     lost = summarise([], failed=3)
-    assert (lost["runs"], lost["reactive"], lost["rate_all"]) == (3, 0.0, None)
+    assert (lost["runs"], lost["invalid"], lost["reactive"], lost["rate_all"]) == (3, 0, 0.0, None)
+
+
+def test_of_runs_of_which_nothing_is_known_nothing_is_said_to_be_zero() -> None:
+    known = ("runs", "failed", "measured", "invalid", "reactive")
+    lost = {name: value for name, value in summarise([], failed=3).items() if name not in known}
+    assert {value for each in lost.values() for value in (each.values() if isinstance(each, dict) else [each])} == {None}

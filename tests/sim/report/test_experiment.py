@@ -61,6 +61,18 @@ def test_the_better_value_is_marked_and_what_leaves_runs_out_has_an_asterisk(cam
     assert not cells(html, "takeovers")[0].startswith("*")  # neither less nor more of them is better
 
 
+def test_who_left_no_measures_is_best_in_nothing(campaign: Write, tmp_path: Path) -> None:
+    html = page_of(campaign(tmp_path)).read_text()
+    starred = re.findall(r'<td class="number( best)?">[^<]*\*</td>', html)
+    assert starred and not any(starred)
+    for file in (tmp_path / "runs").glob("*/result.json"):
+        result = json.loads(file.read_text())
+        if result["case"]["policy"] == "litsim":
+            file.write_text(json.dumps(result | {"verdict": "error", "reason": "died", "metrics": None}))
+    html = page_of(tmp_path).read_text()
+    assert cells(html, "runs with collisions")[1] == "–" == cells(html, "takeovers")[1]
+
+
 def test_criteria_count_the_runs_that_miss_them(campaign: Write, tmp_path: Path) -> None:
     html = page_of(campaign(tmp_path)).read_text()
     assert cells(html, "no contact at fault") == ["2 of 6", "0 of 5"]

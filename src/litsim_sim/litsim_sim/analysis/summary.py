@@ -26,29 +26,31 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
         "failed": failed,
         "measured": len(runs),
         "invalid": sum(not r["valid"] for r in runs),
-        "agents": sum(r["agents"] for r in runs),
-        "colliding_agents": sum(r["collision"]["agents"] for r in runs),
-        "colliding_runs": sum(not r["reactive"] for r in runs),
-        "excess_pairs": sum(r["collision"]["excess"] for r in runs),
-        "ego_contacts": sum(len(r["collision"]["ego_contacts"]) for r in runs),
+        "agents": _known_sum(r["agents"] for r in runs),
+        "colliding_agents": _known_sum(r["collision"]["agents"] for r in runs),
+        "colliding_runs": _known_sum(not r["reactive"] for r in runs),
+        "excess_pairs": _known_sum(r["collision"]["excess"] for r in runs),
+        "ego_contacts": _known_sum(len(r["collision"]["ego_contacts"]) for r in runs),
         "background_faults": _faults(runs, "background"),
         "ego_faults_avoidable": _faults(runs, "ego_avoidable"),
         "ego_faults_unavoidable": _faults(runs, "ego_unavoidable"),
         "rate_all": _mean(r["collision"]["rate_all"] for r in runs),
         "rate_controlled": _mean(r["collision"]["rate_controlled"] for r in runs),
         "reactive": sum(r["reactive"] for r in runs) / every if every else None,
-        "takeovers": sum(r["takeovers"] for r in runs),
+        "takeovers": _known_sum(r["takeovers"] for r in runs),
         "takeovers_per_run": _mean(float(r["takeovers"]) for r in runs),
-        "releases": sum(e["released_step"] is not None for r in runs for e in r["ledger"]),
-        "releases_missing": sum(e["released_step"] is None and e["outcome"] is None for r in runs for e in r["ledger"]),
-        "held_s": sum(e["held_s"] for r in runs for e in r["ledger"]),
-        "bound_hits": sum(r["detection"]["bound_hits"] for r in runs),
-        "false_alarms": sum(r["false_alarms"] for r in runs),
+        "releases": _known_sum(sum(e["released_step"] is not None for e in r["ledger"]) for r in runs),
+        "releases_missing": _known_sum(
+            sum(e["released_step"] is None and e["outcome"] is None for e in r["ledger"]) for r in runs
+        ),
+        "held_s": _known_sum(sum(e["held_s"] for e in r["ledger"]) for r in runs),
+        "bound_hits": _known_sum(r["detection"]["bound_hits"] for r in runs),
+        "false_alarms": _known_sum(r["false_alarms"] for r in runs),
         "relevant_ratio": _mean(r["relevant_ratio"] for r in runs),
         "ade_controlled_m": ade,
         "ade_all_m": {h: _mean(r["ade_all_m"].get(h) for r in runs) for h in ade},
         "replay_error_max_m": max((far for r in runs if (far := r["replay_error_max_m"]) is not None), default=None),
-        "hard_brakes": sum(r["comfort"]["controlled"]["hard_brakes"] for r in runs),
+        "hard_brakes": _known_sum(r["comfort"]["controlled"]["hard_brakes"] for r in runs),
         "hard_brakes_log": _known_sum(r["comfort"]["controlled"].get("hard_brakes_log") for r in runs),
         "guarded": _guarded(runs),
         "off_road": _mean(r["off_road_controlled"] for r in runs),
@@ -61,7 +63,7 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
     }
 
 
-def _faults(runs: list[dict[str, Any]], whose: str) -> int | None:
+def _faults(runs: list[dict[str, Any]], whose: str) -> float | None:
     """Contacts by fault; None where a run was measured by a version that did not ask."""
     return _known_sum(r["collision"].get("by_fault", {}).get(whose) for r in runs)
 
@@ -73,10 +75,10 @@ def _guarded(runs: list[dict[str, Any]]) -> float | None:
     return sum(each["count"] for each in found) / commands if commands else None
 
 
-def _known_sum(values: Iterable[int | None]) -> int | None:
-    """Sum of values all of which are known; None where a run was measured by a version that did not ask."""
+def _known_sum(values: Iterable[float | None]) -> float | None:
+    """Sum of values all of which are known; None over no runs, or where a version that did not ask measured one."""
     found = list(values)
-    return None if None in found else sum(value for value in found if value is not None)
+    return None if None in found or not found else sum(value for value in found if value is not None)
 
 
 def _mean(values: Iterable[float | None]) -> float | None:

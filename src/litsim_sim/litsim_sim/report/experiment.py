@@ -252,21 +252,22 @@ def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:
 def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
     """A row for each measure that any row of the campaign has, a cell for each; the best of several values is marked.
 
-    An asterisk stands behind what leaves out runs without measures.
+    An asterisk stands behind what leaves out runs without measures. Such a value is never the best: nobody knows what
+    those runs would have made of it.
     """
     found = []
     for column in columns:
         values = [column.find(row) for row in summary.values()]
-        known = [value for value in values if value is not None]
-        best = column.better(known) if column.better and known and min(known) < max(known) else None
         marks = ["*" if row["failed"] and not column.of_all else "" for row in summary.values()]
+        whole = [value for value, mark in zip(values, marks, strict=True) if value is not None and not mark]
+        best = column.better(whole) if column.better and whole and min(whole) < max(whole) else None
         cells = [
             {
                 "text": column.text(value) + (mark if value is not None else ""),
-                "best": best is not None and value == best,
+                "best": best is not None and value == best and not mark,
             }
             for value, mark in zip(values, marks, strict=True)
         ]
-        if known:
+        if any(value is not None for value in values):
             found.append({"name": column.name, "cells": cells})
     return found
