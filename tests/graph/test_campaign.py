@@ -74,6 +74,9 @@ def test_a_stack_that_is_broken_fails_its_run_with_the_reason_and_no_other(graph
     crashed, good = found["crashes"], found["good"]
     assert crashed.log and (folders["crashes"] / crashed.log).read_text() == "no licence\n"
     assert good.recording and good.report and (folders["good"] / good.report).is_file()
+    lies = found["lies"]
+    assert lies.report and "not valid" in (folders["lies"] / lies.report).read_text(), "what led to an error is played"
+    assert lies.metrics is None and lies.report in tests["short/13/lies/replay"].result[0].text
     run = read_run(folders["good"] / good.recording)
     assert (run.info.ego, run.complete) == ("external", True)
     assert good.metrics is not None and good.metrics["steps"] == 35

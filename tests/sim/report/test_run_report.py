@@ -126,6 +126,13 @@ def test_guarded_commands_show(small_run: Run, without: Make, monkeypatch: pytes
     assert "1 of the policy&#39;s agent-steps (25.0 %)" in render(guarded, compute_metrics(guarded))
 
 
+def test_a_run_that_is_not_valid_is_not_praised(small_run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: made_forecasts(61, 10))
+    praise, metrics = '<span class="badge good">reactive</span>', compute_metrics(small_run) | {"reactive": True}
+    assert praise in render(small_run, metrics | {"valid": True})
+    assert praise not in render(small_run, metrics | {"valid": False})
+
+
 def test_size_of_a_long_dense_run(small_run: Run, without: Make) -> None:
     steady = [replace(small_run.tables[k % 61], step=k) for k in range(281)]
     long_run, metrics = without(tables=steady, log=steady), compute_metrics(small_run)

@@ -6,6 +6,7 @@ import argparse
 import os
 import shlex
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from litsim_sim.cli.arguments import DefaultsFormatter, positive
@@ -57,6 +58,8 @@ def launch(arguments: argparse.Namespace) -> int:
                 _run(graph, nodes, paths, arguments)
             except GraphFailed as error:
                 print_error(f"{error} (logs: {options.out / 'log'})")
+                if arguments.analyze:
+                    _show(options.out)
                 return EXIT_FAILED
         status = _measure(options.out, arguments.quiet) if arguments.analyze else 0
     if not status:
@@ -82,6 +85,14 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
         raise
     finally:
         without_interrupts(graph.stop)
+
+
+def _show(out: Path) -> None:
+    """The report of what a run that has failed left in `out`, as far as it goes; none where that cannot be read."""
+    from litsim_sim.report.run_report import write_report  # as below
+
+    with suppress(InputError):
+        write_report(out)
 
 
 def _measure(out: Path, quiet: bool) -> int:
