@@ -53,7 +53,10 @@ def results(out: Path) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--policy", "replay", "--set", "conflct.horizon=2"], "no stage of this run: conflct; expected ego"),
+        (
+            ["--policy", "replay", "--set", "conflct.horizon=2"],
+            "row idm, replay: no stage of this run: conflct; expected ego",
+        ),
         (
             ["--policy", "yield", "--set", "conflict.horizon=2,-1"],
             "conflict: parameter horizon is -1, expected a number of at least 0.1 [s]",

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from litsim_sim.campaign.criteria import Criterion
+from litsim_sim.campaign.criteria import Criteria, Criterion
 from litsim_sim.campaign.results import Campaign, read_campaign
-from litsim_sim.report.campaign_content import criteria_of, fields_of, pack_campaign
+from litsim_sim.report.campaign_content import NAMED, criteria_of, fields_of, pack_campaign
 from packed import unpack
 
 
@@ -38,6 +38,10 @@ def test_what_criteria_ask_for_comes_first_with_its_limits(read: Campaign) -> No
         *("safety.min_pet_s", "collision.ego_contacts", "ego_motion.progress_ratio", "false_alarms", "collision.excess")
     ]
     assert len({field["path"] for field in fields}) == len(fields)
+
+
+def test_what_the_default_criteria_ask_for_is_called_by_words() -> None:
+    assert {criterion.field for criterion in Criteria.load().runs} <= set(NAMED)
 
 
 def test_more_criteria_than_columns_are_all_shown(read: Campaign) -> None:

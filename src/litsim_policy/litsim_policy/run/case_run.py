@@ -82,10 +82,13 @@ def check_cases(cases: Iterable[Case]) -> None:
     """Check, before the first run, what can be known of cases, once for each row.
 
     Raises:
-        InputError: see :func:`check_case`.
+        InputError: see :func:`check_case`; it names the row.
     """
     for case in {(each.row, each.shell): each for each in cases}.values():
-        check_case(case)
+        try:
+            check_case(case)
+        except InputError as error:
+            raise InputError(f"row {case.row}: {error}") from error
 
 
 def check_case(case: Case) -> None:

@@ -26,7 +26,7 @@ NAMED: dict[str, tuple[str, int | None]] = {
     "comfort.ego.within.longitudinal_acceleration": ("ego: comfort of accelerating", 3),
     "comfort.ego.within.longitudinal_jerk": ("ego: comfort of jerk", 3),
     "ego_motion.off_road": ("ego: off road [share]", 3),
-    "ego_motion.progress_ratio": ("ego: way over its log's", 2),
+    "ego_motion.progress_ratio": ("ego: progress over its log's", 2),
     "false_alarms": ("false alarms", 0),
     "handback.max_position_jump_m": ("largest jump [m]", 3),
     "progress_m": ("progress [m]", 1),
@@ -36,6 +36,7 @@ NAMED: dict[str, tuple[str, int | None]] = {
     "safety.min_own_ttc_s": ("ego: shortest own TTC [s]", 2),
     "safety.min_pet_s": ("ego: shortest PET [s]", 2),
     "safety.min_ttc_s": ("ego: shortest TTC [s]", 2),
+    "signals.red_ego": ("ego: red lights passed", 0),
     "takeovers": ("takeovers", 0),
     "timing.realtime_factor": ("× real time", 1),
 }
