@@ -43,7 +43,7 @@ def test_the_ego_is_under_its_control(graph: Any) -> None:
     [
         (("--die-at", 12), "no answer to step 12 on /litsim/ego/control within 8 s"),
         (("--nan-at", 12), "the answer to step 12 on /litsim/ego/control cannot be used: acceleration is nan"),
-        (("--control-mode", 7), "the answer to step 0 on /litsim/ego/control cannot be used: 7 is not a valid EgoMode"),
+        (("--control-mode", 7), "the answer to step 0 on /litsim/ego/control cannot be used: mode is 7, expected 0"),
     ],
 )
 def test_a_stack_that_fails_is_named(graph: Any, ego: tuple[object, ...], error: str) -> None:

@@ -126,11 +126,11 @@ def test_what_no_vehicle_can_do(change: tuple[tuple[str, slice, float], ...], pr
     assert Reference(trajectory, ego).problem(ego, VehicleModel()) == problem
 
 
-@pytest.mark.parametrize("poses", [0, 1])
-def test_a_trajectory_of_nearly_nothing(poses: int) -> None:
+@pytest.mark.parametrize(("poses", "said"), [(0, "it holds no poses"), (1, "its last pose is for 0.0 s")])
+def test_a_trajectory_of_nearly_nothing(poses: int, said: str) -> None:
     ego = EgoState(0.0, 0.0, 0.0, 0.0, 10.0, LENGTH)
     none = Trajectory(*(np.zeros(poses) for _ in range(3)))
-    assert "its last pose is for 0.0 s" in Reference(none, ego).problem(ego, VehicleModel())
+    assert said in Reference(none, ego).problem(ego, VehicleModel())
 
 
 def test_one_pose_ahead_is_enough() -> None:

@@ -84,7 +84,7 @@ def test_answers_of_every_type() -> None:
     assert (answer.interface, answer.step, answer.run_id) == (Interface.CONTROL, 9, "run")
     assert answer.target == EgoCommand(9, -1.0, 0.1)
     unknown = ego_port.from_control(EgoControl(mode=7))
-    assert (unknown.target, unknown.fault) == (None, "7 is not a valid EgoMode")
+    assert (unknown.target, unknown.fault) == (None, "mode is 7, expected 0 (CONTROL) or 1 (FOLLOW_LOG)")
 
     twist = TwistStamped(header=messages.header(9))
     twist.twist.linear.x, twist.twist.angular.z = 11.0, 0.2

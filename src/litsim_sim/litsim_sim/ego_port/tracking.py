@@ -64,7 +64,8 @@ class Reference:
 
     def __init__(self, trajectory: Trajectory, ego: EgoState) -> None:
         time, x, y = trajectory.time, trajectory.x, trajectory.y
-        if not len(time) or time[0] > ego.time + 0.5 * STEP_S:
+        self._empty = not len(time)
+        if self._empty or time[0] > ego.time + 0.5 * STEP_S:
             time, x, y = np.append(ego.time, time), np.append(ego.x, x), np.append(ego.y, y)
         self._time, self._x, self._y = time, x, y
         steps = np.diff(time), np.diff(x), np.diff(y)
@@ -81,7 +82,9 @@ class Reference:
 
     def problem(self, ego: EgoState, vehicle: VehicleModel) -> str:
         """In words, why no vehicle like this can be where the trajectory says; empty where it can."""
-        if self._time[-1] <= ego.time:  # also where it holds none: then the ego's pose stands alone
+        if self._empty:
+            return "it holds no poses, expected some after the step"
+        if self._time[-1] <= ego.time:
             return f"its last pose is for {self._time[-1]:.1f} s, expected one after {ego.time:.1f} s"
         away = float(np.hypot(*self._offset(ego.time, ego)))
         if away > OFFSET_MAX:

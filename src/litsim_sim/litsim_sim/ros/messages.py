@@ -145,7 +145,9 @@ def ego_to_message(command: EgoCommand, run_id: str) -> EgoControl:
 
 
 def ego_from_message(message: EgoControl) -> EgoCommand:
-    """Command of an ``EgoControl``."""
+    """Command of an ``EgoControl``; raises ValueError where its mode is none."""
+    if message.mode not in [*EgoMode]:
+        raise ValueError(f"mode is {message.mode}, expected {' or '.join(f'{each} ({each.name})' for each in EgoMode)}")
     return EgoCommand(message.step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
 
 
