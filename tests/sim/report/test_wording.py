@@ -6,12 +6,20 @@ from typing import Any
 
 import pytest
 
-from litsim_sim.report.wording import branches, is_nested, leaf, number, percent
+from litsim_sim.report.wording import branches, is_nested, leaf, lockstep_text, number, percent
 
 
 def test_numbers_and_shares() -> None:
     assert [number(3), number(3.14159), number(0.5, 1, "m"), number(None)] == ["3", "3.14", "0.5 m", "–"]
     assert [percent(0.1234), percent(1), percent(None)] == ["12.3 %", "100.0 %", "–"]
+
+
+def test_what_of_the_ego_was_of_no_use_is_told_with_lockstep() -> None:
+    own = {"missed": 1, "gaps": 0, "ego_port": {}}
+    assert lockstep_text(own) == "1 missed answers, 0 gaps"
+    port = {"interface": "twist", "answered": 281, "late": 0, "stale": 3, "surplus": 400}
+    told = lockstep_text(own | {"ego_port": port})
+    assert told == "1 missed answers, 0 gaps; of the ego's messages 3 stale, 400 surplus"
 
 
 @pytest.mark.parametrize(

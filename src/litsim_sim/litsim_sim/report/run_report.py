@@ -16,7 +16,7 @@ from litsim_sim.report.content import pack_run
 from litsim_sim.report.events import contact_table, takeover_table
 from litsim_sim.report.forecasts import read_forecasts
 from litsim_sim.report.pages import render_page
-from litsim_sim.report.wording import NOTHING, number, percent
+from litsim_sim.report.wording import NOTHING, lockstep_text, number, percent
 
 REPORT_FILE = "report.html"
 DATA_MAX = 8_000_000  # characters of packed data; the page must stay below 10 MB
@@ -108,7 +108,7 @@ def _measures(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "hard brakes", f"ego {ego['hard_brakes'] if ego else NOTHING}, under control {others['hard_brakes']}"
     guarded = others["guarded"]
     yield "commands changed by guards", f"{guarded['count']} of the policy's agent-steps ({percent(guarded['share'])})"
-    yield "lock-step", f"{metrics['lockstep']['missed']} missed answers, {metrics['lockstep']['gaps']} gaps"
+    yield "lock-step", lockstep_text(metrics["lockstep"])
     factor = timing["realtime_factor"]
     yield "wall time", f"{number(timing['wall_s'], 2, 's')}, {number(factor, 2)} × real time"
     yield "digest", metrics["digest"][:16]

@@ -11,6 +11,7 @@ from rich.table import Table
 from litsim_sim.core.run_end import RunEnd
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.takeover import TakeoverReason
+from litsim_sim.report.wording import lockstep_text
 
 NOTHING = "-"
 CONTACT_COLUMNS = ("agent", "at", "kind", "at fault", "delta-v", "careful driver", "in the other's place")
@@ -119,7 +120,7 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     jumps += f", {back['max_yaw_jump_rad']:.3f} rad"
     yield "hand-backs", f"{back['count']}, mean residual {_number(back['residual_m'], 'm')}; largest jump {jumps}"
     yield from _driving_rows(metrics)
-    yield "lock-step", f"{metrics['lockstep']['missed']} missed answers, {metrics['lockstep']['gaps']} gaps"
+    yield "lock-step", lockstep_text(metrics["lockstep"])
     factor = timing["realtime_factor"]
     yield "wall time", f"{_number(timing['wall_s'], 's')}, {NOTHING if factor is None else f'{factor:.2f}'} x real time"
     stages = (f"{stage} {t['median']:.1f}/{t['max']:.1f}" for stage, t in timing["stage_ms"].items())

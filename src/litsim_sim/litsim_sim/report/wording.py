@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 NOTHING = "–"
@@ -37,6 +38,14 @@ def is_nested(value: Any) -> bool:
     """Whether `value` has at least two levels below it: a dict or list that holds a dict or list."""
     inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return any(isinstance(each, dict | list) for each in inside)
+
+
+def lockstep_text(lockstep: Mapping[str, Any]) -> str:
+    """Missed answers and gaps of a run (`lockstep` of `metrics.json`), and what of an external ego's was of no use."""
+    port = {name: count for name, count in lockstep["ego_port"].items() if name not in ("interface", "answered")}
+    unused = "".join(f", {count} {name}" for name, count in port.items() if count)
+    told = f"{lockstep['missed']} missed answers, {lockstep['gaps']} gaps"
+    return f"{told}; of the ego's messages{unused[1:]}" if unused else told
 
 
 def leaf(value: Any) -> str:
