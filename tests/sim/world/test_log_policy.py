@@ -60,12 +60,12 @@ def test_a_residual_starts_exactly_where_the_agent_is(
     agent_table: Build, dx: float, dy: float, vx: float, vy: float, yaw: float
 ) -> None:
     start = residual((dx, dy), (vx, vy), yaw, agent_table)
-    position, velocity, turned = start.at(start.step)
-    np.testing.assert_array_equal(position, start.position)
-    np.testing.assert_array_equal(velocity, start.velocity)
-    assert turned == start.yaw
-    np.testing.assert_allclose(position, [dx, dy], atol=1e-9)
-    np.testing.assert_allclose(velocity, [vx, vy], atol=1e-9)
+    off = start.at(start.step)
+    np.testing.assert_array_equal(off.position, start.position)
+    np.testing.assert_array_equal(off.velocity, start.velocity)
+    assert off.yaw == start.yaw
+    np.testing.assert_allclose(off.position, [dx, dy], atol=1e-9)
+    np.testing.assert_allclose(off.velocity, [vx, vy], atol=1e-9)
 
 
 @given(offsets, offsets, rates, rates, angles)
@@ -74,9 +74,9 @@ def test_a_residual_ends_exactly_on_the_log_and_stays_there(
 ) -> None:
     start = residual((dx, dy), (vx, vy), yaw, agent_table)
     for after in (0, 1, 50):
-        position, velocity, turned = start.at(start.step + start.steps + after)
-        assert position.tolist() == velocity.tolist() == [0.0, 0.0]
-        assert turned == 0.0
+        off = start.at(start.step + start.steps + after)
+        assert off.position.tolist() == off.velocity.tolist() == off.acceleration.tolist() == [0.0, 0.0]
+        assert off.yaw == off.yaw_rate == 0.0
 
 
 @given(offsets, offsets, rates, rates)
@@ -84,21 +84,47 @@ def test_fading_accelerates_no_more_than_is_comfortable(
     agent_table: Build, dx: float, dy: float, vx: float, vy: float
 ) -> None:
     start = residual((dx, dy), (vx, vy), 0.0, agent_table)
-    velocity = np.array([start.at(step)[1] for step in range(start.step, start.step + start.steps + 3)])
-    acceleration = np.hypot(*np.diff(velocity, axis=0).T) / STEP_S
+    fade = [start.at(step) for step in range(start.step, start.step + start.steps + 3)]
+    acceleration = np.hypot(*np.diff([off.velocity for off in fade], axis=0).T) / STEP_S
     assert acceleration.max() <= COMFORT_ACCELERATION * 1.01
+    assert max(np.hypot(*off.acceleration) for off in fade) <= COMFORT_ACCELERATION * 1.01
 
 
 @given(offsets, offsets, rates, rates)
 def test_velocity_is_the_rate_of_the_position(agent_table: Build, dx: float, dy: float, vx: float, vy: float) -> None:
     start = residual((dx, dy), (vx, vy), 0.0, agent_table)
     steps = range(start.step, start.step + start.steps + 3)
-    position, velocity = (np.array([start.at(step)[i] for step in steps]) for i in (0, 1))
+    position, velocity = (np.array([getattr(start.at(step), of) for step in steps]) for of in ("position", "velocity"))
     mean_velocity = 0.5 * (velocity[1:] + velocity[:-1])
     # The trapezoidal rule is off by at most jerk * dt^3 / 12 in a step; the blends' jerk peaks at their start.
     jerk = np.hypot(*(60 * start.position)) / (start.steps * STEP_S) ** 3
     jerk += np.hypot(*(36 * start.velocity)) / (start.steps * STEP_S) ** 2
     np.testing.assert_allclose(np.diff(position, axis=0), mean_velocity * STEP_S, atol=jerk * STEP_S**3 / 12 + 1e-12)
+
+
+@given(offsets, offsets, rates, rates, angles)
+def test_acceleration_and_yaw_rate_are_the_rates_of_velocity_and_heading(
+    agent_table: Build, dx: float, dy: float, vx: float, vy: float, yaw: float
+) -> None:
+    start = residual((dx, dy), (vx, vy), yaw, agent_table)
+    fade = [start.at(step) for step in range(start.step, start.step + start.steps + 1)]
+    for rate, of, within in (("acceleration", "velocity", 1e-9), ("yaw_rate", "yaw", 1e-3)):
+        rates, values = (np.array([getattr(off, name) for off in fade]) for name in (rate, of))
+        mean = (rates[:-2] + 4.0 * rates[1:-1] + rates[2:]) / 6.0  # by Simpson's rule, exact for cubics
+        np.testing.assert_allclose(mean, (values[2:] - values[:-2]) / (2.0 * STEP_S), atol=within)
+
+
+def test_who_comes_back_accelerates_as_its_speed_changes(policy: Callable[[], LogPolicy]) -> None:
+    log = policy()
+    log.release(displaced(log.table(50), 1, x=-2.0, speed=-1.5, yaw=0.03), 1)
+    tables = [log.table(step) for step in range(51, 80)]
+    speed, acceleration, yaw, yaw_rate = (
+        np.array([getattr(table, name)[table.row(1)] for table in tables])
+        for name in ("speed", "acceleration", "yaw", "yaw_rate")
+    )
+    assert np.abs(acceleration).max() > 0.5, "the log drives at constant speed"
+    np.testing.assert_allclose(np.diff(speed) / STEP_S, 0.5 * (acceleration[1:] + acceleration[:-1]), atol=0.05)
+    np.testing.assert_allclose(np.diff(yaw) / STEP_S, 0.5 * (yaw_rate[1:] + yaw_rate[:-1]), atol=0.005)
 
 
 def test_the_fade_is_as_long_as_the_residual_asks(agent_table: Build) -> None:

@@ -2,7 +2,8 @@
 
 The regulation gives the driver's numbers: he sees the risk once a vehicle of the next lane has wandered 0.375 m from
 its centre towards him, or once the time to collision is 2 s; reacts after 0.75 s; and brakes up to 0.774 g, building it
-up with 12.65 m/s3.
+up with 12.65 m/s3. The 0.4 s in which he evaluates the risk before he reacts are left out, so that the verdict is
+stricter than the regulation's.
 """
 
 from __future__ import annotations

@@ -3,15 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray
+from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray
 from litsim_sim.scenario.log import Log
 
 COMFORT_ACCELERATION = 1.5  # [m/s2] that fading a residual out may add to the logged motion
 FADE_MIN_S = 1.0  # [s] shortest fade
+
+
+class Offsets(NamedTuple):
+    """How far an agent is off its log at a step, while its residual fades.
+
+    Attributes:
+        position: (2,) from the logged box centre in frame map [m].
+        velocity: (2,) from the logged velocity in frame map [m/s], the derivative of `position`.
+        acceleration: (2,) the derivative of `velocity` [m/s2].
+        yaw: from the logged heading [rad].
+        yaw_rate: the derivative of `yaw` [rad/s].
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    yaw: float
+    yaw_rate: float
 
 
 @dataclass(frozen=True)
@@ -49,8 +68,8 @@ class Residual:
         duration = max(FADE_MIN_S, linear + np.sqrt(linear**2 + constant))
         return cls(table.step, int(np.ceil(duration / STEP_S)), position, rate, yaw)
 
-    def at(self, step: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Offsets of position (2,) [m], velocity (2,) [m/s] and heading [rad] at `step`; zero once faded.
+    def at(self, step: int) -> Offsets:
+        """The offsets at `step`; zero once faded.
 
         Quintics that start with the residual's value and rate and end with value, rate and acceleration zero.
         """
@@ -58,9 +77,14 @@ class Residual:
         duration = self.steps * STEP_S
         value, slope = 1 - s**3 * (10 - 15 * s + 6 * s**2), -30 * s**2 * (1 - s) ** 2
         drift, drift_slope = s * (1 - s**2 * (6 - 8 * s + 3 * s**2)), 1 - s**2 * (18 - 32 * s + 15 * s**2)
-        position = self.position * value + self.velocity * (duration * drift)
-        velocity = self.position * (slope / duration) + self.velocity * drift_slope
-        return position, velocity, self.yaw * value
+        bend, drift_bend = -60 * s * (1 - s) * (1 - 2 * s), -12 * s * (1 - s) * (3 - 5 * s)
+        return Offsets(
+            position=self.position * value + self.velocity * (duration * drift),
+            velocity=self.position * (slope / duration) + self.velocity * drift_slope,
+            acceleration=self.position * (bend / duration**2) + self.velocity * (drift_bend / duration),
+            yaw=self.yaw * value,
+            yaw_rate=self.yaw * slope / duration,
+        )
 
 
 class LogPolicy:
@@ -112,11 +136,14 @@ class LogPolicy:
             if row < 0 or step - residual.step >= residual.steps:
                 del self._residuals[agent]
                 continue
-            position, velocity, yaw = residual.at(step)
-            table.yaw[row] += yaw
-            table.x[row] += position[0]
-            table.y[row] += position[1]
-            # The logged velocity and its offset, both along the heading that the agent has now.
-            offset = velocity[0] * np.cos(table.yaw[row]) + velocity[1] * np.sin(table.yaw[row])
-            table.speed[row] = max(0.0, table.speed[row] * np.cos(yaw) + offset)
+            off = residual.at(step)
+            table.yaw[row] += off.yaw
+            table.x[row] += off.position[0]
+            table.y[row] += off.position[1]
+            # What the log has and its offset, both along the heading that the agent has now.
+            along, cos = np.array([np.cos(table.yaw[row]), np.sin(table.yaw[row])]), np.cos(off.yaw)
+            speed = table.speed[row] * cos + off.velocity @ along
+            table.speed[row] = max(0.0, speed)
+            table.acceleration[row] = table.acceleration[row] * cos + off.acceleration @ along if speed > 0.0 else 0.0
+            table.yaw_rate[row] += off.yaw_rate
         return table
