@@ -40,17 +40,17 @@ CASES = "cases"
 FIGURES = "figures"
 ALL = "all"
 CAPTIONS = {
-    "contacts_by_fault": "Contacts that the log has not, by whose fault they were; by ego, all sets together.",
-    "ade_over_time": "ADE up to each horizon, paired over the agents that any of the methods drives; by ego and set.",
-    "takeovers": "Time off the log, and distance from the log at the release; all egos, all sets.",
+    "contacts_by_fault": "Contacts that are not in the log, by fault; by ego, all sets together.",
+    "ade_over_time": "ADE up to each horizon, paired over the agents that any method drives; by ego and set.",
+    "takeovers": "Time off the log, and distance from it at release; all egos, all sets.",
     "realism": "Realism of the agents near the ego's log, by set, with the spread over seeds; ego `bat`.",
-    "case_lane_change": "An ego changes lane where its log did not, on US-101: replay above, LitSim below.",
+    "case_lane_change": "An ego changes lane, unlike its log, on US-101: replay above, LitSim below.",
     "case_left_turn": "An unprotected left turn on the generated street: replay above, LitSim below.",
 }
 EPILOG = (
-    "Interrupted, the same command goes on. 'figures' draws what 'table' has run; 'cases' runs and draws the two case "
-    "studies; 'all' does everything, 'backbones' only with --resnet50. The real window needs LITSIM_DATA; without it, "
-    "it is left out, which is said."
+    "If interrupted, the same command resumes. 'figures' draws what 'table' has run; 'cases' runs and draws the two "
+    "case studies; 'all' does everything, 'backbones' only with --resnet50. The real window needs LITSIM_DATA; "
+    "without it, it is left out with a note."
 )
 
 
@@ -73,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 class Work:
-    """What the arguments ask for, done part by part."""
+    """Does the requested parts."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
@@ -91,7 +91,7 @@ class Work:
         self._write(experiment.name, lines)
 
     def backbones(self) -> None:
-        """Run SimNet with either backbone, and write the tables.
+        """Run SimNet with each backbone, and write the tables.
 
         Raises:
             InputError: the weights of the large one are not given.
@@ -102,7 +102,7 @@ class Work:
         self.experiment(of_backbones(weights))
 
     def oracles(self) -> None:
-        """Run ours with each stage in turn done as well as can be, and write the tables."""
+        """Run ours with one stage at a time made ideal, and write the tables."""
         lines: list[str] = []
         for ego in self._arguments.ego or EGOS[: 1 if self._arguments.quick else None]:
             happened = (self._out / "happened" / f"{ego}_{code_versions()['sources']}").resolve()
@@ -113,7 +113,7 @@ class Work:
         self._write(ORACLES, lines)
 
     def figures(self) -> None:
-        """Draw what the campaign of the table holds."""
+        """Draw the figures of the table's campaign."""
         from litsim_policy.paper import figures  # matplotlib takes half a second to load
 
         campaign = self._campaign(TABLE)
@@ -157,7 +157,7 @@ class Work:
         self._show()
 
     def _show(self) -> None:
-        """Put the figures that there are into the page."""
+        """Put the existing figures into the page."""
         page = self._arguments.page
         if page is None:
             return
@@ -169,15 +169,15 @@ class Work:
         fill(page, FIGURES, lines)
 
     def times(self) -> None:
-        """Write how long the runs of each campaign took that lies in the folder."""
-        lines = ["| campaign | runs | minutes of a process |", "| --- | ---: | ---: |"]
+        """Write how long the runs of each campaign in the folder took."""
+        lines = ["| campaign | runs | process minutes |", "| --- | ---: | ---: |"]
         every = 0.0
         for folder in sorted(path.parent for path in self._out.glob(f"*/{CAMPAIGN_FILE}")):
             results = read_campaign(folder).results
             minutes = sum(result.wall_s or 0.0 for result in results) / 60
             every += minutes
             lines.append(f"| {folder.name} | {len(results)} | {minutes:.1f} |")
-        lines.append(f"| together | | {every:.1f} |")
+        lines.append(f"| total | | {every:.1f} |")
         self._write("times", lines)
 
     def _campaign(self, experiment: Experiment, egos: tuple[str, ...] | None = None) -> Campaign:
@@ -208,10 +208,10 @@ class Work:
 
 
 def _available(sets: Sequence[str]) -> tuple[str, ...]:
-    """Those of `sets` whose data are here.
+    """Those of `sets` whose data are available.
 
     Raises:
-        InputError: none is.
+        InputError: none are.
     """
     found = tuple(name for name in sets if name != REAL or os.environ.get("LITSIM_DATA"))
     if not found:
@@ -224,9 +224,9 @@ def _available(sets: Sequence[str]) -> tuple[str, ...]:
 def _tables(
     campaign: Campaign, experiment: Experiment, egos: Sequence[str], sets: Sequence[str | None]
 ) -> Iterable[str]:
-    """Lines of all tables of an experiment: for each ego and set, as in the paper, beside it, counts, differences.
+    """Lines of all tables of an experiment: for each ego and set, the paper's columns, others, counts, differences.
 
-    A set of None is all of them together.
+    A set of None stands for all of them together.
     """
     for ego in egos:
         for tag in sets:
@@ -235,21 +235,21 @@ def _tables(
             as_paper = experiment.published if ego == PAPER_EGO else {}
             yield from (*tables.table(methods, tables.OF_THE_PAPER, as_paper), "")
             yield from (*tables.table(methods, tables.BESIDE), "")
-            yield from ("Contacts that the log has not, by whose fault:", "", *tables.counts(methods), "")
+            yield from ("Contacts that are not in the log, by fault:", "", *tables.counts(methods), "")
             if experiment.compared:
                 yield from ("Differences, with 95 % intervals:", "")
                 yield from (*tables.differences(methods, tables.OF_THE_PAPER), "")
                 yield from _won(methods)
         if experiment.aimed:
-            yield from (f"### {tables.titled(ego, None)}: what was aimed at", "")
+            yield from (f"### {tables.titled(ego, None)}: goals", "")
             yield from (*tables.goals(tables.methods_of(campaign, ego, None)), "")
 
 
 def _won(methods: dict[str, dict[Key, Metrics | None]]) -> Iterable[str]:
-    """What others win, said."""
+    """Lines that list what others win."""
     lines = tables.won(methods, (*tables.OF_THE_PAPER, *tables.BESIDE))
     if lines:
-        yield from (f"Where another is better than `{OURS}`:", "", *lines, "")
+        yield from (f"Where another method is better than `{OURS}`:", "", *lines, "")
 
 
 def _merged(found: Iterable[dict[str, dict[Key, Metrics | None]]]) -> dict[str, dict[Key, Metrics | None]]:

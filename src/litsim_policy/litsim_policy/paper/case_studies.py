@@ -1,9 +1,8 @@
 """The paper's two case studies: a lane change on US-101, and an unprotected left turn in a street.
 
-In each an ego does what its log did not, and replay drives into it. Which ego is shown is found, not chosen: of the
-candidates, in their order, the first that replay makes a contact of, and ours none. At the left turn the contact is
-with the other of the turn, who comes second in the log; there the ego is late. Somebody who is run into from behind on
-the way there is not shown.
+In each, an ego departs from its log and replay drives into it. The ego shown is found, not picked: the first candidate
+for which replay causes a contact and ours does not. At the left turn, the contact has to be with the other vehicle of
+the turn, which passes second in the log and meets the ego because that is late; other contacts on the way do not count.
 """
 
 from __future__ import annotations
@@ -43,26 +42,26 @@ from litsim_sim.traffic.seeds import LEFT_TURNS
 LANE_CHANGE, LEFT_TURN = "lane_change", "left_turn"
 STUDIES = {LANE_CHANGE: "Lane change, US-101", LEFT_TURN: "Unprotected left turn, generated street"}
 SEGMENTS = 60
-"""Segments of 28 s of generated street in which left turns are looked for."""
+"""Number of 28 s segments of generated street searched for left turns."""
 QUICK_TURNS = "small"
-"""Packaged suite whose scenarios with left turns stand in where only the way is to be seen."""
+"""Packaged suite whose scenarios with left turns stand in for them in a quick trial."""
 EVENTS = {LEFT_TURN: EventKind.LEFT_TURN}
-"""Of what event of the case the contact under replay has to be; the first one of the ego where nothing is said."""
+"""Kind of event that the contact under replay must belong to, by study; without one, the ego's first contact counts."""
 BEFORE_S = (-3.0, -2.0, -1.0, 0.0)
-"""When the pictures are, from the contact under replay on [s]."""
+"""Times of the pictures, relative to the contact under replay [s]."""
 AFTER_S = 1.0
 VIEW_M = {LANE_CHANGE: (24.0, 12.0), LEFT_TURN: (26.0, 20.0)}
-"""Half of what is seen around the ego, along and across the heading that it has at the contact [m]."""
+"""Half length and half width of the view around the ego, along its heading at the contact [m]."""
 SHOWN = {Controller.EGO: "ego", Controller.POLICY: "driven", Controller.LOG: "log"}
-"""Who is told apart, and by what names."""
+"""Names in the legend, by controller."""
 
 
 def candidates(name: str, folder: Path, *, quick: bool) -> Suite:
-    """The runs among which the case study `name` is looked for, the first first.
+    """The runs among which the case study `name` is sought, in order of preference.
 
     Args:
         name: one of :data:`STUDIES`.
-        folder: of what is made for them.
+        folder: where generated scenarios go.
         quick: only a few of them.
 
     Raises:
@@ -84,9 +83,9 @@ def _suite(name: str, cases: list[CaseEntry], egos: list[EgoSetup]) -> Suite:
 
 
 def left_turns(scenarios: Iterable[str]) -> list[CaseEntry]:
-    """Unprotected left turns at which the ego goes first, by post-encroachment time, the least first.
+    """Unprotected left turns at which the ego passes first, by ascending post-encroachment time.
 
-    Where such an ego comes later than in its log, it meets who goes second there.
+    An ego that comes later than in its log meets the vehicle that passes second.
     """
     found = [
         Found(name, event)
@@ -115,10 +114,10 @@ class Study:
 
 
 def chosen(campaign: Campaign, event: EventKind | None = None) -> Study | None:
-    """The first case of a campaign in which replay has a contact of the ego that the log has not, and ours has none.
+    """The first case of a campaign in which replay has a contact of the ego that is not in the log, and ours has none.
 
-    Somebody is taken over in it. With `event`, the ego's first contact is with the other of such an event of the case.
-    None where there is no such case.
+    It has a takeover, too. With `event`, the ego's first contact is with the other vehicle of such an event.
+    None if there is no such case.
     """
     by_policy: dict[str, dict[object, RunResult]] = {REPLAY: {}, OURS: {}}
     for result in campaign.results:
@@ -134,7 +133,7 @@ def chosen(campaign: Campaign, event: EventKind | None = None) -> Study | None:
 
 
 def _ego_contact(result: RunResult, event: EventKind | None) -> int | None:
-    """Step of the first contact of the ego that the log has not; None where there is none, or it is of no `event`."""
+    """Step of the ego's first contact that is not in the log; None if there is none, or it belongs to no `event`."""
     case, metrics = result.case, result.metrics or {}
     found = [each for each in metrics["collision"]["contacts"] if case.ego_id in each["pair"] and not each["in_log"]]
     first = min(found, key=lambda each: int(each["step"]), default=None)
@@ -145,7 +144,7 @@ def _ego_contact(result: RunResult, event: EventKind | None) -> int | None:
 
 
 def drawn(name: str, study: Study) -> Canvas:
-    """The study `name` in time steps, replay above and ours below.
+    """A picture of the study `name` at several times, replay above and ours below.
 
     Raises:
         InputError: a run cannot be run again, or its ego is not there at the contact.
@@ -175,12 +174,12 @@ def drawn(name: str, study: Study) -> Canvas:
 
 
 def _table(run: Run, step: int) -> AgentTable | None:
-    """Everybody at `step`; None where the run has no such step."""
+    """All agents at `step`; None if the run has no such step."""
     return next((table for table in run.tables if table.step == step), None)
 
 
 def _pose(run: Run, step: int) -> FloatArray | None:
-    """(3,) x, y [m] and yaw [rad] of the ego at `step`; None where it is gone."""
+    """(3,) x, y [m] and yaw [rad] of the ego at `step`; None if it is gone."""
     table = _table(run, step)
     row = -1 if table is None else table.row(run.info.ego_id)
     return None if table is None or row < 0 else np.array([table.x[row], table.y[row], table.yaw[row]])
@@ -202,7 +201,7 @@ def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatA
 
 
 def _outlines(centerline: FloatArray, width: float, seen: shapely.Polygon) -> list[FloatArray]:
-    """What is `seen` of a lane: outlines, with a little between neighbours."""
+    """Outlines of the part of a lane that is `seen`, with a small gap to neighbours."""
     part = shapely.LineString(centerline).intersection(seen.buffer(width))
     strip = part.buffer(0.48 * width, cap_style="flat").intersection(seen)
     parts = [each for each in shapely.get_parts(strip) if isinstance(each, shapely.Polygon) and not each.is_empty]
@@ -210,7 +209,7 @@ def _outlines(centerline: FloatArray, width: float, seen: shapely.Polygon) -> li
 
 
 def _boxes(table: AgentTable, centre: FloatArray, turn: FloatArray, limits: tuple[float, float]) -> PolyCollection:
-    """Everybody who may be seen."""
+    """Boxes of the agents that may be in view."""
     corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
     seen = (corners - centre) @ turn
     near = np.abs(seen).max(axis=(1, 2)) < 2.0 * max(limits)

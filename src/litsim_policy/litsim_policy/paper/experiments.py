@@ -1,4 +1,4 @@
-"""Which runs each of the paper's experiments consists of."""
+"""The runs that each of the paper's experiments consists of."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PAPER_EGO = "bat"
 EGOS = (PAPER_EGO, "idm", "perturbed")
 SANITY_S = 10.0
 FEW = 5
-"""Cases of each set where a step is dear."""
+"""Cases of each set in an experiment whose steps are expensive."""
 JUDGED = Criteria.model_validate({"runs": [{"name": "reactive", "field": "reactive", "equals": True}]})
 
 Policy = str | PolicySetup
@@ -37,14 +37,14 @@ ABLATION: tuple[Policy, ...] = (
     _row("M2", OURS, **WITHIN_15_M),
     OURS,
 )
-"""The paper's ablation: without joint prediction a kinematic one, without policy C rules; M* is ours as it comes."""
+"""The paper's ablation: kinematic instead of joint prediction, rules instead of policy C; M* is ours with defaults."""
 
 AT_ONCE = {"conflict.handback": "catch_up", "conflict.release_position": 1000.0}
 AT_ONCE |= {"conflict.release_speed": 1000.0, "conflict.release_yaw": 7.0}
 
 
 def oracles(happened: Path) -> tuple[Policy, ...]:
-    """Ours, with each stage in turn done as well as can be; what happened in its own runs lies in `happened`."""
+    """Ours, and ours with one stage at a time made ideal; the folder `happened` tells what happened in its own runs."""
     forecast = {"predictor.happened": str(happened), "conflict.intent.used": False, "conflict.closing_time": 0.0}
     conflicts = {"conflict.happened": str(happened)}
     return (
@@ -80,11 +80,11 @@ CHANGES = {
         "policy.crossing_horizon",
     ),
 }
-"""What ours does otherwise than the paper, by what a row is called that does it as the paper: names of parameters."""
+"""Parameters in which ours differs from the paper, by the name of the row that reverts them."""
 
 
 def changes() -> tuple[Policy, ...]:
-    """Ours, ours with each of its changes in turn taken back to the paper's, and with all of them."""
+    """Ours, ours with one change at a time reverted to the paper's, and with all of them reverted."""
     given = setup_of(PAPER_SETUP).parameters
     taken_back = (
         PolicySetup(name=name, kind=OURS, parameters={each: given[each] for each in names})
@@ -95,19 +95,19 @@ def changes() -> tuple[Policy, ...]:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Runs that one table is made of.
+    """The runs behind one table.
 
     Attributes:
-        name: of the command, and of the campaign's folder.
-        description: what is asked.
-        policies: rows.
-        egos: who drives the ego: a table each.
-        prepare: makes the cases of the roads' own.
-        own_egos: whether no other egos can be asked for.
-        by_set: whether each set of roads has tables of its own; else all are of all sets together.
-        compared: whether differences from ours have a table, too, and what others win is said.
-        aimed: whether what was aimed at is set beside what was reached.
-        published: what the paper reports, set beside the runs with its ego.
+        name: name of the command and of the campaign's folder.
+        description: the question that it answers.
+        policies: the rows.
+        egos: drivers of the ego, with a table each.
+        prepare: turns the cases of the roads into its own.
+        own_egos: whether other egos cannot be requested.
+        by_set: whether each set of roads has its own tables; otherwise they cover all sets together.
+        compared: whether differences from ours, and what others win, are reported too.
+        aimed: whether the goals are reported beside what was reached.
+        published: the paper's figures, shown with the runs of its ego.
     """
 
     name: str
@@ -122,7 +122,7 @@ class Experiment:
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def suite(self, sets: tuple[str, ...], egos: tuple[str, ...], folder: Path, *, quick: bool) -> Suite:
-        """What is run on the `sets` of roads with `egos`; what is generated for it lies in `folder`.
+        """The campaign on the `sets` of roads with `egos`; scenarios generated for it go to `folder`.
 
         Raises:
             InputError: see :func:`.roads.roads`.
@@ -170,7 +170,7 @@ CHANGED = Experiment(
     by_set=False,
     compared=True,
 )
-"""Beside the paper's ego hardly anybody is taken over, so that nothing is seen of a change."""
+"""Without the paper's ego, beside which hardly any agent is taken over, so that changes would not show."""
 
 SANITY = Experiment(
     name="sanity",
@@ -186,7 +186,7 @@ ORACLES = "oracles"
 
 
 def of_oracles(ego: str, happened: Path) -> Experiment:
-    """Ours with stages in turn done as well as can be, for one ego: what is lost in each."""
+    """Ours with one stage at a time made ideal, for one ego: what each stage loses."""
     return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", oracles(happened), (ego,))
 
 
@@ -194,7 +194,7 @@ BACKBONES = "backbones"
 
 
 def of_backbones(weights: Path) -> Experiment:
-    """SimNet with either backbone, of which `weights` is the file of ResNet-50's: 10 s of a few cases."""
+    """SimNet with either backbone, over 10 s of a few cases; `weights` is the file of ResNet-50."""
     large = {"policy.simnet.backbone": "resnet50", "policy.simnet.weights": str(weights.resolve())}
     return Experiment(
         name=BACKBONES,

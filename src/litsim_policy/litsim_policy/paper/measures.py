@@ -1,4 +1,4 @@
-"""The measures of the paper's tables: of a run a numerator and a denominator, of a method their sums over its runs.
+"""The measures of the paper's tables: ratios of sums over the runs of a method.
 
 docs/metrics.md has the formulas. ADE is paired: over the same agents and the same steps for all methods of a table.
 """
@@ -18,19 +18,19 @@ from litsim_sim.core.scene import FloatArray, IntArray
 
 Metrics = Mapping[str, Any]
 Key = tuple[str, int, str, int | None]
-"""What the runs of one case under different policies have in common: scenario, ego, who drives it, seed."""
+"""Identifies a case across policies: scenario, id of the ego, its driver, seed."""
 
 Whose = Literal["driven", "all"]
-"""Over whom ADE is taken: those that any of the methods has driven by then in its run of the case, or everybody."""
+"""Agents that ADE averages over: those that any method has driven by then in its run of the case, or all."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """What one run adds to a measure.
+    """The contribution of one run to a measure.
 
     Attributes:
-        draw: seed of the run; measures spread over draws.
-        above, below: of the fraction.
+        draw: seed of the run; the spread of a measure is over draws.
+        above, below: what it adds to numerator and denominator.
     """
 
     draw: int
@@ -46,8 +46,8 @@ class Figure:
     """A measure of a method.
 
     Attributes:
-        value: of all its runs.
-        spread: standard deviation of the values of the draws; None of fewer than two.
+        value: over all its runs.
+        spread: standard deviation over draws; None with fewer than two.
     """
 
     value: float
@@ -55,12 +55,12 @@ class Figure:
 
 
 def key_of(case: Case) -> Key:
-    """See :data:`Key`."""
+    """The :data:`Key` of `case`."""
     return case.scenario, case.ego_id, case.ego.name, case.seed
 
 
 def by_key(results: Sequence[RunResult]) -> dict[Key, Metrics | None]:
-    """Measures of the runs of a method; None of those that left none."""
+    """Measures of the runs of a method, by case; None for a run that left none."""
     return {key_of(result.case): result.metrics for result in results}
 
 
@@ -81,7 +81,7 @@ SHARES: dict[str, Callable[[Metrics], bool]] = {
     "reactivity": lambda m: m["collision_free"],
     "reactivity_beyond": lambda m: m["reactive"],
 }
-"""Shares of all runs; one that failed is known to be nothing."""
+"""Shares of all runs, by key; a failed run counts as false."""
 
 COUNTS: dict[str, Callable[[Metrics], int]] = {
     "fault_background": lambda m: m["collision"]["by_fault"]["background"],
@@ -90,11 +90,11 @@ COUNTS: dict[str, Callable[[Metrics], int]] = {
     "hard_brakes": lambda m: m["comfort"]["controlled"]["hard_brakes"],
     "takeovers": lambda m: m["takeovers"],
 }
-"""Sums over runs."""
+"""Sums over runs, by key."""
 
 
 def run_parts(runs: Mapping[Key, Metrics | None], name: str) -> Parts:
-    """What each run of a method adds to a measure of :data:`RUN_MEASURES` or :data:`SHARES`."""
+    """The contribution of each run of a method to the measure `name` of :data:`RUN_MEASURES` or :data:`SHARES`."""
     found: Parts = {}
     for key, metrics in runs.items():
         draw = key[3] or 0
@@ -106,12 +106,12 @@ def run_parts(runs: Mapping[Key, Metrics | None], name: str) -> Parts:
 
 
 def count(runs: Mapping[Key, Metrics | None], name: str) -> int:
-    """A sum of :data:`COUNTS` over the runs of a method."""
+    """The sum `name` of :data:`COUNTS` over the runs of a method."""
     return sum(COUNTS[name](metrics) for metrics in runs.values() if metrics is not None)
 
 
 def ade_parts(methods: Mapping[str, Mapping[Key, Metrics | None]], horizon: int, whose: Whose) -> dict[str, Parts]:
-    """What each run adds to ADE up to `horizon` [s], by method; cases that some method ran for less are out."""
+    """Contributions of runs to ADE up to `horizon` [s], by method; cases that some method ran for less are left out."""
     found: dict[str, Parts] = {name: {} for name in methods}
     text = str(horizon)
     for key in dict.fromkeys(key for runs in methods.values() for key in runs):
@@ -137,7 +137,7 @@ def ade_parts(methods: Mapping[str, Mapping[Key, Metrics | None]], horizon: int,
 
 
 def figure(parts: Parts) -> Figure | None:
-    """The measure of all runs, and its spread; None where there is nothing to measure."""
+    """The measure over all runs, and its spread; None if there is nothing to measure."""
     value = _ratio(parts.values())
     if value is None:
         return None

@@ -1,4 +1,4 @@
-"""docs/results.md: what stands between marks is made by the commands, the rest is written by people."""
+"""docs/results.md: the parts between marks are generated, the rest is written by hand."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from litsim_sim.io.yaml_input import read_text
 
 
 def marks(name: str) -> tuple[str, str]:
-    """Lines before and after what is made under `name`."""
+    """The lines that enclose the generated part `name`."""
     return f"<!-- begin: paper {name} -->", f"<!-- end: paper {name} -->"
 
 

@@ -1,8 +1,8 @@
-"""Where the paper's experiments take place: a real window, and generated motorway and street, in five draws each.
+"""Roads of the paper's experiments: a real window, generated motorway and generated street, in five draws each.
 
 The paper averages five runs, each of randomly chosen egos. Here a draw of the real window is a fifth of its usable
-egos, dealt by chance; a draw of generated traffic is traffic of a seed of its own. The number of the draw is the seed
-of everything random in its runs.
+egos, chosen at random; a draw of generated traffic has a traffic seed of its own. The number of the draw seeds
+everything random in its runs.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ SEGMENTS = 3
 """Segments of 28 s in a draw of generated traffic, at most; each with one ego."""
 QUICK_S = 6.0
 QUICK = {HIGHWAY: "demo", URBAN: "small/street_train_14"}
-"""Packaged scenarios that stand in where only the way is to be seen, for :data:`QUICK_S`."""
+"""Packaged scenarios that stand in for the sets in a quick trial, for :data:`QUICK_S`."""
 
 Roads = dict[str, list[CaseEntry]]
 
 
 def roads(names: Sequence[str], folder: Path, *, quick: bool = False) -> Roads:
-    """Cases of the sets called `names`, tagged with the name of theirs; what is generated for them lies in `folder`.
+    """Cases of the sets called `names`, tagged with the set's name; scenarios generated for them go to `folder`.
 
     Raises:
         InputError: the real window is not there, or `folder` cannot be written.
@@ -68,7 +68,7 @@ def _entry(name: str, scenario: str, ego: int, draw: int) -> CaseEntry:
 
 
 def _real(quick: bool) -> list[CaseEntry]:
-    """Every vehicle of the window that can be the ego, but those that parameters were tuned on."""
+    """A case for every vehicle that can be the ego, except those on which parameters were tuned."""
     window = Scenario.load(WINDOW)
     usable = np.array([ego for ego in window.possible_egos if ego not in window.tuning_egos])
     dealt = np.random.default_rng(0).permutation(usable).tolist()
@@ -85,7 +85,7 @@ def _generated(name: str, folder: Path) -> list[CaseEntry]:
 
 
 def generated(name: str, count: int, seed: int, folder: Path) -> list[str]:
-    """Scenario files of `count` segments of the set called `name`, in `folder`, made where they are not there yet.
+    """Scenario files of `count` segments of the set called `name` in `folder`, generated if missing.
 
     Raises:
         InputError: `folder` cannot be written.

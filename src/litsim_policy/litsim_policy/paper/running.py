@@ -1,4 +1,4 @@
-"""The campaigns of the paper's experiments: run where they are not yet, and read."""
+"""Runs the campaigns of the paper's experiments, as far as they have not run yet, and reads them."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ SOURCES = "sources"
 
 
 def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = False) -> Campaign:
-    """The campaign of `suite` in the folder `out`, gone on with where it was.
+    """Run, or resume, the campaign of `suite` in the folder `out`, and return it.
 
     Args:
         suite: what is run.
         out: folder of the campaign.
         processes: runs at a time.
-        overwrite: whether a campaign there that other sources have run is removed; one of these sources never is.
+        overwrite: remove a campaign there that was run with other sources; one run with these is always kept.
 
     Raises:
         InputError: a run cannot be set up, or another campaign lies there.
@@ -56,7 +56,7 @@ def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = Fa
 
 
 def note_what_happened(suite: Suite, folder: Path, processes: int) -> None:
-    """Run the cases of `suite` with our policy as it comes, and write to `folder` what happens; what is there is kept.
+    """Run the cases of `suite` with our default policy and write what happens to `folder`; existing files are kept.
 
     Raises:
         InputError: a case cannot be run, or `folder` not be written.

@@ -1,4 +1,4 @@
-"""The paper's tables in Markdown, made of campaigns: methods below each other, the paper's own figures among them."""
+"""The paper's tables in Markdown, made from campaigns: a row per method, and rows of the paper's own figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from litsim_sim.scenario.run_info import BASELINES, REPLAY
 
 NOTHING = "-"
 CLEAR = "\\*"
-"""Follows what differs clearly from ours: the interval of the difference leaves out zero."""
+"""Marks a clear difference from ours: its interval excludes zero."""
 
 Methods = Mapping[str, Mapping[Key, Metrics | None]]
 
@@ -35,11 +35,11 @@ class Measure:
     """A column.
 
     Attributes:
-        key: of :mod:`.measures`, and of :mod:`.published`.
+        key: its key in :mod:`.measures` and :mod:`.published`.
         heading: with the unit.
-        better: `min` or `max`; None where neither is.
-        scale: by which values are multiplied.
-        digits: after the point.
+        better: `min` or `max`, whichever is better; None if neither is.
+        scale: factor applied to values.
+        digits: digits after the point.
     """
 
     key: str
@@ -49,7 +49,7 @@ class Measure:
     digits: int = 2
 
     def text(self, value: float) -> str:
-        """A value as it stands in a cell."""
+        """`value` as the text of a cell."""
         return f"{self.scale * value:.{self.digits}f}"
 
 
@@ -64,27 +64,27 @@ OF_THE_PAPER = (
 """Columns of Table II, by the paper's reading."""
 
 BESIDE = (
-    *(Measure(f"own_{h}", f"ADE of its own {h} s, m", None) for h in HORIZONS_S),
+    *(Measure(f"own_{h}", f"own ADE {h} s, m", None) for h in HORIZONS_S),
     *(Measure(f"all_{h}", f"ADE of all {h} s, m", min) for h in HORIZONS_S),
-    Measure("collision_beyond", "collision %, without the log's", min, 100.0),
-    Measure("collision_driven", "collision %, of those driven", min, 100.0),
-    Measure("collision_driven_beyond", "the same without the log's", min, 100.0),
-    Measure("reactivity_beyond", "reactivity %, without the log's", max, 100.0, 1),
+    Measure("collision_beyond", "collision %, log's excluded", min, 100.0),
+    Measure("collision_driven", "collision %, driven", min, 100.0),
+    Measure("collision_driven_beyond", "collision %, driven, log's excluded", min, 100.0),
+    Measure("reactivity_beyond", "reactivity %, log's excluded", max, 100.0, 1),
     Measure("relevant_ours", "relevant %, all taken over", min, 100.0),
-    Measure("off_road", "off road %, of those driven", min, 100.0),
+    Measure("off_road", "off road %, driven", min, 100.0),
     Measure("realism", "realism", max, digits=3),
 )
-"""Columns by our reading, where it differs."""
+"""Further columns, where our definitions differ from the paper's."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What was aimed at.
+    """A goal of LitSim against the baselines.
 
     Attributes:
-        text: in words.
-        measure: of which.
-        met: by our value and the best of the baselines.
+        text: the goal in words.
+        measure: what it is about.
+        met: whether it is met, given our value and the best of the baselines.
     """
 
     text: str
@@ -93,26 +93,26 @@ class Goal:
 
 
 GOALS = (
-    Goal("collision rate at most half", OF_THE_PAPER[len(ADE)], lambda ours, best: ours <= best / 2),
+    Goal("collision rate at most half of the best", OF_THE_PAPER[len(ADE)], lambda ours, best: ours <= best / 2),
     Goal("reactivity at least 97 %", OF_THE_PAPER[len(ADE) + 1], lambda ours, _: ours >= 0.97),
-    Goal("relevant ratio at most a sixth", OF_THE_PAPER[-1], lambda ours, best: ours <= best / 6),
-    Goal("ADE at 25 s lower than all", ADE[-1], lambda ours, best: ours < best),
+    Goal("relevant ratio at most a sixth of the best", OF_THE_PAPER[-1], lambda ours, best: ours <= best / 6),
+    Goal("ADE at 25 s lowest", ADE[-1], lambda ours, best: ours < best),
     Goal("realism highest", BESIDE[-1], lambda ours, best: ours > best),
 )
-"""Of LitSim against the better of the baselines, on the same cases."""
+"""Goals for LitSim against the best of the baselines, on the same cases."""
 
 COUNTED = {
-    "fault_background": "of the background",
-    "fault_ego_avoidable": "of the ego, avoidable",
-    "fault_ego": "of the ego alone",
+    "fault_background": "background's fault",
+    "fault_ego_avoidable": "ego's fault, avoidable by the other",
+    "fault_ego": "ego's fault, unavoidable",
     "takeovers": "takeovers",
     "hard_brakes": "hard brakes",
 }
-"""Counts by key."""
+"""Headings of counts, by key in :mod:`.measures`."""
 
 
 def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[Key, Metrics | None]]:
-    """Measures of the runs of each method with `ego` on the set `tag`, or on all, in the order of the campaign."""
+    """Measures of the runs of each method with `ego` on the set `tag` (None: all sets), in the campaign's order."""
     found: dict[str, list[RunResult]] = {}
     for result in campaign.results:
         if result.case.ego.name == ego and (tag is None or tag in result.case.tags):
@@ -121,7 +121,7 @@ def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[
 
 
 def parts_of(methods: Methods, measures: Sequence[Measure]) -> dict[str, dict[str, Parts]]:
-    """What the runs of each method add to each measure, by its key, then by the method."""
+    """What each run adds to each measure, by the measure's key, then by method."""
     found: dict[str, dict[str, Parts]] = {}
     for measure in measures:
         kind, _, horizon = measure.key.rpartition("_")
@@ -139,7 +139,7 @@ def parts_of(methods: Methods, measures: Sequence[Measure]) -> dict[str, dict[st
 def table(
     methods: Methods, measures: Sequence[Measure], published: Mapping[str, Mapping[str, float]] | None = None
 ) -> list[str]:
-    """Lines of a table: values, spreads over draws; the best of a column bold, clear differences from ours marked."""
+    """Lines of a table of values with spreads over draws: column best in bold, clear differences from ours marked."""
     parts = parts_of(methods, measures)
     shown = [measure for measure in measures if any(figure(each) for each in parts[measure.key].values())]
     lines = [_line(["", "runs", *(measure.heading for measure in shown)]), _line(["---", *["---:"] * (len(shown) + 1)])]
@@ -154,7 +154,7 @@ def table(
 
 
 def differences(methods: Methods, measures: Sequence[Measure]) -> list[str]:
-    """Lines of a table of every other method minus ours, with the bounds of the paired bootstrap."""
+    """Lines of a table of each other method minus ours, with the bounds of the paired bootstrap; none without ours."""
     parts = parts_of(methods, measures)
     if OURS not in methods:
         return []
@@ -172,7 +172,7 @@ def differences(methods: Methods, measures: Sequence[Measure]) -> list[str]:
 
 
 def counts(methods: Methods) -> list[str]:
-    """Lines of a table of contacts by fault that the log has not, takeovers and hard brakes."""
+    """Lines of a table of takeovers, hard brakes, and contacts not in the log by fault."""
     lines = [_line(["", *COUNTED.values()]), _line(["---", *["---:"] * len(COUNTED)])]
     for name, runs in methods.items():
         lines.append(_line([f"`{name}`", *(str(count(runs, key)) for key in COUNTED)]))
@@ -180,7 +180,7 @@ def counts(methods: Methods) -> list[str]:
 
 
 def won(methods: Methods, measures: Sequence[Measure]) -> list[str]:
-    """What others are better at than ours, a line for each measure; replay, which reacts to nothing, is not asked."""
+    """A line for each measure in which another method beats ours; replay, which reacts to nothing, is left out."""
     parts = parts_of(methods, measures)
     found = []
     for measure in measures:
@@ -202,11 +202,11 @@ def won(methods: Methods, measures: Sequence[Measure]) -> list[str]:
 
 
 def goals(methods: Methods) -> list[str]:
-    """Lines of a table of what was aimed at: ours beside the better of the baselines, and whether it is met."""
+    """Lines of a table of goals: ours beside the best of the baselines, and whether each is met."""
     rivals = [name for name in BASELINES if name in methods]
     if OURS not in methods or not rivals:
         return []
-    lines = [_line(["goal", f"`{OURS}`", "better of the baselines", "met"]), _line(["---", "---:", "---:", "---"])]
+    lines = [_line(["goal", f"`{OURS}`", "best of the baselines", "met"]), _line(["---", "---:", "---:", "---"])]
     parts = parts_of({name: methods[name] for name in (OURS, *rivals)}, [goal.measure for goal in GOALS])
     for goal in GOALS:
         mine = figure(parts[goal.measure.key][OURS])
@@ -237,7 +237,7 @@ def _runs(runs: Mapping[Key, Metrics | None]) -> str:
 
 
 def _best(measure: Measure, parts: Mapping[str, Parts]) -> str | None:
-    """Text of the best value of a column, replay aside; None where nothing is best."""
+    """Text of the best value of a column, replay aside; None if there is none."""
     values = [found.value for name, each in parts.items() if name != REPLAY and (found := figure(each))]
     return measure.text(measure.better(values)) if measure.better and values else None
 
