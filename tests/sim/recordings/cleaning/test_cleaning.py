@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from litsim_sim.cli import data
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S
-from litsim_sim.recordings.cleaning.cleaning import CleaningConfig, clean, front_centres
+from litsim_sim.recordings.cleaning.cleaning import CleaningConfig, clean, front_centres, smoothed
 from litsim_sim.recordings.cleaning.track_fit import fit_law
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import COLUMNS, Recording, RecordingHeader
@@ -105,6 +105,39 @@ def test_circles_are_kept(radius: float, speed: float) -> None:
     np.testing.assert_allclose(yaw, angle[inside] - np.arcsin(reach / radius), atol=0.01)
     np.testing.assert_allclose(np.diff(yaw) / STEP_S, turn, rtol=0.05)
     assert report.axle_slip < 2e-3
+
+
+def leaving_a_bend(radius: float, speed: float, waits: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Box centres (n, 2) and headings (n,) of a vehicle that has waited within a bend, and drives on along it."""
+    fine, frames = 50, 140
+    t = np.arange(frames * fine) * STEP_S / fine
+    pace = np.clip(2.0 * (t - waits), 0.0, speed) if waits else np.full(len(t), speed)
+    gone = np.concatenate([[0.0], np.cumsum(pace) * STEP_S / fine])
+    yaw = np.concatenate([[0.3], 0.3 + np.cumsum(np.diff(gone) / radius * np.clip((15.0 - gone[:-1]) / 4.0, 0.0, 1.0))])
+    towards = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    axle = np.concatenate([np.zeros((1, 2)), np.cumsum(np.diff(gone)[:, None] * towards[:-1], axis=0)])
+    return (axle + CleaningConfig().rear_axle * LENGTH * towards)[:-1:fine], yaw[:-1:fine]
+
+
+@pytest.mark.parametrize("ahead", [0.5, 0.0, -0.29])
+@pytest.mark.parametrize(("radius", "speed", "waits"), [(12, 6, 0), (8, 4, 0), (6, 3, 0), (-8, 1.5, 0), (8, 6, 5)])
+def test_measured_headings_hold_the_ends_of_tracks_in_bends(
+    radius: float, speed: float, waits: float, ahead: float
+) -> None:
+    centre, yaw = leaving_a_bend(radius, speed, waits)
+    seen = centre + ahead * LENGTH * np.column_stack([np.cos(yaw), np.sin(yaw)])
+    table = smoothed(tracks(seen, yaw=yaw), ahead=ahead, measured=True)
+    apart = np.linalg.norm(table[["x", "y"]] - centre, axis=1)
+    assert apart.max() < 0.14 and max(apart[0], apart[-1]) < 0.08
+    assert np.abs(table["yaw"] - yaw).max() < 0.07 and np.abs(table["yaw"] - yaw)[0] < 0.05
+
+
+def test_headings_of_who_stands_are_not_believed_where_it_moves() -> None:
+    speed = np.concatenate([np.linspace(10, 0, 50), np.zeros(200), np.linspace(0, 10, 50)])
+    gone = np.cumsum(speed) * STEP_S
+    centre = np.outer(gone, [np.cos(1.0), np.sin(1.0)])
+    table = smoothed(tracks(centre, yaw=np.where(speed > 0.2, 1.0, 0.0)), ahead=0.0, measured=True)
+    np.testing.assert_allclose(table["yaw"], 1.0, atol=0.01)
 
 
 # Symmetries

@@ -1,4 +1,4 @@
-"""Clean kinematics: noisy front centres of a whole recording become box centres that move as vehicles do.
+"""Clean kinematics: noisy positions of a whole recording become box centres that move as vehicles do.
 
 The module `track_fit` says how one track is cleaned, `report` what that changes.
 """
@@ -19,12 +19,13 @@ from litsim_sim.recordings.cleaning.report import CleaningReport, measure
 from litsim_sim.recordings.cleaning.track_fit import CleaningConfig, Motion, fit_track
 from litsim_sim.recordings.recording import COLUMNS
 
-__all__ = ["CleaningConfig", "CleaningReport", "clean", "front_centres"]
+__all__ = ["CleaningConfig", "CleaningReport", "clean", "front_centres", "smoothed"]
 
 NEEDED = ("vehicle_id", "frame", "x", "y", "length", "width", "kind", "lane")
 PUBLISHED = ("yaw", "speed", "acceleration")
 """Columns that the input may have: for the figures before cleaning, `yaw` as a hint for tracks that lead nowhere."""
 
+FRONT = 0.5  # lengths by which the front centre is ahead of the box centre
 LEADS_NOWHERE = 5.0  # [m] shorter tracks are given a hint of their direction
 MOVED = 1.0  # [m] of way whose direction is not mere noise
 NEIGHBOUR = 30.0  # [m] within which others' directions are a hint, those of the same lane first
@@ -67,42 +68,84 @@ def clean(
     """
     config = config or CleaningConfig()
     sorted_tracks = _checked(tracks)
-    table = sorted_tracks.table
-    front = table[["x", "y"]].to_numpy(np.float64)
-    length = table["length"].to_numpy(np.float64)
-    count = len(sorted_tracks.start) - 1
+    state = _fitted(sorted_tracks, config, FRONT, measured=False, progress=progress)
+    cleaned = _neutral(sorted_tracks.table, state, config)
+    report = measure(sorted_tracks.table, cleaned, state[:, 5], config)
+    return _in_order(cleaned), report
+
+
+def smoothed(
+    tracks: pd.DataFrame, *, ahead: float, measured: bool, config: CleaningConfig | None = None
+) -> pd.DataFrame:
+    """The same of any point of the vehicles, without a report.
+
+    Args:
+        tracks: as :func:`clean` takes them, but for the point that x, y are of.
+        ahead: by how many lengths that point is ahead of the box centre.
+        measured: whether column yaw holds measured headings, which every vehicle keeps to, rather than hints.
+        config: what is noise.
+
+    Returns:
+        the recording's table, as of :func:`clean`.
+
+    Raises:
+        InputError: as :func:`clean`.
+    """
+    config = config or CleaningConfig()
+    sorted_tracks = _checked(tracks)
+    return _in_order(_neutral(sorted_tracks.table, _fitted(sorted_tracks, config, ahead, measured=measured), config))
+
+
+def _fitted(
+    tracks: _Tracks, config: CleaningConfig, ahead: float, *, measured: bool, progress: bool = False
+) -> FloatArray:
+    """Motions of all vehicles, rows as :func:`_columns` gives them; arguments as of :func:`smoothed`."""
+    table = tracks.table
+    points = table[["x", "y"]].to_numpy(np.float64)
+    length, share = table["length"].to_numpy(np.float64), ahead + config.rear_axle
+    yaw = table["yaw"].to_numpy(np.float64) if measured else None
+    count = len(tracks.start) - 1
     state = np.empty((len(table), 6))
     with tqdm(total=count, unit=" vehicles", disable=not progress) as bar:
         waiting = []
         for vehicle in range(count):
-            rows = sorted_tracks.rows(vehicle)
-            if np.linalg.norm(np.ptp(front[rows], axis=0)) < LEADS_NOWHERE:
+            rows = tracks.rows(vehicle)
+            if np.linalg.norm(np.ptp(points[rows], axis=0)) < LEADS_NOWHERE:
                 waiting.append(vehicle)
                 continue
-            state[rows] = _columns(fit_track(front[rows], float(np.median(length[rows])), config))
+            seen = None if yaw is None else yaw[rows]
+            state[rows] = _columns(fit_track(points[rows], share * float(np.median(length[rows])), config, yaw=seen))
             bar.update()
-        hints = _hints(sorted_tracks, waiting, state)
+        hints = _hints(tracks, waiting, state)
         for vehicle, hint in zip(waiting, hints, strict=True):
-            rows = sorted_tracks.rows(vehicle)
-            state[rows] = _columns(fit_track(front[rows], float(np.median(length[rows])), config, hint))
+            rows = tracks.rows(vehicle)
+            seen = None if yaw is None else yaw[rows]
+            state[rows] = _columns(fit_track(points[rows], share * float(np.median(length[rows])), config, hint, seen))
             if rows.stop - rows.start == 1 and "speed" in table:  # one position says nothing about speed
                 state[rows, 3] = table["speed"].to_numpy()[rows]
             bar.update()
-    yaw, lever = state[:, 2], config.rear_axle * length
-    cleaned = table[["vehicle_id", "frame", "length", "width", "kind", "lane"]].assign(
+    return state
+
+
+def _neutral(table: pd.DataFrame, state: FloatArray, config: CleaningConfig) -> pd.DataFrame:
+    """The recording's columns of the tracks `table`, which move as `state` says."""
+    yaw, lever = state[:, 2], config.rear_axle * table["length"].to_numpy(np.float64)
+    return table[["vehicle_id", "frame", "length", "width", "kind", "lane"]].assign(
         x=state[:, 0] + lever * np.cos(yaw),
         y=state[:, 1] + lever * np.sin(yaw),
         yaw=wrap_angle(yaw),
         speed=state[:, 3],
         acceleration=state[:, 4],
     )[list(COLUMNS)]
-    report = measure(table, cleaned, state[:, 5], config)
-    return cleaned.astype(COLUMNS).sort_values(["frame", "vehicle_id"], ignore_index=True), report
+
+
+def _in_order(cleaned: pd.DataFrame) -> pd.DataFrame:
+    return cleaned.astype(COLUMNS).sort_values(["frame", "vehicle_id"], ignore_index=True)
 
 
 def front_centres(table: pd.DataFrame) -> pd.DataFrame:
     """A recording's table with front centres in place of box centres, as :func:`clean` takes them."""
-    yaw, half = table["yaw"].to_numpy(), 0.5 * table["length"].to_numpy()
+    yaw, half = table["yaw"].to_numpy(), FRONT * table["length"].to_numpy()
     return table.assign(x=table["x"] + half * np.cos(yaw), y=table["y"] + half * np.sin(yaw))
 
 

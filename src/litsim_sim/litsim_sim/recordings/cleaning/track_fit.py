@@ -1,10 +1,10 @@
-"""One vehicle's noisy front centres explained as a vehicle: a smooth path of the rear axle and a smooth time law.
+"""One vehicle's noisy positions explained as a vehicle: a smooth path of the rear axle and a smooth time law.
 
-The rear axle follows a curve A(s), the vehicle points along the curve (no slip), and the front centre is a ``reach``
-ahead, at A(s) + reach A'(s). That is linear in A, so the curve is a smoothing spline seen through
-this operator. A time law s(t), a smoothing spline that never falls and is constant in stops, drives along the curve.
-Yaw, speed, acceleration and yaw rate are derivatives of the two: they agree with the positions by construction, and
-where s stands still everything stands still.
+The rear axle follows a curve A(s), the vehicle points along the curve (no slip), and the point that was tracked, such
+as the front centre, is a ``reach`` ahead, at A(s) + reach A'(s). That is linear in A, so the curve is a smoothing
+spline seen through this operator; headings, where they were measured, are seen as A'(s). A time law s(t), a smoothing
+spline that never falls and is constant in stops, drives along the curve. Yaw, speed, acceleration and yaw rate are
+derivatives of the two: they agree with the positions by construction, and where s stands still everything stands still.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ CURVATURE = 0.05  # [1/m] usual; what is not measured well bends less than this
 CURVATURE_LENGTH = 10.0  # [m] after which curvatures are unrelated
 NOISE = 0.15  # [m] of raw positions, for what is weighed against them
 HINT_SLOPE = 0.1  # [rad] by which hints of the direction are off
+HEADING_NOISE = 0.05  # [rad] of measured headings, for what is weighed against them
 
 
 @dataclass(frozen=True)
@@ -111,25 +112,31 @@ class Path:
         return self.knots.evaluate(self.coefficients, places, derivative)
 
 
-def fit_track(front: FloatArray, length: float, config: CleaningConfig, hint: float | None = None) -> Motion:
+def fit_track(
+    points: FloatArray, reach: float, config: CleaningConfig, hint: float | None = None, yaw: FloatArray | None = None
+) -> Motion:
     """Estimate the motion of one vehicle.
 
     Args:
-        front: (n, 2) raw front centres of consecutive frames, n at least 1 [m].
-        length: of the vehicle [m].
+        points: (n, 2) raw positions of consecutive frames, n at least 1 [m].
+        reach: by how much they are ahead of the rear axle [m].
         config: what is noise.
         hint: direction [rad] for a track that leads nowhere; the x axis if it is needed and missing.
+        yaw: (n,) measured headings [rad], if there are any.
     """
-    reach = (0.5 + config.rear_axle) * length
     towards = None if hint is None else np.array([np.cos(hint), np.sin(hint)])
-    places = _first_places(front, config, np.array([1.0, 0.0]) if towards is None else towards)
+    headings = None if yaw is None else np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+    if headings is None:
+        places = _first_places(points, config, np.array([1.0, 0.0]) if towards is None else towards)
+    else:
+        places = _places_by_headings(points, headings, reach, config)
     path = None
     for _ in range(ROUNDS):
         law = fit_law(places, config)
-        path = fit_path(front, places, law, reach, config, towards, path)
-        places = _project(front, places, path, reach)
+        path = fit_path(points, places, law, reach, config, towards, headings, path)
+        places = _project(points, places, path, reach)
     law = fit_law(places, config)
-    path = fit_path(front, places, law, reach, config, towards, path)
+    path = fit_path(points, places, law, reach, config, towards, headings, path)
     travel, rate, change = (law.at_frames(derivative) for derivative in range(3))
     rate = np.maximum(rate, 0.0)  # rounding
     tangent, bend = path.at(travel, 1), path.at(travel, 2)
@@ -167,15 +174,16 @@ def fit_law(places: FloatArray, config: CleaningConfig) -> TimeLaw:
 
 
 def fit_path(
-    front: FloatArray,
+    points: FloatArray,
     places: FloatArray,
     law: TimeLaw,
     reach: float,
     config: CleaningConfig,
     hint: FloatArray | None,
+    headings: FloatArray | None,
     previous: Path | None,
 ) -> Path:
-    """The rear axle's curve that puts front centres `reach` ahead of `places` (n,) to `front` (n, 2).
+    """The rear axle's curve that puts what is `reach` ahead of `places` (n,) to `points` (n, 2).
 
     Smoothness is that of the lateral motion in time: change of curvature times the cubed speed is the lateral jerk.
     Below `config.path_speed` it is smoothness in space. A curve's third derivative is its change of curvature across it
@@ -184,6 +192,7 @@ def fit_path(
 
     Args:
         hint: (2,) direction to keep to unless the positions say otherwise.
+        headings: (n, 2) measured directions, or None.
         previous: path of the round before, if there is one.
     """
     knots = Knots.covering(float(places.min()) - MARGIN, float(places.max()) + MARGIN, KNOT)
@@ -196,7 +205,13 @@ def fit_path(
     first, point = knots.basis(places)
     rows = point + reach * knots.basis(places, 1)[1]
     weight = np.clip(speed / config.path_speed, LEAST_WEIGHT, 1.0)
-    values = front
+    values = points
+    if headings is not None:
+        at, slope = knots.basis(places, 1)
+        first, rows = np.concatenate([first, at]), np.concatenate([rows, slope])
+        moving = np.clip(speed / config.path_speed, 0.0, 1.0)  # many sources keep no heading of who stands
+        weight = np.concatenate([weight, moving * (NOISE / HEADING_NOISE) ** 2])
+        values = np.concatenate([values, headings])
     if hint is not None:
         at, slope = knots.basis(middles, 1)
         first, rows = np.concatenate([first, at]), np.concatenate([rows, slope])
@@ -266,19 +281,15 @@ def _stops(knots: Knots, coefficients: FloatArray, count: int, config: CleaningC
     return held
 
 
-def _first_places(front: FloatArray, config: CleaningConfig, fallback: FloatArray) -> FloatArray:
+def _first_places(points: FloatArray, config: CleaningConfig, fallback: FloatArray) -> FloatArray:
     """First guess of the places (n,) along the path: steps between raw positions, seen along smoothed directions.
 
     Steps are signed, so noise does not add up to travel; the directions are those of chords of a few metres.
     """
-    count = len(front)
+    count = len(points)
     if count == 1:
         return np.zeros(1)
-    knots = Knots(0.0, STEP_S, count - 1)
-    times = _times(count)
-    penalty = knots.penalty(3, _jerk_weight(ROUGH_PERIOD_S)) + knots.penalty(2, 1e-3)
-    coefficients = fit(knots, knots.basis(times), front, np.ones(count), penalty, config.huber)
-    rough, velocity = (knots.evaluate(coefficients, times, derivative) for derivative in (0, 1))
+    rough, velocity = _roughly_smooth(points, config)
     travel = np.cumsum(np.maximum(np.linalg.norm(velocity, axis=1) - CREEP, 0.0)) * STEP_S
     chord = np.stack(
         [
@@ -292,14 +303,38 @@ def _first_places(front: FloatArray, config: CleaningConfig, fallback: FloatArra
     if np.linalg.norm(whole) > 1.0:
         fallback = whole / np.linalg.norm(whole)
     direction = np.where(size > 1.0, chord / np.maximum(size, 1.0), fallback)
-    steps = np.diff(front, axis=0) * 0.5 * (direction[1:] + direction[:-1])
+    return _travelled(points, direction)
+
+
+def _places_by_headings(points: FloatArray, headings: FloatArray, reach: float, config: CleaningConfig) -> FloatArray:
+    """First guess of the places (n,) along the path: steps of the rear axle, as headings (n, 2) tell where it is."""
+    if len(points) == 1:
+        return np.zeros(1)
+    direction = _roughly_smooth(headings, config)[0]
+    direction = direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-3)
+    return _travelled(points - reach * direction, direction)
+
+
+def _roughly_smooth(values: FloatArray, config: CleaningConfig) -> tuple[FloatArray, FloatArray]:
+    """Robustly smoothed `values` (n, 2) of consecutive frames, n above 1, and how they change [1/s]."""
+    count = len(values)
+    knots = Knots(0.0, STEP_S, count - 1)
+    times = _times(count)
+    penalty = knots.penalty(3, _jerk_weight(ROUGH_PERIOD_S)) + knots.penalty(2, 1e-3)
+    coefficients = fit(knots, knots.basis(times), values, np.ones(count), penalty, config.huber)
+    return knots.evaluate(coefficients, times), knots.evaluate(coefficients, times, 1)
+
+
+def _travelled(points: FloatArray, direction: FloatArray) -> FloatArray:
+    """Way (n,) along steps between `points` (n, 2), each seen along the `direction` (n, 2) there."""
+    steps = np.diff(points, axis=0) * 0.5 * (direction[1:] + direction[:-1])
     return np.concatenate([[0.0], np.cumsum(steps.sum(axis=1))])
 
 
-def _project(front: FloatArray, places: FloatArray, path: Path, reach: float) -> FloatArray:
-    """Lengths of the path (n,) to where it is closest to the front centres (n, 2): one Newton step from `places`."""
+def _project(points: FloatArray, places: FloatArray, path: Path, reach: float) -> FloatArray:
+    """Lengths of the path (n,) to where it is closest to the points (n, 2): one Newton step from `places`."""
     tangent = path.at(places, 1)
-    beyond = front - path.at(places) - reach * tangent
+    beyond = points - path.at(places) - reach * tangent
     closest = places + (beyond * tangent).sum(axis=1) / (tangent**2).sum(axis=1)
     grid = np.linspace(path.knots.origin, path.knots.places()[-1], 4 * path.knots.pieces + 1)
     stretch = np.linalg.norm(path.at(grid, 1), axis=1)

@@ -13,7 +13,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
 from litsim_sim.io.table_input import TableFile, is_stamped, since_1970
-from litsim_sim.recordings.cleaning.cleaning import clean, front_centres
+from litsim_sim.recordings.cleaning.cleaning import smoothed
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.obstacles import NAMES as OBSTACLES
@@ -52,8 +52,9 @@ def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
     table = resampled(split(table, counts), source, counts)
     moving = _with_motion(table, mapping)
     if mapping.clean:
-        walking = obstacle_rows(moving)  # the model of motion is that of vehicles
-        cleaned, _ = clean(front_centres(moving[~walking]).drop(columns=["speed", "acceleration"]))
+        walking = obstacle_rows(table)  # the model of motion is that of vehicles
+        raw = table[~walking].drop(columns="acceleration", errors="ignore")
+        cleaned = smoothed(raw, ahead=-AHEAD[mapping.reference], measured="yaw" in table)
         moving = pd.concat([cleaned, moving[walking]])
     else:
         harsh = np.abs(moving["acceleration"].to_numpy()[~obstacle_rows(moving)]) > HARSH
