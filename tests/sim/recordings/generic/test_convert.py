@@ -173,6 +173,20 @@ def test_small_whole_ids_stay_others_are_counted(tmp_path: Path) -> None:
     assert recording.header.notes["ids"] == {"17000000000": 1, "5000000000": 2}
 
 
+def test_ids_that_are_no_numbers_leave_the_others_alone(tmp_path: Path) -> None:
+    ids = ["88", "P1", "5", "P2", "005", "-1"]
+    rows = [straight().assign(id=name, px=lambda table, k=k: table["px"] + 30.0 * k) for k, name in enumerate(ids)]
+    recording = made(tmp_path, pd.concat(rows), FRONT)
+    renumbered = {"P1": 89, "P2": 90, "005": 91, "-1": 92}
+    assert recording.header.notes["ids"] == renumbered
+    begins = recording.table.drop_duplicates("vehicle_id").set_index("vehicle_id")["x"]
+    order = begins.sort_values().index.tolist()
+    assert order == [renumbered.get(name) or int(name) for name in ids]
+    rows[0]["id"] = "999999"
+    with pytest.raises(InputError, match=r"4 vehicles whose ids are no integers .*expected fewer than 1000000"):
+        made(tmp_path, pd.concat(rows), FRONT)
+
+
 def test_noise_is_cleaned_where_asked(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     source = straight(seconds=8.0)

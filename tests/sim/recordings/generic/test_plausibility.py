@@ -171,7 +171,9 @@ def test_an_angle_that_only_few_vehicles_tell(tmp_path: Path, traffic: Traffic) 
 
 def test_headings_by_another_north(tmp_path: Path, traffic: Traffic) -> None:
     table = wavy(traffic)
-    assert len(converted(tmp_path, table.assign(heading=np.deg2rad(3.0))))
+    assert len(converted(tmp_path, table.assign(heading=np.deg2rad(2.5))))
+    with pytest.raises(InputError, match=r"are 3\.5 degrees to the left of their way"):
+        converted(tmp_path, table.assign(heading=np.deg2rad(3.5)))
     with pytest.raises(InputError, match=r"5 vehicles that go straight are 12\.0 degrees to the right"):
         converted(tmp_path, table.assign(heading=-np.deg2rad(12.0)))
 

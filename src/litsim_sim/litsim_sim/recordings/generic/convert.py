@@ -146,17 +146,28 @@ def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
 
 
 def _ids(column: pd.Series, row: IntArray, source: TableFile) -> tuple[IntArray, dict[str, Any]]:
-    """Ids as whole numbers: their own where they are small ones, else counted in the order of appearance."""
+    """Ids as whole numbers: their own where they are small ones; others count on from the largest of these, or from 1.
+
+    Raises:
+        InputError: there is none in some rows, or there are too many.
+    """
     if (empty := column.isna().to_numpy()).any():
         raise InputError(f"{source.at(row[empty][0])}: no vehicle id; {int(empty.sum())} such rows")
-    numeric = pd.to_numeric(column, errors="coerce")
-    if numeric.notna().all() and (numeric == np.floor(numeric)).all() and numeric.between(0, PIECE - 1).all():
-        return numeric.to_numpy(np.int64), {}
-    codes, names = pd.factorize(column)
-    if len(names) >= PIECE:
-        raise InputError(f"{source}: {len(names)} vehicles, expected fewer than {PIECE}")
-    kept = {str(name): number for number, name in enumerate(names, 1)} if len(names) <= IDS_KEPT else {}
-    return codes + 1, {"ids": kept} if kept else {"ids_renumbered": len(names)}
+    codes, names = pd.factorize(texts(column))
+    numeric = pd.to_numeric(pd.Series(names), errors="coerce")
+    small = (numeric.between(0, PIECE - 1) & (numeric == np.floor(numeric)) & ~numeric.duplicated()).to_numpy()
+    first = int(numeric[small].max()) + 1 if small.any() else 1
+    others = int((~small).sum())
+    if first + others > PIECE:
+        raise InputError(
+            f"{source}: {others} vehicles whose ids are no integers below {PIECE}, beyond {first - 1}, the largest that "
+            f"is one: expected fewer than {PIECE} in all"
+        )
+    numbers = np.where(small, numeric.fillna(0.0), first + np.cumsum(~small) - 1).astype(np.int64)
+    if not others:
+        return numbers[codes], {}
+    kept = {str(name): int(number) for name, number in zip(names[~small], numbers[~small], strict=True)}
+    return numbers[codes], {"ids": kept} if others <= IDS_KEPT else {"ids_renumbered": others}
 
 
 def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableFile, counts: Counts) -> pd.DataFrame:
