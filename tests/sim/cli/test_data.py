@@ -277,6 +277,13 @@ def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest
         (["clean", "cut.txt", "cut.txt"], "cut.txt: is the input cut.txt itself"),
         (["convert", str(EMBEDDED), "."], "is a folder, expected a file name"),
         (["convert", str(EMBEDDED), "o.parquet", "--mapping", "m.yaml", "--raw"], "--mapping goes with neither"),
+        (["convert", "cut.txt", "more.txt", "out"], "more.txt: several files IN go with --mapping or --draft"),
+        (
+            ["convert", "in.csv", "m.yaml", "--draft", "--vehicles", "meta.csv", "--clip", "3"],
+            "without --vehicles, --clip",
+        ),
+        (["convert", "in.csv", "m.yaml", "--draft", "--mapping", "m2.yaml", "--raw"], "goes without --mapping, --raw"),
+        (["convert", "in.csv", "m.yaml", "--draft", "--crop", "x", "0", "1"], "--draft goes without --crop"),
         (["convert", "cut.txt", "out"], "line 2: the file ends within this line"),
         (["info", "cut.txt"], "line 2: the file ends within this line"),
         (["plot", str(EMBEDDED), "out.gif"], "expected a name that ends with .png or .html"),

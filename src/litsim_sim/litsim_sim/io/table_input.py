@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from litsim_sim.io.parquet_input import UNREADABLE, is_parquet
 if TYPE_CHECKING:
     import pandas as pd
 
+ROWS_MAX = 10**12  # of one of several files, whose rows are told apart by numbers beyond
 OTHER_SEPARATORS = (";", "\t", "|")
 """What cells of CSV files are separated by in some countries and programs; not here."""
 
@@ -108,6 +110,75 @@ class TableFile:
             if not parquet and (line := _first_odd_line(path)):
                 return InputError(f"{path}: {line}")
         return InputError(f"{path}: not readable as CSV or Parquet: {' '.join(str(error).split())}")
+
+
+@dataclass(frozen=True)
+class TableFiles:
+    """Several files whose rows are one table, as errors name them and their places.
+
+    Attributes:
+        files: at least one, all CSV or Parquet.
+        columns: of any of them; where a file has not the column of another, its cells are empty.
+    """
+
+    files: tuple[TableFile, ...]
+    columns: tuple[str, ...]
+
+    @classmethod
+    def open(cls, paths: Path | Sequence[Path]) -> TableFiles:
+        """Look at the files at `paths`.
+
+        Raises:
+            InputError: one is neither CSV nor Parquet, or there twice.
+        """
+        given = [paths] if isinstance(paths, Path) else list(paths)
+        for number, path in enumerate(given):
+            if path.resolve() in [other.resolve() for other in given[:number]]:
+                raise InputError(f"{path}: is given twice")
+        files = tuple(TableFile.open(path) for path in given)
+        # A name that a file has twice stays twice: `read` refuses it.
+        names = [name for file in files for name in file.columns]
+        return cls(files, files[0].columns if len(files) == 1 else tuple(dict.fromkeys(names)))
+
+    def __str__(self) -> str:
+        return ", ".join(map(str, self.files))
+
+    @property
+    def name(self) -> str:
+        """Names of the files, without folders."""
+        return ", ".join(file.path.name for file in self.files)
+
+    @property
+    def folder(self) -> Path:
+        """Of the first file."""
+        return self.files[0].path.parent
+
+    def at(self, *rows: int) -> str:
+        """The place of some rows, named as by :meth:`read`; as :meth:`TableFile.at`."""
+        by_file: dict[int, list[int]] = {}
+        for row in rows:
+            by_file.setdefault(int(row) // ROWS_MAX, []).append(int(row) % ROWS_MAX)
+        return " and ".join(self.files[number].at(*its) for number, its in by_file.items())
+
+    def read(self, wanted: list[str], *, needed: set[str] | None = None, whose: str = "") -> pd.DataFrame:
+        """The columns `wanted` of all files, one file after the other, and `row`, by which :meth:`at` names a place.
+
+        Args:
+            wanted: names of columns.
+            needed: those of them that every file has to have; the others may lack in some files. All if None.
+            whose: said of columns that are missing, such as "of the mapping".
+
+        Raises:
+            InputError: a file cannot be read, lacks a column, or holds no rows.
+        """
+        import pandas as pd
+
+        somewhere = set(self.columns) - (set(wanted) if needed is None else needed)
+        pieces = []
+        for number, file in enumerate(self.files):
+            table = file.read([name for name in wanted if name in file.columns or name not in somewhere], whose=whose)
+            pieces.append(table.assign(row=table["row"] + number * ROWS_MAX))
+        return pieces[0] if len(pieces) == 1 else pd.concat(pieces, ignore_index=True)
 
 
 def is_stamped(column: pd.Series) -> bool:

@@ -183,7 +183,7 @@ def test_ids_that_are_no_numbers_leave_the_others_alone(tmp_path: Path) -> None:
     order = begins.sort_values().index.tolist()
     assert order == [renumbered.get(name) or int(name) for name in ids]
     rows[0]["id"] = "999999"
-    with pytest.raises(InputError, match=r"4 vehicles whose ids are no integers .*expected fewer than 1000000"):
+    with pytest.raises(InputError, match=r"4 vehicles whose ids are no integers .* from 1000000 on: expected fewer"):
         made(tmp_path, pd.concat(rows), FRONT)
 
 
@@ -230,6 +230,42 @@ def test_columns_and_files_that_are_missing(tmp_path: Path) -> None:
         convert(tmp_path / "odd.csv", Mapping.model_validate(FRONT))
 
 
+def test_several_files_are_one_table(tmp_path: Path) -> None:
+    """Vehicles and pedestrians apart, as INTERACTION has them: those have neither headings nor sizes."""
+    driving = straight(seconds=2.0).assign(id=88, kind="car")
+    later = straight(seconds=4.0).query("t > 2.05").assign(id=88, kind="car")
+    walking = straight(speed=1.2).assign(id="P1", kind="pedestrian", px=60.0).drop(columns=["h", "l", "w"])
+    paths = [tmp_path / name for name in ("a.csv", "b.csv", "walking.csv")]
+    columns = {**BOX["columns"], "kind": "kind"}
+    mapping = Mapping.model_validate({**BOX, "columns": columns, "kinds": {"car": "car", "pedestrian": "pedestrian"}})
+
+    def convert_all() -> Recording:
+        for path, table in zip(paths, (driving, later, walking), strict=True):
+            table.to_csv(path, index=False)
+        return convert(paths, mapping)[0]
+
+    recording = convert_all()
+    assert recording.table.groupby("vehicle_id").size().to_dict() == {88: 41, 89: 31}
+    assert recording.header.notes["file"] == "a.csv, b.csv, walking.csv"
+    whole = tmp_path / "whole.csv"
+    pd.concat([driving, later, walking]).to_csv(whole, index=False)
+    pd.testing.assert_frame_equal(convert(whole, mapping)[0].table, recording.table)
+    later["l"] = later["l"].astype(object)
+    later.iloc[3, later.columns.get_loc("l")] = "long"
+    with pytest.raises(InputError, match=r"b\.csv: line 5: column 'l' is 'long'"):
+        convert_all()
+    later = straight(seconds=4.0).query("t > 1.95").assign(id=88, kind="car", px=7.0)
+    with pytest.raises(
+        InputError, match=r"a\.csv: line 22 and .*b\.csv: line 2: vehicle 88 is there twice at 2\.000 s"
+    ):
+        convert_all()
+    walking = walking.drop(columns="px")
+    with pytest.raises(InputError, match=r"walking\.csv: columns \['px'\] of the mapping are missing"):
+        convert_all()
+    with pytest.raises(InputError, match=r"a\.csv: is given twice"):
+        convert([paths[0], paths[0]], mapping)
+
+
 def test_times_that_no_frame_falls_into(tmp_path: Path) -> None:
     late = straight(seconds=1.0).assign(t=lambda table: table["t"] + 0.1)
     with pytest.raises(InputError, match=r"in\.csv: no vehicle is seen at a frame of 10 Hz"):
@@ -248,6 +284,10 @@ def test_times_that_no_frame_falls_into(tmp_path: Path) -> None:
         ({"columns": {"vehicle_id": "id"}}, "columns.x: Field required"),
         ({"columns": FRONT["columns"] | {"time": "t"}}, "columns: give either frame or time"),  # type: ignore[operator]
         ({"transform": {"x": float("nan")}}, "transform.x: Input should be a finite number, found nan"),
+        (
+            {"columns": FRONT["columns"] | {"speed": ["v"]}},  # type: ignore[operator]
+            "columns.speed: expected a column, or the two of its components, [vx, vy], found ['v']",
+        ),
         ({"rate_hz": 0}, "rate_hz: Input should be greater than 0"),
     ],
 )

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from litsim_sim.recordings.generic.mapping import Mapping
 
 
+NOT_DRAFTED = ("mapping", "vehicles", "clip", "crop", "raw", "truncated")  # options that change no draft
+
+
 def add(subparsers: Any) -> None:
     """Add the parser of the command."""
     command = subparsers.add_parser(
@@ -28,7 +31,8 @@ def add(subparsers: Any) -> None:
         "cleaned, and may hold several recordings: then OUT is a folder with one file each. An interrupted conversion "
         "of them is resumed by the same command.",
     )
-    command.add_argument("source", type=Path, metavar="IN", help="recording of any known format")
+    source_help = "recording of any known format; with --mapping or --draft, several files make one table"
+    command.add_argument("sources", type=Path, nargs="+", metavar="IN", help=source_help)
     command.add_argument("out", type=Path, metavar="OUT", help="file OUT.parquet, or a folder for official NGSIM files")
     crop_help = "keep rows with LOW <= COLUMN <= HIGH, with COLUMN as named in IN (NGSIM: in docs/data.md)"
     command.add_argument("--crop", nargs=3, action="append", metavar=("COLUMN", "LOW", "HIGH"), help=crop_help)
@@ -52,7 +56,8 @@ def run(arguments: argparse.Namespace) -> None:
         InputError: IN cannot be used, `--crop` or the mapping do not fit it, or OUT cannot be written.
     """
     crop = parse_crop(arguments.crop)
-    refuse_input_as_output(arguments.out, arguments.source, *filter(None, [arguments.mapping, arguments.vehicles]))
+    refuse_input_as_output(arguments.out, *arguments.sources, *filter(None, [arguments.mapping, arguments.vehicles]))
+    source = arguments.sources[0]
     if arguments.draft:
         _draft(arguments)
     elif arguments.mapping is not None:
@@ -61,18 +66,20 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("--clip goes with --mapping")
     elif arguments.vehicles is not None:
         raise InputError("--vehicles goes with --mapping")
-    elif _is_official(arguments.source):
+    elif len(arguments.sources) > 1:
+        raise InputError(f"{arguments.sources[1]}: several files IN go with --mapping or --draft")
+    elif _is_official(source):
         from litsim_sim.recordings.ngsim import official as ngsim
 
         options = {"cleaned": not arguments.raw, "truncated": arguments.truncated, "crop": crop}
-        for made in ngsim.convert(arguments.source, arguments.out, progress=True, **options):
+        for made in ngsim.convert(source, arguments.out, progress=True, **options):
             print(made.text())
             if made.cleaning:
                 print(made.cleaning)
     elif arguments.raw or arguments.truncated:
-        raise InputError(f"{arguments.source}: --raw and --truncated are for official NGSIM files")
+        raise InputError(f"{source}: --raw and --truncated are for official NGSIM files")
     else:
-        print(describe(convert(arguments.source, arguments.out, crop)))
+        print(describe(convert(source, arguments.out, crop)))
 
 
 def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]]) -> None:
@@ -90,9 +97,9 @@ def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]])
     if arguments.vehicles is not None:
         if mapping.vehicles is None:
             raise InputError(f"{arguments.mapping}: --vehicles is given, but field vehicles does not say what is in it")
-        file = os.path.relpath(arguments.vehicles, arguments.source.parent)
+        file = os.path.relpath(arguments.vehicles, arguments.sources[0].parent)
         chosen["vehicles"] = mapping.vehicles.model_copy(update={"file": file})
-    recording, counts = convert_mapped(arguments.source, mapping.model_copy(update=chosen))
+    recording, counts = convert_mapped(arguments.sources, mapping.model_copy(update=chosen))
     recording, heeded = _with_signals(recording, mapping, arguments.mapping, arguments.out)
     recording.write(_file(arguments.out))
     print(describe(recording))
@@ -130,14 +137,18 @@ def _with_signals(recording: Recording, mapping: Mapping, file: Path, out: Path)
 def _draft(arguments: argparse.Namespace) -> None:
     from litsim_sim.recordings.generic.draft import draft
 
+    given = [name for name in NOT_DRAFTED if getattr(arguments, name) not in (None, False)]
+    if given:
+        raise InputError(f"--draft goes without {', '.join(f'--{name}' for name in given)}")
     out = _file(arguments.out)
     if out.exists():
         raise InputError(f"{out}: is there already; --draft replaces nothing")
-    text = draft(arguments.source)
+    text = draft(arguments.sources)
     with replacing(out) as new:
         new.write_text(text, encoding="utf-8")
     print(text, end="")
-    print(f"look it over, above all what is marked: data convert --mapping {out} {arguments.source} OUT.parquet")
+    given = " ".join(map(str, arguments.sources))
+    print(f"look it over, above all what is marked: data convert --mapping {out} {given} OUT.parquet")
 
 
 def convert(source: Path, out: Path, crop: dict[str, list[float]]) -> Recording:

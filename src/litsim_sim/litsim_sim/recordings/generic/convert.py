@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
-from litsim_sim.io.table_input import TableFile, is_stamped, since_1970
+from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
 from litsim_sim.recordings.cleaning.cleaning import smoothed
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
@@ -34,15 +35,15 @@ AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rea
 DERIVED = ("yaw", "speed", "acceleration")  # columns that a file need not have
 
 
-def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
-    """The table at `path` (CSV or Parquet) as a recording, and what became of its rows.
+def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, Counts]:
+    """The table at `paths` (CSV or Parquet, one file or several) as a recording, and what became of its rows.
 
     Raises:
         InputError: a column is missing, a cell is no number (with its row), a vehicle is at two places at a time or
             jumps too often, a kind is not in the mapping, the table does not move as traffic does, or the result fails
             a check of :meth:`Recording.from_table`.
     """
-    source, counts = TableFile.open(path), Counts()
+    source, counts = TableFiles.open(paths), Counts()
     given = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
     table, names = _in_si(without_unused(given), mapping, source)
     table = in_order(table, source, counts)
@@ -70,12 +71,12 @@ def convert(path: Path, mapping: Mapping) -> tuple[Recording, Counts]:
         source=mapping.source,
         licence=mapping.licence,
         net=mapping.net,
-        notes={"file": path.name, "mapping": mapping.model_dump(exclude_defaults=True), **counts.note(), **names},
+        notes={"file": source.name, "mapping": mapping.model_dump(exclude_defaults=True), **counts.note(), **names},
     )
-    return Recording.from_table(header, moving[list(COLUMNS)], f"{path}, brought to 10 Hz"), counts
+    return Recording.from_table(header, moving[list(COLUMNS)], f"{source}, brought to 10 Hz"), counts
 
 
-def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFile) -> tuple[pd.DataFrame, dict[str, Any]]:
+def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Columns in SI units and frame map: vehicle_id, t [s], x, y, yaw, speed, acceleration where given, length, width,
     kind, lane, row; and what the header says of the ids.
     """
@@ -145,7 +146,7 @@ def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
     return table.assign(speed=table["speed"].clip(lower=0.0))
 
 
-def _ids(column: pd.Series, row: IntArray, source: TableFile) -> tuple[IntArray, dict[str, Any]]:
+def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray, dict[str, Any]]:
     """Ids as whole numbers: their own where they are small ones; others count on from the largest of these, or from 1.
 
     Raises:
@@ -160,8 +161,8 @@ def _ids(column: pd.Series, row: IntArray, source: TableFile) -> tuple[IntArray,
     others = int((~small).sum())
     if first + others > PIECE:
         raise InputError(
-            f"{source}: {others} vehicles whose ids are no integers below {PIECE}, beyond {first - 1}, the largest that "
-            f"is one: expected fewer than {PIECE} in all"
+            f"{source}: {others} vehicles whose ids are no integers below {PIECE}, to be numbered from {first} on: "
+            f"expected fewer than {PIECE} vehicles"
         )
     numbers = np.where(small, numeric.fillna(0.0), first + np.cumsum(~small) - 1).astype(np.int64)
     if not others:
@@ -170,7 +171,7 @@ def _ids(column: pd.Series, row: IntArray, source: TableFile) -> tuple[IntArray,
     return numbers[codes], {"ids": kept} if others <= IDS_KEPT else {"ids_renumbered": others}
 
 
-def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableFile, counts: Counts) -> pd.DataFrame:
+def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
     """The rows of kinds that the mapping keeps, whose kind is one of ours."""
     if "kind" not in given:
         return given

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -15,7 +16,7 @@ import yaml
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.io.table_input import TableFile, is_stamped, since_1970
+from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.plausibility import (
     ANGLE_UNITS,
@@ -25,7 +26,7 @@ from litsim_sim.recordings.generic.plausibility import (
     ZEROS,
     heading,
 )
-from litsim_sim.recordings.generic.reading import texts
+from litsim_sim.recordings.generic.reading import NEEDED, texts
 from litsim_sim.recordings.generic.sides import MOVING
 
 NAMES: dict[str, str] = {
@@ -77,16 +78,16 @@ class _Draft:
     remarks: dict[str, str] = field(default_factory=dict)
 
 
-def draft(path: Path) -> str:
-    """Text of a mapping file for the table at `path` (CSV or Parquet); what was guessed is marked by comments.
+def draft(paths: Path | Sequence[Path]) -> str:
+    """Text of a mapping file for the table at `paths` (CSV or Parquet); what was guessed is marked by comments.
 
     Raises:
         InputError: the file cannot be read, or has no columns for id, place and time.
     """
-    source = TableFile.open(path)
+    source = TableFiles.open(paths)
     columns = _named(source)
     used = set(columns.values())
-    raw = source.read(sorted(used))
+    raw = source.read(sorted(used), needed={columns[name] for name in NEEDED if name in columns})
     table = pd.DataFrame({ours: raw[theirs] for ours, theirs in columns.items()})
     if "time" in table and is_stamped(table["time"]):
         table["time"] = since_1970(table["time"])
@@ -95,7 +96,7 @@ def draft(path: Path) -> str:
     components = [columns.pop(name) for name in COMPONENTS if name in columns]
     if components and "speed" not in columns:
         table["speed"] = np.hypot(table["speed_x"], table["speed_y"])
-    made = _Draft({"name": re.sub(r"\W+", "_", path.stem), "source": "", "licence": "", "net": ""})
+    made = _Draft({"name": re.sub(r"\W+", "_", source.files[0].path.stem), "source": "", "licence": "", "net": ""})
     made.remarks["source"] = "data set, site and period, as one would cite it"
     made.remarks["net"] = "name of the SUMO net that it lies on"
     sizes = {name: size for name, size in USUAL_SIZE.items() if name not in columns}
@@ -121,12 +122,12 @@ def draft(path: Path) -> str:
     if "kind" in columns:
         _kinds(made, table["kind"])
     unused = [name for name in source.columns if name not in used]
-    text = _written(made, f"Drafted from the columns of {path.name}; not used: {', '.join(unused) or 'none'}.")
+    text = _written(made, f"Drafted from the columns of {source.name}; not used: {', '.join(unused) or 'none'}.")
     Mapping.model_validate(yaml.safe_load(text))  # else this is wrong, not the user
     return text
 
 
-def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFile) -> pd.Series:
+def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -> pd.Series:
     """The numbers of a column, NaN where cells are empty.
 
     Raises:
@@ -142,7 +143,7 @@ def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFile) ->
     return values
 
 
-def _named(source: TableFile) -> dict[str, str]:
+def _named(source: TableFiles) -> dict[str, str]:
     """By our name, the column of the file that is called so; the first of several."""
     found: dict[str, str] = {}
     for ours, pattern in NAMES.items():

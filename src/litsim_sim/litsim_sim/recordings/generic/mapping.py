@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from litsim_sim.core.scene import RATE_HZ
 from litsim_sim.io.yaml_input import read_yaml
@@ -84,6 +84,14 @@ class Columns(_Strict):
     kind: str | None = None
     clip: str | None = None
     lane: str | None = None
+
+    @field_validator("speed", mode="before")
+    @classmethod
+    def _one_speed_or_two(cls, said: object) -> object:
+        pair = isinstance(said, list | tuple) and len(said) == 2 and all(isinstance(name, str) for name in said)
+        if not (said is None or isinstance(said, str) or pair):
+            raise ValueError(f"expected a column, or the two of its components, [vx, vy], found {said!r:.60}")
+        return said
 
     @model_validator(mode="after")
     def _one_clock(self) -> Columns:

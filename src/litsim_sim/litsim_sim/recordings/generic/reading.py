@@ -6,14 +6,15 @@ import numpy as np
 import pandas as pd
 
 from litsim_sim.core.errors import InputError
-from litsim_sim.io.table_input import TableFile
+from litsim_sim.io.table_input import TableFile, TableFiles
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.mapping import Mapping, Span, Value, Vehicles
 
+NEEDED = ("vehicle_id", "frame", "time", "x", "y", "clip")  # columns that each of several files has to have
 SHOWN = 12  # values of a column that a message lists
 
 
-def read_rows(source: TableFile, mapping: Mapping, counts: Counts) -> pd.DataFrame:
+def read_rows(source: TableFiles, mapping: Mapping, counts: Counts) -> pd.DataFrame:
     """The columns that the mapping names, by our names, of the rows that it keeps; and their places in `row`.
 
     Raises:
@@ -23,7 +24,8 @@ def read_rows(source: TableFile, mapping: Mapping, counts: Counts) -> pd.DataFra
     columns = mapping.columns.named()
     wanted = {*columns.values(), *mapping.rows}
     own = {*source.columns, columns["vehicle_id"]} if mapping.vehicles is not None else wanted
-    raw = source.read(sorted(wanted & own), whose="of the mapping")
+    needed = {columns[name] for name in NEEDED if name in columns} | {*mapping.rows}
+    raw = source.read(sorted(wanted & own), needed=needed & own, whose="of the mapping")
     counts.read = len(raw)
     if mapping.vehicles is not None:
         raw = _with_vehicles(raw, sorted(wanted - own), mapping.vehicles, columns["vehicle_id"], source)
@@ -33,14 +35,14 @@ def read_rows(source: TableFile, mapping: Mapping, counts: Counts) -> pd.DataFra
 
 
 def _with_vehicles(
-    raw: pd.DataFrame, wanted: list[str], vehicles: Vehicles, vehicle_id: str, source: TableFile
+    raw: pd.DataFrame, wanted: list[str], vehicles: Vehicles, vehicle_id: str, source: TableFiles
 ) -> pd.DataFrame:
     """The rows with the columns `wanted` of their vehicles, from the file that has a row for each.
 
     Raises:
         InputError: that file cannot be read, lacks a column or a vehicle of the rows, or has one twice.
     """
-    other = TableFile.open(source.path.parent / vehicles.file)
+    other = TableFile.open(source.folder / vehicles.file)
     table = other.read(sorted({vehicles.vehicle_id, *wanted}), whose="of the mapping, field vehicles,")
     ids = texts(table[vehicles.vehicle_id])
     if (twice := ids.duplicated().to_numpy()).any():
@@ -59,7 +61,7 @@ def _with_vehicles(
     return raw.assign(**{name: table[name].to_numpy()[place] for name in wanted})
 
 
-def _filtered(raw: pd.DataFrame, mapping: Mapping, source: TableFile, counts: Counts) -> pd.DataFrame:
+def _filtered(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
     """The rows that `rows` of the mapping keeps."""
     for column, rule in mapping.rows.items():
         keep = _kept(raw[column], rule, f"{source}: field rows.{column}")
@@ -81,7 +83,7 @@ def _kept(values: pd.Series, rule: Value | list[Value] | Span, where: str) -> pd
     return values.map(plain).isin(wanted)
 
 
-def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFile, counts: Counts) -> pd.DataFrame:
+def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
     """The rows of the clip that the mapping chooses, or of the only one."""
     column = mapping.columns.clip
     if column is None:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import RATE_HZ, STEP_S, BoolArray, IntArray
-from litsim_sim.io.table_input import TableFile
+from litsim_sim.io.table_input import TableFiles
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.ngsim.tracks import JUMP_MAX, PIECE
 
@@ -19,7 +19,7 @@ AWAY_MAX_S = 0.5  # [s] for which a vehicle may be elsewhere between two jumps: 
 JUMPS_MAX = 0.01  # of the rows; where more are left out, or follow a jump, the file is refused
 
 
-def in_order(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.DataFrame:
+def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
     """Rows sorted by vehicle and time; rows that say the same of a vehicle at the same time are one.
 
     Raises:
@@ -41,7 +41,7 @@ def in_order(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.DataF
     return table
 
 
-def without_outliers(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.DataFrame:
+def without_outliers(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
     """Rows, in order, without those for which a vehicle jumps elsewhere for less than half a second.
 
     Raises:
@@ -84,7 +84,7 @@ def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
     return table.assign(vehicle_id=vehicle + PIECE * piece)
 
 
-def resampled(table: pd.DataFrame, source: TableFile, counts: Counts) -> pd.DataFrame:
+def resampled(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
     """Every track at the frames of 10 Hz that lie within its time; values between rows are interpolated.
 
     Pieces of tracks that are seen between two frames only are left out.
