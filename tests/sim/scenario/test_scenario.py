@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ARRAY_FIELDS, DTYPES, STEP_S, Controller, Kind
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.recordings.load import load_recording
+from litsim_sim.recordings.ngsim import official
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario, packaged, packaged_scenarios
@@ -99,6 +101,35 @@ def test_us101(real_data) -> None:
     again = Scenario.from_yaml(scenario.to_yaml(), "bag")
     assert again.file == scenario.file
     pd.testing.assert_frame_equal(again.recording.table, scenario.recording.table, check_exact=True)
+
+
+@pytest.mark.data
+def test_us101_of_the_official_file_as_documented(real_data, tmp_path: Path) -> None:
+    """The windows, written as NGSIM's own text file, give the scenario of the same vehicles at the same places."""
+    windows = pd.read_parquet(real_data())
+    windows = windows[(windows["src"] < 2) & windows["frame"].between(316, 543)]
+    windows = windows[windows["local_y_m"].between(180, 415)].sort_values(["vehicle_id", "frame"])
+    metres = ["local_x_m", "local_y_m", "global_x_m", "global_y_m", "length_m", "width_m", "speed_mps", "accel_mps2"]
+    feet = (windows[metres] / 0.3048).round(3)
+    rows = windows[["vehicle_id", "frame"]].assign(
+        total=1, time=1118846978900 + 100 * windows["frame"].astype(np.int64)
+    )
+    rows = pd.concat(
+        [rows, feet[metres[:6]], windows[[]].assign(kind=2), feet[metres[6:]], windows["lane_est"]], axis=1
+    )
+    rows.assign(a=0, b=0, c=0, d=0).to_csv(tmp_path / "text.txt", sep=" ", header=False, index=False)
+    (tmp_path / "ngsim").mkdir()
+    official.convert(tmp_path / "text.txt", tmp_path / "ngsim" / "us101_0750.parquet")
+    page = Path(__file__).parents[3] / "docs" / "data.md"
+    (documented,) = re.findall(
+        r"```yaml\n(name: us101_0750_official\n.*?)```", page.read_text(encoding="utf-8"), re.DOTALL
+    )
+    (tmp_path / "official.yaml").write_text(documented)
+    made, usual = Scenario.load(str(tmp_path / "official.yaml")), Scenario.load("us101_0750")
+    assert (made.egos, made.history_steps, made.total_steps) == (usual.egos, usual.history_steps, usual.total_steps)
+    both = made.recording.table.merge(usual.recording.table, on=["vehicle_id", "frame"])
+    assert len(both) > 0.99 * len(usual.recording.table)
+    assert np.quantile(np.hypot(both["x_x"] - both["x_y"], both["y_x"] - both["y_y"]), 0.95) < 0.3
 
 
 @pytest.mark.parametrize("value", [None, "/nowhere"])

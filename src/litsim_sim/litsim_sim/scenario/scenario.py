@@ -286,12 +286,12 @@ def _data_path(recording: str, folder: Path, where: str) -> Path:
     if not data:
         raise InputError(
             f"{where}: field recording: needs real data: put it into a folder as DATA/{relative} and set "
-            f"{DATA_VARIABLE} to DATA (scenario demo needs none)"
+            f"{DATA_VARIABLE} to DATA (scenario demo needs none; docs/data.md: NGSIM's own files in its place)"
         )
     path = (Path(data).expanduser() / relative).resolve()
     if not path.is_file():
         raise InputError(
             f"{where}: field recording: {path}: no such recording; put the file there, or set {DATA_VARIABLE} to the "
-            f"folder that holds {relative} (scenario demo needs none)"
+            f"folder that holds {relative} (scenario demo needs none; docs/data.md: NGSIM's own files in its place)"
         )
     return path
