@@ -9,7 +9,7 @@ from litsim_sim.core.scene import STEP_S, Kind
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged, packaged_nets
 
-LONG_NOTES = ("mapping", "ids")  # of a header, which are whole tables
+LONG_NOTES = ("mapping", "ids", "moved_by_cleaning_m")  # of a header, which are whole tables
 
 
 def describe(recording: Recording) -> str:

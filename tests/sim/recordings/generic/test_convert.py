@@ -411,6 +411,23 @@ def test_who_never_moves_is_cleaned_to_point_as_those_around(tmp_path: Path) -> 
     np.testing.assert_allclose(stood[["x", "y"]], standing[["px", "py"]], atol=0.02)
 
 
+def test_who_reverses_stays_where_it_was_or_is_told(tmp_path: Path) -> None:
+    """One vehicle backs out 10 m; another does so for 7 m, and drives on."""
+    t = np.arange(100) / 10.0
+    backs = pd.DataFrame({"id": 1, "n": np.arange(100), "px": -1.0 * t, "py": 0.0, "h": 0.0, "l": 4.5, "w": 1.9})
+    turns = backs.assign(id=2, px=np.where(t < 5, -1.5 * t, -7.5 + (t - 5.0) ** 2), py=20.0)
+    drives = backs.assign(id=3, px=8.0 * t, py=40.0)
+    columns = {"vehicle_id": "id", "frame": "n", "x": "px", "y": "py", "length": "l", "width": "w", "yaw": "h"}
+    path, fields = tmp_path / "in.csv", {**FRONT, "columns": columns, "reference": "box_centre", "clean": True}
+    pd.concat([backs, turns, drives]).to_csv(path, index=False)
+    recording, counts = convert(path, Mapping.model_validate(fields | {"accept": ["heading"]}))
+    backed = recording.table[recording.table["vehicle_id"] == 1]
+    np.testing.assert_allclose(backed["x"], backs["px"], atol=0.05)
+    assert set(counts.moved) == {2} and counts.moved[2] > 1.0
+    assert set(recording.header.notes["moved_by_cleaning_m"]) == {"2"}  # type: ignore[call-overload]
+    assert re.search(r"cleaned +1 vehicles are moved by more than 1 m, above all 2 by \d\.\d m", counts.text())
+
+
 def test_a_single_row_keeps_its_speed_where_it_is_cleaned(tmp_path: Path) -> None:
     table = pd.concat([straight().assign(id=1), straight()[:1].assign(id=2, px=90.0)])
     columns = {**BOX["columns"], "speed": "v"}

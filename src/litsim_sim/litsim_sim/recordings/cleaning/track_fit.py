@@ -33,6 +33,7 @@ CURVATURE_LENGTH = 10.0  # [m] after which curvatures are unrelated
 NOISE = 0.15  # [m] of raw positions, for what is weighed against them
 HINT_SLOPE = 0.1  # [rad] by which hints of the direction are off
 HEADING_NOISE = 0.05  # [rad] of measured headings, for what is weighed against them
+REVERSED = 1.0  # [m] against its headings, from which on a vehicle has driven backwards
 
 
 @dataclass(frozen=True)
@@ -126,10 +127,10 @@ def fit_track(
     """
     towards = None if hint is None else np.array([np.cos(hint), np.sin(hint)])
     headings = None if yaw is None else np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
-    if headings is None:
+    places = None if headings is None else _places_by_headings(points, headings, reach, config)
+    if places is None or places[-1] < -REVERSED:  # who drives backwards is taken to point where it goes
+        headings = None
         places = _first_places(points, config, np.array([1.0, 0.0]) if towards is None else towards)
-    else:
-        places = _places_by_headings(points, headings, reach, config)
     path = None
     for _ in range(ROUNDS):
         law = fit_law(places, config)

@@ -29,6 +29,7 @@ IDS_KEPT = 5000  # names of vehicles that are kept in the header; of more, only 
 DROP = "drop"
 CREEPING = 1.0  # [m] within a second below which a vehicle keeps its direction, as one that waits would turn by noise
 HARSH = 5.0  # [m/s2] beyond which vehicles hardly ever brake or accelerate
+FAR = 1.0  # [m] by which cleaning moves nobody who drives as vehicles do
 CLOCK = "time_of_frame_0_s"  # note of the header: what the clock of the file showed at frame 0
 AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rear_axle, "box_corner": 0.0}
 """By reference, how far the middle of the box is ahead of it, in lengths; corners are taken for it earlier."""
@@ -55,7 +56,9 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
     if mapping.clean:
         walking = obstacle_rows(table)  # the model of motion is that of vehicles
         raw = table[~walking].drop(columns="acceleration", errors="ignore")
-        cleaned = smoothed(raw, ahead=-AHEAD[mapping.reference], measured="yaw" in table)
+        ahead = -AHEAD[mapping.reference]
+        cleaned = smoothed(raw, ahead=ahead, measured="yaw" in table)
+        counts.moved = _moved(raw, cleaned, ahead)
         moving = pd.concat([cleaned, moving[walking]])
     else:
         harsh = np.abs(moving["acceleration"].to_numpy()[~obstacle_rows(moving)]) > HARSH
@@ -220,6 +223,16 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
             acceleration=np.where(walking, rate, table["acceleration"]) if "acceleration" in table else rate
         )
     return table
+
+
+def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, float]:
+    """By vehicle, by how much [m] cleaning moved what is `ahead` lengths before its centre, where that is over FAR."""
+    both = raw.merge(cleaned, on=["vehicle_id", "frame"], suffixes=("", "_cleaned"))
+    lever, yaw = ahead * both["length"], both["yaw_cleaned" if "yaw" in raw else "yaw"]
+    dx = both["x_cleaned"] + lever * np.cos(yaw) - both["x"]
+    dy = both["y_cleaned"] + lever * np.sin(yaw) - both["y"]
+    most = np.hypot(dx, dy).groupby(both["vehicle_id"]).max()
+    return {int(vehicle): float(way) for vehicle, way in most[most > FAR].items()}
 
 
 def _rate(vehicle: IntArray, values: FloatArray) -> FloatArray:

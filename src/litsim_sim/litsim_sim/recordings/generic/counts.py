@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 HARSH_MAX = 0.05  # of the accelerations of vehicles, from which on it is said that they are noise
+SHOWN = 5  # vehicles that a line names
 
 
 @dataclass
@@ -22,6 +23,7 @@ class Counts:
         usual_sizes: pedestrians and cyclists without a size, who got a usual one.
         backwards: rows with speeds below 0, which become 0.
         harsh: share of the rows of vehicles at which they brake or accelerate as they hardly ever do.
+        moved: by vehicle, by how much cleaning moved it [m], of those that it moved by more than a metre.
         rows: rows of the recording, one for each vehicle and frame of 10 Hz.
     """
 
@@ -34,6 +36,7 @@ class Counts:
     usual_sizes: int = 0
     backwards: int = 0
     harsh: float = 0.0
+    moved: dict[int, float] = field(default_factory=dict)
     rows: int = 0
 
     def leave_out(self, reason: str, rows: int) -> None:
@@ -52,6 +55,7 @@ class Counts:
             "tracks_too_short": self.too_short,
             **({"tracks_of_usual_size": self.usual_sizes} if self.usual_sizes else {}),
             **({"rows_backwards": self.backwards} if self.backwards else {}),
+            **({"moved_by_cleaning_m": {str(k): round(way, 2) for k, way in self.moved.items()}} if self.moved else {}),
             "rows_at_10_hz": self.rows,
         }
 
@@ -70,4 +74,10 @@ class Counts:
         if self.harsh > HARSH_MAX:
             share = f"{self.harsh:.0%} of the accelerations are beyond 5 m/s2"
             lines.append(f"rough      {share}: field clean of the mapping, set to true, smooths positions")
+        if self.moved:
+            worst = sorted(self.moved, key=lambda vehicle: -self.moved[vehicle])[:SHOWN]
+            told = ", ".join(f"{vehicle} by {self.moved[vehicle]:.1f} m" for vehicle in worst)
+            lines.append(
+                f"cleaned    {len(self.moved)} vehicles are moved by more than 1 m, above all {told}: do they reverse?"
+            )
         return "\n".join([*lines, f"tracks     {self.tracks}{cut}{short}"])
