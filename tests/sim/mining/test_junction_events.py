@@ -54,6 +54,20 @@ def test_the_pet_of_a_crossing_is_from_leaving_to_entering(later: float) -> None
     assert events[0].severity == pytest.approx(1.5 / (1.5 + float(str(own["pet_s"]))), abs=0.01)
 
 
+def test_who_has_left_the_road_has_no_speed() -> None:
+    """The log of the one from the south ends when it has crossed, before the other comes."""
+    south, west = on_path(OTHER, NORTHWARD, 70.0, SPEED), on_path(EGO, EAST, 0.0, SPEED)
+    gone = (west.y[0] + 1.0 + 0.5 * 4.5 - south.y[0]) / SPEED
+    west = on_path(EGO, EAST, south.x[0] - 3.25 - SPEED * (gone + 4.5) - west.x[0], SPEED)
+    (whole, _) = met(west, south)
+    assert whole.numbers["other_speed_mps"] == pytest.approx(SPEED, abs=0.1)
+    seen = round((gone + 4.0) / STEP_S)
+    own, others = met(west, replace(south, x=south.x[:seen], y=south.y[:seen]))
+    assert (own.numbers["pet_s"], own.step) == (whole.numbers["pet_s"], whole.step)
+    assert own.numbers["speed_mps"] == others.numbers["other_speed_mps"] == pytest.approx(SPEED, abs=0.1)
+    assert own.numbers["other_speed_mps"] is others.numbers["speed_mps"] is None
+
+
 def test_whoever_comes_six_seconds_later_meets_nobody() -> None:
     assert len(met(on_path(EGO, EAST, 80.0, SPEED), on_path(OTHER, NORTHWARD, 85.0, SPEED))) == 2
     assert met(on_path(EGO, EAST, 40.0, SPEED), on_path(OTHER, NORTHWARD, 100.0, SPEED)) == []

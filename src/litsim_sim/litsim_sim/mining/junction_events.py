@@ -74,8 +74,8 @@ def _encounter(situation: Situation, a: Passage, b: Passage) -> Iterator[Event]:
             "pet_s": measured(pet),
             "first": "ego" if own is first else "other",
             "angle_rad": measured(angle),
-            "speed_mps": measured(situation.log.speed[own.agent, step]),
-            "other_speed_mps": measured(situation.log.speed[other.agent, step]),
+            "speed_mps": _speed(situation, own.agent, step),
+            "other_speed_mps": _speed(situation, other.agent, step),
             "way": _way(own),
             "other_way": _way(other),
         }
@@ -83,6 +83,11 @@ def _encounter(situation: Situation, a: Passage, b: Passage) -> Iterator[Event]:
             numbers |= {"role": "turning" if own.is_left_turn else "oncoming", "signal": str(signal)}
         ids = situation.id_of(own.agent), situation.id_of(other.agent)
         yield Event(kind, *ids, min(own.first, step), step, max(own.last, step), size, numbers)
+
+
+def _speed(situation: Situation, row: int, step: int) -> float | None:
+    """Of the agent in `row` [m/s]; None where it has left the road before."""
+    return measured(situation.log.speed[row, step]) if situation.log.valid[row, step] else None
 
 
 def _kind(situation: Situation, a: Passage, b: Passage, pet: float) -> tuple[EventKind, Protection | None]:
