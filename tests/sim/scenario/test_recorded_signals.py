@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.maps.signal_links import read_links
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.recorded_signals import survey
 from litsim_sim.scenario.scenario import packaged
@@ -36,6 +37,28 @@ def test_pieces_are_counted_together() -> None:
     given = signals(changes=[[0.0, "east", "green"], [65.0, "east", "red"]])
     lines = survey(given, NET, recording([0, 20, 610, 630, 670]), "made")
     assert lines == ["signals    east: 5 vehicles pass, 1 at red", "signals    north: 0 vehicles pass, 0 at red"]
+
+
+@pytest.mark.parametrize("passes", [30, 590, 598, 599, 600, 601])
+def test_who_passes_as_a_piece_ends_is_of_the_group_of_its_way(passes: int) -> None:
+    """Straight on, from a lane from which a right turn, whose way out is nearer, has another signal."""
+    links = {link.name: link for link in read_links(NET)}
+    line = links["WA_0 -> AB_0"]
+    frame = np.arange(660)
+    x = line.stop[0] - 2.0 + (frame - passes) * 1.0
+    car = pd.DataFrame({"vehicle_id": 1, "frame": frame, "x": x, "y": line.stop[1]})
+    same = {"yaw": 0.0, "speed": 10.0, "acceleration": 0.0, "length": 4.0, "width": 1.8, "kind": 0, "lane": -1}
+    made = Recording.from_table(RecordingHeader("made"), car.assign(**same), "made")
+    given = {"groups": {"on": ["WA_0 -> AB_0"], "right": ["WA_0 -> AAS_0"]}, "changes": [[0.0, "on", "green"]]}
+    lines = survey(SignalsFile.model_validate(given), NET, made, "made")
+    assert lines == ["signals    on: 1 vehicles pass, 0 at red", "signals    right: 0 vehicles pass, 0 at red"]
+
+
+def test_signals_are_judged_by_the_whole_recording() -> None:
+    """All who pass in the second minute do so at red, but most pass in the first."""
+    given = signals(changes=[[0.0, "east", "green"], [60.0, "east", "red"]])
+    lines = survey(given, NET, recording([*range(0, 120, 20), *range(610, 710, 20)]), "made")
+    assert lines[0] == "signals    east: 11 vehicles pass, 5 at red"
 
 
 def test_signals_that_nobody_heeds_are_refused() -> None:

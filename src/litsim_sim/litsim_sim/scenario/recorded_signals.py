@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from litsim_sim.core.scene import RATE_HZ
+from litsim_sim.maps.signal_links import LEAVES, read_links
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.signals import SignalsFile, build, check_known, heed
+from litsim_sim.scenario.signals import SignalsFile, check_heeded, check_known, heed, shown
 
 PIECE = round(60 * RATE_HZ)  # frames of the recording that are looked at together, so that memory does not grow with it
 
@@ -21,13 +22,14 @@ def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) ->
     """
     frames = recording.columns["frame"]
     first, last, known = int(frames.min()), int(frames.max()), False
-    counts: dict[str, tuple[int, int]] = {}
+    links, counts = read_links(net), dict[str, tuple[int, int]]()
     for start in range(first, last + 1, PIECE):
-        log = Log.from_recording(recording, start, PIECE + 1)
-        shown = build(signals, net, log, start, where)
-        known |= shown.known
-        for group, (passed, at_red) in heed(shown, log).items():
+        log = Log.from_recording(recording, start, PIECE + 1 + LEAVES)  # to see where the last ones go
+        lights = shown(signals, links, log.steps, start, where)
+        known |= lights.known
+        for group, (passed, at_red) in heed(lights, log, PIECE).items():
             before = counts.get(group, (0, 0))
             counts[group] = before[0] + passed, before[1] + at_red
+    check_heeded(counts, where)
     check_known(signals, known, (first, last), where)
     return [f"signals    {group}: {passed} vehicles pass, {red} at red" for group, (passed, red) in counts.items()]

@@ -210,7 +210,7 @@ def build(given: SignalsFile, net: Path, log: Log, start_frame: int, where: str)
             vehicles that pass the stop lines of a group do so at red, so that groups or times cannot be right.
     """
     made = shown(given, read_links(net), log.steps, start_frame, where)
-    _check_against(made, log, where)
+    check_heeded(heed(made, log), where)
     return made
 
 
@@ -309,11 +309,18 @@ def _states(
     return states
 
 
-def heed(signals: Signals, log: Log) -> dict[str, tuple[int, int]]:
-    """By group, how many vehicles of the log pass its stop lines, and how many of them at red."""
+def heed(signals: Signals, log: Log, until: int | None = None) -> dict[str, tuple[int, int]]:
+    """By group, how many vehicles of the log pass its stop lines, and how many of them at red.
+
+    Args:
+        signals: of the same steps as `log`.
+        log: of the vehicles.
+        until: last step at which they are counted; what they do then shows where they go. The last one if None.
+    """
     found = crossings(signals.links, log.x, log.y, log.yaw, log.length, log.valid & ~log.obstacle[:, None])
-    group = signals.link_group[found.link]
-    red = np.isin(signals.states[group, found.step], STOP_STATES)
+    counted = found.step <= (log.steps if until is None else until)
+    group = signals.link_group[found.link[counted]]
+    red = np.isin(signals.states[group, found.step[counted]], STOP_STATES)
     return {name: (int((group == row).sum()), int(red[group == row].sum())) for row, name in enumerate(signals.groups)}
 
 
@@ -340,9 +347,13 @@ def check_known(given: SignalsFile, known: bool, frames: tuple[int, int], where:
     )
 
 
-def _check_against(signals: Signals, log: Log, where: str) -> None:
-    """Refuse signals that most vehicles of the log do not heed."""
-    for name, (passed, at_red) in heed(signals, log).items():
+def check_heeded(counts: Mapping[str, tuple[int, int]], where: str) -> None:
+    """Refuse signals that most vehicles do not heed, by what :func:`heed` counted.
+
+    Raises:
+        InputError: there is such a group; `where` names the signals.
+    """
+    for name, (passed, at_red) in counts.items():
         if passed >= PASSED_MIN and at_red > AT_RED_MAX * passed:
             raise InputError(
                 f"{where}: field signals: group {name}: {at_red} of {passed} vehicles pass its stop lines at red: are "
