@@ -315,7 +315,9 @@ def test_mappings_that_are_no_yaml(tmp_path: Path) -> None:
 def test_the_documented_examples(tmp_path: Path) -> None:
     text = (Path(__file__).parents[4] / "docs" / "data.md").read_text(encoding="utf-8")
     front, box = (
-        Mapping.model_validate(yaml.safe_load(block)) for block in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+        Mapping.model_validate(yaml.safe_load(block))
+        for block in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+        if "reference: " in block
     )
     n = np.arange(60)
     source = pd.DataFrame({"Vehicle": 4, "Frame": n, "Along": 3.0 * n, "Left": 6.0, "Length": 15.0, "Width": 6.0})

@@ -147,8 +147,8 @@ def _draft(arguments: argparse.Namespace) -> None:
     with replacing(out) as new:
         new.write_text(text, encoding="utf-8")
     print(text, end="")
-    given = " ".join(map(str, arguments.sources))
-    print(f"look it over, above all what is marked: data convert --mapping {out} {given} OUT.parquet")
+    files = " ".join(map(str, arguments.sources))
+    print(f"look it over, above all what is marked: data convert --mapping {out} {files} OUT.parquet")
 
 
 def convert(source: Path, out: Path, crop: dict[str, list[float]]) -> Recording:
