@@ -52,7 +52,7 @@ def test_one_that_hangs_is_named_beside_the_reason_of_the_bridge(graph: Any) -> 
     assert done.returncode == 1
     (error,) = done.stderr.splitlines()
     assert error.startswith("error: no answer to step 12 on /litsim/ego/control within 8 s")
-    assert "; the stack (" in error and " still runs, and said last: tired" in error
+    assert "; the stack (" in error and " was running, and said last: tired" in error
     assert not graph.running()
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import domain_coordinator
 import pytest
 
-from litsim_sim.core.stages import BRIDGE
+from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.launch.domain_ports import DOMAIN_PORTS, EMPTY, FIRST_PORT
 from litsim_sim.launch.middleware import ENCLAVE, PROFILES, RANGE, SECURITY
-from litsim_sim.launch.processes import STACK, Graph
+from litsim_sim.launch.processes import STACK, Graph, GraphFailed
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -97,6 +97,28 @@ def test_a_stack_is_in_an_enclave_of_its_own_where_runs_are_secured(
         found[secured] = variables(graph.children[STACK].log.read_text())
     assert ENCLAVE not in found["false"]
     assert found["true"][ENCLAVE] == "/litsim/ads"
+
+
+@pytest.mark.parametrize("status", [0, 6])
+def test_a_stack_that_ends_on_hearing_that_the_run_has_failed_did_not_quit(tmp_path: Path, status: int) -> None:
+    wait = "until [ -e {0} ]; do sleep 0.01; done"
+    heard, gone = tmp_path / "heard", tmp_path / "gone"
+    failing = f"echo failed; touch {heard}; {wait.format(gone)}; sleep 0.5; echo 'error: no answer' >&2; exit 1"
+    graph = Graph(tmp_path / "out", 7)
+    try:
+        graph.start_stack(["sh", "-c", f"{wait.format(heard)}; echo bye; touch {gone}; exit {status}"])
+        for name, script in ((BRIDGE, failing), (RECORDER, "sleep 600")):
+            program = tmp_path / name
+            program.write_text(f"#!/bin/sh\n{script}\n")
+            program.chmod(0o755)
+            graph.start(name, program, {})
+        with pytest.raises(GraphFailed) as found:
+            graph.watch(quiet=True)
+    finally:
+        graph.stop()
+    said = str(found.value)
+    assert said.startswith("no answer; the stack (sh -c ")
+    assert said.endswith(") was running, and said last: bye" if status == 0 else ") ended with exit status 6: bye")
 
 
 HELD_BACK = """

@@ -11,8 +11,10 @@ import shutil
 import signal
 import subprocess
 import textwrap
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import IO, Any, Protocol
 
@@ -54,6 +56,7 @@ class Child:
         name: of the node, or :data:`litsim_sim.launch.processes.STACK`.
         command: of a stack, as the user gave it; empty of a node.
         nodes: names of its nodes, where these are several.
+        ended_at: when it was first seen to have ended, on the monotonic clock [s]; infinite while it runs.
     """
 
     name: str
@@ -61,6 +64,7 @@ class Child:
     log: Path
     command: Sequence[str] = ()
     nodes: Sequence[str] = ()
+    ended_at: float = inf
 
     def signal(self, number: int) -> None:
         """Signal the whole group; `ros2 run`-like wrappers pass nothing on."""
@@ -71,7 +75,10 @@ class Child:
     @property
     def running(self) -> bool:
         """Whether the process has not ended yet."""
-        return self.process.poll() is None
+        if self.process.poll() is None:
+            return True
+        self.ended_at = min(self.ended_at, time.monotonic())
+        return False
 
     @property
     def stopped(self) -> bool:

@@ -120,8 +120,8 @@ class Graph:
         while bridge.running:
             dead = [c for c in self.children.values() if not c.running and c is not bridge and not self._may_leave(c)]
             if dead:
-                if all(child.process.returncode >= 0 for child in dead):
-                    _wait([bridge], _patience(dead))  # it has told them, or they it, that the run is over
+                if self._heard_of_failure(dead) or all(child.process.returncode >= 0 for child in dead):
+                    _wait([bridge], self._patience(dead))  # it has told them, or they it, that the run is over
                 if bridge.running and not all(map(self._may_leave, dead)):
                     raise GraphFailed("; ".join(child.obituary() for child in dead))
             self._check_alive(bridge, self._progress)
@@ -152,14 +152,28 @@ class Graph:
             return child.process.returncode == 0
         return child.name == STACK and self._progress is not None and self._progress.complete
 
+    def _heard_of_failure(self, dead: Sequence[Child]) -> bool:
+        """Whether all of `dead` have ended after the bridge has told everybody that the run has failed."""
+        failed = self._progress.failed if self._progress else None
+        return failed is not None and all(child.ended_at > failed for child in dead)
+
+    def _patience(self, dead: Sequence[Child]) -> float:
+        """Seconds for the bridge to end after others have ended by themselves.
+
+        A node has told it why. A stack that leaves in good order has heard that the run has failed, which the recorder
+        is writing down meanwhile; one that fails has told nobody.
+        """
+        heard = self._heard_of_failure(dead) or any(c.name == STACK and c.process.returncode == 0 for c in dead)
+        return GRACE_S if heard else 1.0
+
     def _about_the_stack(self) -> str:
-        """What to add to the bridge's reason: how the stack ended, or what it said last."""
+        """What to add to the bridge's reason: how the stack ended before that, or what it said last."""
         stack = self.children.get(STACK)
         if stack is None:
             return ""
-        if not stack.running:
+        if not stack.running and not (stack.process.returncode == 0 and self._heard_of_failure([stack])):
             return f"; {stack.obituary()}"
-        return f"; {stack} still runs, and said last: {stack.last_line or 'nothing'}"
+        return f"; {stack} was running, and said last: {stack.last_line or 'nothing'}"
 
     def stop(self) -> None:
         """End what still runs: first the bridge, which tells the recorder to close its file, then the rest."""
@@ -185,10 +199,13 @@ class Graph:
 class Progress(threading.Thread):
     """Reads the bridge's lines: of `step K of N` it makes a bar, unless `quiet`; any other is a sign of life.
 
+    By `failed` the bridge says that the run has, before it tells the nodes and the stack.
+
     Attributes:
         complete: whether the last step has been answered.
         step: that was named last; 0 before the first.
         heard: when a line has come last, on the monotonic clock [s].
+        failed: when the bridge was about to tell everybody that the run has failed; None where it was not.
     """
 
     def __init__(self, lines: IO[str], quiet: bool) -> None:
@@ -197,6 +214,7 @@ class Progress(threading.Thread):
         self.complete = False
         self.step = 0
         self.heard = time.monotonic()
+        self.failed: float | None = None
 
     def run(self) -> None:
         """See :class:`threading.Thread`."""
@@ -206,6 +224,8 @@ class Progress(threading.Thread):
             words = line.split()
             if words[:1] == ["alive"]:
                 self.step = int(words[-1])
+            if words == ["failed"]:
+                self.failed = self.heard
             if len(words) != 4 or words[0] != "step":
                 continue
             step, total = int(words[1]), int(words[3])
@@ -220,15 +240,6 @@ class Progress(threading.Thread):
 def _stdout(name: str, log: IO[str]) -> IO[str] | int:
     """Where the standard output of a process goes: that of the bridge is read."""
     return subprocess.PIPE if name == BRIDGE else log
-
-
-def _patience(dead: list[Child]) -> float:
-    """Seconds for the bridge to end after others have ended by themselves.
-
-    A node has told it why. A stack that leaves in good order has heard that the run has failed, which the recorder
-    is writing down meanwhile; one that fails has told nobody.
-    """
-    return GRACE_S if any(c.name == STACK and c.process.returncode == 0 for c in dead) else 1.0
 
 
 def _wait(children: list[Child], timeout: float) -> None:

@@ -102,6 +102,7 @@ class BridgeNode(Node):
             loop.run()
         except BaseException as error:
             text = str(error) if isinstance(error, RunFailed) else reason(error)
+            self._pulse.fail()
             self.say(StageState.FAILED, self._answers.step, text=text)
             loop.farewell()
             raise

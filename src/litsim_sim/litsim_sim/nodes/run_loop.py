@@ -314,6 +314,11 @@ class Pulse:
             self._last = time.monotonic()
             print(f"alive at step {max(0, step)}", flush=True)
 
+    def fail(self) -> None:
+        """Tell that the run has failed: before all others are told, so that who ends then is known to have heard."""
+        if self._wanted:
+            print("failed", flush=True)
+
 
 class Progress:
     """How far a run is: a `bar` on a terminal, `lines` that the launcher reads, or `none`."""
