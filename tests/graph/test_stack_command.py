@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import signal
 import subprocess
@@ -10,6 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.record.bag import FAILURE_FILE
+from litsim_sim.record.run import read_run
 
 STACK = (sys.executable, str(Path(__file__).with_name("external_ego.py")))
 EXTERNAL = ("--ego", "external", "--policy", "replay", "--quiet")
@@ -44,6 +49,23 @@ def test_one_that_ends_before_the_run_fails_it(graph: Any, stack: tuple[object, 
     (error,) = done.stderr.splitlines()
     assert error.startswith(f"error: the stack ({stack[0]} ") and words in error
     assert not graph.running()
+    assert (graph.folder / "run" / FAILURE_FILE).read_text().strip() in error
+
+
+def test_why_it_has_ended_is_told_by_what_the_run_leaves(graph: Any) -> None:
+    run = graph.folder / "run"
+    script = f"import runpy, sys\nsys.argv[0] = 'mine'\ntry: runpy.run_path({STACK[1]!r}, run_name='__main__')\n"
+    script += "except SystemExit: raise ValueError('planner lost its mind')"
+    done = launch(graph, sys.executable, "-c", script, "--die-at", 12)
+    assert "ended with exit status 1: ValueError: planner lost its mind (logs: " in done.stderr
+    why = compute_metrics(read_run(run))["why"]
+    assert why.startswith("the stack (") and "interrupted" not in why
+    assert "exit status 1: ValueError: planner lost its mind; the bridge did not finish: last step 12 of 35" in why
+    assert why in html.unescape((run / "report.html").read_text())
+
+    broken = launch(graph, "sh", "-c", "exit 5", options=("--overwrite",))
+    assert "ended with exit status 5" in broken.stderr
+    assert "planner" not in "".join(path.read_text() for path in run.glob("*.[ht]*")), "of the run before"
 
 
 def test_one_that_hangs_is_named_beside_the_reason_of_the_bridge(graph: Any) -> None:

@@ -17,6 +17,7 @@ from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.core.errors import InputError
+from litsim_sim.record.failure import read_failure
 from litsim_sim.report.thumbnails import read_thumbnail
 from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -153,8 +154,9 @@ def test_over_dds_a_run_that_is_not_valid_keeps_its_measures(launcher: Any) -> N
 
 
 def test_a_launcher_that_does_not_come_back_is_ended(launcher: Any) -> None:
-    folder = launcher("exec sleep 600")
+    folder = launcher("touch $out/a_0.mcap; exec sleep 600")
     assert over_graph(case("idm"), folder, time_limit_s=0.5).failure == "not over within 0.5 s"
+    assert read_failure(folder / "case/run/a_0.mcap") == "not over within 0.5 s", "the record alone cannot know"
 
 
 def test_a_run_of_a_campaign_that_has_ended_says_nothing(launcher: Any) -> None:

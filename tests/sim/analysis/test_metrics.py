@@ -22,7 +22,8 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Controller, ControlSource, ControlTable
 from litsim_sim.core.stages import StageState
 from litsim_sim.core.takeover import Takeover
-from litsim_sim.record.run import Status, TopicGaps
+from litsim_sim.record.failure import write_failure
+from litsim_sim.record.run import Status, TopicGaps, read_run
 from litsim_sim.report.terminal import print_ledger, print_metrics
 from takeovers import takeover
 
@@ -213,6 +214,26 @@ def test_analyze_writes_beside_the_bag_and_prints(
     with pytest.raises(SystemExit, match="1"):
         main([str(folder), "--quiet"])
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "failure"),
+    [
+        ("interrupted", "the stack (mine) ended with exit status 1: ValueError: lost"),
+        ("no answer to step 60", "no answer to step 60; the stack (mine) was running"),
+    ],
+)
+def test_what_the_launcher_knows_comes_first_and_nothing_is_told_twice(
+    run: Any, write_run: Make, tmp_path: Path, text: str, failure: str
+) -> None:
+    failed = Status(STEPS, "bridge", StageState.FAILED, 0.0, text)
+    folder = write_run(replace(run, statuses=[failed]), tmp_path / "bag")
+    assert f"bridge failed: {text}; " in compute_metrics(read_run(folder))["why"]
+    write_failure(folder, failure)
+    metrics = compute_metrics(read_run(folder))
+    assert not metrics["valid"]
+    assert metrics["why"].startswith(f"{failure}; the bridge did not finish: last step 60 of 60; ")
+    assert "bridge failed" not in metrics["why"]
 
 
 def test_a_run_that_is_not_valid_is_measured_and_said_to_be(

@@ -15,6 +15,7 @@ from rclpy.serialization import serialize_message
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.record.bag import BagReader, BagWriter, qos_yaml
+from litsim_sim.record.failure import read_failure, write_failure
 from litsim_sim.record.player import offered_qos
 from litsim_sim.record.repair import REPAIR_RECORD, repair
 from litsim_sim.ros import messages, topics
@@ -173,6 +174,12 @@ def test_steps_of_a_run_that_are_not_there_are_counted(tmp_path: Path) -> None:
     assert done.lost == ["10 of 31 steps are missing, from step 20 on (the last is 22)"]
     assert BagReader(tmp_path / "whole").metadata["lost"] == done.lost[0]
     assert np.array_equal(steps_in(tmp_path / "whole", topics.AGENTS.name), [*range(20), 22])
+
+
+def test_why_a_run_has_failed_goes_along(tmp_path: Path) -> None:
+    path = write(tmp_path / "bag")
+    write_failure(path.parent, "the stack ended")
+    assert read_failure(repair(path, tmp_path / "copy").path) == "the stack ended"
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.forked import ForkedProcess, keep_ready
 from litsim_sim.launch.nodes import GraphOptions, nodes_of
 from litsim_sim.launch.processes import LOG_FOLDER, STACK, check_program
+from litsim_sim.record.failure import write_failure
 from litsim_sim.record.run import Run, read_run
 from litsim_sim.report.run_report import REPORT_FILE
 from litsim_sim.report.thumbnails import write_thumbnail
@@ -178,6 +179,8 @@ def run_over_graph(
     metrics = json.loads((out / METRICS_FILE).read_text()) if (out / METRICS_FILE).is_file() and not late else None
     log = out / LOG_FOLDER / f"{STACK}.log"
     recorded = any(out.glob("*.mcap"))
+    if late and recorded:  # the launcher knows no more than that it was ended
+        write_failure(out, failure)
     if metrics and recorded:
         _draw(out, metrics, folder)
     return RunOutcome(

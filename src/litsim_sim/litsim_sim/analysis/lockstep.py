@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from litsim_sim.core.errors import INTERRUPTED
 from litsim_sim.core.stages import StageState
 from litsim_sim.record.run import Run, TopicGaps
 
@@ -39,8 +40,12 @@ def lockstep(run: Run) -> Lockstep:
 
 
 def _problems(run: Run, missed: dict[str, int], gaps: dict[str, TopicGaps]) -> list[str]:
-    problems = [] if run.complete else [f"the recording is {run.problem}"]
-    problems += [f"{s.stage} failed: {s.text.strip()}" for s in run.statuses if s.state == StageState.FAILED]
+    failed = [(s.stage, s.text.strip()) for s in run.statuses if s.state == StageState.FAILED]
+    if run.failure:  # by which stages were ended, or what one of them has said and more
+        failed = [(stage, text) for stage, text in failed if text != INTERRUPTED and text not in run.failure]
+    problems = [run.failure] if run.failure else []
+    problems += [] if run.complete else [f"the recording is {run.problem}"]
+    problems += [f"{stage} failed: {text}" for stage, text in failed]
     last = run.tables[-1].step
     if not run.summary:
         problems.append(f"the bridge did not finish: last step {last} of {run.last_step}")

@@ -24,6 +24,8 @@ from litsim_sim.launch.nodes import MODES, STOP_OR_HOLD, GraphNode, GraphOptions
 from litsim_sim.launch.output import check_output, held_output
 from litsim_sim.launch.processes import Graph, GraphFailed, without_interrupts
 from litsim_sim.nodes.shared import prepare_nodes
+from litsim_sim.record.bag import make_room
+from litsim_sim.record.failure import write_failure
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan, commit
 
 FIRST = {BRIDGE: 0, RECORDER: 1}
@@ -51,6 +53,7 @@ def launch(arguments: argparse.Namespace) -> int:
             check_output(options.out, options.overwrite)
             prepare_nodes()
     with held_output(options.out):
+        make_room(options.out, options.overwrite)  # what fails before it is recorded is not to pass for what lay there
         with domain as domain_id:
             graph = Graph(options.out, domain_id, options.answer_timeout_s)
             _announce(arguments, plan, domain_id)
@@ -58,6 +61,7 @@ def launch(arguments: argparse.Namespace) -> int:
                 _run(graph, nodes, paths, arguments)
             except GraphFailed as error:
                 print_error(f"{error} (logs: {options.out / 'log'})")
+                write_failure(options.out, str(error))
                 if arguments.analyze:
                     _show(options.out)
                 return EXIT_FAILED

@@ -9,6 +9,8 @@ from pathlib import Path
 EXIT_FAILED = 1  # the program did its work, and the answer is no: a run that failed or is not valid, a difference
 EXIT_INPUT = 2  # input that cannot be used
 EXIT_INTERRUPTED = 130  # Ctrl-C, as shells count it
+INTERRUPTED = "interrupted"
+"""The reason of what a signal has ended."""
 
 
 class InputError(Exception):
@@ -32,7 +34,7 @@ def reason(error: BaseException) -> str:
     """`error` in one line; one that nobody foresaw also says where it was raised."""
     text = " ".join(str(error).split())
     if isinstance(error, KeyboardInterrupt):
-        return "interrupted"
+        return INTERRUPTED
     if isinstance(error, InputError):
         return text
     at = traceback.extract_tb(error.__traceback__)[-1:]

@@ -36,6 +36,8 @@ CHUNK_SPAN_NS = 1_000_000_000  # of simulation time that a chunk may hold
 RECORD_BYTES = 31  # of an MCAP message record around its data
 DERIVED_FILES = ("metrics.json", "series.parquet", "takeovers.parquet", "overview.png", "report.html")
 """What is computed from a bag and is out of date once the bag is overwritten."""
+FAILURE_FILE = "failure.txt"
+"""Beside the bag of a run that has failed: why, see :mod:`litsim_sim.record.failure`; out of date likewise."""
 # libyaml, where PyYAML was built with it, is ten times as fast, and most of what closing a bag takes
 YAML_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -130,7 +132,7 @@ class BagWriter:
         self._chunk_start_ns = 0
         self._stream: BinaryIO | None = None
         with self._writing():
-            _make_room(folder, overwrite)
+            make_room(folder, overwrite)
             self._stream = self.path.open("xb")
             # Chunks are finished here, not by the library: it would do so only after a message that is too much.
             self._writer = Writer(
@@ -280,15 +282,19 @@ def _dump(tree: dict[str, Any]) -> str:
     )
 
 
-def _make_room(folder: Path, overwrite: bool) -> None:
-    """Create `folder`, or see that it holds no bag."""
+def make_room(folder: Path, overwrite: bool) -> None:
+    """Create `folder` for a bag; one that is there already is removed, with what was computed from it.
+
+    Raises:
+        InputError: it holds a bag and not `overwrite`, or it is no folder.
+    """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: exists and is not a folder; give another --out")
     folder.mkdir(parents=True, exist_ok=True)
     there = [*sorted(folder.glob("*.mcap")), *(p for p in [folder / METADATA_FILE] if p.exists())]
     if there and not overwrite:
         raise InputError(f"{folder}: holds a bag already ({there[0].name}); give another folder")
-    for path in [*there, *(folder / name for name in DERIVED_FILES)]:
+    for path in [*there, *(folder / name for name in (*DERIVED_FILES, FAILURE_FILE))]:
         path.unlink(missing_ok=True)
 
 

@@ -13,6 +13,7 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.record.bag import ROSBAG2_RECORD, BagTopic, BagWriter, find_mcap
+from litsim_sim.record.failure import read_failure, write_failure
 from litsim_sim.record.mcap_survey import DAMAGE, REPAIR_HINT, attachment_is_whole, opened, parse, places, survey
 from litsim_sim.record.player import offered_qos
 from litsim_sim.record.run import LOST_ATTACHMENTS, read_run
@@ -69,6 +70,8 @@ def repair(bag: Path, out: Path) -> Repaired:
                 {"repaired_from": source.name, "lost": "; ".join(lost)}
                 | ({LOST_ATTACHMENTS: ", ".join(files)} if files else {}),
             )
+    if failure := read_failure(source):
+        write_failure(out, failure)
     return done
 
 

@@ -41,6 +41,7 @@ from litsim_sim.io.yaml_input import load_yaml
 from litsim_sim.maps.signal_links import ARROW, SignalLink
 from litsim_sim.record.bag import BagReader, BagTopic
 from litsim_sim.record.digest import CONTROL_FIELDS
+from litsim_sim.record.failure import read_failure
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.signals import Signals
@@ -157,6 +158,7 @@ class Run:
         gaps: by topic that must hold one message for every step; a topic without gaps has an empty entry.
         complete: whether the recorder closed the file.
         problem: what is wrong with an incomplete file, or empty.
+        failure: why the run has failed, as the launcher has left it beside the file; empty where it has not.
         metadata: of the bag.
     """
 
@@ -177,6 +179,7 @@ class Run:
     gaps: dict[str, TopicGaps] = field(default_factory=dict)
     complete: bool = True
     problem: str = ""
+    failure: str = ""
     metadata: dict[str, str] = field(default_factory=dict)
 
     @cached_property
@@ -265,6 +268,7 @@ def read_run(path: Path) -> Run:
         gaps={topic: TopicGaps.find(content.steps(topic), content.last_step) for topic in info.topics},
         complete=reader.complete,
         problem=reader.problem,
+        failure=read_failure(reader.path),
         metadata=reader.metadata,
     )
 

@@ -11,6 +11,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.topic_names import RUN_INFO
 from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import load_yaml
+from litsim_sim.record.bag import FAILURE_FILE
 from litsim_sim.record.run import Run, read_run
 from litsim_sim.report.content import pack_run
 from litsim_sim.report.events import contact_table, takeover_table
@@ -55,6 +56,7 @@ def render(run: Run, metrics: dict[str, Any]) -> str:
     info = run.info
     data, every = _packed(run, metrics)
     thinned = "" if every == 1 else f" Forecasts are shown every {every * info.dt:.1f} s to keep this file small."
+    beside = f" and {FAILURE_FILE}" if run.failure else ""
     return render_page(
         "report.html.j2",
         title=f"{info.scenario}, ego {info.ego_id} by {info.ego}, {info.policy}",
@@ -68,7 +70,7 @@ def render(run: Run, metrics: dict[str, Any]) -> str:
         every_measure={name: value for name, value in metrics.items() if name != "ledger"},
         what_was_run=_what_was_run(run),
         scenario_yaml=run.scenario_yaml.strip(),
-        footnote=f"Everything on this page comes from {run.path.name}.{thinned}",
+        footnote=f"Everything on this page comes from {run.path.name}{beside}.{thinned}",
         data=data,
     )
 
