@@ -1,12 +1,35 @@
-"""Words on the command lines of this package that nobody knows are refused."""
+"""Words on the command lines of all packages that nobody knows are refused, in one line."""
 
 from __future__ import annotations
 
 import sys
+from importlib.metadata import EntryPoint, entry_points
 
 import pytest
 
 from litsim_policy.cli import bench, evaluate, run, training
+
+PROGRAMS = {each.value: each for each in entry_points(group="console_scripts") if ".cli." in each.value}
+PROGRAMS = {name: each for name, each in PROGRAMS.items() if name.startswith("litsim_")}
+
+
+def test_all_programs_are_tried() -> None:
+    assert {f"litsim_sim.cli.{name}:main" for name in ("launch", "data", "report")} < PROGRAMS.keys()
+    assert {"litsim_policy.cli.training:train", "litsim_predictor.cli.train:main"} < PROGRAMS.keys()
+
+
+@pytest.mark.parametrize("words", [["--no-such-option"], ["--out", ""], ["--out=", "--", ""]])
+@pytest.mark.parametrize("program", PROGRAMS.values(), ids=PROGRAMS)
+def test_what_is_wrong_with_options_is_told_in_a_line(
+    program: EntryPoint, words: list[str], capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", [program.name, *words])
+    with pytest.raises(SystemExit) as stop:
+        program.load()()
+    (said,) = capsys.readouterr().err.splitlines()
+    assert stop.value.code == 2
+    assert said.startswith("error: ") and said.endswith(" --help")
+    assert len(words) == 1 or "argument --out: nothing in it, expected a value; is a variable not set?" in said
 
 
 @pytest.mark.parametrize(

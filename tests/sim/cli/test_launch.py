@@ -1,9 +1,15 @@
-"""What the launcher and its nodes have to import before the first step, which waits for all of it."""
+"""What the launcher refuses; what it and its nodes have to import before the first step, which waits for all of it."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
+
+from litsim_sim.campaign.results import CAMPAIGN_FILE
+from litsim_sim.cli.launch import main
 
 COMPILER = "numba.np.arraymath"  # which numba imports before it compiles anything
 NOT_NEEDED = ("matplotlib", "onnxruntime", "pandas", "scipy.linalg", "scipy.sparse", "scipy.special", "torch", COMPILER)
@@ -26,3 +32,16 @@ print(*[name for name in {NOT_NEEDED} if name in sys.modules])
 def test_neither_the_launcher_nor_its_nodes_import_a_library_that_they_do_not_need() -> None:
     done = subprocess.run([sys.executable, "-c", CHECK], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
+
+
+@pytest.mark.parametrize("more", [[], ["--overwrite"]])
+def test_no_run_is_recorded_into_the_folder_of_a_campaign(
+    more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / CAMPAIGN_FILE).write_text("{}")
+    with pytest.raises(SystemExit) as stop:
+        main(["--out", str(tmp_path), *more])
+    assert stop.value.code == 2
+    said = f"error: {tmp_path}: the folder of a campaign, expected one of a run; give another --out\n"
+    assert capsys.readouterr().err == said
+    assert [path.name for path in tmp_path.iterdir()] == [CAMPAIGN_FILE]

@@ -18,7 +18,7 @@ from litsim_policy.run.conflict_benchmark import detection_rows, measure_detecti
 from litsim_policy.run.memory_benchmark import measure_memory, memory_rows
 from litsim_policy.run.start_benchmark import measure_start, start_rows
 from litsim_policy.run.throughput import measure_throughput, throughput_rows
-from litsim_sim.cli.arguments import DefaultsFormatter
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.io.files import replacing
 
@@ -30,7 +30,7 @@ DETECTION_REPEATS = 200
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy bench``."""
-    p = argparse.ArgumentParser(prog="bench", description=__doc__, formatter_class=DefaultsFormatter)
+    p = Parser(prog="bench", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--agents", type=int, nargs="+", default=[50, 150, 250, 1000], help="numbers of agents")
     p.add_argument("--seconds", type=float, default=13.0, help="simulated time of a run, 3 s of history included")
     p.add_argument(

@@ -18,7 +18,7 @@ from litsim_policy.run.conflict_calibration import COSTS, Curve, costs, draw_cal
 from litsim_policy.run.conflict_recall import SECONDS
 from litsim_predictor.inference.contract import ModeChoice
 from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig
-from litsim_sim.cli.arguments import DefaultsFormatter
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
@@ -29,7 +29,7 @@ PRECISION = 0.9  # at which the best threshold is told
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy calibrate``."""
-    p = argparse.ArgumentParser(prog="calibrate", description=__doc__, formatter_class=DefaultsFormatter)
+    p = Parser(prog="calibrate", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--scenario", nargs="+", default=["us101_0750"], help="names of packaged scenarios, or YAML files")
     p.add_argument("--predictor", default=DEFAULT_MODEL, metavar="MODEL", help="forecasting model")
     p.add_argument(

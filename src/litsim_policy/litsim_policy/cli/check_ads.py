@@ -16,7 +16,7 @@ from rich.table import Table
 from litsim_policy.ads_check.plot import plot_latency
 from litsim_policy.ads_check.requirements import Clause, Limits, Verdict, judge
 from litsim_policy.ads_check.session import Check, observe
-from litsim_sim.cli.arguments import DefaultsFormatter, number, positive
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser, number, positive
 from litsim_sim.cli.program import interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.io.files import replacing
@@ -29,7 +29,7 @@ PLOT_FILE = "latency.png"
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy check_ads``."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="check_ads",
         description=__doc__,
         epilog="Exit status: 0, every clause passes; 1, one does not; 2, bad input.",

@@ -22,7 +22,7 @@ from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult
 from litsim_sim.campaign.row_summary import row_summary
-from litsim_sim.cli.arguments import DefaultsFormatter, positive
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, print_error
 from litsim_sim.launch.processes import without_interrupts
@@ -39,12 +39,10 @@ TOLD_MAX = 20  # runs that have not passed whose reasons are printed
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy evaluate``."""
-    p = argparse.ArgumentParser(
-        prog="evaluate", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter
-    )
+    p = Parser(prog="evaluate", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
     add_suite_arguments(p)
     p.add_argument("--graph", action="store_true", help="run LitSim's own egos over DDS, too, and record them")
-    p.add_argument("--out", help=f"folder of the campaign; an existing one is resumed (default: {DEFAULT_OUT})")
+    p.add_argument("--out", default=DEFAULT_OUT, help="folder of the campaign; an existing one is resumed")
     p.add_argument("--processes", type=at_least_one, default=2, help="number of runs at a time")
     p.add_argument(
         "--time-limit", type=positive, default=TIME_LIMIT_S, metavar="S", help="time limit of a run over DDS [s]"
@@ -68,7 +66,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
     versions = code_versions()
     cases = cases_of(suite, graph=arguments.graph, with_versions=versions)
     check_cases(cases)
-    folder = CampaignFolder(Path(arguments.out or DEFAULT_OUT))
+    folder = CampaignFolder(Path(arguments.out))
     runs: LocalRuns | RayRuns = LocalRuns(folder, suite.criteria, arguments.processes, arguments.time_limit)
     if arguments.ray is not None:
         runs = RayRuns(folder, suite.criteria, arguments.ray, arguments.processes, arguments.time_limit)

@@ -29,7 +29,7 @@ from litsim_policy.paper.running import carried_out, note_what_happened
 from litsim_sim.campaign.case import code_versions
 from litsim_sim.campaign.results import CAMPAIGN_FILE, Campaign, read_campaign
 from litsim_sim.campaign.suite import Suite
-from litsim_sim.cli.arguments import DefaultsFormatter
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_text
@@ -56,7 +56,7 @@ EPILOG = (
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy paper``."""
-    p = argparse.ArgumentParser(prog="paper", description=__doc__, epilog=EPILOG, formatter_class=DefaultsFormatter)
+    p = Parser(prog="paper", description=__doc__, epilog=EPILOG, formatter_class=DefaultsFormatter)
     parts = (*EXPERIMENTS, BACKBONES, ORACLES, FIGURES, CASES, ALL)
     p.add_argument("what", choices=parts, help="experiment to run, or output to make")
     p.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), help="sets of cases")

@@ -11,6 +11,7 @@ from typing import Any
 from litsim_policy.run.message_diff import DiffSummary
 from litsim_policy.run.recorded_run import open_record
 from litsim_policy.run.rerun import STAGES, rerun_stage, resimulate
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 
@@ -19,7 +20,7 @@ SHOWN = 5  # fields that the summary of a difference names
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy rerun``, which ``litsim_sim replay`` hands over to."""
-    p = argparse.ArgumentParser(prog="rerun", description=__doc__)
+    p = Parser(prog="rerun", description=__doc__)
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     kind = p.add_mutually_exclusive_group(required=True)
     kind.add_argument(

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.metrics import compute_metrics, write_metrics
-from litsim_sim.cli.arguments import DefaultsFormatter
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import RUN_STATUS_HELP, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.report.terminal import print_metrics
@@ -19,9 +19,7 @@ from litsim_sim.world.sumo import SumoMirror
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy run``."""
-    p = argparse.ArgumentParser(
-        prog="run", description=__doc__, epilog=RUN_STATUS_HELP, formatter_class=DefaultsFormatter
-    )
+    p = Parser(prog="run", description=__doc__, epilog=RUN_STATUS_HELP, formatter_class=DefaultsFormatter)
     add_run_arguments(p, OWN_EGOS)
     p.add_argument("--json", type=Path, help="write the metrics to this file")
     return p

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import BRIDGE, CONFLICT, EGO, POLICY, POLICY_STAGES, PREDICTOR, RECORDER
@@ -26,9 +27,7 @@ DOMAIN = "ROS_DOMAIN_ID"
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy security``."""
-    p = argparse.ArgumentParser(
-        prog="security", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = Parser(prog="security", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--out", type=Path, required=True, metavar="POLICY.xml", help="file to write")
     stack = p.add_argument_group("a stack under test")
     stack.add_argument(

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import torch
 
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import at_least_one
 
 
 def training_parser(prog: str, doc: str | None, example: str) -> argparse.ArgumentParser:
     """Arguments of the program `prog`, whose module's docstring is `doc`; `example` is a file for ``--config``."""
-    p = argparse.ArgumentParser(prog=prog, description=(doc or "").splitlines()[0])
+    p = Parser(prog=prog, description=(doc or "").splitlines()[0])
     p.add_argument("--config", type=Path, required=True, help=f"YAML file, such as {example}")
     p.add_argument("--out", type=Path, required=True, help="folder of the results")
     p.add_argument("--resume", action="store_true", help="resume from the checkpoint in --out")

@@ -11,13 +11,13 @@ from tqdm import tqdm
 
 from litsim_predictor.benchmark import time_models
 from litsim_predictor.models import MODELS
-from litsim_sim.cli.arguments import DefaultsFormatter
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_predictor bench``."""
-    p = argparse.ArgumentParser(prog="bench", description=__doc__, formatter_class=DefaultsFormatter)
+    p = Parser(prog="bench", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--models", nargs="+", help="names, or files of weights (default: all packaged models)")
     p.add_argument("--agents", type=int, nargs="+", default=[10, 40, 100, 200], help="numbers of agents, at most 250")
     p.add_argument("--steps", type=int, default=100, help="timed steps, after 4 s of warm-up")

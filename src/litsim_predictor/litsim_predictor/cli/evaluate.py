@@ -22,7 +22,7 @@ from rich.table import Table
 from tqdm import tqdm
 
 from litsim_predictor.cli.train import packaged_configs
-from litsim_sim.cli.arguments import DefaultsFormatter
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.yaml_input import read_yaml
@@ -36,7 +36,7 @@ SECONDS = ("1", "2", "3", "4", "5")
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_predictor evaluate``."""
-    p = argparse.ArgumentParser(prog="evaluate", description=__doc__, formatter_class=DefaultsFormatter)
+    p = Parser(prog="evaluate", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--models", nargs="+", help="names, or files of weights (default: all packaged models)")
     source = p.add_mutually_exclusive_group()
     source.add_argument(

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from litsim_predictor.inference import SHIPPED
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError, not_installed
 
@@ -15,7 +16,7 @@ NEEDED = ("torch", "onnx")
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_predictor export``."""
-    p = argparse.ArgumentParser(prog="export", description=__doc__)
+    p = Parser(prog="export", description=__doc__)
     p.add_argument("--weights", required=True, help=f"{', '.join(SHIPPED)}, or a file of weights (safetensors)")
     p.add_argument("--out", type=Path, required=True, metavar="FILE.onnx")
     p.add_argument(

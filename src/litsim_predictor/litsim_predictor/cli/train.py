@@ -7,6 +7,7 @@ import shlex
 from importlib import resources
 from pathlib import Path
 
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
 from litsim_sim.io.yaml_input import read_yaml, validate_yaml
@@ -16,7 +17,7 @@ DATA_HELP = "Recordings are searched in the current folder, beside the configura
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_predictor train``."""
-    p = argparse.ArgumentParser(prog="train", description=__doc__, epilog=DATA_HELP)
+    p = Parser(prog="train", description=__doc__, epilog=DATA_HELP)
     names = ", ".join(sorted(packaged_configs()))
     p.add_argument("--config", default="default", help=f"{names}, or a YAML file (default: default)")
     p.add_argument(

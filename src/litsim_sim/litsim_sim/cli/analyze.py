@@ -6,15 +6,14 @@ import argparse
 from pathlib import Path
 
 from litsim_sim.analysis.analyze import FILES, analyze
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import RUN_STATUS_HELP, program, run_status
 from litsim_sim.report.terminal import print_ledger, print_metrics
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim analyze``."""
-    p = argparse.ArgumentParser(
-        prog="analyze", description=__doc__, epilog=f"Files: {', '.join(FILES)}. {RUN_STATUS_HELP}"
-    )
+    p = Parser(prog="analyze", description=__doc__, epilog=f"Files: {', '.join(FILES)}. {RUN_STATUS_HELP}")
     p.add_argument("bag", type=Path, help="folder of a run, or its MCAP file")
     p.add_argument("--out", type=Path, metavar="FOLDER", help="default: beside the bag")
     p.add_argument("--quiet", action="store_true", help="print nothing but errors")

@@ -1,10 +1,44 @@
-"""What command lines share: help that names defaults, numbers whose errors say what was expected."""
+"""What command lines share: errors in one line, help that names defaults, numbers that say what was expected."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterable
 from math import inf
+from typing import Any, NoReturn
+
+from litsim_sim.core.errors import EXIT_INPUT, print_error
+
+COMMAND = "--"
+"""After it comes the command of a stack, whose words are none of ours."""
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse's parser, whose errors are one line like those of all input, and which takes no empty value.
+
+    An option with nothing in it is that of a script with a variable that is not set: the default that it stands for
+    elsewhere, or the current folder, is not what was meant.
+    """
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """See :class:`argparse.ArgumentParser`."""
+        words = sys.argv[1:] if args is None else list(args)
+        self._check_values(words[: words.index(COMMAND)] if COMMAND in words else words)
+        return super().parse_known_args(words, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Print `message` in one line, and exit as for bad input."""
+        print_error(f"{' '.join(message.split())}; see {self.prog} --help")
+        sys.exit(EXIT_INPUT)
+
+    def _check_values(self, words: Iterable[str]) -> None:
+        option = ""
+        for word in words:
+            option = word.partition("=")[0] if word.startswith("--") else option
+            if not word or (word == f"{option}=" and option):
+                what = f"argument {option}" if option else "an argument"
+                self.error(f"{what}: nothing in it, expected a value; is a variable not set?")
 
 
 class DefaultsFormatter(argparse.ArgumentDefaultsHelpFormatter):

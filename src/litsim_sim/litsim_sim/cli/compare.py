@@ -14,6 +14,7 @@ from rich.table import Table
 from litsim_sim.analysis.compare import Comparison, Row, compare, load, names_of
 from litsim_sim.campaign.comparison import compare_campaigns
 from litsim_sim.campaign.results import is_campaign, read_campaign
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 from litsim_sim.report.campaign_comparison import print_campaigns
@@ -29,7 +30,7 @@ STATUS_HELP = "Exit status: 0; of campaigns 1 where a case passed and does not a
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim compare``."""
-    p = argparse.ArgumentParser(prog="compare", description=__doc__, epilog=STATUS_HELP)
+    p = Parser(prog="compare", description=__doc__, epilog=STATUS_HELP)
     p.add_argument(
         "runs",
         type=Path,

@@ -6,6 +6,7 @@ import argparse
 import time
 from importlib.util import find_spec
 
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.compiled import compile_package
 
@@ -15,7 +16,7 @@ PACKAGES = ("litsim_sim", "litsim_predictor", "litsim_policy")
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim compile``: none."""
-    return argparse.ArgumentParser(prog="compile", description=__doc__)
+    return Parser(prog="compile", description=__doc__)
 
 
 @program

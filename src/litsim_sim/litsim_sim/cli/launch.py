@@ -9,7 +9,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from litsim_sim.cli.arguments import DefaultsFormatter, positive
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
 from litsim_sim.cli.program import interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
@@ -50,6 +50,7 @@ def launch(arguments: argparse.Namespace) -> int:
             nodes = nodes_of(plan, options)
             nodes = nodes if arguments.apart else in_company(nodes)
             paths = {node.name: find_executable(node.package, node.executable) for node in nodes}
+            _check_no_campaign(options.out)
             check_output(options.out, options.overwrite)
             prepare_nodes()
     with held_output(options.out):
@@ -114,10 +115,24 @@ def _measure(out: Path, quiet: bool) -> int:
     return run_status(metrics, out)
 
 
+def _check_no_campaign(out: Path) -> None:
+    """See that a run is not recorded among the runs of a campaign, where it would lie without being one.
+
+    Raises:
+        InputError: `out` is the folder of a campaign.
+    """
+    if not out.is_dir():
+        return
+    from litsim_sim.campaign.results import is_campaign  # as above
+
+    if is_campaign(out):
+        raise InputError(f"{out}: the folder of a campaign, expected one of a run; give another --out")
+
+
 def _options(arguments: argparse.Namespace, plan: RunPlan) -> GraphOptions:
     return GraphOptions(
         scenario=arguments.scenario,
-        out=Path(arguments.out or f"bags/{plan.scenario.name}"),
+        out=Path(f"bags/{plan.scenario.name}" if arguments.out is None else arguments.out),
         overwrite=arguments.overwrite,
         mode=arguments.mode,
         on_missing=arguments.on_missing,
@@ -136,9 +151,7 @@ def _announce(arguments: argparse.Namespace, plan: RunPlan, domain_id: int) -> N
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim launch``."""
-    p = argparse.ArgumentParser(
-        prog="launch", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter
-    )
+    p = Parser(prog="launch", description=__doc__, epilog=STATUS_HELP, formatter_class=DefaultsFormatter)
     add_run_arguments(p, EGOS)
     p.add_argument("--out", help="folder of the record; default: bags/SCENARIO")
     p.add_argument("--overwrite", action="store_true", help="replace an existing record")

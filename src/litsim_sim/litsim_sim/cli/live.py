@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.cli.replay import split_arguments
 from litsim_sim.nodes.live_server import HOST, PORT
@@ -15,7 +16,7 @@ PORTS = range(2**16)
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim live``."""
-    p = argparse.ArgumentParser(prog="live", description=__doc__)
+    p = Parser(prog="live", description=__doc__)
     p.add_argument(
         "--rate", type=_rate, default=20.0, metavar="HZ", help="largest number of frames per second (default: 20)"
     )

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
-from litsim_sim.cli.arguments import number
+from litsim_sim.cli.arguments import Parser, number
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.stages import EGO, POLICY_STAGES
@@ -23,7 +23,7 @@ KEYS = "While it plays in a terminal: space pauses, s steps, arrows seek 1 s (pa
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim replay``."""
-    p = argparse.ArgumentParser(prog="replay", description=__doc__, epilog=KEYS)
+    p = Parser(prog="replay", description=__doc__, epilog=KEYS)
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     playing = p.add_argument_group("publish its topics and /clock")
     playing.add_argument("--rate", type=float, default=1.0, help="simulated seconds per second (default: 1)")

@@ -6,13 +6,14 @@ import argparse
 from pathlib import Path
 
 from litsim_sim.campaign.results import is_campaign, read_campaign
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_sim report``."""
-    p = argparse.ArgumentParser(prog="report", description=__doc__)
+    p = Parser(prog="report", description=__doc__)
     p.add_argument("run", type=Path, help="folder of a run, its MCAP file, or the folder of a campaign")
     p.add_argument("--out", type=Path, metavar="HTML", help="default: report.html (experiment.html) in the folder")
     pictures = p.add_argument_group("pictures of a run (no page then, unless --out is given too)")

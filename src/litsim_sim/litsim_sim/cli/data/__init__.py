@@ -13,11 +13,12 @@ import argparse
 import importlib
 import pkgutil
 
+from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="data", description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser = Parser(prog="data", description=(__doc__ or "").split("\n", maxsplit=1)[0])
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name in sorted(module.name for module in pkgutil.iter_modules(__path__)):
         if not name.startswith("_"):

@@ -1,0 +1,48 @@
+"""What command lines share."""
+
+from __future__ import annotations
+
+import pytest
+
+from litsim_sim.cli.arguments import Parser
+
+
+@pytest.fixture
+def parser() -> Parser:
+    parser = Parser(prog="mine")
+    parser.add_argument("--number", type=int, nargs="+", default=[1])
+    parser.add_argument("--set", nargs="+")
+    parser.add_argument("command", nargs="*")
+    return parser
+
+
+def refused(parser: Parser, words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as stop:
+        parser.parse_args(words)
+    assert stop.value.code == 2
+    return capsys.readouterr().err
+
+
+def test_an_error_is_a_line_that_says_where_help_is(parser: Parser, capsys: pytest.CaptureFixture[str]) -> None:
+    said = refused(parser, ["--number", "x"], capsys)
+    assert said == "error: argument --number: invalid int value: 'x'; see mine --help\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--set", ""], "argument --set"),
+        (["--set="], "argument --set"),
+        (["--number", "1", "", "2"], "argument --number"),
+        ([""], "an argument"),
+    ],
+)
+def test_what_is_empty_is_refused(
+    parser: Parser, words: list[str], what: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert f"error: {what}: nothing in it, expected a value; is a variable not set?" in refused(parser, words, capsys)
+
+
+def test_words_of_a_stack_may_be_empty_and_so_may_values_of_ours(parser: Parser) -> None:
+    found = parser.parse_args(["--set", "ego.kind=", "--", "my_stack", "--name=", ""])
+    assert (found.set, found.command) == (["ego.kind="], ["my_stack", "--name=", ""])
