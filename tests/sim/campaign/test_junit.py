@@ -46,6 +46,15 @@ def test_another_reader_finds_every_case_and_why_it_did_not_pass(campaign: Campa
     assert whole.failure == "passed_share is 0.4, expected at least 1"
 
 
+def test_rows_are_in_the_order_of_the_table(tmp_path: Path) -> None:
+    asked = {"policies": ["replay", "litsim"], "egos": ["log", "bat"], "seeds": [1, 2]}
+    CampaignFolder(tmp_path).begin(suite(**asked), cases(**asked), VERSIONS)
+    campaign = read_campaign(tmp_path)
+    write_junit(campaign, tmp_path / "junit.xml")
+    found = [each.attrib["name"] for each in ET.parse(tmp_path / "junit.xml").getroot()]
+    assert found == [*campaign.rows, "campaign some"] and found[:2] == ["log, replay", "log, litsim"]
+
+
 def test_counts_and_times_of_suites_and_kinds_of_failures(campaign: Campaign, tmp_path: Path) -> None:
     path = tmp_path / "junit.xml"
     write_junit(campaign, path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from itertools import groupby
 from pathlib import Path
 
 from junitparser import Error, Failure, JUnitXml, TestCase, TestSuite
@@ -31,8 +30,10 @@ def write_junit(campaign: Campaign, path: Path) -> None:
     """
     document = JUnitXml(_clean(campaign.name))
     results = {result.case.id: result for result in campaign.results}
-    rows = sorted(campaign.cases, key=lambda case: case.row)
-    for row, cases in groupby(rows, key=lambda case: case.row):
+    rows: dict[str, list[Case]] = {}  # in the order of the table
+    for case in campaign.cases:
+        rows.setdefault(case.row, []).append(case)
+    for row, cases in rows.items():
         document.add_testsuite(_suite(row, campaign, [_run(case, results.get(case.id)) for case in cases]))
     whole = f"campaign {campaign.name}"
     document.add_testsuite(_suite(whole, campaign, [_criterion(each, whole) for each in campaign.judged]))
