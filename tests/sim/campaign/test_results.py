@@ -77,6 +77,11 @@ def test_a_damaged_file_is_named(tmp_path: Path, text: str, said: str) -> None:
 def test_a_damaged_result_is_named(tmp_path: Path, case: Case) -> None:
     folder = CampaignFolder(tmp_path)
     folder.begin(suite(), [case], VERSIONS)
-    (folder.clear(case) / RESULT_FILE).write_text('{"format": 1, "verdict": "good"}')
+    run = folder.clear(case)
+    again = f"; once the folder {run} is removed, evaluate runs this case again"
+    for text, said in (("{", "cannot be read"), ('{"format": 1, "verdict": "good"}', "not a result of a run")):
+        (run / RESULT_FILE).write_text(text)
+        with pytest.raises(InputError, match=f"{RESULT_FILE}: {said}.*{again}"):
+            read_campaign(tmp_path)
     with pytest.raises(InputError, match=f"{RESULT_FILE}: not a result of a run"):
         read_campaign(tmp_path)

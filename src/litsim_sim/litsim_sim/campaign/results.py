@@ -176,12 +176,20 @@ def read_results(path: Path, cases: Iterable[Case]) -> list[RunResult]:
         file = path / RUNS_FOLDER / case.id / RESULT_FILE
         if not file.is_file():
             continue
-        values = _read(file)
         try:
+            values = _read(file)
             found.append(replace(RunResult.from_json(values), case=case))
+        except InputError as error:
+            raise InputError(f"{error}{_again(file)}") from error
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(f"{file}: not a result of a run: {type(error).__name__}: {error}") from error
+            said = f"{file}: not a result of a run: {type(error).__name__}: {error}"
+            raise InputError(f"{said}{_again(file)}") from error
     return found
+
+
+def _again(file: Path) -> str:
+    """What to do about the `file` of a result that cannot be used."""
+    return f"; once the folder {file.parent} is removed, evaluate runs this case again"
 
 
 def _read(path: Path) -> dict[str, Any]:
