@@ -11,6 +11,7 @@ from rich.console import Console
 
 from campaigns import CRITERIA, VERSIONS, cases, metrics, suite
 from litsim_sim.campaign.comparison import compare_campaigns
+from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.results import Campaign, RunResult, read_campaign
 from litsim_sim.report.campaign_comparison import CASES_MAX, print_campaigns
@@ -60,6 +61,28 @@ def test_cases_of_one_campaign_and_those_failing_in_both_are_counted(tmp_path: P
     said = printed(before, after)
     assert "1 pass in neither" in said
     assert f"only in {tmp_path}/b: 1, such as demo/7/idm/litsim/5" in said and f"only in {tmp_path}/a" not in said
+
+
+def test_what_a_case_that_failed_before_fails_by_newly_is_told(tmp_path: Path) -> None:
+    two = [{"name": "no contact", "field": "collision.ego_at_fault", "max": 0}, {"field": "progress_m", "min": 5.0}]
+    criteria, both = Criteria(runs=two), []
+    outcomes = {"a": [(1, 9.0), (1, 9.0), (1, 1.0)], "b": [(1, 2.0), (1, 8.0), None]}
+    for name, runs in outcomes.items():
+        asked = {"policies": ["litsim"], "seeds": [0, 1, 2], "criteria": criteria}
+        lies, made = CampaignFolder(tmp_path / name), cases(**asked)
+        lies.begin(suite(**asked), made, VERSIONS)
+        for case, run in zip(made, runs, strict=True):
+            error = RunResult.error(case, "no answer to step 3")
+            found = RunResult.judged(case, metrics(at_fault=run[0], progress_m=run[1]), criteria) if run else error
+            lies.store(found)
+        both.append(read_campaign(tmp_path / name))
+    said = printed(*both)
+    assert "3 pass in neither\n2 of these fail by more than before\n" in said
+    assert "demo/7/idm/litsim/0\n    progress_m at least 5: progress_m is 2, expected at least 5\n" in said
+    assert "demo/7/idm/litsim/2\n    is error: no answer to step 3\n" in said and "litsim/1\n" not in said
+    told = compare_campaigns(*both).to_json()["worse"]
+    assert [each["newly_missed"] for each in told] == [["progress_m at least 5"], []]
+    assert "fail by more" not in printed(*both[::-1]) and compare_campaigns(*both[::-1]).worse == []
 
 
 def test_measures_that_have_hardly_changed_are_shown_on_request(tmp_path: Path) -> None:

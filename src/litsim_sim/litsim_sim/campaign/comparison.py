@@ -12,7 +12,7 @@ from scipy.stats import bootstrap
 
 from litsim_sim.analysis.compare import OF_AN_EXECUTION, leaves
 from litsim_sim.campaign.case import Case
-from litsim_sim.campaign.criteria import Verdict
+from litsim_sim.campaign.criteria import CriterionResult, Verdict
 from litsim_sim.campaign.results import RUNS_FOLDER, Campaign, RunResult
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
@@ -51,6 +51,21 @@ class Pair:
     def still_failing(self) -> bool:
         """Whether it was run and passes neither before nor after."""
         return self.before is not None and not _passed(self.before) and not _passed(self.after)
+
+    @property
+    def newly_missed(self) -> tuple[CriterionResult, ...]:
+        """Criteria that were met before and are not any more, of a case that was judged both times."""
+        met = {each.name for each in (self.before.criteria if self.before else ()) if each.passed}
+        return tuple(
+            each for each in (self.after.criteria if self.after else ()) if not each.passed and each.name in met
+        )
+
+    @property
+    def worse(self) -> bool:
+        """Whether it failed already, and now misses further criteria, or cannot be judged any more."""
+        lost = self.before is not None and self.before.verdict == Verdict.FAILED
+        lost = lost and self.after is not None and self.after.verdict == Verdict.ERROR
+        return self.still_failing and (lost or bool(self.newly_missed))
 
 
 @dataclass(frozen=True)
@@ -119,6 +134,11 @@ class CampaignComparison:
         return [pair for pair in self.pairs if pair.still_failing]
 
     @property
+    def worse(self) -> list[Pair]:
+        """Those of :attr:`still_failing` that now miss further criteria, or cannot be judged any more."""
+        return [pair for pair in self.pairs if pair.worse]
+
+    @property
     def other_versions(self) -> dict[str, tuple[str | None, str | None]]:
         """What the runs depended on that is not of the same version, with both versions."""
         names = {**self.before.versions, **self.after.versions}
@@ -141,6 +161,9 @@ class CampaignComparison:
             "newly_failing": [self._told(pair) for pair in self.newly_failing],
             "newly_passing": [self._told(pair) for pair in self.newly_passing],
             "still_failing": [self._told(pair) for pair in self.still_failing],
+            "worse": [
+                self._told(pair) | {"newly_missed": [each.name for each in pair.newly_missed]} for pair in self.worse
+            ],
             "only_before": [case.name for case in self.only_before],
             "only_after": [case.name for case in self.only_after],
             "bootstrap": {"level": LEVEL, "resamples": RESAMPLES, "seed": SEED},

@@ -54,6 +54,12 @@ def print_campaigns(
             _say(console, f"  and {len(pairs) - len(pairs[:limit])} more (--all)")
     if comparison.still_failing:
         _say(console, f"{len(comparison.still_failing)} pass in neither")
+    if worse := comparison.worse:
+        _say(console, f"{len(worse)} of these fail by more than before", "bold red")
+        for pair in worse[:limit]:
+            _print_worse(console, comparison, pair)
+        if len(worse[:limit]) < len(worse):
+            _say(console, f"  and {len(worse) - len(worse[:limit])} more (--all)")
     for campaign, cases in ((comparison.before, comparison.only_before), (comparison.after, comparison.only_after)):
         if cases:
             _say(console, f"only in {campaign.folder}: {len(cases)}, such as {cases[0].name}")
@@ -69,6 +75,15 @@ def _print_pair(console: Console, comparison: CampaignComparison, pair: Pair) ->
         _say(console, f"    {said} {result.verdict.value if result else NOT_RUN}")
         for line in _details(campaign, result):
             _say(console, f"      {line}")
+
+
+def _print_worse(console: Console, comparison: CampaignComparison, pair: Pair) -> None:
+    """What a case that failed before fails by newly, and its report."""
+    _say(console, f"  {pair.case.name}")
+    missed = [f"{each.name}: {each.reason}" for each in pair.newly_missed]
+    path = report_of(comparison.after, pair.after)
+    for line in (*(missed or [f"is error: {pair.after.reason}" if pair.after else ""]), *([str(path)] if path else [])):
+        _say(console, f"    {line}")
 
 
 def _details(campaign: Campaign, result: RunResult | None) -> list[str]:
