@@ -75,6 +75,10 @@ def test_keys_with_dots_are_found() -> None:
         ({"field": "takeovers", "one_of": []}, "at least 1 item"),
         ({"field": "takeovers", "max": 1, "when_missing": "ignore"}, "'fail' or 'pass'"),
         ({"field": "takeovers", "most": 1}, "most"),
+        ({"field": "takeovers", "max": -1}, "field takeovers: max is -1, expected 0 or more"),
+        ({"field": "collision.contacts", "equals": -1}, "field collision.contacts: equals is -1, expected 0 or more"),
+        ({"field": "comfort.ego.within.longitudinal_jerk", "min": 95}, "min is 95, expected a share from 0 to 1"),
+        ({"field": "ego_motion.log.off_road", "max": 1.5}, "max is 1.5, expected a share from 0 to 1"),
     ],
 )
 def test_a_criterion_that_cannot_be_meant_is_refused(limits: dict[str, Any], said: str) -> None:
@@ -138,11 +142,28 @@ def test_an_aggregate_over_runs_without_the_measure_fails_and_says_of_how_many()
         ({"field": "progres_m", "aggregate": "mean", "min": 1}, r"no field progres_m .*near: progress_m"),
         ({"field": "why", "aggregate": "max", "min": 1}, "aggregate of what is no number"),
         ({"field": "progress_m", "aggregate": "mode", "min": 1}, "aggregate"),
+        ({"field": "passed_share", "min": 95}, "field passed_share: min is 95, expected a share from 0 to 1"),
+        ({"field": "passed_share", "equals": "all"}, "field passed_share never is all, expected a number"),
+        ({"field": "passed_share", "one_of": [1, 2]}, "field passed_share: one_of is 2, expected a share from 0 to 1"),
+        ({"field": "errors", "max": -1}, "field errors: max is -1, expected 0 or more"),
+        ({"field": "reactive", "aggregate": "mean", "min": 90}, "mean of reactive: min is 90, expected a share"),
+        ({"field": "reactive", "aggregate": "sum", "max": -1}, "sum of reactive: max is -1, expected 0 or more"),
     ],
 )
 def test_a_criterion_of_the_suite_that_cannot_be_meant_is_refused(limits: dict[str, Any], said: str) -> None:
     with pytest.raises(ValidationError, match=said):
         SuiteCriterion(**limits)
+
+
+def test_bounds_that_a_measure_can_reach_are_taken() -> None:
+    for limits in (
+        {"field": "passed_share", "min": 0, "max": 1},
+        {"field": "reactive", "aggregate": "sum", "min": 90},
+        {"field": "comfort.ego.within.longitudinal_jerk", "aggregate": "sum", "min": 3},
+        {"field": "progress_m", "aggregate": "min", "min": -2},
+    ):
+        assert SuiteCriterion(**limits).limit
+    assert Criterion(field="progress_m", min=-2.0, max=500.0).limit
 
 
 def verdict(suite: list[dict[str, Any]], outcomes: list[Outcome]) -> tuple[bool, list[str]]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
 from itertools import chain
+from math import inf
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypedDict, Union, get_args, get_origin, get_type_hints, is_typeddict
 
@@ -32,6 +33,19 @@ class Keys:
 
     names: tuple[str, ...]
 
+
+@dataclass(frozen=True)
+class Between:
+    """The least and the greatest that a number can be, as part of its type."""
+
+    low: float
+    high: float
+
+
+SHARE = Between(0.0, 1.0)
+COUNT = Between(0.0, inf)
+"""Of whole numbers and lengths of lists; all in the tree are counts, steps, or seeds."""
+Share = Annotated[float, SHARE]
 
 Horizons = Annotated[dict[str, float | None], Keys(tuple(map(str, HORIZONS_S)))]
 """By horizon [s]; a run that is shorter lacks it."""
@@ -66,11 +80,11 @@ class CollisionMetrics(TypedDict):
 
     agents: int
     pairs: int
-    rate_all: float | None
-    rate_controlled: float | None
+    rate_all: Share | None
+    rate_controlled: Share | None
     excess_agents: int
-    excess_rate_all: float | None
-    excess_rate_controlled: float | None
+    excess_rate_all: Share | None
+    excess_rate_controlled: Share | None
     ego_at_fault: int
     background_at_fault: int
     by_fault: FaultMetrics
@@ -84,8 +98,8 @@ class CollisionMetrics(TypedDict):
 class DrivenMetrics(TypedDict):
     """How one vehicle drove."""
 
-    off_road: float | None
-    over_edge: float | None
+    off_road: Share | None
+    over_edge: Share | None
     hard_brakes: int | None
     progress_m: float | None
 
@@ -123,7 +137,7 @@ class SafetyMetrics(TypedDict):
 
     min_ttc_s: float | None
     min_own_ttc_s: float | None
-    ttc_below: Annotated[dict[str, float | None], Keys(tuple(map(str, TTC_CRITICAL_S)))]
+    ttc_below: Annotated[dict[str, Share | None], Keys(tuple(map(str, TTC_CRITICAL_S)))]
     min_headway_s: float | None
     max_drac_mps2: float | None
     min_pet_s: float | None
@@ -134,7 +148,7 @@ class SafetyMetrics(TypedDict):
 class EgoComfort(TypedDict):
     """Comfort in the ego."""
 
-    within: Annotated[dict[str, float], Keys(tuple(BOUNDS))]
+    within: Annotated[dict[str, Share], Keys(tuple(BOUNDS))]
     hard_brakes: int
 
 
@@ -143,13 +157,13 @@ class Guard(TypedDict):
 
     count: int
     commands: int
-    share: float | None
+    share: Share | None
 
 
 class ControlledComfort(TypedDict):
     """Comfort in the agents ever under control; hard brakes are those begun under control, and the log's meanwhile."""
 
-    comfortable: float | None
+    comfortable: Share | None
     hard_brakes: int
     hard_brakes_log: int
     guarded: Guard
@@ -237,13 +251,13 @@ class Metrics(TypedDict):
     ade_ego_m: Horizons
     displacement: DisplacementMetrics
     ego_motion: EgoMetrics
-    off_road_controlled: float | None
+    off_road_controlled: Share | None
     replay_error_max_m: float | None
     progress_m: float | None
     progress_controlled_m: float | None
     progress_log_m: float | None
-    relevant_ratio: float | None
-    relevant_ratio_roi: float | None
+    relevant_ratio: Share | None
+    relevant_ratio_roi: Share | None
     takeovers: int
     false_alarms: int
     detection: DetectionMetrics
@@ -268,10 +282,12 @@ class MetricField:
     Attributes:
         name: its path, joined by dots; :data:`ANY_KEY` stands for a key that only a run knows.
         kinds: what it may be: `int`, `float`, `bool`, `str` or `list`.
+        between: what it may be as a number; None where that is not known.
     """
 
     name: str
     kinds: frozenset[type]
+    between: Between | None = None
 
     @property
     def counts(self) -> bool:
@@ -318,9 +334,11 @@ def _fields(annotation: Any, name: str) -> Iterator[MetricField]:
     """The leaves of a type; of a dictionary whose keys nobody knows, one for all of them."""
     kind: Any = annotation
     keys: tuple[str, ...] = (ANY_KEY,)
+    between = None
     if get_origin(annotation) is Annotated:
         kind, *notes = get_args(annotation)
         keys = next((note.names for note in notes if isinstance(note, Keys)), keys)
+        between = next((note for note in notes if isinstance(note, Between)), None)
     if is_typeddict(kind):
         for key, inner in get_type_hints(kind, include_extras=True).items():
             yield from _fields(inner, f"{name}.{key}" if name else key)
@@ -332,6 +350,11 @@ def _fields(annotation: Any, name: str) -> Iterator[MetricField]:
         if len(parts) == 1:
             yield from _fields(parts[0], name)
         else:
-            yield MetricField(name, frozenset(parts))
+            yield _leaf(name, frozenset(parts), between)
     else:
-        yield MetricField(name, frozenset({get_origin(kind) or kind}))
+        yield _leaf(name, frozenset({get_origin(kind) or kind}), between)
+
+
+def _leaf(name: str, kinds: frozenset[type], between: Between | None) -> MetricField:
+    counted = bool(kinds & {int, list}) and float not in kinds
+    return MetricField(name, kinds, COUNT if between is None and counted else between)

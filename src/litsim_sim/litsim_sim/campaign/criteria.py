@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from litsim_sim.analysis.metrics_tree import MetricField, find_field
+from litsim_sim.analysis.metrics_tree import COUNT, SHARE, MetricField, find_field
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import packaged
 
@@ -118,6 +118,41 @@ class Limits(BaseModel):
         return any(_equal(value, each) for each in (self.one_of or (self.equals,)))
 
 
+def _check_kinds(criterion: Limits, field: MetricField) -> None:
+    """Check that the limits are of the kind that the field is of.
+
+    Raises:
+        ValueError: one is not.
+    """
+    for name in ("min", "max"):
+        if getattr(criterion, name) is not None and not field.counts:
+            raise ValueError(f"field {criterion.field}: {name} of what is no number, expected equals or one_of")
+    values = criterion.one_of or ([] if criterion.equals is None else [criterion.equals])
+    _check_between(criterion, field, values)
+    kinds = field.kinds | ({int, float} if field.counts else set())
+    for value in values:
+        if type(value) not in kinds:
+            wanted = " or ".join(sorted({_KINDS[kind] for kind in kinds if kind in _KINDS}))
+            raise ValueError(f"field {criterion.field} never is {_said(value)}, expected {wanted}")
+
+
+def _check_between(criterion: Limits, field: MetricField, values: Sequence[Value]) -> None:
+    """Check that the limits are within what the field can be: any other is never met, or always.
+
+    Raises:
+        ValueError: one is not.
+    """
+    if (between := field.between) is None:
+        return
+    given: list[tuple[str, Value | None]] = [("min", criterion.min), ("max", criterion.max)]
+    given += [("equals" if criterion.one_of is None else "one_of", value) for value in values]
+    for name, value in given:
+        if isinstance(value, int | float) and not between.low <= value <= between.high:
+            share = between == SHARE
+            expected = "a share from 0 to 1" if share else f"{between.low:g} or more"
+            raise ValueError(f"field {criterion.measure}: {name} is {_said(value)}, expected {expected}")
+
+
 class Criterion(Limits):
     """A limit on a field of `metrics.json`; a dotted path, of a list the number of its entries."""
 
@@ -147,11 +182,16 @@ class SuiteCriterion(Limits):
             if self.field not in COUNTS:
                 counts = ", ".join(COUNTS)
                 raise ValueError(f"field {self.field} without aggregate, expected one, or a field among {counts}")
+            share = self.field == PASSED_SHARE
+            _check_kinds(self, MetricField(self.field, frozenset({float if share else int}), SHARE if share else COUNT))
             return self
         field = find_field(self.field)
         if not field.counts and bool not in field.kinds:
             raise ValueError(f"field {self.field}: aggregate of what is no number")
-        _check_kinds(self, MetricField(self.field, frozenset({float})))
+        between = SHARE if bool in field.kinds else field.between
+        if self.aggregate == "sum" and between is not None:  # so far all begin at 0
+            between = COUNT
+        _check_kinds(self, MetricField(self.field, frozenset({float}), between))
         return self
 
     @property
@@ -269,22 +309,6 @@ def _said(value: Value | None) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return f"{value:.6g}" if isinstance(value, float | int) else str(value)
-
-
-def _check_kinds(criterion: Limits, field: MetricField) -> None:
-    """Check that the limits are of the kind that the field is of.
-
-    Raises:
-        ValueError: one is not.
-    """
-    for name in ("min", "max"):
-        if getattr(criterion, name) is not None and not field.counts:
-            raise ValueError(f"field {criterion.field}: {name} of what is no number, expected equals or one_of")
-    kinds = field.kinds | ({int, float} if field.counts else set())
-    for value in criterion.one_of or ([] if criterion.equals is None else [criterion.equals]):
-        if type(value) not in kinds:
-            wanted = " or ".join(sorted({_KINDS[kind] for kind in kinds if kind in _KINDS}))
-            raise ValueError(f"field {criterion.field} never is {_said(value)}, expected {wanted}")
 
 
 def _counts(outcomes: Sequence[Outcome]) -> dict[str, float | int | None]:
