@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from campaigns import page_of
+from campaigns import VERSIONS, cases, page_of, suite
 from litsim_sim.analysis.metrics import compute_metrics
+from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.record.run import Run
 from litsim_sim.report.thumbnails import read_thumbnail, write_thumbnail
 
@@ -117,6 +118,14 @@ def test_words_are_searched_in_all_that_a_run_says(browser: Browser) -> None:
     assert browser.run(NAMES) == ["scene_0/7/idm/litsim"]
     choose(browser, "text", "nothing of the kind")
     assert browser.run(NAMES) == [] and "No run passes" in browser.run("document.getElementById('runs').innerText")
+
+
+def test_where_no_run_is_over_that_is_said_and_not_that_filters_are_to_blame(chromium: Browser, tmp_path: Path) -> None:
+    CampaignFolder(tmp_path).begin(suite(), cases(), VERSIONS)
+    chromium.open(page_of(tmp_path))
+    said = chromium.run("document.getElementById('runs').innerText")
+    assert "No run is over yet." in said and "filters" not in said
+    assert chromium.problems == []
 
 
 def test_a_range_of_a_measure(browser: Browser) -> None:

@@ -12,6 +12,7 @@ class Campaign {
       height: runs.pictured ? TALL : LOW,
       sorted: (column) => this.sortBy(column),
       opened: (id) => this.open(this.runs.byId.get(id)),
+      nothing: runs.runs.length ? "No run passes these filters." : "No run is over yet.",
     });
     this.bar = new FilterBar(runs, this);
     this.charts = new Distributions($$("distributions"), runs, (path, range) => this.setRange(path, range));

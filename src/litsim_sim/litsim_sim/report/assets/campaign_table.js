@@ -4,8 +4,9 @@ const SPARE = 6; // rows beyond the edges
 
 class RunTable {
   // columns: [{id, title, hint, width, number, draw(cell, run)}]; sorted(column) and opened(run) are called back.
-  constructor(box, { height, sorted, opened }) {
-    Object.assign(this, { box, height, sorted, opened, runs: [], columns: [], drawn: [0, 0], current: null });
+  // nothing: what is said where there are no runs to show.
+  constructor(box, { height, sorted, opened, nothing }) {
+    Object.assign(this, { box, height, sorted, opened, nothing, runs: [], columns: [], drawn: [0, 0], current: null });
     this.table = make("table", "", box);
     this.head = make("tr", "", make("thead", "", this.table));
     this.body = make("tbody", "", this.table);
@@ -47,7 +48,7 @@ class RunTable {
     this.runs = runs;
     this.box.scrollTop = 0;
     this.table.setAttribute("aria-rowcount", runs.length + 1);
-    this.none.textContent = runs.length ? "" : "No run passes these filters.";
+    this.none.textContent = runs.length ? "" : this.nothing;
     this.drawn = null;
     this.#fill();
   }
