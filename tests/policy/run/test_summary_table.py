@@ -29,9 +29,9 @@ def rows(count: int) -> dict[str, dict[str, Any]]:
     return {names[i % 6] + (f", horizon={i}" if i > 5 else ""): row(runs=10 + i) for i in range(count)}
 
 
-def printed(summary: dict[str, dict[str, Any]], width: int = WIDTH) -> list[str]:
+def printed(summary: dict[str, dict[str, Any]], width: int = WIDTH, *, replayed: bool = False) -> list[str]:
     console = Console(file=io.StringIO(), width=width)
-    print_summary("the suite", summary, console)
+    print_summary("the suite", summary, console, replayed=replayed)
     lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     assert max(map(cell_len, lines)) <= width
     return [line.rstrip() for line in lines]
@@ -46,6 +46,15 @@ def test_few_rows_are_named_above_their_columns() -> None:
     lines = printed({"idm, replay": row(), "idm, litsim": row(takeovers=55)})
     assert any("idm, replay" in line and "idm, litsim" in line for line in lines)
     assert cells(lines, "takeovers")[1] == "55"
+
+
+@pytest.mark.parametrize("count", [1, 9])
+def test_where_nobody_can_be_taken_over_nothing_is_said_of_it(count: int) -> None:
+    whole, short = printed(rows(count)), printed(rows(count), replayed=True)
+    for name in ("takeovers", "guarded %, of policy C's steps", "max jump m", f"ADE@{HORIZONS_S[0]} s m, controlled"):
+        assert cells(whole, name) and not cells(short, name)
+    for name in ("runs", "ego contacts", "progress m", f"ADE@{HORIZONS_S[0]} s m, all"):
+        assert cells(short, name) == cells(whole, name) != []
 
 
 def test_six_rows_are_one_table_with_their_names_below() -> None:

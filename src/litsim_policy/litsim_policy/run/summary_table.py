@@ -47,12 +47,34 @@ MEASURES = {
 OF_ALL_RUNS = ("runs", "passed", "not_passed", "errors", "reactive")
 """Measures in which runs that left none count; `reactive` is of runs known to be so."""
 
+OF_CONTROL = (
+    "rate_controlled",
+    "takeovers",
+    "takeovers_per_run",
+    "releases",
+    "releases_missing",
+    "held_s",
+    "bound_hits",
+    "false_alarms",
+    "relevant_ratio",
+    "hard_brakes",
+    "hard_brakes_log",
+    "guarded",
+    "off_road",
+    "max_position_jump_m",
+    "max_residual_m",
+    "ade_controlled_m",
+)
+"""Measures of agents under control, which say nothing where no policy can take any."""
+
 MARK = "*"
 PERCENT = ("rate_all", "rate_controlled", "reactive", "relevant_ratio", "guarded", "off_road")
 DISPLACEMENTS = (("ade_controlled_m", "controlled"), ("ade_all_m", "all"))
 
 
-def print_summary(title: str, summary: Mapping[str, Mapping[str, Any]], console: Console) -> None:
+def print_summary(
+    title: str, summary: Mapping[str, Mapping[str, Any]], console: Console, *, replayed: bool = False
+) -> None:
     """Print rows of runs side by side.
 
     Where their names do not fit into the width, they are numbered and listed below; where they do not even so, they are
@@ -62,8 +84,11 @@ def print_summary(title: str, summary: Mapping[str, Mapping[str, Any]], console:
         title: above the table.
         summary: by name of the row, what :func:`litsim_sim.analysis.summary.summarise` says of it, and verdicts.
         console: to print to.
+        replayed: whether the log moves the background in all rows: measures of agents under control are left out.
     """
     rows = list(summary)
+    left_out = OF_CONTROL if replayed else ()
+    summary = {row: {key: v for key, v in each.items() if key not in left_out} for row, each in summary.items()}
     named = _table({row: row for row in rows}, summary)
     if _fits(named, console):
         parts: list[RenderableType] = [named]
@@ -103,10 +128,11 @@ def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]
         table.add_column(heading, justify="right", no_wrap=True)
     mine = [summary[row] for row in headings]
     for name, key in MEASURES.items():
-        table.add_row(name, *(_cell(key, row[key]) + _mark(key, row) for row in mine))
+        if all(key in row for row in mine):
+            table.add_row(name, *(_cell(key, row[key]) + _mark(key, row) for row in mine))
     for horizon in map(str, HORIZONS_S):
         if any(row["ade_all_m"][horizon] is not None for row in summary.values()):
-            for key, whose in DISPLACEMENTS:
+            for key, whose in ((key, whose) for key, whose in DISPLACEMENTS if key in mine[0]):
                 cells = (_cell(key, row[key][horizon]) + _mark(key, row) for row in mine)
                 table.add_row(f"ADE@{horizon} s m, {whose}", *cells)
     return table
