@@ -79,6 +79,28 @@ def test_what_is_wrong_is_said_before_the_first_run(
     assert said in error and "Traceback" not in error
 
 
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("", "line 2, field cases.0: egos: 99999 not there at the start of "),
+        ("parameters: {conflict.horizon: -1}", "row idm, litsim: conflict: parameter horizon is -1, expected a number"),
+    ],
+)
+def test_what_is_wrong_in_a_suite_is_told_with_its_file(capsys, tmp_path, scenario, more: str, said: str) -> None:
+    suite = tmp_path / "suite.yaml"
+    entry = f"{{scenario: {scenario}, ego_id: {1 if more else 99999}}}"
+    suite.write_text(f"name: some\ncases: [{entry}]\negos: [idm]\npolicies: [litsim]\n{more}\n")
+    assert called("--suite", suite, "--out", tmp_path / "out") == 2
+    assert capsys.readouterr().err.startswith(f"error: {suite}: {said}")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("policy", ["replay", "yield"])
+def test_the_table_tells_of_takeovers_where_there_can_be_any(capsys, tmp_path, scenario, policy: str) -> None:
+    called("--scenario", scenario, "--policy", policy, "--egos", "1", "--out", tmp_path / "out")
+    assert ("takeovers per run" in capsys.readouterr().out) == (policy == "yield")
+
+
 def test_two_files_of_one_name_would_be_one_run_and_are_refused(capsys, tmp_path, scenario) -> None:
     other = tmp_path / "elsewhere" / scenario.name
     other.parent.mkdir()

@@ -95,9 +95,9 @@ def test_what_is_interrupted_ends_what_runs_and_stores_nothing_of_it(
     assert [result.case.ego_id for result in read_campaign(runs.folder.path).results] == [7]
 
 
-@pytest.mark.parametrize(("command", "most"), [([], 1), (["true"], 3)])
+@pytest.mark.parametrize(("started", "most"), [({}, 1), ({"command": ["true"]}, 3)])
 def test_a_stack_that_runs_already_drives_in_one_run_at_a_time(
-    begun: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, command: list[str], most: int
+    begun: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, started: dict[str, Any], most: int
 ) -> None:
     together = threading.Barrier(3)
     running: list[int] = []
@@ -112,7 +112,7 @@ def test_a_stack_that_runs_already_drives_in_one_run_at_a_time(
         return RunOutcome(campaigns.metrics())
 
     monkeypatch.setattr(campaign, "run_over_graph", run)
-    external = {"kind": "external", "command": command}
+    external = {"kind": "external"} | started
     cases, runs = begun(3, cases=[{"scenario": "demo", "egos": [7, 3, 24]}], egos=[external], policies=["replay"])
     assert len(list(runs.run(cases))) == 3
     assert max(counts) <= most

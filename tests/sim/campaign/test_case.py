@@ -10,6 +10,7 @@ import pytest
 
 from campaigns import VERSIONS, cases, scenario_file, suite
 from litsim_sim.campaign.case import Case, cases_of
+from litsim_sim.campaign.suite import Suite
 from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.scenario import Scenario
 
@@ -53,6 +54,21 @@ def test_which_vehicles_are_the_ego(choice: Any) -> None:
 def test_an_ego_that_is_not_there() -> None:
     with pytest.raises(InputError, match="egos: 99999 not there at the start of demo"):
         cases(cases=[{"scenario": "demo", "ego_id": 99999}])
+
+
+def test_an_entry_that_cannot_be_used_is_told_by_file_line_and_field(tmp_path: Path) -> None:
+    inner, outer = tmp_path / "inner.yaml", tmp_path / "outer.yaml"
+    inner.write_text(
+        "name: inner\negos: [idm]\ncases:\n  - {scenario: demo, egos: ego}\n  - {scenario: demo, ego_id: 99}\n"
+    )
+    outer.write_text("name: outer\negos: [idm]\ninclude: [inner.yaml]\ncases:\n  - {scenario: none.yaml}\n")
+    with pytest.raises(InputError) as found:
+        cases_of(Suite.load(outer), with_versions=VERSIONS)
+    assert str(found.value).startswith(f"{inner}: line 5, field cases.1: egos: 99 not there at the start of demo")
+    inner.write_text(inner.read_text().replace("ego_id: 99", "ego_id: 7"))
+    with pytest.raises(InputError) as found:
+        cases_of(Suite.load(outer), with_versions=VERSIONS)
+    assert str(found.value).startswith(f"{outer}: line 5, field cases.0: {tmp_path / 'none.yaml'}")
 
 
 def test_a_scenario_without_egos_for_tuning() -> None:

@@ -125,6 +125,11 @@ def test_what_cannot_be_included(tmp_path: Path, text: str, said: str) -> None:
             "  - {kind: idm, command: [python3]}",
             "ego idm: command, interface and ready_s belong",
         ),
+        (
+            "  - idm",
+            "  - {kind: external, command: []}",
+            r"line 7, field egos\.0: command is empty, expected the words",
+        ),
         ("policies: [replay]", "policies: [reply]", r"line 10, field policies\.0"),
         ("policies: [replay]", "policy: [replay]", "field policy: .*known fields: name, description, include, cases"),
         ("ego_id: 17", "ego_id: 17, egos: all", r"line 4, field cases\.0: .*ego_id and egos, expected one of them"),

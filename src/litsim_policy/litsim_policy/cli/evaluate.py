@@ -24,8 +24,9 @@ from litsim_sim.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Ca
 from litsim_sim.campaign.row_summary import row_summary
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
-from litsim_sim.core.errors import EXIT_FAILED, print_error
+from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
 from litsim_sim.launch.processes import without_interrupts
+from litsim_sim.scenario.run_info import REPLAY
 
 STATUS_HELP = (
     "Exit status: 0, the campaign passes by the criteria of its suite (by default: every run passes); 1, it does not, "
@@ -65,7 +66,10 @@ def evaluate(arguments: argparse.Namespace) -> int:
     suite = suite_of(arguments)
     versions = code_versions()
     cases = cases_of(suite, graph=arguments.graph, with_versions=versions)
-    check_cases(cases)
+    try:
+        check_cases(cases)
+    except InputError as error:  # what only a stage knows of its parameters
+        raise InputError(f"{arguments.suite}: {error}" if arguments.suite else str(error)) from error
     folder = CampaignFolder(Path(arguments.out))
     runs: LocalRuns | RayRuns = LocalRuns(folder, suite.criteria, arguments.processes, arguments.time_limit)
     if arguments.ray is not None:
@@ -140,7 +144,8 @@ def _counted(results: Collection[RunResult]) -> str:
 
 def _print(campaign: Campaign) -> None:
     """The table; what the campaign fails by, and every run that has not passed, with its reason."""
-    print_summary(campaign.name, {row: row_summary(results) for row, results in campaign.rows.items()}, Console())
+    summary = {row: row_summary(results) for row, results in campaign.rows.items()}
+    print_summary(campaign.name, summary, Console(), replayed=all(case.policy == REPLAY for case in campaign.cases))
     print(f"{_counted(campaign.results)}; every run: {campaign.folder / RESULTS_FILE}")
     for criterion in campaign.judged:
         if not criterion.passed:

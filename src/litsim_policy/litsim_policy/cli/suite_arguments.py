@@ -87,7 +87,10 @@ def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]
         return [CaseEntry(scenario=located(name, Path.cwd()), egos=arguments.egos) for name in names]
     if arguments.egos is None:
         return base.cases
-    return [entry.model_copy(update={"ego_id": None, "egos": arguments.egos}) for entry in base.cases]
+    return [
+        CaseEntry(**(entry.model_dump() | {"ego_id": None, "egos": arguments.egos}))  # of the options, not of its place
+        for entry in base.cases
+    ]
 
 
 def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]:

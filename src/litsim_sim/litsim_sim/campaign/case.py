@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -129,13 +129,14 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
         with_versions: of what a run depends on; those of this installation where not given.
 
     Raises:
-        InputError: a scenario cannot be used, an ego is not in it, or two scenarios have the same name.
+        InputError: a scenario cannot be used, an ego is not in it, or two scenarios have the same name; it names file
+            and line of the entry, where it has them.
     """
     _check_scenario_names(suite)
     found = code_versions() if with_versions is None else with_versions
     deciding = {name: version for name, version in found.items() if name not in NOT_OF_THE_RESULT}
     load = lru_cache(maxsize=SCENARIOS_KEPT)(Scenario.load)  # entries of one scenario follow each other
-    roads = [road for entry in suite.cases for road in _roads(entry, load(entry.scenario))]
+    roads = [road for entry in suite.cases for road in _roads(entry, load)]
     seeds: list[int | None] = [*suite.seeds] or [None]
     cases: dict[str, Case] = {}
     for row, seed, road in product(_rows(suite), seeds, roads):
@@ -214,12 +215,20 @@ def _rows(suite: Suite) -> Iterator[_Row]:
             yield _Row(ego, setup.kind, tuple({**setup.parameters, **varied}.items()), label)
 
 
-def _roads(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
+def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
     """What happens on the road, once for each vehicle that is the ego.
 
     Raises:
         InputError: the scenario cannot be used, or an ego is not in it.
     """
+    try:
+        return list(_roads_of(entry, load(entry.scenario)))
+    except InputError as error:
+        raise InputError(": ".join(filter(None, (entry.place, str(error))))) from error
+
+
+def _roads_of(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
+    """The same, of a scenario that has been read."""
     of_no_run = {"name", "description", "ego", "egos", "tuning", "seed", "end_after_contact_s"}
     content = scenario.file.model_dump(mode="json", exclude=of_no_run)
     files = {field: Path(getattr(scenario.file, field)) for field in ("recording", "net")}

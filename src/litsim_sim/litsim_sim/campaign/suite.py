@@ -7,14 +7,23 @@ from glob import glob, has_magic
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    field_validator,
+    model_validator,
+)
 
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.policy_setup import PolicySetup, packaged_setups, setup_of, stage_and_name
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import OneOf
 from litsim_sim.ego_port.answer import AUTO, INTERFACES
-from litsim_sim.io.yaml_input import parse_yaml, read_text, validate_yaml
+from litsim_sim.io.yaml_input import parse_yaml, place_in, read_text, validate_yaml
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES, REPLAY
 from litsim_sim.scenario.scenario import packaged, packaged_scenarios
 from litsim_sim.scenario.scenario_file import SEEDS
@@ -59,6 +68,18 @@ class CaseEntry(BaseModel):
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] | None = None
     tags: list[Name] = []
     events: list[dict[str, Any]] = []
+    _place: tuple[Path, int] | None = PrivateAttr(None)
+
+    def within(self, suite: Path, number: int) -> CaseEntry:
+        """The same, as entry `number` of the file of a `suite`, which :attr:`place` names."""
+        entry = self.model_copy()
+        entry._place = suite, number  # noqa: SLF001 - of this class
+        return entry
+
+    @property
+    def place(self) -> str:
+        """Where the entry stands, by file, line and field; empty where it is of no file."""
+        return place_in(self._place[0], "cases", self._place[1]) if self._place else ""
 
     @property
     def chosen(self) -> EgoChoice | list[int]:
@@ -119,6 +140,14 @@ class EgoSetup(BaseModel):
         return self
 
 
+def _starts_something(setup: Any) -> Any:
+    if isinstance(setup, dict) and setup.get("command") == []:
+        raise ValueError(
+            "command is empty, expected the words that start the stack; without one, you start it yourself"
+        )
+    return setup
+
+
 class Suite(BaseModel):
     """What a campaign runs and how it judges: every case with every ego, policy, combination of parameters and seed.
 
@@ -143,7 +172,7 @@ class Suite(BaseModel):
     description: str = ""
     include: list[Name] = []
     cases: list[CaseEntry] = []
-    egos: Annotated[list[EgoSetup], Field(min_length=1)]
+    egos: Annotated[list[Annotated[EgoSetup, BeforeValidator(_starts_something)]], Field(min_length=1)]
     policies: Annotated[list[PolicyName | PolicySetup], Field(min_length=1)] = [REPLAY, "litsim"]
     seeds: list[Annotated[int, Field(ge=0, lt=SEEDS)]] = []
     end_after_contact_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
@@ -201,8 +230,9 @@ class Suite(BaseModel):
         for other in suite.include:
             beside = other if other in packaged_suites() else path.parent / other
             cases += cls.load(beside, (*among, path.resolve())).cases
-        for case in suite.cases:
-            cases += [case.model_copy(update={"scenario": file}) for file in _files(case.scenario, path)]
+        for number, case in enumerate(suite.cases):
+            entry = case.within(path, number)
+            cases += [entry.model_copy(update={"scenario": file}) for file in _files(case.scenario, path)]
         return suite.model_copy(update={"include": [], "cases": cases})
 
 

@@ -90,6 +90,12 @@ def validate_yaml(values: dict[str, Any], model: type[_Model], where: str, text:
         raise InputError(f"{where}: {said}{more}{known}") from error
 
 
+def place_in(path: Path, *place: int | str) -> str:
+    """Where in the YAML file at `path` the field at `place` is, in the words of :func:`validate_yaml`."""
+    line, named = _found(yaml.compose(read_text(path), Loader=yaml.SafeLoader), place)
+    return f"{path}: {f'line {line}, ' if line else ''}field {'.'.join(map(str, named))}"
+
+
 def _without_underscores(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
     return re.compile(f"(?!.*_){pattern.pattern}", pattern.flags) if tag in NUMBERS else pattern
 
