@@ -29,7 +29,7 @@ def test_what_is_wrong_with_options_is_told_in_a_line(
     (said,) = capsys.readouterr().err.splitlines()
     assert stop.value.code == 2
     assert said.startswith("error: ") and said.endswith(" --help")
-    assert len(words) == 1 or "argument --out: nothing in it, expected a value; is a variable not set?" in said
+    assert len(words) == 1 or "argument --out: nothing in it, expected a value (is a variable not set?)" in said
 
 
 @pytest.mark.parametrize(

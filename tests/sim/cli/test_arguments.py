@@ -40,7 +40,7 @@ def test_an_error_is_a_line_that_says_where_help_is(parser: Parser, capsys: pyte
 def test_what_is_empty_is_refused(
     parser: Parser, words: list[str], what: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert f"error: {what}: nothing in it, expected a value; is a variable not set?" in refused(parser, words, capsys)
+    assert f"error: {what}: nothing in it, expected a value (is a variable not set?)" in refused(parser, words, capsys)
 
 
 def test_words_of_a_stack_may_be_empty_and_so_may_values_of_ours(parser: Parser) -> None:

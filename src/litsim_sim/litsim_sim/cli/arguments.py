@@ -38,7 +38,7 @@ class Parser(argparse.ArgumentParser):
             option = word.partition("=")[0] if word.startswith("--") else option
             if not word or (word == f"{option}=" and option):
                 what = f"argument {option}" if option else "an argument"
-                self.error(f"{what}: nothing in it, expected a value; is a variable not set?")
+                self.error(f"{what}: nothing in it, expected a value (is a variable not set?)")
 
 
 class DefaultsFormatter(argparse.ArgumentDefaultsHelpFormatter):
