@@ -36,6 +36,22 @@ def test_no_pet_in_parallel_lanes_or_much_later(table: Make) -> None:
     assert encroachments(late, 1) == []
 
 
+def test_who_comes_only_after_the_other_has_left_the_road_encroaches_too(table: Make) -> None:
+    # 1 leaves the road at the origin at step 20; 2, who was not there before, crosses it 1 s and 6 s later
+    for later, expected in ((10, [(2, 1)]), (60, [])):
+        tables = [
+            table(k, {"id": 1, "x": k - 20.0, "y": 0.0})
+            if k <= 20
+            else table(k, {"id": 2, "x": 0.0, "y": k - 20.0 - later, "yaw": 1.5707963})
+            for k in range(21 + later + 20)
+        ]
+        found = encroachments(tables, 1)
+        assert [(each.agent, each.first) for each in found] == expected
+        assert [each.pet for each in encroachments(tables, 2)] == [each.pet for each in found]
+        second = times_since_others(tables)[0][21:]
+        assert second.min() == (found[0].pet if found else np.inf)
+
+
 def test_step_by_step_the_second_learns_how_long_ago_the_first_was_there(table: Make) -> None:
     tables = [
         table(k, {"id": 1, "x": k - 20.0, "y": 0.0}, {"id": 2, "x": 0.0, "y": k - 35.0, "yaw": 1.5707963})

@@ -15,6 +15,7 @@ from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 
 PET_HORIZON_S = 5.0  # between leaving and entering; longer is no encounter
+PET_HORIZON = round(PET_HORIZON_S / STEP_S)  # the same in steps
 
 
 @dataclass(frozen=True)
@@ -35,20 +36,21 @@ class Encroachment:
 
 
 def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment]:
-    """Post-encroachment times of `agent` with every other that comes within 5 s, shortest first (Allen 1978).
+    """Post-encroachment times of up to 5 s of `agent` with every other, shortest first (Allen 1978).
 
-    Times between boxes that overlap in space at different steps, to the resolution of a step. Whoever follows in the
-    same lane encroaches too: its time is the headway to the leader's rear.
+    Times between boxes that overlap in space at different steps, to the resolution of a step; the two may never be on
+    the road together. Whoever follows in the same lane encroaches too: its time is the headway to the leader's rear.
     """
     steps = Steps.of(tables)
     table, own_rows = steps.stacked, steps.track(agent)
     if not len(own_rows):
         return []
     boxes = np.column_stack([table.x, table.y, table.yaw, table.length, table.width])
-    met = (steps.rows[table.number[own_rows]] >= 0).any(axis=0)
     own_step, own = steps.step[table.number[own_rows]], boxes[own_rows]
+    in_time = (steps.step >= own_step[0] - PET_HORIZON) & (steps.step <= own_step[-1] + PET_HORIZON)
+    near = (steps.rows[in_time] >= 0).any(axis=0)
     found = []
-    for k in np.flatnonzero(met & (steps.ids != agent)).tolist():
+    for k in np.flatnonzero(near & (steps.ids != agent)).tolist():
         other, rows = int(steps.ids[k]), steps.rows[:, k]
         rows = rows[rows >= 0]
         other_step = steps.step[table.number[rows]]
@@ -84,7 +86,7 @@ def _closest_use(
     step_a: IntArray, step_b: IntArray, a: FloatArray, b: FloatArray, reach: float
 ) -> tuple[int, int, int]:
     """See :func:`closest_use`: of equally close ones the first, -1 where there are none; centres are in `reach` [m]."""
-    best = -1, -1, round(PET_HORIZON_S / STEP_S) + 1
+    best = -1, -1, PET_HORIZON + 1
     for i in range(len(a)):
         for j in range(len(b)):
             apart = abs(step_b[j] - step_a[i])
