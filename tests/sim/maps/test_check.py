@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from litsim_sim.cli.data import main
+from litsim_sim.core.scene import Kind
 from litsim_sim.maps.check import NetCheck
 from litsim_sim.maps.connectivity import Connectivity
 from litsim_sim.maps.lane_map import LaneMap
@@ -31,6 +32,18 @@ def aside(tmp_path: Path) -> Path:
         tmp_path / "aside.parquet"
     )
     return tmp_path / "aside.parquet"
+
+
+def test_a_recording_without_vehicles_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = load_recording(EMBEDDED).table
+    walking = table[table["vehicle_id"] == 1].assign(kind=int(Kind.PEDESTRIAN), length=0.6, width=0.6)
+    Recording.of_table(RecordingHeader("walking", net="us101_like.net.xml"), walking).write(tmp_path / "w.parquet")
+    for more in ([], ["--picture", str(tmp_path / "check.png")]):
+        with pytest.raises(SystemExit):
+            main(["map", "--check", "us101_like", "--recording", str(tmp_path / "w.parquet"), *more])
+        captured = capsys.readouterr()
+        assert not captured.out
+        assert "w.parquet: holds pedestrians and cyclists alone" in captured.err
 
 
 def colours(path: Path) -> dict[str, int]:

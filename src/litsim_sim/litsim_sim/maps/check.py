@@ -55,7 +55,7 @@ class NetCheck:
     Attributes:
         lanes: number of lanes.
         placements: how positions lie on the lanes.
-        alignments: how they would lie best; of parts with rows.
+        alignments: how they would lie best.
         cad: distance to CAD centre lines, where such were given.
         connectivity: where lanes lead, and where they do not.
         warnings: what SUMO says on loading.
@@ -86,7 +86,7 @@ def check_net(net: Path, parts: dict[str, pd.DataFrame], cad: list[CenterLine] |
 
     Args:
         net: SUMO net.
-        parts: neutral tables (columns vehicle_id, frame, x, y, yaw, lane are used) by name.
+        parts: neutral tables (columns vehicle_id, frame, x, y, yaw, lane are used) by name, with at least a row each.
         cad: centre lines in frame map.
 
     Raises:

@@ -70,12 +70,19 @@ def for_fitting(path: Path, site: str = "") -> Positions:
         return _official(path, site)
     recording = load_recording(path)
     known = recording.header.net.removesuffix(".net.xml")
-    return Positions(vehicles_of(recording.table), site or (known if known in SITES else ""))
+    return Positions(vehicles_of(recording.table, str(path)), site or (known if known in SITES else ""))
 
 
-def vehicles_of(table: pd.DataFrame) -> pd.DataFrame:
-    """The rows of a neutral table without those of pedestrians and cyclists, who keep to no lanes."""
-    return table[~is_obstacle(table["kind"].to_numpy())]
+def vehicles_of(table: pd.DataFrame, where: str) -> pd.DataFrame:
+    """The rows of a neutral table without those of pedestrians and cyclists, who keep to no lanes.
+
+    Raises:
+        InputError: there is nobody else; `where` names the recording.
+    """
+    vehicles = table[~is_obstacle(table["kind"].to_numpy())]
+    if vehicles.empty:
+        raise InputError(f"{where}: holds pedestrians and cyclists alone, who keep to no lanes: expected vehicles")
+    return vehicles
 
 
 def for_checking(path: Path, scenarios: Sequence[str] = ()) -> dict[str, pd.DataFrame]:
@@ -101,7 +108,7 @@ def for_checking(path: Path, scenarios: Sequence[str] = ()) -> dict[str, pd.Data
         return {**{name: part for name, part in parts.items() if len(part)}, "all windows": table}
     if set(COMMONROAD_WINDOWS) <= set(columns):
         return _commonroad_windows(path, scenarios)
-    return {"recording": vehicles_of(load_recording(path).table)}
+    return {"recording": vehicles_of(load_recording(path).table, str(path))}
 
 
 def mapped_by(path: Path) -> dict[str, Any] | None:

@@ -165,7 +165,7 @@ def _parts(arguments: argparse.Namespace) -> tuple[dict[str, pd.DataFrame], dict
 
     if arguments.recording is None:
         loaded = [Scenario.load(name, coverage_min=0.0) for name in arguments.scenario]
-        return {each.name: positions.vehicles_of(each.recording.table) for each in loaded}, None
+        return {each.name: positions.vehicles_of(each.recording.table, each.name) for each in loaded}, None
     parts = positions.for_checking(arguments.recording, arguments.scenario)
     return parts, positions.mapped_by(arguments.recording)
 
