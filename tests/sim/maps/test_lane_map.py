@@ -13,9 +13,10 @@ from shapely import LineString, points
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.maps.fitting import LAYOUTS, fit_lanes, fit_plan
-from litsim_sim.maps.highway import HighwayPlan, Ramp, find_netconvert, plain_xml, us101_like_plan, write_net
+from litsim_sim.maps.highway import HighwayPlan, Ramp, plain_xml, us101_like_plan, write_net
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
+from litsim_sim.maps.netconvert import find_netconvert
 from litsim_sim.scenario.scenario import packaged, packaged_nets
 
 # The others have other layouts: i80 in test_maps_motorway.py, urban_like with its traffic.

@@ -15,8 +15,8 @@ from litsim_sim.core.geometry import overlapping_pairs, wrap_angle
 from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.signals import STOP_STATES
 from litsim_sim.maps import urban
-from litsim_sim.maps.highway import find_netconvert
 from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.netconvert import find_netconvert
 from litsim_sim.maps.signal_links import crossings, read_links
 from litsim_sim.recordings.recording import Recording
 from litsim_sim.recordings.segments import Manifest
@@ -240,6 +240,9 @@ def test_the_packaged_urban_net_is_what_the_code_builds(tmp_path: Path) -> None:
         pytest.skip(str(absent))
     urban.write_net(tmp_path / "again.net.xml")
     assert (tmp_path / "again.net.xml").read_text() == URBAN_LIKE.net.read_text()
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"again\.net\.xml: cannot be written"):
+        urban.write_net(tmp_path / "file" / "again.net.xml")
 
 
 # Sets with segments

@@ -15,9 +15,7 @@ import numpy as np
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.maps.netconvert import DECIMALS, WITHOUT_INTERNAL_LANES, build_net, find_netconvert
-
-__all__ = ["HighwayPlan", "Ramp", "find_netconvert", "i80_plan", "plain_xml", "us101_like_plan", "write_net"]
+from litsim_sim.maps.netconvert import DECIMALS, WITHOUT_INTERNAL_LANES, build_net
 
 LANE_WIDTH = 3.66  # [m] 12 ft
 SPEED_LIMIT = 29.0  # [m/s] 65 mph

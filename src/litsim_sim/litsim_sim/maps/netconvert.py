@@ -19,7 +19,12 @@ from xml.etree import ElementTree as ET
 from litsim_sim.core.errors import InputError, not_installed
 
 DECIMALS = 3  # of written coordinates: millimetres
-PLAIN_OPTIONS = {".nod.xml": "--node-files", ".edg.xml": "--edge-files", ".con.xml": "--connection-files"}
+PLAIN_OPTIONS = {
+    ".nod.xml": "--node-files",
+    ".edg.xml": "--edge-files",
+    ".con.xml": "--connection-files",
+    ".tll.xml": "--tllogic-files",
+}
 WITHOUT_INTERNAL_LANES = ("--no-internal-links",)
 """For nets whose lanes follow each other without a gap: no lanes are put between them."""
 

@@ -8,13 +8,10 @@ netconvert is needed only here: ``pip install -r requirements/maps.txt``.
 from __future__ import annotations
 
 import re
-import subprocess
-import tempfile
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from litsim_sim.core.errors import InputError
-from litsim_sim.maps.highway import find_netconvert
+from litsim_sim.maps.netconvert import build_net
 
 JUNCTIONS = {"A": -100.0, "B": 100.0}  # [m] x of the signalised junctions
 ARM = 150.0  # [m] from a junction to where the net ends
@@ -23,6 +20,8 @@ SPEED_LIMIT = 13.89  # [m/s] 50 km/h
 CYCLE = {"main": 28, "side": 20, "yellow": 3, "all_red": 2}  # [s]; the two directions follow each other
 TURN_ACCELERATION = 2.5  # [m/s2] lateral, of turning vehicles: comfortable
 OFFSET = {"A": 0, "B": 24}  # [s] of the signal plans
+OPTIONS = ("--junctions.internal-link-detail", "15", "--junctions.limit-turn-speed", f"{TURN_ACCELERATION}")
+"""Of netconvert, by which ways through junctions are smooth curves and slow enough for them."""
 
 MAIN_LANES = 3  # of an edge that ends at a junction: right and through, through, left
 SIDE_LANES = 2  # right and through, left
@@ -61,29 +60,9 @@ def write_net(path: Path) -> None:
     """Build the net at `path`.
 
     Raises:
-        InputError: netconvert is not installed or refuses the plan.
+        InputError: netconvert is not installed or refuses the plan, or `path` cannot be written.
     """
-    program = find_netconvert()
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
-        for name, tree in plain_xml().items():
-            ET.indent(tree)
-            ET.ElementTree(tree).write(folder / name, encoding="UTF-8", xml_declaration=True)
-        command = [
-            str(program),
-            *("--node-files", "road.nod.xml", "--edge-files", "road.edg.xml", "--connection-files", "road.con.xml"),
-            *("--tllogic-files", "road.tll.xml", "--output-file", "road.net.xml", "--precision", "3"),
-            *("--offset.disable-normalization", "--no-turnarounds", "--junctions.internal-link-detail", "15"),
-            *("--junctions.limit-turn-speed", f"{TURN_ACCELERATION}"),
-        ]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode != 0 or not (folder / "road.net.xml").is_file():
-            raise InputError(f"netconvert refused the plan of {path.name}: {(done.stderr or done.stdout).strip()}")
-        net = (folder / "road.net.xml").read_text(encoding="UTF-8")
-    # netconvert heads the file with the date and its command line, which would make every regeneration differ.
-    net = re.sub(r"<!--.*?-->\n*", "", net, count=1, flags=re.DOTALL)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(net, encoding="UTF-8")
+    build_net(plain_xml(), path, OPTIONS)
 
 
 def _edge(edges: ET.Element, start: str, end: str, lanes: int) -> None:
