@@ -33,6 +33,15 @@ def test_both_kinds_read_the_same(tmp_path: Path, name: str, place: str) -> None
     assert source.at(*table["row"].iloc[1:]).endswith(f": {word}s {number} and {int(number) + 1}")
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_empty_lines_are_no_rows_but_count_as_lines(tmp_path: Path, end: str) -> None:
+    (tmp_path / "t.csv").write_bytes(end.join(["", "a,b", "1,2", "", "", "3,4", "5,6"]).encode())
+    source = TableFile.open(tmp_path / "t.csv")
+    table = source.read(["a"])
+    assert table["a"].tolist() == [1, 3, 5]
+    assert source.at(*table["row"]) == f"{tmp_path / 't.csv'}: lines 3 and 6 and 7"
+
+
 @pytest.mark.parametrize("name", ["t.csv", "t.parquet"])
 def test_what_is_missing(tmp_path: Path, name: str) -> None:
     source = TableFile.open(written(tmp_path, name))

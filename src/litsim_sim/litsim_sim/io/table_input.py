@@ -6,6 +6,7 @@ import csv
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,11 +67,11 @@ class TableFile:
 
     def at(self, *rows: int) -> str:
         """The place of some rows: lines of a CSV file, or rows of a Parquet file, the first being 1."""
-        word = "row" if self.parquet else "line"
-        return f"{self.path}: {word}{'s' if len(rows) > 1 else ''} {' and '.join(map(str, rows))}"
+        word, places = ("row", list(rows)) if self.parquet else ("line", _lines(self.path, rows))
+        return f"{self.path}: {word}{'s' if len(rows) > 1 else ''} {' and '.join(map(str, places))}"
 
     def read(self, wanted: list[str], *, whose: str = "", may_be_empty: bool = False) -> pd.DataFrame:
-        """The columns `wanted`, and `row`, by which :meth:`at` names a place.
+        """The columns `wanted`, and `row`, by which :meth:`at` names a place: empty lines of a CSV file are no rows.
 
         Args:
             wanted: names of columns.
@@ -102,7 +103,7 @@ class TableFile:
             raise self._unreadable(self.path, error, parquet=self.parquet) from error
         if not len(arrow) and not may_be_empty:
             raise InputError(f"{self}: holds no rows")
-        return table.assign(row=np.arange(len(table)) + (1 if self.parquet else 2))  # a CSV's first line has the names
+        return table.assign(row=np.arange(len(table)) + (1 if self.parquet else 2))  # the names are in a CSV's first
 
     @staticmethod
     def _unreadable(path: Path, error: Exception, *, parquet: bool) -> InputError:
@@ -179,6 +180,14 @@ class TableFiles:
             table = file.read([name for name in wanted if name in file.columns or name not in somewhere], whose=whose)
             pieces.append(table.assign(row=table["row"] + number * ROWS_MAX))
         return pieces[0] if len(pieces) == 1 else pd.concat(pieces, ignore_index=True)
+
+
+def _lines(path: Path, rows: Sequence[int]) -> list[int]:
+    """Line of a CSV file in which each of `rows` stands; they count the lines that are not empty, from 1."""
+    with path.open("rb") as file:
+        full = (number for number, raw in enumerate(file, 1) if raw.strip(b"\r\n"))
+        lines = dict(enumerate(islice(full, max(rows)), 1))
+    return [lines[row] for row in rows]
 
 
 def is_stamped(column: pd.Series) -> bool:
