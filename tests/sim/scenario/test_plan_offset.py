@@ -10,7 +10,7 @@ from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.signal_links import read_links
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.log import Log
-from litsim_sim.scenario.plan_offset import fit_offset
+from litsim_sim.scenario.plan_offset import TRIED_S, fit_offset
 from litsim_sim.scenario.scenario import packaged
 from litsim_sim.scenario.signals import SignalsFile
 
@@ -60,6 +60,17 @@ def test_a_range_may_go_over_the_end_of_the_cycle() -> None:
     low, high = fit.range_s
     assert low > high
     assert fit.offset_s == pytest.approx((low + (high + 30.0 - low) / 2) % 30.0, abs=0.5)
+
+
+@pytest.mark.parametrize("red", [17.1, 17.3])
+def test_the_ends_of_a_range_are_offsets_that_were_tried(red: float) -> None:
+    """Also of a cycle that is no multiple of the half second between them."""
+    values = PLAN.model_dump()
+    values["program"]["phases"][2]["duration_s"] = red
+    fit = fit_offset(SignalsFile.model_validate(values), LINKS, log_of(starting(1.0, 8.0), np.full(STEPS, -60.0)))
+    low, high = fit.range_s
+    assert low > high, "over the end of the cycle"
+    assert all((each / TRIED_S).is_integer() for each in (low, high, fit.offset_s))
 
 
 def test_vehicles_that_no_offset_explains_are_counted() -> None:

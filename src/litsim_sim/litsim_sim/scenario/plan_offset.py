@@ -57,15 +57,15 @@ def fit_offset(plan: SignalsFile, links: Sequence[SignalLink], log: Log) -> Offs
     good = [cost == min(costs) for cost in costs]
     begin = good.index(False) if not all(good) else 0  # ranges may go on from the end of the cycle to its beginning
     best = begin + np.flatnonzero(np.roll(good, -begin))
-    first = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)[0]
-    offset = float(TRIED_S * first[len(first) // 2]) % cycle
+    first = offsets[np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)[0] % len(offsets)]
+    offset = float(first[len(first) // 2])
     heeded = heed(_at(plan, offset, links, log), log)
     return OffsetFit(
         offset,
         {group: passed for group, (passed, _) in heeded.items()},
         {group: red for group, (_, red) in heeded.items()},
         min(costs)[1] * STEP_S,
-        (float(TRIED_S * first[0]) % cycle, float(TRIED_S * first[-1]) % cycle),
+        (float(first[0]), float(first[-1])),
     )
 
 
