@@ -334,6 +334,12 @@ def test_configurations_that_cannot_be_used() -> None:
         CleaningConfig(longitudinal_period_s=-1)
 
 
+def test_no_heading_is_taken_from_the_last_step_of_one_vehicle_to_the_first_of_the_next() -> None:
+    creeping = [tracks(np.column_stack([x + 0.01 * np.arange(5), np.zeros(5)]), n) for n, x in ((1, 0.0), (2, -50.0))]
+    _, report = clean(pd.concat(creeping))
+    assert report.flips[0] == 0, "both creep straight on"
+
+
 # `data clean`
 
 

@@ -127,7 +127,11 @@ def measure(raw: pd.DataFrame, cleaned: pd.DataFrame, yaw_rate: FloatArray, conf
     raw_centre = front - 0.5 * length[:, None] * np.stack([np.cos(raw_yaw), np.sin(raw_yaw)], axis=1)
     before, after = _overlaps(raw, raw_centre, raw_yaw), _overlaps(raw, centre, yaw)
     steps = np.diff(front, axis=0)
-    raw_turn = np.diff(raw["yaw"]) if "yaw" in raw else np.append(np.diff(np.arctan2(steps[:, 1], steps[:, 0])), 0.0)
+    if "yaw" in raw:
+        raw_turn = np.diff(raw["yaw"])
+    else:  # from a step to the next, which the last of a vehicle has not
+        turn = np.append(np.diff(np.arctan2(steps[:, 1], steps[:, 0])), 0.0)
+        raw_turn = np.where(np.append(next_same[1:], False), turn, 0.0)
     raw_acceleration = np.append(np.diff(np.linalg.norm(steps, axis=1)), 0.0) / STEP_S**2
     along = (np.diff(centre, axis=0) * (heading[1:] + heading[:-1])).sum(axis=1) / 2.0
     axle = centre - config.rear_axle * length[:, None] * heading
