@@ -20,10 +20,11 @@ from litsim_sim.recordings.ngsim import blocks as ngsim_blocks
 from litsim_sim.recordings.ngsim import convert as ngsim_conversion
 from litsim_sim.recordings.ngsim import official as ngsim
 from litsim_sim.recordings.ngsim import windows as ngsim_windows
+from litsim_sim.recordings.ngsim.formats import FEET
 from litsim_sim.recordings.ngsim.periods import Clocks
 from litsim_sim.recordings.ngsim.sites import FOOT, I80, LANKERSHIM, PEACHTREE, SITES, US101, site_at, site_of
 from litsim_sim.recordings.ngsim.summary import summary
-from litsim_sim.recordings.ngsim.tracks import PIECE
+from litsim_sim.recordings.ngsim.tracks import PIECE, TRACK_MIN, tracks_of
 from litsim_sim.recordings.recording import Recording
 from made_ngsim import Traffic, global_from_map, table, write_portal, write_text
 
@@ -217,6 +218,18 @@ def test_short_holes_are_filled_long_ones_split(tmp_path: Path) -> None:
     begun = tracks[tracks["vehicle_id"] == 1].sort_values("frame")
     assert begun["frame"].max() == first + 99
     np.testing.assert_allclose(np.diff(begun["x"], 2), 0.0, atol=0.05)  # interpolated without a step
+
+
+@pytest.mark.parametrize("first", [0, -500])
+def test_short_tracks_are_left_out_also_before_frame_0(first: int) -> None:
+    """Rows may be of a time before that of the frame 0 of their clock, by which frames are counted."""
+    rows = made().assign(line=0)
+    rows = rows[(rows["vehicle_id"] != 1) | (rows["frame"] < rows["frame"].min() + TRACK_MIN - 1)]
+    rows[list(FEET)] *= FOOT
+    rows["frame"] += first - rows["frame"].min()
+    tracks, mended = tracks_of(rows, US101, "made")
+    assert mended.short_tracks == 1
+    assert 1 not in set(tracks["vehicle_id"])
 
 
 def test_one_refused_recording_does_not_keep_the_others(tmp_path: Path) -> None:

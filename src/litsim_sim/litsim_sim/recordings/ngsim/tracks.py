@@ -224,10 +224,8 @@ def _split(table: pd.DataFrame, counts: RepairCounts) -> pd.DataFrame:
     piece = cuts - cuts[np.flatnonzero(begins)][np.cumsum(begins) - 1]
     table = table.assign(vehicle_id=vehicle + PIECE * piece)
     track = np.cumsum(begins | np.r_[False, cut]) - 1
-    span = np.zeros(track[-1] + 1 if len(track) else 0, np.int64)
-    np.maximum.at(span, track, frame)
     first = np.flatnonzero(np.diff(track, prepend=-1))
-    span = span - frame[first] + 1
+    span = frame[np.append(first[1:], len(frame)) - 1] - frame[first] + 1
     keep = (span >= TRACK_MIN)[track]
     counts.short_tracks = int((span < TRACK_MIN).sum())
     return table[keep].reset_index(drop=True)
