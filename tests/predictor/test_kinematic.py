@@ -260,6 +260,14 @@ def test_spread_grows_and_lies_along_the_heading(agent_table: Build, yaw: float,
 # Forecast.rows
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.5, np.pi / 2])
+def test_no_spread_across_the_heading_is_a_number_too(agent_table: Build, yaw: float) -> None:
+    config = KinematicConfig(sigma_start=0.0, sigma_across=(0.0, 0.0))
+    covariance = forecast(agent_table, (EGO, 0.0, 0.0, yaw, 10.0, 0.0), config=config).covariance
+    assert np.isfinite(covariance).all()
+    assert (np.abs(covariance[..., 2]) <= 1.0).all()
+
+
 def test_rows_of_a_forecast_skip_the_absent_and_the_invalid(agent_table: Build) -> None:
     out = forecast(agent_table, *((i, 5.0 * i, 0.0, 0.0, 1.0, 0.0) for i in (1, 3, 5)))
     assert out.rows(np.array([5, 2, 1, 9, 0])).tolist() == [2, -1, 0, -1, -1]

@@ -116,11 +116,14 @@ def roll_out(
 
 
 def spread(yaw: FloatArray, t: FloatArray, config: KinematicConfig) -> FloatArray:
-    """(..., T, 3) sigma_x, sigma_y [m], correlation of the along- and across-track spread at times `t` (T,) [s],
-    turned into the axes in which the headings `yaw` (..., T) [rad] are.
+    """The standard deviations along x and y [m] and the correlation (..., T, 3) of forecasts at times `t` (T,) [s].
+
+    They grow along and across the headings `yaw` (..., T) [rad] as `config` says, and are given in the axes in which
+    the headings are. Where there is no spread along one of these, the correlation is 0.
     """
     along = (config.sigma_start + config.sigma_along[0] * t + config.sigma_along[1] * t**2) ** 2
     across = (config.sigma_start + config.sigma_across[0] * t + config.sigma_across[1] * t**2) ** 2
     cos, sin = np.cos(yaw), np.sin(yaw)
-    xx, yy = along * cos**2 + across * sin**2, along * sin**2 + across * cos**2
-    return np.stack([np.sqrt(xx), np.sqrt(yy), (along - across) * sin * cos / np.sqrt(xx * yy)], axis=-1)
+    xx, yy, xy = along * cos**2 + across * sin**2, along * sin**2 + across * cos**2, (along - across) * sin * cos
+    both = np.sqrt(xx * yy)
+    return np.stack([np.sqrt(xx), np.sqrt(yy), np.divide(xy, both, out=np.zeros_like(xy), where=both > 0.0)], axis=-1)
