@@ -93,7 +93,7 @@ class Observation:
         vehicles: n vehicles.
         first: (n,) step at which a vehicle was first seen.
         front: n arrays (k, 2), front centre at successive steps, frame map [m].
-                speed: n arrays (k,), along the lane [m/s].
+        speed: n arrays (k,), along the lane [m/s].
         lights: by traffic light, SUMO's state at each step, a letter for each link; empty where there are none.
     """
 

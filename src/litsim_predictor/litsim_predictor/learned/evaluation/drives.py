@@ -71,7 +71,7 @@ def along_path(log: Log, row: int, kind: DriveKind, start: int, acceleration: Fl
     The agent is there at step 0. It does not reverse. The drive ends with the log, or where the path ends.
     """
     last = int(log.last_step[row])
-    x, y, yaw = (values[row, : last + 1] for values in (log.x, log.y, np.unwrap(log.yaw)))
+    x, y, yaw = log.x[row, : last + 1], log.y[row, : last + 1], np.unwrap(log.yaw[row, : last + 1])
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     gone, speed = way.copy(), log.speed[row, : last + 1].copy()
     for step in range(start, last):
