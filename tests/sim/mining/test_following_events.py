@@ -75,6 +75,23 @@ def test_stop_and_go_is_between_going_and_going_behind_a_leader() -> None:
     assert event.end * STEP_S == pytest.approx(7.0 + 4.0 / 3.0, abs=2 * STEP_S)
 
 
+def test_creeping_between_two_stops_is_no_time_below_2_metres_a_second() -> None:
+    speeds = [
+        (0.0, 10.0),
+        (2.0, 1.0),
+        (3.0, 1.0),
+        (4.0, 4.0),
+        (6.0, 4.0),
+        (7.0, 1.0),
+        (8.0, 1.0),
+        (10.5, 10.0),
+        (12.0, 10.0),
+    ]
+    (event,) = stop_and_go(situation(braking(EGO, 0.0, 1, speeds), braking(OTHER, 20.0, 1, speeds)))
+    # twice a second at 1 m/s, and what is below 2 m/s of slowing down and speeding up
+    assert event.numbers["stopped_s"] == pytest.approx(2.0 + 2.0 / 9.0 + 2.0 / 3.0 + 2.5 / 9.0, abs=4 * STEP_S)
+
+
 @pytest.mark.parametrize(
     ("speeds", "distance"),
     [

@@ -56,7 +56,7 @@ def stop_and_go(situation: Situation) -> Iterator[Event]:
             braking = float(log.acceleration[row, before : after + 1].min())
             numbers: dict[str, Number] = {
                 "speed_min_mps": measured(speed[slow].min()),
-                "stopped_s": measured((slow[-1] - slow[0] + 1) * STEP_S),
+                "stopped_s": measured(len(slow) * STEP_S),
                 "gap_min_m": measured(following.gap[row, before : after + 1].min()),
                 "headway_min_s": measured(headway),
                 "ttc_min_s": measured(worst),
