@@ -3,7 +3,7 @@
 Every period was recorded for itself: frames are counted anew and ids are given anew, so the same Vehicle_ID in two
 periods is two vehicles. Periods overlap in time (US-101's second begins before the last vehicle of the first has left),
 so gaps in time do not tell them apart; the time of frame 0 does, which is the same for all rows of a period. Where one
-clock runs through several periods, a minute without vehicles separates them.
+clock runs through several periods, two minutes without vehicles separate them.
 """
 
 from __future__ import annotations
