@@ -29,7 +29,7 @@ class Protection(StrEnum):
     PROTECTED = "protected"
     """They had red when it went; where that is not known, there is a phase in which it has green and they have not."""
     PERMISSIVE = "permissive"
-    """They had no red when it went; where that is not known, it only ever has green together with them."""
+    """They had no red when it went, or have no signal; where that is not known, it only ever has green with them."""
     NONE = "none"
     """It has no signal."""
 
@@ -60,8 +60,11 @@ class WaySignals:
             if state not in UNKNOWN:
                 return Protection.PROTECTED if state in CLOSED else Protection.PERMISSIVE
         own, theirs = self.plans.get(turning, ()), self.plans.get(crossed, ())
-        both = len(own) == len(theirs)
-        alone = not both or any(a in GREEN and b not in GREEN for a, b in zip(own, theirs, strict=True))
+        if not (own and theirs):  # who has no signal never has red
+            return Protection.PERMISSIVE
+        # Two lights with different numbers of phases are not in step: at some time only one of them shows green.
+        apart = len(own) != len(theirs)
+        alone = apart or any(a in GREEN and b not in GREEN for a, b in zip(own, theirs, strict=True))
         return Protection.PROTECTED if alone else Protection.PERMISSIVE
 
 
