@@ -57,3 +57,17 @@ def test_a_file_that_is_missing_or_of_another_log(tmp_path: Path) -> None:
     Happened(np.zeros((2, 4, 3)), np.ones((2, 4), np.bool_), np.empty((0, 3), np.int64)).write(file_of(tmp_path, scene))
     with pytest.raises(InputError, match="2 agents, expected the 93"):
         Happened.read(tmp_path, scene)
+
+
+def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
+    scene = Scenario.load("demo", simulation_s=1.0)
+    path, agents = file_of(tmp_path, scene), len(scene.log.ids)
+    Happened(np.ones((agents, 40, 3)), np.ones((agents, 40), np.bool_), np.empty((0, 3), np.int64)).write(path)
+    whole = path.read_bytes()
+    alone = tmp_path / "array.npy"
+    np.save(alone, np.zeros(3))
+    flipped = whole[:100] + bytes([whole[100] ^ 255]) + whole[101:]
+    for content in (b"", whole[: len(whole) // 2], flipped, alone.read_bytes(), b"no archive"):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="cannot be read as what happened"):
+            Happened.read(tmp_path, scene)

@@ -5,9 +5,11 @@ The earlier run is not the one that is looked into: as soon as somebody does oth
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -18,6 +20,9 @@ from litsim_sim.io.files import replacing
 from litsim_sim.scenario.joined import JoinedScenario
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.setting import Setting
+
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error)
+"""What numpy raises on what is no archive of arrays, or is damaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +95,7 @@ def _read(path: Path, agents: int) -> Happened:
     try:
         with np.load(path) as values:
             found = Happened(values["pose"], values["there"], values["meetings"])
-    except (OSError, ValueError, KeyError) as error:
+    except UNREADABLE as error:
         raise InputError(f"{path}: cannot be read as what happened in a run: {error}") from error
     if len(found.there) != agents:
         raise InputError(f"{path}: {len(found.there)} agents, expected the {agents} of the log")
