@@ -13,6 +13,7 @@ import numpy as np
 
 from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
+from litsim_sim.maps.lane_graph import straightest_successors
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.scenario.log import Log
@@ -95,10 +96,7 @@ class Ways:
         for number, lane in enumerate(lanes):
             self._edge.setdefault(lane.edge_id, []).append(number)
         self._reached = [frozenset(self._through_junction(number)) for number in range(len(lanes))]
-        self.straightest = [
-            min(following, key=lambda other: (round(abs(self.angle(lane, other)), 3), other), default=NOWHERE)
-            for lane, following in enumerate(self.successors)
-        ]
+        self.straightest = [NOWHERE if each is None else each for each in straightest_successors(lanes)]
 
     def angle(self, before: int, after: int) -> float:
         """From the end of one lane to the beginning of another, positive to the left [rad]."""
