@@ -108,7 +108,7 @@ class CampaignComparison:
         before, after: the campaigns.
         pairs: cases of both, in the order of the second.
         only_before, only_after: cases of one of them.
-        changes: of each measure that any two runs of a pair have, :data:`PASSED` first.
+        changes: of each measure that both runs of some pair have, :data:`PASSED` first.
     """
 
     before: Campaign
@@ -245,7 +245,7 @@ def paired_interval(difference: FloatArray) -> tuple[float, float] | None:
 
 
 def _changes(pairs: Sequence[Pair]) -> list[Change]:
-    """Every measure that differs or not between the runs of a pair, in the order of `metrics.json`.
+    """Every measure that both runs of some pair have, whether it differs or not, in the order of `metrics.json`.
 
     Runs that could not be judged have no measures; whether they pass is known all the same.
     """

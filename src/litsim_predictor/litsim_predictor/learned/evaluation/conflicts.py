@@ -88,7 +88,7 @@ def conflict_counts(
     Args:
         models: by name, all on one device.
         scenario: its history, ROI, log and net are used.
-        egos: each makes 1 + :data:`BRAKES` drives.
+        egos: each makes 1 + :data:`.drives.BRAKES` drives.
         seed: of the times at which they brake.
         done: called after each ego.
 
