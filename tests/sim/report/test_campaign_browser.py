@@ -265,7 +265,7 @@ def test_layouts(chromium: Browser, page: Path, size: tuple[int, int], dark: boo
 
 
 def test_names_that_look_like_html_are_text(chromium: Browser, campaign: Write, tmp_path: Path) -> None:
-    folder = campaign(tmp_path, scenes=2, criteria={"runs": [{"name": HOSTILE, "field": "takeovers", "max": -1}]})
+    folder = campaign(tmp_path, scenes=2, criteria={"runs": [{"name": HOSTILE, "field": "takeovers", "min": 1000}]})
     file = folder / "campaign.json"
     values = json.loads(file.read_text())
     for case in values["cases"]:
