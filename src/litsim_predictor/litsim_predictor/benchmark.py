@@ -24,7 +24,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 SCENARIO = "demo"
 AGENTS_MOST = 250  # more do not fit on the net of the scenario
-ROI_M = 1000.0  # [m] everybody is within it
+ROI_M = 1000.0  # [m] all agents are within it
 WARM_UP = 40  # steps: 3 s of history and some more
 LANES = 5
 LANE_WIDTH = 3.66  # [m]
@@ -84,7 +84,7 @@ def _eager(model: str, scenario: Scenario) -> Predictor:
 def time_predictors(
     predictors: Mapping[str, Predictor], ego: int, agents: int, steps: int
 ) -> Iterator[tuple[str, Timing]]:
-    """Time `predictors`, all fresh, on `agents` agents of whom the first is `ego`; they take turns at every step.
+    """Time `predictors`, all fresh, on `agents` agents, the first of which is `ego`; they take turns at every step.
 
     Raises:
         InputError: one did not forecast them all.

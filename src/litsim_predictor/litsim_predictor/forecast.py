@@ -17,7 +17,7 @@ Float32Array = npt.NDArray[np.float32]
 @quickly_made
 @dataclass(frozen=True)
 class Modes:
-    """What agents may do instead of what is most probable: q further futures over T steps, frame map.
+    """Less probable alternatives of agents: q further futures over T steps, frame map.
 
     Only manoeuvres that matter are among them: those that are probable enough, see
     :class:`litsim_predictor.inference.contract.ModeChoice`.
@@ -59,7 +59,7 @@ class Forecast:
     Attributes:
         step: the step it starts from.
         dt: seconds between future steps; row 0 lies `dt` after `step`.
-        id: (n,) agents, ascending; of whom nobody wants a forecast is not among them.
+        id: (n,) agents, ascending; only those whose forecast is wanted.
         mean: (n, T, 2) box centres [m].
         yaw: (n, T) headings [rad].
         covariance: (n, T, 3) sigma_x [m], sigma_y [m], correlation of the Gaussian around `mean`.
@@ -109,13 +109,13 @@ class Forecast:
 
 
 class NoPredictor:
-    """Forecasts nobody, for policies that ask for no forecasts."""
+    """Forecasts no agent, for policies that need no forecasts."""
 
     def see(self, table: AgentTable) -> None:
         """Nothing is remembered."""
 
     def forecast(self, table: AgentTable) -> Forecast:
-        """The forecast of nobody."""
+        """An empty forecast."""
         return Forecast.of_nobody(table.step)
 
 
@@ -123,7 +123,7 @@ class Predictor(Protocol):
     """Forecasts traffic: one of both is called once a step, in order, and it keeps what history it needs."""
 
     def see(self, table: AgentTable) -> None:
-        """Take note of a step of which nobody asks for a forecast."""
+        """Take note of a step for which no forecast is needed."""
 
     def forecast(self, table: AgentTable) -> Forecast:
         """Forecast agents of `table` that matter to the ego and to those off their log; see :mod:`.selection`."""

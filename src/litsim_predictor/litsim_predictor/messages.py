@@ -62,7 +62,7 @@ def received_forecast(message: JointForecast) -> Forecast:
     """The forecast of a ``JointForecast`` that has come to a stage.
 
     Raises:
-        InputError: its arrays are not n agents by T steps, its ids do not ascend, or what is valid holds no numbers.
+        InputError: its arrays are not n agents by T steps, its ids do not ascend, or valid entries are not finite.
     """
     with refused(topic_names.FORECASTS):
         if not (message.dt >= DT_MIN_S and 0.0 <= message.horizon <= HORIZON_MAX_S):
@@ -93,10 +93,10 @@ def received_forecast(message: JointForecast) -> Forecast:
 
 
 def _check_modes(message: JointForecast, count: int, steps: int) -> None:
-    """Refuse further manoeuvres of agents that there are not, in disorder, or that are no numbers.
+    """Refuse further manoeuvres of unknown agents, out of order, or with values that are not finite.
 
     Raises:
-        ValueError: they are so; the text says what was expected.
+        ValueError: they are refused; the text says what was expected.
     """
     row, probability = np.asarray(message.mode_row, np.int64), np.asarray(message.mode_probability, np.float64)
     for name, size in (("probability", 1), ("mean", 2 * steps), ("yaw", steps), ("covariance", 3 * steps)):

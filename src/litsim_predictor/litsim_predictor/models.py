@@ -71,7 +71,7 @@ class PredictorConfig:
 
 
 def predictor_stage(read: ParameterReader) -> Callable[[str, Setting], Predictor]:
-    """Read the parameters; what is returned builds the predictor for a policy once the run is known."""
+    """Read the parameters; the result builds the predictor for a policy once the run is known."""
     config = read(PredictorConfig())
     wanted = Wanted.ALL if config.forecast_all else Wanted.READ
 
@@ -105,7 +105,7 @@ def make_predictor(
         model: one of :data:`MODELS`, or the path of a file of weights or of a graph.
         scenario: of the run.
         kinematic: parameters of that model.
-        wanted: whom it forecasts.
+        wanted: the agents that it forecasts.
         roi_m: in place of the scenario's, where it is not 0 [m].
         modes: which of their manoeuvres matter; by default only the most probable one.
         along_lanes: whether a learned model forecasts along lanes that bend.

@@ -1,4 +1,4 @@
-"""The forecast that comes true: where everybody went in an earlier run of the same case."""
+"""The forecast that comes true: where all agents went in an earlier run of the same case."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
 from litsim_sim.scenario.happened import Happened
 
 STEPS = 50
-"""Of a forecast, 0.1 s each; beyond the end of what is known, agents go on at their last velocity."""
+"""Steps of a forecast, 0.1 s each; beyond the known future, agents go on at their last velocity."""
 SIGMA_M = 0.01
 
 
 class OraclePredictor:
     """Forecasts agents as they went on in the earlier run, from where they are now.
 
-    Who was not on the road then has no forecast.
+    Agents that were not on the road then have no forecast.
     """
 
     def __init__(self, happened: Happened, ids: np.ndarray, ego_id: Egos, roi_m: float, wanted: Wanted) -> None:
@@ -42,7 +42,7 @@ class OraclePredictor:
         return Forecast(table.step, STEP_S, asked.id, np.ascontiguousarray(poses[..., :2]), yaw, spread, nothing, valid)
 
     def _futures(self, agents: AgentTable) -> tuple[FloatArray, np.ndarray]:
-        """(n, T, 3) poses from the next step on, and (n,) of whom they are known."""
+        """(n, T, 3) poses from the next step on, and (n,) whether an agent's are known."""
         there, pose = self._happened.there, self._happened.pose
         poses, valid = np.zeros((len(agents), STEPS, 3)), np.zeros(len(agents), np.bool_)
         for k, row in enumerate(np.searchsorted(self._ids, agents.id).tolist()):

@@ -1,4 +1,4 @@
-"""Whom a predictor looks at, and whose forecast somebody reads: functions of one step's agents and of nothing else."""
+"""Which agents a predictor looks at, and whose forecasts are read, from the agents of one step alone."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STILL = 1e-6  # [m/s] slower is nearly not at all
 
 
 class Wanted(StrEnum):
-    """Whom a predictor forecasts, of the agents of interest.
+    """Which of the agents of interest a predictor forecasts.
 
     READ: those that the conflict stage may read, see :func:`agents_read`; ALL: all of them; EGO: the ego alone.
     """
@@ -38,17 +38,17 @@ def agents_of_interest(table: AgentTable, ego_id: Egos, roi_m: float) -> BoolArr
 def agents_read(table: AgentTable, ego_id: Egos) -> BoolArray:
     """(n,) agents whose forecast the conflict stage reads, or may read.
 
-    It reads that of the ego and of whoever is off its log; and, as soon as it has taken somebody over, his in the same
-    step, to look for those whom he is in the way of. Who that will be is not known yet; so those are among these who
-    may be taken over: whose boxes come within :data:`MEETING_AHEAD` and :data:`MEETING_ASIDE` of the box of somebody
-    off his log, within :data:`MEETING_S`, everybody at the velocity of now. It is not certain that nobody else is
-    taken over: such a one has no forecast in that one step, and from the next on he is off his log.
+    It reads those of the ego and of agents off their logs; and, as soon as it has taken an agent over, that agent's in
+    the same step, to look for others in conflict with it. Which that will be is not known yet, so these include all
+    that may be taken over: whose boxes come within :data:`MEETING_AHEAD` and :data:`MEETING_ASIDE` of the box of an
+    agent off its log, within :data:`MEETING_S`, all at their present velocities. Others can be taken over, too: they
+    have no forecast in that one step, and are off their logs from the next on.
     """
     return _read(table, _off_log(table, ego_id))
 
 
 def selected(table: AgentTable, ego_id: Egos, roi_m: float, wanted: Wanted) -> tuple[AgentTable, IntArray]:
-    """The agents of interest, and the rows among them of those to forecast; nobody at all where there are none."""
+    """The agents of interest, and the rows among them of those to forecast; both empty if there are none."""
     off = _off_log(table, ego_id)
     seen = around(table, off, roi_m)
     if wanted == Wanted.ALL:
@@ -70,7 +70,7 @@ def _read(table: AgentTable, off: BoolArray) -> BoolArray:
 
 
 def _may_meet(table: AgentTable, agents: IntArray, others: IntArray) -> BoolArray:
-    """(n,) those in the rows `agents` who come close to one in the rows `others`."""
+    """(n,) mask of those in the rows `agents` that come close to one in the rows `others`."""
     if not len(agents) or not len(others):
         return np.zeros(len(table), np.bool_)
     cos, sin = np.cos(table.yaw), np.sin(table.yaw)

@@ -1,1 +1,1 @@
-"""The conflict stage: whose boxes will overlap, who is taken over, and when each is handed back."""
+"""The conflict stage: which boxes will overlap, which agents are taken over, and when each is handed back."""

@@ -45,22 +45,23 @@ class ConflictConfig:
         probability_threshold: of an overlap at some instant, from which on it is a conflict.
         probability_clear: below which, at every instant, there is none any more; for agents that are off their log
             already. Lower than the threshold, it keeps takeovers from flickering.
-        sigma_scale: by which the standard deviations of the forecast are multiplied.
-        braking_time: for which whoever brakes hard is taken to go on doing so, where its forecast does not expect as
-            much; 0 leaves forecasts as they are.
-        braking_hard: from which on an ego's braking is hard.
-        emergency: from which on anybody's is. No forecast knows what is braked for like that, and whoever is behind
-            needs longer to stop.
-        roi_m: radius around an agent off its log within which others are looked at; 0 is the scenario's.
-        approach_time: within which others who come nearer, at the rate of now, have to be there to be looked at as
-            well; 0 leaves it at the radius. Whoever comes up to somebody who stands needs longer to stop than 30 m.
-        region: off_log: around everybody off the log; ego: of these, agents are taken over within `roi_m` of the ego
-            alone.
-        closing_time: within which a conflict is certain and urgent, whatever the forecast says, if whoever is off its
-            log just keeps its acceleration and heading; twice that in an emergency; 0 asks the forecast alone.
-        intent: how agents under control are taken to go on.
-        happened: folder of what happened in earlier runs, whose contacts are the conflicts that are found: an oracle,
-            for experiments; empty is none.
+        sigma_scale: factor on the standard deviations of the forecast.
+        braking_time: time for which a hard braking agent is assumed to keep braking, where its forecast expects less;
+            0 leaves forecasts unchanged.
+        braking_hard: deceleration from which an ego's braking is hard.
+        emergency: deceleration from which any agent's braking is hard. No forecast knows the reason for it, and
+            agents behind need longer to stop.
+        roi_m: radius around an agent off its log within which others are looked at; 0 takes the scenario's.
+        approach_time: others that would reach that radius within this time, at their present rate of approach, are
+            looked at as well; 0 takes the radius alone. Stopping behind a standing agent can take more than 30 m.
+        region: off_log: around every agent off its log; ego: the same, but agents are taken over only within `roi_m`
+            of the ego.
+        closing_time: a conflict within this time is certain and urgent, whatever the forecast says, if it results
+            from an agent off its log keeping its acceleration and heading; twice that in an emergency; 0 relies on
+            the forecast alone.
+        intent: how agents under control are assumed to continue.
+        happened: folder of what happened in earlier runs, whose contacts are taken as the conflicts: an oracle, for
+            experiments; empty for none.
     """
 
     horizon: Horizon = 3.0
@@ -134,11 +135,11 @@ class ConflictDetector:
         )
 
     def forecast_future(self, table: AgentTable, forecast: Forecast) -> PredictedMotion:
-        """Every agent as it is forecast, whatever the forecast's `dt`; those without a forecast are nowhere.
+        """The forecast motion of every agent, for any `dt` of the forecast; agents without a forecast are nowhere.
 
         Between the instants of the forecast, and from the present pose to the first of them, centres, headings and
-        covariances are interpolated linearly; now, the covariance is zero. Beyond its last instant there is nothing.
-        Who brakes hard is moved back along the forecast to where that leads; see `ConflictConfig.braking_time`.
+        covariances are interpolated linearly; now, the covariance is zero. Nothing is valid beyond its last instant.
+        Agents that brake hard are moved back along the forecast accordingly; see `ConflictConfig.braking_time`.
 
         Args:
             table: n agents.
@@ -149,13 +150,13 @@ class ConflictDetector:
     def expected_future(
         self, table: AgentTable, forecast: Forecast, of: BoolArray, intents: Intents | None = None
     ) -> PredictedMotion:
-        """Some agents as they are forecast, and those under control by what their policies do; others are nowhere.
+        """The motion of some agents: as forecast, or, under control, as their policies drive; others are nowhere.
 
         Args:
             table: n agents.
             forecast: of the same step.
-            of: mask (n,) of the agents that are asked for.
-            intents: who is under control, all of them in `of`; None is nobody.
+            of: mask (n,) of these agents.
+            intents: agents under control, all of them in `of`; None for none.
         """
         rows = forecast.rows(table.id)
         rows[~of] = -1
@@ -177,7 +178,7 @@ class ConflictDetector:
         Args:
             table: n agents.
             forecast: of the same step.
-            rows: (n,) of the agents in it; -1 for those that are not asked for.
+            rows: (n,) of the agents in it; -1 for those not wanted.
             hard: mask (n,) of those that brake hard.
         """
         modes, known = forecast.modes, (rows >= 0).nonzero()[0]
@@ -222,7 +223,7 @@ class ConflictDetector:
         )
 
     def _brakes_hard(self, table: AgentTable) -> BoolArray:
-        """(n,) who brakes so hard that it is taken to go on; see `ConflictConfig.braking_time`."""
+        """(n,) whether an agent brakes so hard that it is assumed to go on; see `ConflictConfig.braking_time`."""
         config = self._config
         return -table.acceleration >= np.where(table.of_ego, config.braking_hard, config.emergency)
 
@@ -261,7 +262,7 @@ class ConflictDetector:
         return around(table, agents, self._roi_m)
 
     def near_any(self, table: AgentTable, agents: BoolArray) -> BoolArray:
-        """(n,) those in the ROI of one of `agents` (n,), who come near it included, and these themselves."""
+        """(n,) mask of `agents` (n,) and of those in the ROI of one of them, or approaching it."""
         time = self._config.approach_time
         return near_any(table.scene, table.x, table.y, table.yaw, table.speed, agents, self._roi_m, time)
 
@@ -283,8 +284,8 @@ class ConflictDetector:
 
         `lag` (n,) are the steps by which the logs in `logged` lag; None is not at all.
 
-        An agent that the other one merely follows is not in conflict: whoever runs into a leader's rear could have
-        kept his distance, and the leader cannot help it by yielding.
+        An agent that the other one merely follows is not in conflict: a follower that hits its leader's rear could
+        have kept its distance, and the leader cannot prevent it by yielding.
         """
         threshold = self._config.probability_threshold
         goes_on = self._closing_time(table)
@@ -372,7 +373,7 @@ class ConflictDetector:
         return np.where(emergency, 2.0, 1.0) * self._config.closing_time
 
     def _overlap_in_log(self, table: AgentTable, pairs: IntArray) -> BoolArray:
-        """(m,) whether `pairs` (m, 2) of rows overlap at some step of the log; of the ego that is not asked."""
+        """(m,) whether `pairs` (m, 2) of rows overlap at some step of the log; False for pairs with the ego."""
         if not len(pairs):
             return np.zeros(0, np.bool_)
         found: BoolArray = np.asarray(~table.of_ego[pairs].any(axis=1))

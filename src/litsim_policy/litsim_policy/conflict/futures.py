@@ -110,9 +110,9 @@ class PredictedMotion:
         return bounds(self.states, self.valid)
 
     def put(self, rows: BoolArray, other: PredictedMotion) -> None:
-        """Let agents of the mask `rows` (n,), of which nothing was expected yet, move as in `other`; in place.
+        """Give agents of the mask `rows` (n,) that have no motion yet that of `other`, in place.
 
-        To be called before bounds are asked for.
+        Call it before bounds are read.
         """
         at = rows.nonzero()[0]
         self.states[at], self.valid[at] = other.states[at], other.valid[at]

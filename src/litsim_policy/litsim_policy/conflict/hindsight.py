@@ -1,4 +1,4 @@
-"""Conflicts by hindsight: whose log met somebody off his log in an earlier run of the same case, and when."""
+"""Conflicts by hindsight: agents whose logs met an agent off its log in an earlier run of the same case, and when."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from litsim_sim.scenario.setting import Setting
 
 
 class Hindsight:
-    """Knows every contact that a log would have had, as soon as it is no further off than the horizon."""
+    """Reports every contact that a log would have had, as soon as it lies within the horizon."""
 
     def __init__(self, scenario: Setting, folder: Path, horizon: float) -> None:
         """Read what happened to the agents of `scenario` from `folder`; `horizon` [s].

@@ -1,7 +1,7 @@
 """Where agents under control will be: along the paths that they were given, by what their policies are doing.
 
-Of a stranger, a predictor guesses where to and how fast. Of an agent under control the path is known, and so is what
-its policy has just begun to do. How far it gets after that is left to the forecast, which sees who is ahead.
+For other agents, a predictor estimates path and speed. For an agent under control the path is known, and so is what its
+policy has just begun to do. How far it gets after that is left to the forecast, which sees the agents ahead.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class IntentConfig:
 @quickly_made
 @dataclass(frozen=True)
 class Intents:
-    """Who is under control at a step, in ascending order of rows, and along which paths; see :func:`intended_motion`.
+    """The agents under control at a step, rows ascending, and their paths; see :func:`intended_motion`.
 
     Attributes:
         rows: (r,) in the table.
@@ -76,11 +76,11 @@ def intended_motion(
     """The motion of the agents (r,) of `intents` along their reference paths; it has one mode.
 
     Args:
-        config: how they go on.
-        intents: who, and along which paths.
-        table: everybody.
-        forecast: of the agents (r,), by a predictor; where it is not valid, it counts for nothing, and whose policy has
-            done nothing yet is nowhere.
+        config: how they are assumed to continue.
+        intents: the agents under control, and their paths.
+        table: all agents.
+        forecast: of the agents (r,), by a predictor; ignored where it is not valid, and an agent whose policy has not
+            acted yet is nowhere.
         sigma_scale: by which standard deviations are multiplied.
     """
     rows = intents.rows

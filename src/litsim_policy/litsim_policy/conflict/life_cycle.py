@@ -40,7 +40,7 @@ Excuse = Callable[[int, int], bool]
 """Whether the agent in the first row of a table overlaps that in the second in the log itself, about where it goes."""
 
 HELD, HANDBACK, RELEASED = int(TakeoverState.HELD), int(TakeoverState.HANDBACK), int(TakeoverState.RELEASED)
-OBSTACLE_SIGHT = 30.0  # [m] beyond the place in the log within which whoever stands before it has his centre
+OBSTACLE_SIGHT = 30.0  # [m] beyond the place in the log: range of the centres of agents standing in front
 
 
 @quickly_made
@@ -68,10 +68,10 @@ class Residuals:
         """Return the residuals of agents.
 
         Args:
-            log: of everybody.
+            log: of all agents.
             log_rows: (r,) of the agents in the log.
             lag: (r,) steps by which the logs lag.
-            table: everybody now.
+            table: all agents now.
             rows: (r,) of the agents in `table`.
         """
         logged, now = (log.valid, log.x, log.y, log.yaw, log.speed), (table.x, table.y, table.yaw, table.speed)
@@ -137,15 +137,15 @@ def obstructed(
     residuals: Residuals,
     excuse: Excuse = nobody_is_excused,
 ) -> BoolArray:
-    """Whether somebody stands between agents and their places in the log, and not only where the log has him as well.
+    """Whether an agent's way to its place in the log is blocked, other than by agents standing there in the log too.
 
     Args:
         off: agents off their logs.
         at: (k,) positions of the agents in `off`.
-        table: everybody.
+        table: all agents.
         rows: (r,) of the agents of `off` in `table`.
         residuals: of the agents of `off`.
-        excuse: for whoever overlaps in the log itself.
+        excuse: for agents that overlap in the log itself.
 
     Returns:
         mask (k,).
@@ -175,18 +175,18 @@ def review(
 ) -> None:
     """Move agents that were off their logs before this step on to their next states, in place.
 
-    Who is in conflict, obstructed or without a log is HELD. Who has been free for long enough is handed back along
-    its logged path; on the way there it is released where the residuals allow it. Whom nobody needs is released.
+    An agent in conflict, obstructed or without a log is HELD. One that has been free for long enough is handed back
+    along its logged path, and released as soon as the residuals allow it. An unneeded agent is released.
 
     Args:
         config: when that is.
         off: r agents.
-        table: everybody.
+        table: all agents.
         rows: (r,) of the agents in `table`.
         residuals: of the agents.
-        in_conflict: (r,) whose log leads into a conflict.
-        excuse: for whoever overlaps in the log itself.
-        unneeded: (r,) whose log is over, with nobody near who reacts to them; None is nobody.
+        in_conflict: (r,) whether its log leads into a conflict.
+        excuse: for agents that overlap in the log itself.
+        unneeded: (r,) whether its log is over and no agent near reacts to it; None for none.
     """
     off.in_conflict[:] = in_conflict
     free = residuals.known & ~in_conflict
@@ -233,11 +233,11 @@ def _move_on(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
     Args:
         state, clear: (r,) of :class:`.off_log.OffLog`.
-        free: (r,) who is in no conflict, is not obstructed and has a log.
-        passed: (r,) who is past its goal.
+        free: (r,) whether it is in no conflict, is not obstructed and has a log.
+        passed: (r,) whether it is past its goal.
         since: (r,) steps since it was taken over.
         position, speed, yaw: (r,) of :class:`Residuals`.
-        unneeded: (r,) whom nobody needs.
+        unneeded: (r,) whether no agent needs it.
         clear_steps, held_steps_min, release_position, release_speed, release_yaw: as in `TakeoverConfig`.
     """
     for k in range(len(state)):

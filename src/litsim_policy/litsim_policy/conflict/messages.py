@@ -83,8 +83,8 @@ def received_takeovers(message: Takeovers) -> TakeoverTable:
     """Table of a ``Takeovers`` that has come to a stage.
 
     Raises:
-        InputError: it is none that a conflict stage would send: agents that do not ascend, numbers that are none, half
-            a point of a path, or a state, reason or path source that there is not.
+        InputError: no conflict stage would send it: agents that do not ascend, non-finite numbers, half a point of a
+            path, or an unknown state, reason or path source.
     """
     with refused(topic_names.TAKEOVERS):
         for takeover in message.takeovers:

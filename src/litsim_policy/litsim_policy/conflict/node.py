@@ -19,7 +19,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 
 class ConflictNode(StageNode):
-    """Says at every step who is off its log, and why."""
+    """Publishes at every step which agents are off their logs, and why."""
 
     stage = "conflict"
     inputs = ((AGENTS, received_agents), (FORECASTS, received_forecast))

@@ -19,7 +19,7 @@ from litsim_sim.core.takeover import PathSource, Takeover, TakeoverReason, Takeo
 
 ObjectArray = npt.NDArray[Any]
 LOGGED = int(PathSource.LOGGED)
-LAID_OUT = ("paths", "logged_paths")  # of a table, what is made when it is asked for first, and kept
+LAID_OUT = ("paths", "logged_paths")  # fields of a table that are made on first use, and kept
 STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(PathSource)  # numbered from 0 on
 
 
@@ -73,7 +73,7 @@ class OffLog:
 
     @classmethod
     def empty(cls) -> OffLog:
-        """Return a table of nobody."""
+        """Return an empty table."""
         whole, real, byte = np.empty(0, np.int64), np.empty(0), np.empty(0, np.uint8)
         flags, paths = np.empty(0, np.bool_), np.empty(0, object)
         poses, passing = np.empty((0, 3)), (whole, whole, whole)
@@ -166,7 +166,7 @@ class OffLog:
     def report(
         self, x: FloatArray, y: FloatArray, residuals: tuple[FloatArray, FloatArray], lag: IntArray
     ) -> tuple[Takeover, ...]:
-        """What is published of each agent at a step.
+        """The takeovers to publish at a step, one per agent.
 
         Args:
             x, y: (r,) of the agents now, frame map [m]; their reference paths begin a little behind.

@@ -63,13 +63,13 @@ def contain(normal_x: Four, normal_y: Four, half: Four, dx: float, dy: float) ->
 def can_reach(  # noqa: PLR0917 - a kernel takes arrays and numbers
     normal_x: Four, normal_y: Four, half: Four, dx: float, dy: float, xx: float, yy: float, xy: float, quantile: float
 ) -> bool:
-    """Whether each strip alone holds as much of the Gaussian around (dx, dy) [m] as is asked for.
+    """Whether each strip alone holds at least the required share of the Gaussian around (dx, dy) [m].
 
     Args:
         normal_x, normal_y, half: of :func:`strips`.
         dx, dy: mean distance [m].
         xx, yy, xy: its covariance [m2].
-        quantile: of the standard Gaussian, for the probability that is asked for.
+        quantile: of the standard Gaussian, for the required probability.
     """
     for k in range(4):
         variance = normal_x[k] ** 2 * xx + normal_y[k] ** 2 * yy + 2.0 * normal_x[k] * normal_y[k] * xy
@@ -101,7 +101,7 @@ def cut(middle: float, half: float, by_u: float, by_v: float) -> tuple[float, fl
 def probability(  # noqa: PLR0917 - a kernel takes arrays and numbers
     normal_x: Four, normal_y: Four, edge: Four, half: Four, dx: float, dy: float, xx: float, yy: float, xy: float
 ) -> float:
-    """Return the probability that boxes overlap whose distance is Gaussian.
+    """Return the probability that two boxes overlap if their distance is Gaussian.
 
     Turned into the principal axes of the covariance and scaled by its standard deviations, the Gaussian is standard
     and the region is a polygon. Its probability is the integral over u of phi(u) [Phi(v2(u)) - Phi(v1(u))] with

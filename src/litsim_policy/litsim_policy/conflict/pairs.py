@@ -1,4 +1,4 @@
-"""Compiled loops over pairs of agents: who is near whom, who follows whom, and whose boxes may overlap when."""
+"""Compiled loops over pairs of agents: which are near, which follow each other, which boxes may overlap, and when."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ from litsim_sim.core.compiled import (
 from litsim_sim.core.pair_geometry import behind_scene
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
-FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer, nobody follows anybody
+FOLLOWED = 0.8  # of the distance at which boxes in line touch: closer pairs do not follow each other
 
 
 @kernel(boolean(float64, float64, float64, float64, float64, float64))
 def in_region(dx: float, dy: float, faster_x: float, faster_y: float, radius: float, time: float) -> bool:
-    """Whether somebody is within `radius` [m], or comes so near within `time` [s] at the rate at which it comes nearer.
+    """Whether an agent is within `radius` [m], or will be within `time` [s] at its present rate of approach.
 
     Args:
-        dx, dy: where it is, from who is looked at [m].
-        faster_x, faster_y: its velocity less that of who is looked at [m/s].
+        dx, dy: its position relative to the observer [m].
+        faster_x, faster_y: its velocity relative to the observer [m/s].
         radius, time: of the region.
     """
     square = dx * dx + dy * dy
@@ -77,7 +77,7 @@ def near(  # noqa: PLR0917 - a kernel takes arrays and numbers
     They are :func:`in_region` of each other.
 
     Args:
-        scene, x, y, yaw, speed: (n,) of everybody.
+        scene, x, y, yaw, speed: (n,) of all agents.
         of, others: masks (n,).
         radius, time: of the region [m], [s].
     """
@@ -128,7 +128,7 @@ def followed(
     """Return for each of `pairs` (m, 2) whether the second follows the first.
 
     The first is ahead in the strip that the second sweeps straight on, and heads the same way: by less than a quarter
-    turn. Whoever comes towards the second is no leader of it.
+    turn. An oncoming agent is no leader.
 
     Args:
         pairs: positions of agents.
@@ -313,7 +313,7 @@ def closing_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
     width: FloatArray,
     time: FloatArray,
 ) -> FloatArray:
-    """Return (m, T) 1 where boxes overlap whose second goes straight on as it does now, for its `time`; else 0.
+    """Return (m, T) 1 where boxes overlap if the second goes straight on as now, for its `time`; else 0.
 
     Args:
         pairs: (m, 2) of an agent that moves as `states` say, and of one that goes on: it keeps its acceleration until

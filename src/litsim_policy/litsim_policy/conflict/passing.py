@@ -1,4 +1,4 @@
-"""Passing: who is held behind somebody slow for good looks for the lane beside, takes it, and comes back from there."""
+"""Passing: an agent held behind a permanently slow one moves to the lane beside, and comes back from there."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 
-IN_LANE = 1.0  # [m] from the middle of a lane within which somebody drives in it, rather than between two
-APART = 1.8  # [m] from the logged path beyond which somebody is not in the lane of the log: half a lane
+IN_LANE = 1.0  # [m] from the middle of a lane within which an agent drives in it, rather than between two
+APART = 1.8  # [m] from the logged path beyond which an agent is not in the lane of the log: half a lane
 ABREAST = 40.0  # [m] within which only one agent begins to change lane at a step: the others see it at the next
 INTENT = 2.0  # [s] of an agent's path that tell which lane it is coming into
 
 
 @configuration
 class PassingConfig:
-    """Who passes, and how.
+    """Which agents pass, and how.
 
     Attributes:
         slower: than its log was here, from which on an agent is held back.
@@ -64,11 +64,11 @@ class Passing:
     def may_return(
         self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray, residuals: Residuals
     ) -> BoolArray:
-        """Mask (r,) of the agents that can go back to the lanes of their logs, if they have left them to pass: who is
+        """Mask (r,) of the agents that can go back to the lanes of their logs, if they have left them to pass; agents
         on another road since then, such as a ramp, cannot.
 
         Args:
-            table: everybody.
+            table: all agents.
             off: r agents.
             rows: (r,) of the agents in `table`.
             lag: (r,) steps by which their logs lag.
@@ -91,8 +91,8 @@ class Passing:
         """Let agents change lane that have been held back for long enough and can; in place.
 
         Args:
-            table: everybody.
-            off: r agents; who is handed back and begins to pass is HELD again.
+            table: all agents.
+            off: r agents; one that is handed back and begins to pass is HELD again.
             rows: (r,) of the agents in `table`.
             lag: (r,) steps by which their logs lag.
         """
@@ -204,9 +204,9 @@ class Passing:
     def _claims(
         self, table: AgentTable, off: OffLog, rows: IntArray, line: IntArray, there: IntArray, view: AlongPath
     ) -> BoolArray:
-        """(k, w) who is coming into the lanes `there` (k,), whose lines are `line`, as their own paths tell.
+        """(k, w) whether others' own paths lead into the lanes `there` (k,), whose lines are `line`.
 
-        Looked at are those in the scenes of the agents that have the `view`, whose first k are theirs.
+        Covers agents in the scenes of those that have the `view`; its first k rows are theirs.
         """
         s = off.paths.project(off.paths.each, table.x[rows], table.y[rows]).s
         x, y = off.paths.point(s + INTENT * table.speed[rows]).T

@@ -1,4 +1,4 @@
-"""Takeovers for baselines: whoever comes near the ego is driven from then on, as long as it is there."""
+"""Takeovers for baselines: agents that come near the ego are driven from then on, as long as they are there."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from litsim_sim.scenario.setting import Setting
 
 
 class RegionManager:
-    """Takes over everybody whose centre is within the scenario's `roi_m` of the ego's, and gives nobody back.
+    """Takes over all agents whose centres are within the scenario's `roi_m` of the ego's, and gives none back.
 
-    So the paper's baselines drive: they know neither conflicts nor logs to go back to. Each agent keeps the lane that
-    it was on, along the route of its log; pedestrians and cyclists follow theirs. Whoever enters late, because its log
+    The paper's baselines drive so: they know neither conflicts nor logs to go back to. Each agent keeps the lane that
+    it was on, along the route of its log; pedestrians and cyclists follow theirs. An agent that enters late, as its log
     began where the road was not free, is driven at once.
 
     Attributes:
@@ -27,7 +27,7 @@ class RegionManager:
     """
 
     def __init__(self, scenario: Setting, roi_m: float = 0.0) -> None:
-        """Take over nobody yet; `roi_m` [m] is in place of the scenario's, where it is not 0."""
+        """Begin without takeovers; `roi_m` [m] replaces the scenario's unless it is 0."""
         self._scenario, self._roi_m = scenario, roi_m or scenario.roi_m
         self._ego_ids = scenario.ego_ids
         self._off = OffLog.empty()
@@ -35,7 +35,7 @@ class RegionManager:
         self.converged: BoolArray = np.ones(len(self._ego_ids), np.bool_)
 
     def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:  # noqa: ARG002 - of the interface
-        """Who is off its log at this step; the forecast is not looked at."""
+        """The agents off their logs at this step; the forecast is ignored."""
         if table.step < self._scenario.history_steps:
             return TakeoverTable(table.step)
         self._off = self._off.take(table.rows(self._off.agent) >= 0)

@@ -1,4 +1,4 @@
-"""The conflict stage by policy: who is off the log at each step."""
+"""The conflict stage by policy, which decides which agents are off their logs at each step."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class TakeoverStage(Protocol):
     converged: BoolArray
 
     def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
-        """Who is off its log at this step, and why."""
+        """The agents off their logs at this step, and why."""
 
 
 def conflict_stage(read: ParameterReader) -> Callable[[str, Setting], TakeoverStage]:
-    """Read the parameters of the conflict stage; what is returned builds its core for a policy and a scenario."""
+    """Read the parameters of the conflict stage; the result builds its core for a policy and a scenario."""
     conflict, takeover = read(ConflictConfig()), read(TakeoverConfig())
 
     def build(policy: str, scenario: Setting) -> TakeoverStage:

@@ -1,4 +1,4 @@
-"""The agents that detection looks at in one step, and their futures: only those near somebody off the log."""
+"""The agents that detection looks at in one step, and their futures: only those near an agent off its log."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
 class ConflictScene:
     """One step as detection sees it. Masks are (n,), of all agents of the step.
 
-    Futures are made for agents within the ROI of those whose conflicts are asked for. The answers are the same as if
-    they were made for everybody; who is far from everybody off the log costs next to nothing.
+    Futures are made only within the ROI of agents whose conflicts are wanted. The answers are the same as if they were
+    made for all; agents far from every agent off its log cost next to nothing.
     """
 
     def __init__(
@@ -31,13 +31,13 @@ class ConflictScene:
         """Make no futures yet.
 
         Args:
-            detector: that compares futures.
-            table: everybody, n agents.
+            detector: compares futures.
+            table: all n agents.
             forecast: of the same step.
             lag: (n,) steps by which the replay of each log lags.
-            lagged: mask of those whose log, lag included, is what is expected of them: that follow one that lags, or
-                follow theirs whatever happens.
-            intents: says who is under control by now, rows ascending, and along which paths; None is nobody.
+            lagged: mask of those expected to follow their log, lag included: those whose log lags, or that follow it
+                whatever happens.
+            intents: the agents under control by now, rows ascending, and their paths; None for none.
         """
         self._detector, self._table, self._forecast = detector, table, forecast
         self._lag, self._lagged, self._intents = lag, lagged, intents
@@ -63,9 +63,9 @@ class ConflictScene:
         return found
 
     def _cover(self, agents: BoolArray, off_log: BoolArray) -> None:
-        """Make the futures of `agents` and of everybody near them, where they are not made yet.
+        """Make the missing futures of `agents` and of all agents near them.
 
-        What is expected of agents matters where they are `off_log`; of others, only their logs are looked at.
+        Expected motion matters for agents that are `off_log`; for others, only their logs are looked at.
         """
         missing = self._detector.near_any(self._table, agents) & ~self._covered
         nothing_yet = not len(self._rows)

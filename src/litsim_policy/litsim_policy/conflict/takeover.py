@@ -104,7 +104,7 @@ class TakeoverManager:
         self._lag: IntArray = np.zeros(len(log.ids), np.int64)  # steps by which the replay of each log lags, or would
 
     def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
-        """Who is off its log at this step, and why."""
+        """The agents off their logs at this step, and why."""
         if table.step < self.scenario.history_steps:
             return TakeoverTable(table.step)
         log = self.scenario.log
@@ -130,7 +130,7 @@ class TakeoverManager:
         return TakeoverTable(table.step, takeovers, int(self.iterations.max()), bool(self.converged.all()))
 
     def _intents(self, table: AgentTable) -> Intents:
-        """Who is under control at this step, by now, and along which path."""
+        """The agents under control so far at this step, and their paths."""
         off = self._off
         return Intents(table.rows(off.agent), off.paths, off.detected_step == table.step)
 
@@ -143,14 +143,14 @@ class TakeoverManager:
             self._lag[log_rows] = 0
 
     def _unneeded(self, table: AgentTable, rows: IntArray) -> BoolArray:
-        """Whose log is over, and who has nobody near that is off its log and has a log, or a driver, to go on with.
+        """Agents whose log is over, and near which no agent off its log still has a log, or a driver, to go on with.
 
         Args:
-            table: everybody.
+            table: all agents.
             rows: (r,) of all that are off their logs in `table`.
 
         Returns:
-            mask (r,); of a log that goes on to the end of what is logged nobody knows that it is over.
+            mask (r,); a log that lasts until the end of the recording does not count as over.
         """
         log = self.scenario.log
         log_rows = log.ids.searchsorted(table.id[rows])
@@ -163,7 +163,7 @@ class TakeoverManager:
         return over
 
     def _excuse(self, table: AgentTable) -> Excuse:
-        """For background agents that, on the way to their places in the log, meet whoever overlaps them there."""
+        """For background agents that, on the way to their places in the log, meet agents that overlap them there."""
 
         def excuse(row: int, other: int) -> bool:
             if table.of_ego[other]:
@@ -186,13 +186,13 @@ class TakeoverManager:
     def _take_over(
         self, table: AgentTable, scene: ConflictScene, was_off: BoolArray, lagged: BoolArray, walking: BoolArray
     ) -> BoolArray:
-        """Add the agents whose conflict is confirmed; notes the iterations needed, and whether nothing was left.
+        """Add the agents whose conflict is confirmed; notes the iterations needed, and whether none were left.
 
         Each iteration looks at the agents that the one before has put off their logs; the first, at all that were.
-        Pedestrians and cyclists are never added; who follows a log that lags has to yield to them.
+        Pedestrians and cyclists are never added; agents that follow a log that lags have to yield to them.
 
         Args:
-            table: everybody.
+            table: all agents.
             scene: of the step.
             was_off: mask (n,) of those that are off their logs, the ego included.
             lagged: mask (n,) of those that follow a log that lags.
@@ -242,10 +242,10 @@ class TakeoverManager:
     def _adopt(self, table: AgentTable, rows: IntArray, was_off: BoolArray) -> None:
         """Take over agents that entered late: their logs began where the road was not free.
 
-        The opponent of each is whoever is nearest of those off their logs, the ones before it included.
+        The opponent of each is the nearest agent off its log, those before it included.
 
         Args:
-            table: everybody.
+            table: all agents.
             rows: (k,) of the agents.
             was_off: mask (n,) of those that are off their logs already.
         """
@@ -280,7 +280,7 @@ class TakeoverManager:
         """Move agents that were off their logs before this step through their life cycle.
 
         Args:
-            table: everybody.
+            table: all agents.
             scene: of the step.
             known: mask (r,) of them.
             rows: (r,) of all that are off their logs in `table`.

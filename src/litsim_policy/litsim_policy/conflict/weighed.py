@@ -49,12 +49,12 @@ def weighed_chances(
     is cheap; and only of pairs that one of them brings to it, all are integrated.
 
     Args:
-        pairs: (m, 2) of rows: an agent in `a`, of which one motion is known, and one in `b`.
+        pairs: (m, 2) of rows: an agent in `a`, with one known motion, and one in `b`.
         a, b: motions of the same n agents.
         length, width: (n,) of their boxes [m].
         least: probability that matters.
-        first: whether of each pair only what comes up to the first step at which it matters is asked for; who may do
-            several things is integrated all the same.
+        first: whether each pair is wanted only up to the first step at which it matters; agents with several possible
+            manoeuvres are integrated in full.
     """
     motions = a.states, a.valid, a.bounds, b.states, b.valid, b.bounds
     bound = length, width, least, quantile(least)

@@ -27,7 +27,7 @@ def executed_yaw_rate(command: FloatArray, speed: FloatArray) -> FloatArray:
     """Yaw rate (m,) [rad/s] of a vehicle that is given commands (m, 3) at speeds (m,) [m/s].
 
     A vehicle that does not slip has a lateral acceleration of its speed times its yaw rate, so the two lateral actions
-    say the same thing twice. What is executed is nearest to both (weighted least squares): at low speed the yaw rate
+    are redundant. The executed motion is the nearest to both (weighted least squares): at low speed the yaw rate
     counts, at high speed the lateral acceleration.
     """
     by_rate, by_lateral = 1.0 / YAW_RATE_SPREAD**2, speed / LATERAL_SPREAD**2

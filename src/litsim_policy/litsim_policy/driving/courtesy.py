@@ -1,4 +1,4 @@
-"""What drivers do for others in time, so that no guard has to: keep their distance, make room, wait for who crosses.
+"""What drivers do for others in time, so that no guard has to: keep distance, make room, wait for crossing traffic.
 
 Policy `yield` stays in its lane where the side is taken; policy `litsim` holds its network to all of it.
 """
@@ -29,9 +29,9 @@ from litsim_sim.core.pair_geometry import overlap, within_scenes
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 FOLLOWING_TIME = 0.5  # [s] time constant with which a leader's speed is taken on, nearer to him than vehicles stand
-PEDALS = 3  # ways of braking, up to the hardest, that are tried to let somebody cross
-TURNING_MIN = 1.0  # [m/s] from which on a turn says on which arc somebody is
-SAME_WAY = math.cos(math.pi / 4)  # of the angle between two headings up to which nobody crosses the other's way
+PEDALS = 3  # strengths of braking, up to the hardest, that are tried to let an agent cross
+TURNING_MIN = 1.0  # [m/s] from which on a yaw rate tells on which arc an agent is
+SAME_WAY = math.cos(math.pi / 4)  # cosine of the angle between headings up to which agents do not cross
 
 
 @kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS, FLOATS2, FLOATS2, BOOLS2, INTS, FLOATS, *[float64] * 6))
@@ -51,20 +51,20 @@ def distance_kept(  # noqa: PLR0917 - a kernel takes arrays and numbers
     leader_braking: float,
     relax: float,
 ) -> FloatArray:
-    """Accelerations (m,) [m/s2] of agents that drive as they want to, but keep their distance to whoever leads.
+    """Accelerations (m,) [m/s2] with which agents keep their distance to leaders, if less than they want.
 
     They drive no faster than is safe behind him, and come down to that no harder than comfortably.
 
-    Once not to come nearer than `standstill_gap` takes more than comfortable braking, they brake by that, constantly:
-    harder than by `courtesy` only for half of that gap. Nearer than `standstill_gap` they come down to his speed.
+    Once keeping `standstill_gap` takes more than comfortable braking, they brake by what it takes, constantly: harder
+    than by `courtesy` only for half of that gap. Nearer than `standstill_gap` they slow down to the leader's speed.
 
     Args:
         wanted: (m,) accelerations [m/s2].
         speed, length: (m,) of the agents [m/s], [m].
         gap, along: (m, w) to others and of others along the path [m], [m/s].
-        leads: (m, w) who of them leads.
+        leads: (m, w) whether one of them leads.
         first: (m,) row of the first of the others.
-        acceleration: (n,) of everybody [m/s2].
+        acceleration: (n,) of all agents [m/s2].
         standstill_gap: kept behind a leader that stands [m].
         comfortable, courtesy: braking [m/s2].
         own_braking, leader_braking: that a safe speed relies on, and that the leader may begin at any time [m/s2].
@@ -112,15 +112,15 @@ def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
     side_drift: float,
     coming_over: float,
 ) -> BoolArray:
-    """(m,) whether somebody is alongside, or will be soon, where the moves to the side of their lanes lead.
+    """(m,) whether an agent is, or will soon be, alongside where a move to the side of the lane leads.
 
     Args:
-        scene, x, y, yaw, speed, length, width: (n,) of everybody.
+        scene, x, y, yaw, speed, length, width: (n,) of all agents.
         rows: (m,) of the agents.
         lane_heading: (m,) of their lanes [rad].
         target: (m, 2) which they move to [m].
         side_gap, side_horizon, side_margin, side_drift: as in :class:`YieldConfig`.
-        coming_over: for which whoever comes over from the side is expected to go on doing so [s].
+        coming_over: time for which agents that come over from the side are expected to continue [s].
     """
     taken, (begin, end) = np.zeros(len(rows), np.bool_), within_scenes(scene, rows)
     for i in range(len(rows)):
@@ -160,18 +160,18 @@ def room_made(  # noqa: PLR0917 - a kernel takes arrays and numbers
     horizon: float,
     courtesy: float,
 ) -> FloatArray:
-    """Accelerations (m,) [m/s2] of agents that drive as they want to, but make room for whoever comes over.
+    """Accelerations (m,) [m/s2] with which agents make room for others that come over, if less than they want.
 
-    Who comes over, and would then be alongside with its middle ahead, is let in: they brake so as to be behind it by
-    then, no harder than by `courtesy`.
+    An agent that comes over, and would then be alongside with its middle ahead, is let in: they brake so as to be
+    behind it by then, no harder than by `courtesy`.
 
     Args:
         wanted: (m,) accelerations [m/s2].
-        scene, x, y, yaw, speed, acceleration, length, width: (n,) of everybody.
+        scene, x, y, yaw, speed, acceleration, length, width: (n,) of all agents.
         rows: (m,) of the agents.
         lane_heading: (m,) of their lanes [rad].
         side_gap: free road that is left between both [m].
-        horizon: for which everybody is taken to go on, who brakes with its braking [s].
+        horizon: time for which all are assumed to continue, with the braking of those that brake [s].
         courtesy: braking [m/s2].
     """
     made, (begin, end) = wanted.copy(), within_scenes(scene, rows)
@@ -216,7 +216,7 @@ def _runs_into(  # noqa: PLR0917 - a kernel takes arrays and numbers
     margin: float,
     instants: int,
 ) -> bool:
-    """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j`, whose middle is ahead then."""
+    """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` with the middle of `j` ahead."""
     s, other_x, other_y, other_yaw = own_s, x[j], y[j], yaw[j]
     bend = yaw_rate[j] / max(speed[j], TURNING_MIN)
     for k in range(instants):
@@ -265,19 +265,19 @@ def crossing_awaited(  # noqa: PLR0917 - a kernel takes arrays and numbers
     horizon: float,
     courtesy: float,
 ) -> FloatArray:
-    """Accelerations (m,) [m/s2] of agents that drive as they want to, but wait for whoever crosses their paths.
+    """Accelerations (m,) [m/s2] with which agents wait for others that cross their paths, if less than they want.
 
-    Others are taken to go on along the arcs on which they are, as their speeds change now. Who would run into the side
-    of one brakes by as little as it takes not to: by a third of `courtesy`, two thirds, or all of it.
+    Others are assumed to continue along their arcs with their present change of speed. An agent that would run into
+    the side of one brakes by as little as it takes: by a third of `courtesy`, two thirds, or all of it.
 
     Args:
         wanted: (m,) accelerations [m/s2].
         segments, count, own_s: (m, L, 5), (m,), (m,) paths, and where on them the agents are [m].
-        scene, x, y, yaw, speed, acceleration, yaw_rate, length, width: (n,) of everybody.
-        off_log: (n,) who is not on its log: of the others the conflict stage knows where they go.
+        scene, x, y, yaw, speed, acceleration, yaw_rate, length, width: (n,) of all agents.
+        off_log: (n,) whether an agent is off its log; for the others the conflict stage knows where they go.
         rows: (m,) of the agents.
         margin: kept around others [m].
-        horizon: for which everybody is taken to go on so [s].
+        horizon: time for which others are assumed to continue so [s].
         courtesy: braking [m/s2].
     """
     made, (begin, end) = wanted.copy(), within_scenes(scene, rows)

@@ -1,4 +1,4 @@
-"""The baseline called `idm`: everybody in the region follows his leader by the Intelligent Driver Model."""
+"""The baseline called `idm`: all agents in the region follow their leaders by the Intelligent Driver Model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PUBLISHED = IdmConfig()
 
 @configuration
 class IdmPolicyConfig:
-    """Who drives.
+    """The drivers.
 
     Attributes:
         drivers: `medians` of all drivers that were calibrated on NGSIM; `drawn`, for each agent one of those drivers;
@@ -34,9 +34,9 @@ class IdmPolicyConfig:
 
 
 class IdmPolicy:
-    """Drives everybody who is off his log along his reference path, behind whoever is on it; stops at red.
+    """Drives agents off their logs along their reference paths, behind others on them; stops at red.
 
-    It neither changes lanes nor gives way to anybody beside its path, and brakes for nobody's future.
+    It neither changes lanes nor gives way to agents beside its path, and ignores where others will be.
     """
 
     def __init__(self, scenario: Setting, config: IdmPolicyConfig) -> None:
@@ -66,14 +66,14 @@ class IdmPolicy:
 
 
 def _drawn(identities: IntArray, drivers: int) -> IntArray:
-    """(N,) row of the driver of each agent, of `drivers`: by its seed and id (N, 2), whoever else is there."""
+    """(N,) row of the driver of each agent, of `drivers`, by its seed and id (N, 2), whatever others there are."""
     if drivers == 1:
         return np.zeros(len(identities), np.int64)
     return np.array([np.random.default_rng(identity).integers(drivers) for identity in identities.tolist()], np.int64)
 
 
 def _drivers(config: IdmPolicyConfig) -> FloatArray:
-    """(k, 5) v0 [m/s], T [s], s0 [m], a_max, b [m/s2] of the drivers that there are."""
+    """(k, 5) v0 [m/s], T [s], s0 [m], a_max, b [m/s2] of the available drivers."""
     if config.drivers == "published":
         return np.array([[PUBLISHED.desired_speed, *PUBLISHED.of_model[:4]]])
     everybody = np.concatenate([rows for _, rows in sorted(calibrated().drivers.items())])
@@ -94,8 +94,8 @@ def _accelerations(
     Args:
         speed: (m,) [m/s].
         driver: (m, 5) as :func:`_drivers` has them.
-        gap, along: (m, n) to everybody and speed along the path [m], [m/s]; a line to stop at is one who stands.
-        leads: (m, n) who is on the path ahead.
+        gap, along: (m, n) to all agents and their speed along the path [m], [m/s]; a stop line counts as standing.
+        leads: (m, n) whether an agent is on the path ahead.
         braking_max: as in :class:`IdmPolicyConfig`.
     """
     found = np.empty(len(speed))

@@ -1,4 +1,4 @@
-"""The baselines called `gail` and `rail`: everybody in the region drives by a network that imitates traffic.
+"""The baselines called `gail` and `rail`: all agents in the region drive by a network that imitates traffic.
 
 The network is applied with numpy; :mod:`litsim_policy.learning.imitation` trains it.
 """
@@ -87,7 +87,7 @@ class ImitationConfig:
 
 
 class ImitationPolicy:
-    """Drives everybody who is off his log. No rule and no guard stands between the network and the vehicle."""
+    """Drives all agents off their logs. No rule and no guard stands between the network and the vehicle."""
 
     def __init__(self, scenario: Setting, network: ImitationNetwork, config: ImitationConfig) -> None:
         self._lane_map, self._network = scenario.lane_map, network

@@ -1,4 +1,4 @@
-"""What commands lead to within the next seconds: where agents go, whom they touch first, whether they leave the road.
+"""The outcome of commands over the next seconds: where agents go, when they touch others, whether they leave the road.
 
 Agents keep the acceleration that is commanded and end their turn; all others go straight on, and those that brake go on
 braking.
@@ -41,7 +41,7 @@ def rolled_out(table: AgentTable, rows: IntArray, commands: FloatArray, settle: 
     """Where commands lead to.
 
     Args:
-        table: everybody.
+        table: all agents.
         rows: (m,) of the agents that are commanded.
         commands: (m, c, 2) accelerations [m/s2] and yaw rates [rad/s], c for each agent.
         settle: time constant with which turns end [s].
@@ -61,19 +61,19 @@ def _turned(settle: float, instants: int) -> FloatArray:
 
 
 def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: int, margin: float) -> FloatArray:
-    """When boxes of agents first touch somebody else's; those that touch already and followers do not count.
+    """When agents' boxes first touch another's; those that touch already and followers do not count.
 
     Of boxes that are nearer than the margin already, the boxes themselves count.
 
     Args:
-        table: everybody; those not looked at go straight on, and those that brake go on braking.
+        table: all agents; those not looked at go straight on, and those that brake go on braking.
         rows: (m,) of the agents.
         poses: (3, m, c, T) x, y [m] and yaw [rad] of the agents at T instants of 0.1 s, under c commands each.
         instants: how many of them count.
         margin: [m] kept around other boxes.
 
     Returns:
-        (m, c) time [s], infinite where nobody is touched.
+        (m, c) time [s], infinite where none is touched.
     """
     columns = (table.scene, table.x, table.y, table.yaw, table.speed, table.acceleration, table.length, table.width)
     return _first_touch(*columns, rows, poses, instants, margin)
@@ -84,7 +84,7 @@ def stay_on_road(lane_map: LaneMap, table: AgentTable, rows: IntArray, poses: Fl
 
     Args:
         lane_map: the road.
-        table: everybody.
+        table: all agents.
         rows: (m,) of the agents.
         poses: (3, m, c, T) as in :func:`first_touch`.
         instant: position of the instant among the T.

@@ -54,7 +54,7 @@ def layer_arrays(
 
 
 def perceptron(observation: FloatArray, weights: Sequence[FloatArray], biases: Sequence[FloatArray]) -> FloatArray:
-    """Outputs (m, outputs) of the last layer, tanh between layers; what is said of a row does not depend on others."""
+    """Outputs (m, outputs) of the last layer, tanh between layers; a row's outputs do not depend on other rows."""
     values = observation
     for layer, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
         # a stack of single rows: the blocking of a matrix product must not let agents change each other's last bits

@@ -6,7 +6,7 @@ Everything is seen from the agents' box centres, divided by fixed scales and cut
 - surrounding (7 per slot): present, distance of the front ends, speed, sine and cosine of the bearing, sine and cosine
   of the relative heading. A slot without an agent is all zeros.
 - road (7): left and right lane marking, left and right road edge, lane offset, curvature, heading to the lane.
-- ahead (6, where it is asked for): what those on the path are about to do, see :data:`AHEAD_FEATURES`.
+- ahead (6, optional): what those on the path are about to do, see :data:`AHEAD_FEATURES`.
 - way (14): see :data:`WAY_FEATURES`; the paper has the policy drive along the reference path to the goal, but does not
   say how it is told.
 """
@@ -96,8 +96,8 @@ class ObservationConfig:
         arrange: `sector` sees the nearest agent in each of `slots` equal sectors, the first centred ahead, then
             counter-clockwise; `distance` sees the `slots` nearest agents, nearest first.
         slots: k.
-        sight: beyond which nobody is seen.
-        ahead: whether it is seen how those on the path brake, and who is second there.
+        sight: range beyond which no agent is seen.
+        ahead: whether the braking of agents on the path, and the second of them, are seen.
     """
 
     arrange: Literal["sector", "distance"] = "sector"
@@ -259,11 +259,11 @@ def _seen(
     own_yaw: FloatArray,
     sight: float,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Who sees whom, from where.
+    """Which agents each viewer sees, and where.
 
     Args:
-        scene: (n,) that everybody is in; nobody sees into another.
-        x, y: (n,) of everybody [m].
+        scene: (n,) scene of each agent; none sees into another.
+        x, y: (n,) of all agents [m].
         rows: (m,) of those that look.
         own_x, own_y, own_yaw: (m,) where they look from [m], [rad].
         sight: how far [m].
@@ -303,13 +303,13 @@ def _see_surrounding(  # noqa: PLR0917 - a kernel takes arrays and numbers
     slots: int,
     features: FloatArray,
 ) -> None:
-    """Write who is around: the nearest of each sector, or the nearest of all; of equally near ones the lower row.
+    """Write the agents around: the nearest per sector, or the nearest of all; the lower row if equally near.
 
     Args:
         viewer, agent, ahead, left: k pairs as :func:`_seen` gives them.
         bearing: (k,) of the agents from the viewers' headings [rad].
         rows, own_yaw: (m,) of the viewers, and their headings [rad].
-        yaw, speed, length: (n,) of everybody [rad], [m/s], [m].
+        yaw, speed, length: (n,) of all agents [rad], [m/s], [m].
         by_sector: whether each slot is a sector.
         slots: how many there are.
         features: (m, size) into which is written.
@@ -469,7 +469,7 @@ def _see_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
         gap, along, ahead, in_path: (m, w) as in :class:`litsim_policy.motion.car_following.AlongPath`; `along` is the
             speed there.
         begin: (m,) row of the first of the others.
-        length, acceleration: (n,) of everybody [m], [m/s2].
+        length, acceleration: (n,) of all agents [m], [m/s2].
         speed: (m,) of the agents [m/s].
         sight: how far is looked [m].
         first: position of the first feature.
@@ -480,7 +480,7 @@ def _see_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
         if leader < 0:
             continue
         features[i, first] = acceleration[begin[i] + leader] / ACCELERATION
-        # whoever drives beside the first one is no second
+        # an agent beside the first one is no second
         beyond = gap[i, leader] + 0.5 * length[begin[i] + leader]
         second = _next_on_path(gap, ahead, in_path, i, beyond, sight)
         if second >= 0:
@@ -499,7 +499,7 @@ def _see_leader(
     sight: float,
     features: FloatArray,
 ) -> None:
-    """Write who is the first on the path within `sight` [m], for agents of `speed` (m,) [m/s].
+    """Write the first agent on the path within `sight` [m], for agents of `speed` (m,) [m/s].
 
     The first four arrays (m, w) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
     """
@@ -524,7 +524,7 @@ def _see_opponent(  # noqa: PLR0917 - a kernel takes arrays and numbers
     own_speed: FloatArray,
     features: FloatArray,
 ) -> None:
-    """Write where the opponents are: rows (m,) of everybody (n,), -1 for none; `own` arrays are of the agents (m,)."""
+    """Write where the opponents are: rows (m,) of all agents (n,), -1 for none; `own` arrays: the agents' (m,)."""
     first = features.shape[1] - 4
     for i in range(len(opponent)):
         j = opponent[i]

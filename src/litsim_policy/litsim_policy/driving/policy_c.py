@@ -65,7 +65,7 @@ class PolicyNetwork:
         return np.tanh(self.before_tanh(observation))
 
     def before_tanh(self, observation: FloatArray) -> FloatArray:
-        """The same (m, 3) before the last tanh; what is said of an agent does not depend on the others."""
+        """The same (m, 3) before the last tanh; an agent's values do not depend on the others."""
         return perceptron(observation, self.weights, self.biases)
 
 
@@ -143,13 +143,13 @@ def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray,
 
 
 class PolicyC:
-    """The policy called `litsim`: the network drives whoever is held, rules whoever goes back to the log or passes.
+    """The policy called `litsim`: the network drives agents that are held, rules those that return or pass.
 
-    The network has learned to drive along its log among others; who passes is driven by the rules of policy `yield`,
-    behind the same safety layer. The network is held to rules, too, those of :mod:`.courtesy`: who would move to the
-    side of its lane where somebody else is waits in the lane; distance is kept to whoever is ahead, and to red; whoever
-    crosses is waited for, and room made for whoever comes over. The network has seen few who stand or cross, and no
-    signals.
+    The network has learned to drive along its log among others; passing agents are driven by the rules of policy
+    `yield`, behind the same safety layer. The network is subject to rules, too, those of :mod:`.courtesy`: an agent
+    stays in its lane instead of moving to a side where another is, keeps its distance to the agent ahead and to red,
+    waits for crossing agents, and makes room for those that come over. In training the network saw few standing or
+    crossing agents, and no signals.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """What people can do: they react after a time, and build up their braking. A layer around any policy.
 
-Who is taken over drives on as its log did until its reaction time is over; the conflict is perceivable from the step in
+An agent taken over drives on as its log did until its reaction time is over; the conflict is visible from the step in
 which it was detected, since detection knows no more than what has been seen until then. After that, and as long as it
 is under control, it brakes no harder than people do, and not fully from one step to the next.
 
@@ -32,7 +32,7 @@ class ReactionConfig:
     """How people react.
 
     Attributes:
-        time: median reaction time of who is taken over; 0 is at once.
+        time: median reaction time of agents taken over; 0 is at once.
         spread: standard deviation of its logarithm, over agents; 0 is the same for all.
         braking_max: hardest braking of agents under control.
         braking_jerk: with which it is built up; 0 is at once.
@@ -105,7 +105,7 @@ class HumanReaction:
 
 
 def reaction_steps(config: ReactionConfig, identities: IntArray) -> IntArray:
-    """(N,) steps until each agent reacts, drawn by its seed and id (N, 2), whoever else is there."""
+    """(N,) steps until each agent reacts, drawn by its seed and id (N, 2), independent of the other agents."""
     if not config.spread or not config.time:
         return np.full(len(identities), round(config.time / STEP_S))
     drawn = [np.random.default_rng([*identity, DRAW]).standard_normal() for identity in identities.tolist()]

@@ -67,7 +67,7 @@ def make_policy(
 
 
 def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
-    """Read the parameters of the policy stage; what is returned builds the policy of a name once the run is known."""
+    """Read the parameters of the policy stage; the result builds the policy of a name once the run is known."""
     rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
     idm, simnet = read(IdmPolicyConfig(), "baseline."), read(SimnetConfig(), "simnet.")
     reaction, imitation = read(ReactionConfig(), "reaction."), read(ImitationConfig(), "imitation.")

@@ -1,8 +1,8 @@
 """The layer between policy C's network and the vehicle: limits that always hold, and guards that can be switched.
 
-The network may say what it likes; what is commanded keeps comfort bounds, does not run into who is ahead, does not
-touch who is beside, and stays on the road, as far as a look ahead can tell. Only a guard may brake harder than is
-comfortable. Every intervention is counted.
+Whatever the network says, commands keep comfort bounds, do not run into the agent ahead, do not touch agents beside,
+and stay on the road, as far as a look ahead can tell. Only a guard may brake harder than is comfortable. Every
+intervention is counted.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.signals import LinkSignals
 
 GUARDS = ("limits", "following", "contact", "road")
-SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as the one that was asked for
+SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as unchanged
 BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] that the guard for contact tries before the hardest
 
 
@@ -64,7 +64,7 @@ class SafetyConfig:
     """Limits, which always hold, and guards. Bounds are those of nuPlan's comfort measure unless said otherwise.
 
     Attributes:
-        following: brake for who is ahead on the path, and for red, when braking can no longer wait.
+        following: brake for the agent ahead on the path, and for red, when braking can no longer wait.
         contact: brake or steer where the command leads into another box within `horizon`.
         road: do not steer off the road.
         acceleration_max, deceleration_max: of what the network commands.
@@ -76,11 +76,11 @@ class SafetyConfig:
         yaw_rate_max: of the network's turns.
         yaw_acceleration_max: change of the network's yaw rate.
         braking_max: of the guards in an emergency; what the vehicle can do.
-        leader_braking: hardest braking that whoever is ahead may start at any time.
+        leader_braking: hardest braking that the agent ahead may start at any time.
         own_braking: braking that is relied on then.
-        standstill_gap: kept behind whoever is ahead.
+        standstill_gap: kept behind the agent ahead.
         relax: time constant with which a gap that is too short is widened.
-        widening: hardest braking for that alone, where nobody is closed in on as on an emergency.
+        widening: hardest braking for that alone, outside emergencies.
         imminent: braking from which on an approach counts as an emergency: more than the network itself may do.
         leader_brakes: braking from which on a leader is taken to stop.
         horizon: of the look ahead for other boxes.
@@ -158,15 +158,15 @@ class SafetyLayer:
     def apply(
         self, table: AgentTable, tasks: Sequence[DrivingTask], acceleration: FloatArray, yaw_rate: FloatArray
     ) -> SafeCommands:
-        """What the agents with `tasks` (m) may do of what is asked for; see :meth:`guard`."""
+        """The safe commands of the agents with `tasks` (m); see :meth:`guard`."""
         return self.guard(DrivingScene.of(self.lane_map, table, tasks), acceleration, yaw_rate)
 
     def guard(self, scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray) -> SafeCommands:
-        """What the m agents of `scene` may do of what is asked for.
+        """The commands of the m agents of `scene`, changed as little as safety needs.
 
         Args:
-            scene: the agents, their paths, and everybody else.
-            acceleration, yaw_rate: (m,) as asked for [m/s2], [rad/s].
+            scene: the agents, their paths, and all other agents.
+            acceleration, yaw_rate: (m,) requested [m/s2], [rad/s].
         """
         config, agents = self.config, scene.agents
         table, rows = agents.table, agents.rows
@@ -204,14 +204,14 @@ class SafetyLayer:
     def _guarded(
         self, agents: PathFollowers, commands: FloatArray, cap: FloatArray
     ) -> tuple[FloatArray, BoolArray, BoolArray]:
-        """The least changes to `commands` (m, 2) with which agents touch nobody and stay on the road.
+        """The least changes to `commands` (m, 2) with which agents touch no other and stay on the road.
 
         Where there is none, the one that touches latest, and of those the one that brakes hardest.
 
         Args:
             agents: m agents.
             commands: accelerations [m/s2] and yaw rates [rad/s].
-            cap: (m,) acceleration that whoever is ahead allows [m/s2].
+            cap: (m,) acceleration that the agent ahead allows [m/s2].
 
         Returns:
             the commands (m, 2), and which of them (m,) were changed for contact, and for the road.
@@ -266,7 +266,7 @@ def stopping(speed: FloatArray) -> FloatArray:
 
 
 def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
-    """Accelerations (m,) [m/s2] above which agents could not stop behind whoever is ahead on their paths.
+    """Accelerations (m,) [m/s2] above which agents could not stop behind the agent ahead on the path.
 
     The safe speed is that of Krauss (1997): should the leader brake as hard as it can, braking at `own_braking`
     suffices. It is approached with `relax`, by no more than `widening`. What the approach needs, the leader going on as
@@ -334,13 +334,13 @@ def _limited(  # noqa: PLR0917 - a kernel takes arrays and numbers
     What the agent did in the last step may itself be out of bounds; it comes back at the bound of the rate.
 
     Args:
-        asked_acceleration, asked_yaw_rate: (m,) what is asked for [m/s2], [rad/s].
+        asked_acceleration, asked_yaw_rate: (m,) requested [m/s2], [rad/s].
         acceleration, yaw_rate, speed: (m,) of the agents in the last step and now [m/s2], [rad/s], [m/s].
         deceleration_max, acceleration_max, jerk_max, braking_jerk_max, yaw_rate_max, lateral_acceleration_max,
             yaw_acceleration_max: as in :class:`SafetyConfig`.
 
     Returns:
-        the commands (m, 2), and which of them are not what was asked for (m,).
+        the commands (m, 2), and which of them differ from the request (m,).
     """
     limited, changed = np.empty((len(speed), 2)), np.empty(len(speed), np.bool_)
     rise, fall, twist = jerk_max * STEP_S, braking_jerk_max * STEP_S, yaw_acceleration_max * STEP_S
@@ -379,10 +379,10 @@ def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
     Args:
         gap, leader_speed: (m, w) to others and of others along the path [m], [m/s].
-        leads: (m, w) who of them is ahead on the path.
+        leads: (m, w) whether one of them is ahead on the path.
         speed, length: (m,) of the agents [m/s], [m].
         first: (m,) place in `acceleration` of the first of the others.
-        acceleration: (n,) of everybody [m/s2].
+        acceleration: (n,) of all agents [m/s2].
         standstill_gap, own_braking, leader_braking, relax, widening, imminent, leader_brakes, braking_max,
             acceleration_max: as in :class:`SafetyConfig`.
     """
@@ -415,7 +415,7 @@ def _choices(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> FloatArray:
     """What agents could do instead of what they are commanded to, nearest to the commanded acceleration first.
 
-    Whoever is cut in on from behind is best off driving on.
+    An agent that is cut in on from behind is best off driving on.
 
     Args:
         commands: (k, 2) accelerations [m/s2] and yaw rates [rad/s].
@@ -452,7 +452,7 @@ def _choices(  # noqa: PLR0917 - a kernel takes arrays and numbers
 def _best(choices: FloatArray, touch: FloatArray, stays: BoolArray) -> IntArray:
     """Positions (k,) of the choices to take.
 
-    The first that touches nobody and stays on the road; where there is none, of those that stay and touch latest the
+    The first that touches no agent and stays on the road; if there is none, of those that stay and touch latest the
     one that brakes hardest.
 
     Args:

@@ -1,4 +1,4 @@
-"""Which network drives as `simnet`; apart from what runs it, of which runs with other policies need nothing."""
+"""Which network drives as `simnet`; apart from the code that runs it, which runs with other policies do not need."""
 
 from __future__ import annotations
 

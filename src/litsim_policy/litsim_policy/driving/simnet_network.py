@@ -1,6 +1,6 @@
 """SimNet's networks in the loop, without torch: the small one by compiled kernels, any other as an ONNX graph.
 
-What is said of an agent depends on its raster alone, to the last bit: whoever else is driven, in whatever process.
+An agent's outputs depend on its raster alone, to the last bit, whichever others are driven, in whichever process.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class SmallNetwork:
         for number in range(len(SMALL_WIDTHS)):
             weight, bias = (arrays[f"convolution.{number}.{what}"] for what in ("weight", "bias"))
             rows, columns = rows // 2, columns // 2
-            # what is written again and again: fresh memory costs more than the sums
+            # reused buffers: fresh memory costs more than the sums
             patches = np.empty((weight.shape[1], rows * columns), np.float32)
             self._convolutions.append((weight, bias, patches, np.empty((len(bias), rows, columns), np.float32)))
         self._dense = [(arrays[f"{layer}.weight"], arrays[f"{layer}.bias"]) for layer in ("hidden", "last")]

@@ -19,7 +19,7 @@ POSE = ("x", "y", "yaw")
 
 
 class SimnetPolicy:
-    """Drives everybody who is off his log as the network says that such an agent will go on.
+    """Drives all agents off their logs as the network predicts their motion.
 
     It knows neither routes nor goals, follows no lane but the one that it sees, and keeps no distance but the one that
     people keep: nothing guards what it does.
@@ -45,7 +45,7 @@ class SimnetPolicy:
         everybody = Motions(pose, there, np.stack([table.length, table.width], axis=-1), table.scene)
         rows = table.rows(np.array([t.agent for t in listed], np.int64))
         future = self._network(self._painter.draw(table.step, everybody, rows)).astype(np.float64)
-        # The way of the step is the speed at its end. That of which it would be the mean is 2 way / step - speed: what
-        # the network says a little too long or too short would then swing from step to step, ever more.
+        # The way of the step is the speed at its end. Taking it as the mean speed gives 2 way / step - speed at the
+        # end, with which small errors of the network would swing from step to step, ever more.
         acceleration = (future[:, 0] / STEP_S - table.speed[rows]) / STEP_S
         return ControlTable.of_policy(table, rows, acceleration, future[:, 2] / STEP_S)

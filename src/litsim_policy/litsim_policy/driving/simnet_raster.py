@@ -1,4 +1,4 @@
-"""What SimNet sees: the road and the last half second of everybody, drawn around each agent that is driven.
+"""What SimNet sees: the road and the last half second of all agents, drawn around each agent that is driven.
 
 After Bergamini et al. 2021: each agent lies at [0.25, 0.5] of a raster of its own and looks along its first axis; all
 agents of a step are drawn by one call. Boxes have soft edges, so that a raster shows more than whole cells.
@@ -108,11 +108,11 @@ class Painter:
     def draw(self, step: int, everybody: Motions, rows: IntArray, own: FloatArray | None = None) -> Rasters:
         """Rasters (m, CHANNELS, rows, columns) of the agents in `rows` (m,) of `everybody` at `step`.
 
-        They are drawn over those of the call before: fresh memory costs more than what is drawn into it.
+        They overwrite those of the call before: fresh memory costs more than drawing.
 
         Args:
             step: at which the signals are looked at.
-            everybody: of that step.
+            everybody: all agents at that step.
             rows: ascending or not.
             own: (m, FRAMES, 3) poses of these agents where they are to be drawn elsewhere than they are; around the
                 last of them each raster lies.
@@ -139,7 +139,7 @@ class Painter:
         return rasters
 
     def _closed_lines(self, step: int) -> tuple[FloatArray, IntArray]:
-        """The stop lines at which somebody has to stop.
+        """The stop lines at which agents have to stop.
 
         Returns:
             middle [m], heading [rad] and width [m] of each (k, 4), and in which scene that is (k,).
@@ -154,7 +154,7 @@ class Painter:
 def draw_box(
     plane: Rasters, ahead: float, left: float, cos: float, sin: float, half_length: float, half_width: float
 ) -> None:
-    """Draw a box into a channel of a raster (rows, columns), where it covers more than what is there.
+    """Draw a box into a channel of a raster (rows, columns), where it covers more than the present value.
 
     Args:
         plane: written to.

@@ -1,4 +1,4 @@
-"""Predictor, conflict and policy in one process: between them nobody waits for a message."""
+"""Predictor, conflict and policy in one process: no messages are awaited between them."""
 
 from __future__ import annotations
 

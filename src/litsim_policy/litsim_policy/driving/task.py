@@ -106,7 +106,7 @@ class DrivingScene:
 
         Args:
             lane_map: the road.
-            table: everybody, the agents included.
+            table: all agents, including these.
             points: (k, 2) of each agent's path [m].
             goals: (2,) of each.
             numbers: id, due step and opponent of each.

@@ -84,7 +84,7 @@ def _beams(  # noqa: PLR0917 - a kernel takes arrays and numbers
     own_y: FloatArray,
     own_yaw: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """What the beams of the agents in `rows` (m,) of a table (n,) meet, who look from their `own` poses (m,).
+    """What the beams of the agents in `rows` (m,) of a table (n,) meet, as seen from their `own` poses (m,).
 
     Returns:
         distances (m, BEAMS) [m] from the box centres, BEAM where nothing is met, and how they change (m, BEAMS) [m/s],

@@ -41,7 +41,7 @@ from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
 
-CLOSE_UP = 5.0  # [m] to whoever is ahead, below which it matters whether the log itself runs into him
+CLOSE_UP = 5.0  # [m] to the agent ahead, below which it matters whether the log itself runs into it
 SOURCES = {
     TakeoverState.HELD: int(ControlSource.POLICY),
     TakeoverState.HANDBACK: int(ControlSource.HANDBACK),
@@ -54,18 +54,18 @@ class YieldConfig:
     """Parameters of :class:`YieldPolicy`.
 
     Attributes:
-        idm: car following behind whatever is on the path.
+        idm: car following behind agents on the path.
         courtesy_deceleration: hardest braking for an opponent that is ahead but not yet on the path, or
             alongside without being in the way.
         speed_reserve: faster than the agent's own log by this much at most while it is held.
         speed_min: that an agent may always drive on a free path, though it stood there in the log.
         side_gap: free road behind and ahead that a move to the side needs.
-        side_horizon: for which whoever approaches is expected to go on doing so.
+        side_horizon: time for which approaching agents are expected to continue.
         side_margin: distance to the side that is kept to others.
         side_drift: distance to the side that counts as no move.
-        room_horizon: for which whoever comes over is expected to go on, where policy litsim makes room for it.
-        crossing_horizon: for which whoever crosses is expected to go on, where policy litsim waits for it.
-        crossing_margin: distance kept to whoever crosses.
+        room_horizon: time for which agents that come over are expected to go on; policy litsim makes room for them.
+        crossing_horizon: time for which crossing agents are expected to go on; policy litsim waits for them.
+        crossing_margin: distance kept to crossing agents.
     """
 
     idm: IdmConfig = field(
@@ -100,7 +100,7 @@ class YieldPolicy:
         return self._config.idm.deceleration
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of every agent that is held or handed back, and of who is released to a log that lags."""
+        """Controls of every agent that is held, handed back, or released to a log that lags."""
         listed = [t for t in takeovers.takeovers if t.state != TakeoverState.RELEASED or t.time_shift > 0.0]
         if not listed:
             return ControlTable.empty(table.step)
@@ -117,7 +117,7 @@ class YieldPolicy:
         return ControlTable.without_slip(table, rows, acceleration, yaw_rate, source)
 
     def _hold(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
-        """Accelerations (m,) [m/s2] of agents that follow whatever is on their paths, stop at red, and give way.
+        """Accelerations (m,) [m/s2] with which agents follow others on their paths, stop at red, and give way.
 
         They give way to their opponents and to those alongside that are ahead.
         """
@@ -144,9 +144,9 @@ class YieldPolicy:
         return idm_at_signals(self._config.idm, agents.speed, wanted, acceleration, self._stop_lines.of(agents))
 
     def _hand_back(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
-        """Accelerations (m,) [m/s2] that close the distance to the log, but never into whatever is on the path.
+        """Accelerations (m,) [m/s2] that close the distance to the log, but never run into agents on the path.
 
-        Unless the log itself drives into it there: who overlaps in the log comes back into that overlap.
+        Unless the log itself overlaps one there: agents come back into overlaps of the log.
         """
         log, view = self._log, agents.view
         shift = np.array([round(t.time_shift / STEP_S) for t in takeovers])
@@ -162,7 +162,7 @@ class YieldPolicy:
         return idm_at_signals(self._config.idm, agents.speed, free, np.minimum(wanted, follow), line)
 
     def _overlapped_in_log(self, agents: PathFollowers, log_rows: IntArray, now: IntArray) -> BoolArray:
-        """(m, w) whom the agents overlap in the log, within a few seconds of steps `now` (m,), and who is there."""
+        """(m, w) whether agents overlap others present in the log, within a few seconds of steps `now` (m,)."""
         view, table = agents.view, agents.table
         found, of_ego = np.zeros(view.gap.shape, np.bool_), table.of_ego
         for k, column, row in view.pairs(view.ahead & view.in_path & (view.gap < CLOSE_UP)):
@@ -177,7 +177,7 @@ class YieldPolicy:
         return np.where(self.side_taken(agents), agents.lane_yaw_rate, agents.path_yaw_rate)
 
     def side_taken(self, agents: PathFollowers, *, or_will_be: bool = False) -> BoolArray:
-        """(m,) whether somebody is where the agents' paths lead to the side of their lanes, or comes over to there."""
+        """(m,) whether an agent is, or is coming over to, where the paths lead to the side of the lanes."""
         table, config = agents.table, self._config
         return side_taken(
             table.scene,
@@ -200,8 +200,8 @@ class YieldPolicy:
     def hold_to_rules(self, agents: PathFollowers, wanted: FloatArray, safe: SafetyConfig) -> FloatArray:
         """Accelerations (m,) [m/s2] of agents that drive as they want to, `wanted` (m,), but are considerate.
 
-        They keep their distance, to whoever leads as `safe` says, wait for whoever crosses, make room for whoever comes
-        over (see :mod:`.courtesy`), and stop at red as ever.
+        They keep their distance, to leaders as `safe` says, wait for crossing agents, make room for those that come
+        over (see :mod:`.courtesy`), and stop at red.
         """
         view, table, config = agents.view, agents.table, self._config
         kept = distance_kept(
@@ -279,7 +279,7 @@ class YieldPolicy:
 
 
 def braking_needed(agents: PathFollowers, leads: BoolArray) -> FloatArray:
-    """Constant braking (m,) [m/s2] with which agents reach nobody who leads: (m, w), as far as they go on, or stop.
+    """Constant braking (m,) [m/s2] with which agents do not reach their leaders (m, w), whether these go on or stop.
 
     The model brakes as hard for a gap that is merely shorter than it likes; a leader that brakes is taken to stop.
     """
@@ -301,9 +301,9 @@ def _braking_needed(
     Args:
         speed: (m,) of the agents [m/s].
         gap, along: (m, w) to others and of others along the path [m], [m/s].
-        leads: (m, w) who of them leads.
+        leads: (m, w) whether one of them leads.
         first: (m,) row of the first of the others.
-        acceleration: (n,) of everybody [m/s2].
+        acceleration: (n,) of all agents [m/s2].
     """
     found = np.zeros(len(speed))
     for i in range(len(speed)):
@@ -355,12 +355,12 @@ def give_way(  # noqa: PLR0917 - a kernel takes arrays and numbers
     deceleration: float,
     braking_max: float,
 ) -> FloatArray:
-    """Accelerations (m,) [m/s2] of agents that follow whatever is on their paths, and give way.
+    """Accelerations (m,) [m/s2] with which agents follow others on their paths, and give way.
 
     Args:
         gap, along, ahead, in_path, aside, first: (m, w), (m,) of
             :class:`litsim_policy.motion.car_following.AlongPath`; `along` is the speed there.
-        ids, x, y, yaw: (n,) of everybody.
+        ids, x, y, yaw: (n,) of all agents.
         rows, speed, wanted: (m,) of the agents: rows, speeds and the speeds that they would drive [m/s].
         opponent: (m,) ids.
         courtesy_deceleration: as in :class:`YieldConfig`.

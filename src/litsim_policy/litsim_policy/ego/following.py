@@ -1,4 +1,4 @@
-"""Egos that drive along a path behind whoever is on it: the one of a scene, or those of several scenes at once."""
+"""Egos that drive along a path behind other agents on it: the one of a scene, or those of several scenes at once."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Following:
 
     Attributes:
         path: that it pursues.
-        acceleration: at most [m/s2]; exactly this where nobody is minded.
-        model: by which it follows whoever is ahead on the path; None where it minds nobody.
+        acceleration: at most [m/s2]; exactly this if other agents are ignored.
+        model: by which it follows the agent ahead on the path; None if it ignores others.
         desired_speed: of the model [m/s].
         stops: whether it stops at red as well.
     """
@@ -55,7 +55,7 @@ class FollowingEgo(ABC):
         """How the ego drives on, or its answer where it follows no path; called once a step, in order.
 
         Args:
-            table: everybody; there may be agents of other scenes, and ids may be others than those of the recording.
+            table: all agents; it may hold agents of other scenes, and ids other than those of the recording.
             row: of the ego, -1 where it is not on the road.
         """
 
@@ -67,7 +67,7 @@ def commands(
 
     Args:
         paths: m paths, those of `drivers`.
-        table: everybody.
+        table: all agents.
         rows: (m,) of the egos.
         drivers: m of them.
         stop_lines: of the road.

@@ -27,7 +27,7 @@ class PerturbedConfig:
 
     Attributes:
         kind: brake, lane_change, or mixed, which is either of the two as the seed says; or keep_speed: from then on the
-            ego drives at the speed that it has, whoever is ahead.
+            ego keeps its speed, whatever is ahead.
         time: after the history, between which (earliest, latest) the seed puts the perturbation; equal fixes it.
         deceleration: of braking.
         duration: of braking.
@@ -56,9 +56,9 @@ class PerturbedConfig:
 class PerturbedEgo(FollowingEgo):
     """Follows its log exactly up to the perturbation; the scenario's seed and the ego's id decide what and when.
 
-    Afterwards it drives at the speed that its log had at the same place, behind whoever is ahead. It does not make up
-    for lost time, so its followers meet a lasting deviation. A lane change looks at who is alongside, but not at who
-    approaches: that is what the background has to cope with.
+    Afterwards it drives at the speed that its log had at the same place, behind the agent ahead. It does not make up
+    for lost time, so its followers meet a lasting deviation. A lane change considers agents alongside, but not those
+    approaching: the background has to cope with that.
     """
 
     def __init__(self, scenario: Scenario, config: PerturbedConfig | None = None) -> None:
@@ -101,7 +101,7 @@ class PerturbedEgo(FollowingEgo):
         return True
 
     def _next_lane(self, table: AgentTable, row: int) -> Lane | None:
-        """The lane on the side that the seed prefers, else on the other one, where nobody is alongside."""
+        """The lane on the side that the seed prefers, else on the other one, if no agent is alongside there."""
         lanes = self._scenario.lane_map
         here = lanes.lanes[int(lanes.nearest(table.x[[row]], table.y[[row]], table.yaw[[row]]).lane[0])]
         for name in (here.left, here.right) if self._left_first else (here.right, here.left):
@@ -112,7 +112,7 @@ class PerturbedEgo(FollowingEgo):
         return None
 
     def _taken(self, table: AgentTable, row: int, left: float) -> bool:
-        """Whether somebody is alongside within a place that lies `left` [m] to the left."""
+        """Whether an agent is alongside a place that lies `left` [m] to the left."""
         ahead, beside = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
         reach = 0.5 * (table.length + table.length[row]) + self._config.lane_gap
         taken = (np.abs(ahead) < reach) & (np.abs(beside - left) < 0.5 * (table.width + table.width[row]))
@@ -130,7 +130,7 @@ class PerturbedEgo(FollowingEgo):
             return Following(path, -config.deceleration)
         wanted = config.speed_gain * (self._logged_speed(table, row) - speed)
         wanted = float(np.clip(wanted, -FOLLOWING.deceleration, FOLLOWING.acceleration))
-        # alone on the road the model would speed up: only what it says of leaders is of interest
+        # alone on the road the model would speed up: only its response to leaders is used
         return Following(path, wanted, FOLLOWING, 2.0 * speed + 10.0)
 
     def _logged_speed(self, table: AgentTable, row: int) -> float:

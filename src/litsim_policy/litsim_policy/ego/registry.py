@@ -48,7 +48,7 @@ def make_ego(
 
 
 def ego_stage(name: str, read: ParameterReader) -> Callable[[Scenario], Ego]:
-    """Read the parameters of the ego called `name`; what is returned builds it once the run is known."""
+    """Read the parameters of the ego called `name`; the result builds it once the run is known."""
     idm = read(CAREFUL) if name == "idm" else CAREFUL
     perturbed = read(PerturbedConfig()) if name == "perturbed" else None
     bat = read(BatConfig()) if name == "bat" else None

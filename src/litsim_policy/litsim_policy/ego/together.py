@@ -1,4 +1,4 @@
-"""The egos of several scenes that are stepped together: those that drive along paths are asked for all at once."""
+"""The egos of several scenes that are stepped together: those that drive along paths are computed all at once."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from litsim_sim.scenario.joined import JoinedScenario
 
 
 class EgosTogether:
-    """The egos of joined scenes; each answers what it would alone."""
+    """The egos of joined scenes; each gives the same answer as alone."""
 
     def __init__(self, joined: JoinedScenario, egos: Sequence[Ego]) -> None:
         """`egos` are those of the scenes of `joined`, in order."""
@@ -24,7 +24,7 @@ class EgosTogether:
         self._paths = PathBatch([])
 
     def plan(self, table: AgentTable, scenes: Iterable[int]) -> list[EgoCommand]:
-        """Answers to the step of `table`, for all scenes; the egos of `scenes` are asked, others answer nothing."""
+        """Answers to the step of `table`, for all scenes; empty commands for the egos of scenes not in `scenes`."""
         answers = [EgoCommand(table.step)] * len(self._egos)
         rows = table.rows(self._joined.ego_ids)
         driving: dict[int, Following] = {}

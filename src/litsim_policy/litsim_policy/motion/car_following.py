@@ -1,4 +1,4 @@
-"""The Intelligent Driver Model (Treiber 2000) along a reference path, behind whatever is on it."""
+"""The Intelligent Driver Model (Treiber 2000) along a reference path, behind agents on it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegati
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 
-SIGHT = 120.0  # [m] beyond which nobody is looked at
+SIGHT = 120.0  # [m] beyond which agents are ignored
 MARGIN = 0.2  # [m] kept to the side of others, unless said otherwise
 MERGE = 15.0  # [m] over which a vehicle beside its path is taken to come onto it
 DESIRED_MIN = 0.1  # [m/s] a desired speed below is taken as this
@@ -160,15 +160,15 @@ def along_paths(
     poses: Poses | None = None,
     path: IntArray | None = None,
 ) -> AlongPath:
-    """Agents relative to those in `rows`, each of which follows a path of its own; itself it sees nowhere ahead.
+    """Agents as seen by those in `rows`, each along a path of its own; an agent never sees itself ahead.
 
     Args:
         paths: m paths.
-        agents: everybody.
+        agents: all agents.
         rows: (m,) of the agents that look.
         margin: [m] kept to the side of the agents' boxes.
-        sight: (m,) or one for all: how far away each still sees somebody [m]; no farther than SIGHT.
-        poses: at which each of those that look takes itself to be; None for where it is.
+        sight: (m,) or one for all: how far each sees [m]; at most SIGHT.
+        poses: assumed poses of those that look; None for where they are.
         path: (m,) positions in `paths` of what they follow, where that is not one after the other.
 
     Returns:
@@ -213,8 +213,8 @@ def idm(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
     Args:
         speed, desired_speed: of the vehicle [m/s].
-        gap, leader_speed: (n,) to and of everybody [m], [m/s].
-        leads: (n,) who is a leader.
+        gap, leader_speed: (n,) to and of all agents [m], [m/s].
+        leads: (n,) whether an agent is a leader.
         headway, standstill_gap, acceleration, deceleration, braking_max: as :attr:`IdmConfig.of_model` has them.
     """
     free = acceleration * (1.0 - math.pow(speed / max(desired_speed, DESIRED_MIN), 4.0))
@@ -229,9 +229,9 @@ def idm(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 @kernel(float64(*[float64] * 4))
 def safe_speed(room: float, leader_speed: float, own_braking: float, leader_braking: float) -> float:
-    """Speed [m/s] from which `own_braking` stops an agent behind its leader, should he brake as hard as he can.
+    """Speed [m/s] from which `own_braking` stops an agent behind its leader, if that brakes as hard as it can.
 
-    That of Krauss (1997), who reacts within a step.
+    The safe speed of Krauss (1997), with a reaction within a step.
 
     Args:
         room: to the leader [m]; none is as 0.
@@ -247,7 +247,7 @@ def safe_speed(room: float, leader_speed: float, own_braking: float, leader_brak
 def braking_behind(
     speed: float, leader_speed: float, leader_acceleration: float, room: float, leader_brakes: float
 ) -> float:
-    """Constant braking [m/s2] with which a leader is not reached who goes on as it does now, or stops.
+    """Constant braking [m/s2] with which an agent does not reach a leader that goes on as now, or stops.
 
     Args:
         speed, leader_speed: along the path [m/s].
@@ -305,11 +305,11 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
     circles: FloatArray,
     count: IntArray,
 ) -> tuple[IntArray, int, IntArray, FloatArray]:
-    """Who sees whom, and where those are on the paths of those that look.
+    """Which agents each one sees, and where those are along its path.
 
     Args:
-        scene: (n,) that everybody is in; nobody sees into another.
-        x, y, yaw: (n,) of everybody [m], [rad].
+        scene: (n,) scene of each agent; none sees into another.
+        x, y, yaw: (n,) of all agents [m], [rad].
         rows: (m,) of those that look.
         own_x, own_y, own_yaw: (m,) of those that look [m], [rad].
         sight: (m,) how far they look [m].
@@ -318,7 +318,7 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
     Returns:
         the first row (m,) of each scene that is looked into, and how many agents are in the largest of them;
-        k pairs, those of the first that looks first: (2, k) position among those that look, and row of whom it sees;
+        k pairs, ordered by the viewer: (2, k) position of the viewer in `rows`, and row of the agent that it sees;
         (5, k) arc length and offset of that one's place on the path [m], its heading [rad], and the direction, x and
         y, of the path there.
     """
@@ -379,7 +379,7 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         pair, s, d: k pairs as :func:`_projected` gives them.
         turn: (k,) heading of the agents against the paths [rad].
-        speed, length, width: (n,) of everybody [m/s], [m].
+        speed, length, width: (n,) of all agents [m/s], [m].
         rows: (m,) of those that look.
         first, most: first rows (m,) of their scenes, and the number w of agents of the largest of these.
         margin: as in :func:`along_paths`.

@@ -19,7 +19,7 @@ class PathFollowers:
     """m of the n agents of a table, each with a path of its own. Arrays are (m,) unless said otherwise.
 
     Attributes:
-        table: everybody.
+        table: all agents.
         rows: of the followers in `table`.
         paths: m paths.
         x, y, yaw, speed: of the followers [m], [rad], [m/s]; where `poses` are given, each follower is there, and all
@@ -45,7 +45,7 @@ class PathFollowers:
 
     @cached_property
     def view(self) -> AlongPath:
-        """Everybody in their scenes as the followers see them, (m, w)."""
+        """All agents in their scenes as the followers see them, (m, w)."""
         return along_paths(self.paths, self.table, self.rows, poses=(self.x, self.y, self.yaw))
 
     @property
@@ -65,7 +65,7 @@ class PathFollowers:
 
     @cached_property
     def reach(self) -> FloatArray:
-        """Distance along the path to what is pursued [m]."""
+        """Distance along the path to the pursued point [m]."""
         return pursuit_reach(self.speed)
 
     @cached_property

@@ -25,12 +25,12 @@ SWING = 0.57  # share of a change of lane after which the side of a car is clear
 
 @configuration
 class LaneChangeConfig:
-    """Who changes lane.
+    """Which agents change lane.
 
     Attributes:
         politeness: weight of what others gain and lose, against the own gain.
         threshold: gain from which on a change is worth it.
-        braking_safe: braking that the new follower, or the driver himself behind his new leader, may need at most.
+        braking_safe: most braking that the new follower, or the agent itself behind its new leader, may need.
         gap_min: free road that is left at least before and behind, bumper to bumper.
         headway, standstill_gap, acceleration, deceleration: T, s0, a_max and b of the car following; the headway is
             the one that drivers accept while they change lane.
@@ -53,9 +53,9 @@ class LaneChanges:
 
     Attributes:
         gain: of the driver, less what others lose, by `politeness` [m/s2].
-        safe: whether the model has nobody brake harder than is safe, and nobody is alongside.
-        room: whether a change that has begun can go on: nobody alongside, and nobody comes nearer so fast that harder
-            braking than is safe is needed.
+        safe: whether the model has no agent brake harder than is safe, and none is alongside.
+        room: whether a change that has begun can go on: no agent is alongside, and none approaches so fast that it
+            would have to brake harder than is safe.
     """
 
     gain: FloatArray
@@ -76,10 +76,10 @@ def weigh_changes(
 
     Args:
         config: criteria.
-        table: everybody.
+        table: all agents.
         rows: (k,) of the agents.
         wanted: (k,) speeds that they would drive on a free road [m/s].
-        view: (2 k, w) everybody in their scenes: first as each sees them along the line of the lane that it is on, from
+        view: (2 k, w) the agents in their scenes: first as seen by each along the line of the lane that it is on, from
             its middle; then along the lane that it would change to, as if it were there.
         claimed: mask (k, w) of those that are changing to that lane, and count as if they were there.
         reach: (k,) of road that the change takes [m].
@@ -197,7 +197,7 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Followers are taken to want the speed that they have.
 
     Args:
-        speed, length: (n,) of everybody [m/s], [m].
+        speed, length: (n,) of all agents [m/s], [m].
         rows, wanted, reach: (k,) as :func:`weigh_changes` has them.
         first: (2 k,) of :class:`AlongPath`; of each agent both are the same.
         s, gap, along, ahead, in_lane: (2 k, w) of :class:`AlongPath`; `along` is the speed there.
@@ -213,7 +213,7 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
         for j in range(len(comes)):
             comes[j] = in_lane[there, j] or (claimed[i, j] and s[there, j] > -np.inf)
         me, own = rows[i] - first[i], speed[rows[i]]
-        lengths = length[first[i] : first[i] + len(comes)]  # fewer than columns, where more are nobody
+        lengths = length[first[i] : first[i] + len(comes)]  # fewer than the columns, the rest of which are empty
         old_leader, old_gap = _leader(gap[i], ahead[i], in_lane[i], me)
         new_leader, new_gap = _leader(gap[there], ahead[there], comes, me)
         old_follower, old_back = _follower(s[i], lengths, ahead[i], in_lane[i], me)

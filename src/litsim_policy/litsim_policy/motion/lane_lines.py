@@ -1,4 +1,4 @@
-"""The lines that lanes lead along, as paths of all who drive on them; each is made when it is first asked for."""
+"""The lines that lanes lead along, as paths of the agents on them; each is made on first use."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 
 NO_LANE = -1  # in place of the position of a lane in `LaneMap.lanes`
-FAR = 1000.0  # [m] ahead, beyond which nobody asks where lanes lead
-BEFORE = 150.0  # [m] by which the line of a lane begins before it: who comes from behind is on it, too
+FAR = 1000.0  # [m] ahead, beyond which no caller needs the lanes
+BEFORE = 150.0  # [m] by which the line of a lane begins before it: agents coming from behind are on it, too
 
 
 class LaneLines:
@@ -23,7 +23,7 @@ class LaneLines:
 
     def __init__(self, lane_map: LaneMap) -> None:
         self._lane_map = lane_map
-        self._row: IntArray = np.full(len(lane_map.lanes), NO_LANE)  # in `made`, of lanes that were asked for
+        self._row: IntArray = np.full(len(lane_map.lanes), NO_LANE)  # in `made`, of lanes used so far
         self._points: list[FloatArray] = []
         self.made = PathBatch([])
         """The lines that are made so far; see :meth:`rows`."""
@@ -109,7 +109,7 @@ class LaneLines:
 
 
 def _neighbours(lane_map: LaneMap, names: Iterable[str | None]) -> IntArray:
-    """Positions of the lanes of `names`; NO_LANE for none, and for lanes inside junctions, where nobody changes."""
+    """Positions of lanes `names`; NO_LANE for none and for lanes inside junctions, which have no lane changes."""
     lanes: tuple[Lane, ...] = lane_map.lanes
     return np.array(
         [

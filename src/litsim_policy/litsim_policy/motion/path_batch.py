@@ -33,7 +33,7 @@ class Projection:
 
 
 class PathBatch:
-    """m polylines of up to L points, with their arc lengths; what is asked of one does not depend on the others.
+    """m polylines of up to L points, with their arc lengths; results for one do not depend on the others.
 
     Attributes:
         count: (m,) number of points of each, at least 2.

@@ -2,7 +2,7 @@
 
 The kernels take m polylines as one array (m, L, 5), `segments`. Row [p, k] is vertex k of path p and the segment that
 begins there: x, y [m], arc length from the first vertex [m], and the unit vector of the segment. Path p has `count[p]`
-vertices, at least 2; what is behind them means nothing, and so does the unit vector of the last. First and last
+vertices, at least 2; entries after them are meaningless, as is the unit vector of the last. First and last
 segments count as prolonged without end.
 
 Circles (m, C, 3) hold chunks of CHUNK segments each: centre x, y, which is a vertex, and radius [m]. They say which

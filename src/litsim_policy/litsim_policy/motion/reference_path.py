@@ -78,7 +78,7 @@ def logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
     own, recorded = log.recorded(agent)
     made_of = id(lane_map), recorded
     if made_of not in own.paths:
-        own.paths[made_of] = lane_map, _logged_path(own, lane_map, recorded)  # who is kept keeps his id
+        own.paths[made_of] = lane_map, _logged_path(own, lane_map, recorded)  # kept, so that its id stays valid
     path: ReferencePath = own.paths[made_of][1]
     return path
 

@@ -140,7 +140,7 @@ class Router:
 
     @cached_property
     def _links(self) -> list[list[tuple[int, float]]]:
-        """For each lane, by row, the rows of the lanes that it leads to, each with what it costs to go there [m]."""
+        """For each lane, by row, the rows of the lanes that it leads to, each with the cost of going there [m]."""
         row = self._lanes.row
         return [
             [(row(name), lane.length) for name in lane.successors]

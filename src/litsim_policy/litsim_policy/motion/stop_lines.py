@@ -1,7 +1,7 @@
 """Where agents have to stop for signals: a red light is a leader that stands at the stop line.
 
-At red everybody stops who can by braking as hard as vehicles do; at amber, who can comfortably. Nobody else does: who
-is too near when a light changes drives on, as people do.
+Agents stop at red if the hardest braking of vehicles suffices, and at amber if comfortable braking does. Those too near
+when a light changes drive on, as people do.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FREE = np.inf
 
 @configuration
 class SignalConfig:
-    """Who stops.
+    """Which agents stop.
 
     Attributes:
         red_braking: stop at red where no harder braking is needed.
@@ -56,7 +56,7 @@ class StopLines:
         """Distances (m,) [m] from the agents' fronts to where they have to stop; infinite where they need not.
 
         Args:
-            table: everybody, at the step at which the signals are looked at.
+            table: all agents, at the step of the signals.
             rows: (m,) of the agents.
             paths: m of them, which they follow.
             s: (m,) arc length of their centres on them [m].
@@ -100,7 +100,7 @@ def idm_at_signals(
     Args:
         config: of the Intelligent Driver Model, as the agents follow vehicles by.
         speed, desired_speed: (m,) [m/s].
-        acceleration: (m,) [m/s2] behind whoever is ahead.
+        acceleration: (m,) [m/s2] behind the agent ahead.
         gap: (m,) infinite where there is no need to stop.
     """
     at = (gap < FREE).nonzero()[0]

@@ -1,6 +1,6 @@
 """What a step costs and where it goes: each stage, SUMO, recording and transport, in process and over the graph.
 
-Every repetition measures all shells one after the other, so that they meet the same machine; what is compared are the
+Each repetition measures all shells one after the other, under the same conditions; compare the
 ratios within a repetition.
 """
 
@@ -33,7 +33,7 @@ from litsim_sim.world.sumo import SumoMirror
 EGO, POLICY = "idm", "litsim"
 LOOP = ("predictor", "conflict", "policy")  # stages that wait for each other; the ego answers meanwhile
 FREE_ROAD = 400.0  # [m] of road ahead of the foremost vehicle
-HISTORY_S = 3.0  # [s] in which nobody is driven
+HISTORY_S = 3.0  # [s] in which no agent is driven
 
 IN_PROCESS, GRAPH, HIGHWAY_ENV = "in process", "graph with recording", "highway-env"
 WITHOUT_SUMO = "in process without SUMO"  # as `evaluate` and `train` step
@@ -50,9 +50,8 @@ PATH = "graph: "
 """Begins the names of the parts of a step's way through the graph, see :mod:`litsim_sim.analysis.step_path`."""
 
 Sample = dict[str, float]
-"""Of one repetition: time of a step [ms] by what it was spent on: :data:`PARTS` (medians over the steps of the run, but
-for transport, which is what is left of a step), the parts of its way through the graph (medians as well), and the whole
-steps, of the run's wall time."""
+"""Times of a step in one repetition [ms]: :data:`PARTS` (medians over the steps of the run, except transport, which is
+the rest of a step), the parts of its way through the graph (medians as well), and whole steps, from the wall time."""
 
 
 def write_scenario(folder: Path, agents: int, seconds: float) -> Path:

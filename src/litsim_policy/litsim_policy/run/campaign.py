@@ -1,4 +1,4 @@
-"""The runs of a campaign on this machine: so many at a time, each judged and stored as soon as it is over."""
+"""The runs of a campaign on this machine: several at a time, each judged and stored as soon as it is over."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class LocalRuns:
             outcomes = [self._over_graph(cases[0])] if over_graph else workers.run_batch(cases, folders)
         except RunStopped:
             raise
-        except Exception as error:  # noqa: BLE001 - whatever it is, the others are to go on, and the table is to say it
+        except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
             outcomes = [RunOutcome(None, reason(error))] * len(cases)
         if self._stopped.is_set():  # its process was ended: that says nothing about the runs
             raise RunStopped

@@ -46,7 +46,7 @@ def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Fou
     for k, case in enumerate(cases):
         try:
             plans[k] = plan_of(case)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the others are to go on, and the table is to say it
+        except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
             found[k] = reason(error)
     for together in _joinable(plans):
         found |= _run_joined({k: plans[k] for k in together}, folders)
@@ -57,7 +57,7 @@ def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Fou
 
 
 def _portions(of: Sequence[T], most: int) -> Iterator[tuple[T, ...]]:
-    """`of` in order, in portions of `most` and what is left."""
+    """`of` in order, in portions of `most`; the last may be smaller."""
     return (tuple(of[begin : begin + most]) for begin in range(0, len(of), most))
 
 
@@ -81,12 +81,12 @@ def _run_joined(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> di
     try:
         runs = record_together(list(plans.values()))
         return {k: measured(run, folders[k]) for k, run in zip(plans, runs, strict=True)}
-    except Exception:  # noqa: BLE001 - alone, each says what it is
+    except Exception:  # noqa: BLE001 - run alone, each reports its own error
         return {}
 
 
 def _alone(case: Case, folder: Path | None) -> Found:
     try:
         return run_in_process(case, folder)
-    except Exception as error:  # noqa: BLE001 - whatever it is, the others are to go on, and the table is to say it
+    except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
         return reason(error)

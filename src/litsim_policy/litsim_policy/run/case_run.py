@@ -1,4 +1,4 @@
-"""One case of a campaign, run: in this process, or over DDS by the launcher. Whatever becomes of it, it is told."""
+"""Runs one case of a campaign, in this process or over DDS by the launcher; every outcome gives a result."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ RECORDING = "run"  # folder of a record below that of the run
 READY = f"{__package__}.ready"  # what a launcher is a copy of has imported this
 TICK_S = 0.2  # [s] between two looks at a launcher
 END_S = 30.0  # [s] that a launcher gets to end its graph in good order
-TIME_LIMIT_S = 1800.0  # [s] that a run over DDS may take where nobody says otherwise
+TIME_LIMIT_S = 1800.0  # [s] that a run over DDS may take by default
 
 
 class RunFailed(Exception):
@@ -67,7 +67,7 @@ class RunOutcome:
     wall_s: float | None = None
 
     def judged(self, case: Case, criteria: Criteria) -> RunResult:
-        """The result of `case`, whose run this is."""
+        """The result of `case` from its run."""
         files: dict[str, Any] = {
             "recording": self.recording,
             "report": self.report,
@@ -108,7 +108,7 @@ def check_case(case: Case) -> None:
 
 
 def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
-    """Metrics of a run in this process, without SUMO: it would only show what is measured.
+    """Metrics of a run in this process, without SUMO, which would only mirror it.
 
     Args:
         case: to run.
@@ -152,7 +152,7 @@ def run_over_graph(
     Args:
         case: to run.
         folder: of the run; the record is made in a folder within.
-        stopped: asked now and then whether to end the run.
+        stopped: called now and then; True ends the run.
         time_limit_s: after which a run has failed [s].
 
     Raises:
@@ -200,7 +200,7 @@ def _draw(recording: Path, metrics: dict[str, Any], folder: Path) -> None:
 
 
 def is_elsewhere(case: Case) -> bool:
-    """Whether the stack of a case is started by somebody else: its runs go one at a time, where the stack is."""
+    """Whether the stack of a case is started by the user: its runs go one at a time, where the stack is."""
     return case.ego.kind == EXTERNAL and not case.ego.command
 
 

@@ -29,7 +29,7 @@ class Timing:
         off_log: of them, the ego included.
         pairs: of an agent on its log and one off it, within the region of interest.
         conflicts: found.
-        wall, cpu: of each repetition [ms]; on a busy machine, the latter is what it would take alone.
+        wall, cpu: of each repetition [ms]; on a busy machine, the latter tells what it would take alone.
     """
 
     agents: int

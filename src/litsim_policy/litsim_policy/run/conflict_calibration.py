@@ -60,7 +60,7 @@ def recall_curve(
 
     Args:
         name: of the curve.
-        scenarios: of whose :func:`tuning_of` is asked.
+        scenarios: passed to :func:`tuning_of`.
         model: that forecasts.
         modes: which manoeuvres it forecasts.
         config: of detection, but for the threshold.
@@ -89,7 +89,7 @@ def costs(
 
     Args:
         scenarios: to run.
-        ego: who drives.
+        ego: kind of the driver.
         policy: what moves the background.
         parameters: by stage.
         done: called after each run.

@@ -1,7 +1,7 @@
-"""How well detection sees conflicts ahead: what it says of every pair of a step, beside what came of it.
+"""How well detection sees conflicts ahead: what it says of every pair of a step, beside what happened.
 
 An ego leaves its log on its logged path, once at a constant speed and twice braking
-(:mod:`litsim_predictor.learned.evaluation.drives`); everybody else follows the log. At every step the detector's
+(:mod:`litsim_predictor.learned.evaluation.drives`); all others follow their logs. At every step the detector's
 probability of an overlap with each agent near the ego is noted, and whether the ego really meets it then. A pair counts
 until it first meets.
 """
@@ -23,7 +23,7 @@ from litsim_sim.scenario.scenario import Scenario
 EVERY = 2  # steps between two that are looked at: the rate of the models
 SECONDS = (1, 2, 3)
 """Horizons for which pairs are judged [s]; detection compares no farther futures by default."""
-LEAST = 0.01  # probability below which none is told apart
+LEAST = 0.01  # probability below which values are not distinguished
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _driven(scenario: Scenario, drive: Drive, step: int) -> AgentTable:
 
 
 def _meeting(table: AgentTable, ego: int) -> set[int]:
-    """Ids of those whose boxes overlap the ego's."""
+    """Ids of the agents whose boxes overlap the ego's."""
     row = table.row(ego)
     hit = boxes_overlap(
         table.x - table.x[row],

@@ -23,7 +23,7 @@ class Difference:
     Attributes:
         topic, step: of the messages.
         field: its name; fields of a record in a list as `takeovers.goal_pose.x`.
-        agent: whom it is about; None where about nobody in particular.
+        agent: the agent concerned; None if it is not about one.
         recorded, computed: the values; None where there is none.
     """
 
@@ -158,7 +158,7 @@ def _keys(records: list[Any]) -> list[int]:
 
 
 def _one_sided(name: str, a: list[int], b: list[int], place: _Place) -> list[Difference]:
-    """Differences of two lists of agents that are not equal: who is in one only, else that the order is another."""
+    """Differences of two unequal lists of agents: those in only one of them, or else that the order differs."""
     alone = sorted(set(a) ^ set(b))
     if not alone:
         return [place.at(f"order of {name}", str(a), str(b))]

@@ -19,8 +19,8 @@ from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.errors import InputError, reason
 
 LOCAL = "local"  # address of a cluster of this machine alone, which ends with the campaign
-RETRIES = 3  # how often a run is done again whose worker was lost
-WAITING_MAX = 500  # tasks that the cluster is told of at a time
+RETRIES = 3  # how often a run is repeated if its worker is lost
+WAITING_MAX = 500  # tasks submitted to the cluster at a time
 SOURCES = "sources"  # of the versions: a digest of the installed packages
 LEAVING_S = 30.0  # [s] for what a lost worker had started to be gone
 
@@ -29,7 +29,7 @@ LEAVING_S = 30.0  # [s] for what a lost worker had started to be gone
 class RayRuns:
     """Runs cases on the nodes of a cluster; each node has LitSim's environment, and the same packages.
 
-    A run whose worker was lost is done again, on whichever node; one that is over is stored here, and never done twice.
+    A run whose worker is lost is repeated on any node; a finished one is stored here, and never repeated.
 
     Attributes:
         folder: where results are stored; recordings too, where the nodes share its file system.
@@ -72,7 +72,7 @@ class RayRuns:
             ray.shutdown()
 
     def _connect(self, ray: Any) -> None:
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anybody
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics
         given: dict[str, Any] = (
             {"num_cpus": self.processes, "include_dashboard": False} if self.address == LOCAL else {}
         )
@@ -110,7 +110,7 @@ class RayRuns:
 
 
 def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: float, cwd: str) -> RunOutcome:
-    """One task: run a case on this node, whatever becomes of it.
+    """One task: run a case on this node; errors become results.
 
     Args:
         case: as :meth:`Case.to_json` has it.
@@ -131,7 +131,7 @@ def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: f
                 with chdir(cwd):
                     return run_over_graph(made, where, time_limit_s=time_limit_s)
             return RunOutcome(run_in_process(made, where), wall_s=time.monotonic() - begin)
-    except Exception as error:  # noqa: BLE001 - whatever it is, the others are to go on, and the table is to say it
+    except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
         failure = reason(error)
     return RunOutcome(None, failure, wall_s=time.monotonic() - begin)
 

@@ -45,7 +45,7 @@ class Reaction:
         return takeovers, controls
 
     def _forecast(self, table: AgentTable) -> Forecast:
-        """The forecast of a step; nobody is driven in the history, so nobody asks for one there."""
+        """The forecast of a step; no agent is driven in the history, so none is needed there."""
         if table.step >= self._history_steps:
             return self._predictor.forecast(table)
         self._predictor.see(table)

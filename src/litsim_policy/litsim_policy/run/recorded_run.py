@@ -1,4 +1,4 @@
-"""A recorded run as it is needed to run it, or a stage of it, again: messages, scenario, parameters."""
+"""A recorded run with what running it, or one stage of it, again needs: messages, scenario, parameters."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def resimulate(record: Record) -> Resimulated:
         record.notes.append("the ego is external: it answers as recorded")
     run_id, ego_id = info.run_id, info.ego_id
     compared = [messages[topic.name] for topic in (AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL)]
-    last = min((max(found) for found in compared if found), default=-1)  # what is cut short may end amid a step
+    last = min((max(found) for found in compared if found), default=-1)  # a bag that is cut short may end amid a step
     digests = RunDigest(), RunDigest()
     steps = 0
     for now in _again(record).steps():
@@ -151,7 +151,7 @@ class Stage:
 
 
 def _core(record: Record, stage: str) -> Any:
-    """The core of a stage, made by the function that its package registers of what the record tells of it."""
+    """The core of a stage, made from the record by the function that its package registers."""
     made = configured({stage: registered_name(stage, record.info.ego)}, {stage: record.parameters.get(stage, {})})
     of_run = () if stage == EGO else (record.info.policy,)
     return made[stage](*of_run, record.scenario)

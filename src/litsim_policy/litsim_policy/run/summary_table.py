@@ -78,7 +78,7 @@ def print_summary(
     """Print rows of runs side by side.
 
     Where their names do not fit into the width, they are numbered and listed below; where they do not even so, they are
-    spread over tables. What is measured of fewer runs than there are is marked.
+    spread over tables. Figures measured on only some of the runs are marked.
 
     Args:
         title: above the table.

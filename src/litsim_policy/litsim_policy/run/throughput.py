@@ -1,6 +1,6 @@
 """How much gets done in a second: scenario-seconds of `evaluate`, agent-steps of `train`; beside another checkout.
 
-Both are timed as whole processes, the same way on both sides, in turns: what is compared are the ratios within a pair.
+Both are timed as whole processes, the same way on both sides, in turns; compare the ratios within a pair.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def time_evaluation(side: Side, scenarios: Sequence[str], egos: str, processes: 
         InputError: it fails.
     """
     options = ["--scenario", *scenarios, "--ego", "idm", "--policy", *POLICIES, "--egos", egos, "--out", str(out)]
-    shutil.rmtree(out, ignore_errors=True)  # a campaign that lies there would be gone on with
+    shutil.rmtree(out, ignore_errors=True)  # an existing campaign there would be resumed
     rates = side.rates("litsim_policy.cli.evaluate", *options, "--processes", str(processes), answers_no=True)
     return rates(EVALUATE, STEP_S * sum(_steps(out)))
 

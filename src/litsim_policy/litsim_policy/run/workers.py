@@ -35,7 +35,7 @@ class Workers:
         self.close()
 
     def close(self) -> None:
-        """End all of them, whatever they do; none is started any more."""
+        """End all of them at once; none is started any more."""
         with self._starting:
             self._closed = True
             for process in self._all:
@@ -96,9 +96,9 @@ class Workers:
 
 def _serve(pipe: Connection) -> None:
     """The process of a worker: what comes of all cases that are sent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; who has begun this one ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent ends this one
     end_with_parent()
-    with suppress(EOFError, ConnectionError):  # who has begun this one is gone
+    with suppress(EOFError, ConnectionError):  # the parent is gone
         while True:
             cases, folders = pipe.recv()
             pipe.send(run_batch(cases, folders))

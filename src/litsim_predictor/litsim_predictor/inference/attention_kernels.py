@@ -1,6 +1,6 @@
 """Attention to neighbours, as compiled kernels in single precision: see :mod:`.joint_network`.
 
-What is done for each neighbour of an agent is done for many agents at a time, which are the last dimension, the lanes.
+Each neighbour is processed for many agents at a time, which are the last dimension, the lanes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from litsim_sim.core.compiled import (
 )
 from litsim_sim.core.scene import FloatArray, IntArray
 
-LANES = 16  # that a processor computes at a time: of fewer agents, the others are nobody
+LANES = 16  # that a processor computes at a time: with fewer agents, the rest is padding
 
 
 @kernel(void(SINGLES2, float64, OUT_INTS2, OUT_INTS))

@@ -1,8 +1,8 @@
 """A learned model as a graph of operators (ONNX) that ONNX Runtime compiles for the processor: no torch.
 
 The graphs that come with the package hold no weights. They are given those of the safetensors file of the same name,
-or of any file of a model of the same kind and configuration, so that no second copy can differ. A graph that somebody
-exports for himself holds its weights. `litsim_predictor export` writes both.
+or of any file of a model of the same kind and configuration, so that no second copy can differ. A graph that a user
+exports holds its weights. `litsim_predictor export` writes both.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from litsim_sim.core.scene import IntArray
 
 FORMAT = "litsim_predictor/graph/2"
 INPUTS = ("position", "heading", "history", "observed", "state", "traffic", "asked", "raster", "known", "code_of")
-"""What a graph may ask for: fields of :class:`.contract.AgentInputs`, places relative to the first agent's; the rows
-that it is asked to answer; and of the map, see :class:`.map_memory.MapCodes`."""
+"""Inputs that a graph may have: fields of :class:`.contract.AgentInputs`, places relative to the first agent's; the
+rows to answer for; and the map, see :class:`.map_memory.MapCodes`."""
 OUTPUTS = ("maneuver", "mean", "scale", "correlation")
-"""What a graph answers: the fields of :class:`.contract.AgentFutures`."""
+"""Outputs of a graph: the fields of :class:`.contract.AgentFutures`."""
 CODES = "codes"
-"""What a graph that sees the map answers besides: what it makes of the rasters, for another time."""
+"""Further output of a graph that sees the map: its encodings of the rasters, to be cached."""
 PARAMETER = "network."
-"""What the names of the weights begin with in a graph."""
+"""Prefix of the names of the weights in a graph."""
 _BROKEN = (
     failures.Fail,
     failures.InvalidArgument,
@@ -41,7 +41,7 @@ _BROKEN = (
 
 
 class CompiledNetwork:
-    """A graph ready to answer; equal inputs give equal bits, in whatever process.
+    """A graph ready to answer; equal inputs give equal bits in every process.
 
     Args:
         path: of the graph.

@@ -127,7 +127,7 @@ class AgentFutures:
 
 
 class Network(Protocol):
-    """A trained model, whatever it is run by."""
+    """A trained model, independent of what runs it."""
 
     def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:
         """Answer for the agents of a scene in the rows `asked` (m,), in that order; one at least. All are seen.

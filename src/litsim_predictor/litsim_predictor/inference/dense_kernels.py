@@ -1,8 +1,8 @@
 """Layers of networks in single precision, as compiled kernels.
 
-Every row of a result is summed in one order, whatever rows are beside it: an agent is answered alike to the last bit,
-alone, in a scene, and among many scenes. That is also what a compiler may not change. So loops are written such that
-neighbours in the last dimension do not depend on each other, of which the processor then computes many at a time.
+Each row of a result is summed in a fixed order, independent of the rows beside it: an agent's result is the same to the
+last bit alone, in a scene, and among many scenes. A compiler may not change that order. Loops are therefore written
+such that entries along the last dimension are independent, so that the processor computes many at a time.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def add_product(values: Float32Array, weight: Float32Array, out: Float32Array) -
     """Add to `out` (m, n) the product of `values` (m, k) and `weight` (k, n)."""
     add_blocks(values, weight, out)
     rest = out.shape[1] % LANES
-    if rest > 0:  # in a block of their own, whose other columns are nobody's
+    if rest > 0:  # in a block of their own, whose other columns are padding
         first = out.shape[1] - rest
         weights, sums = np.zeros((len(weight), LANES), np.float32), np.zeros((len(out), LANES), np.float32)
         weights[:, :rest], sums[:, :rest] = weight[:, first:], out[:, first:]
@@ -105,7 +105,7 @@ def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: 
 
 @kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2))
 def rectified_linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
-    """Likewise, with 0 in the place of what is negative."""
+    """Likewise, with negative values replaced by 0."""
     linear(values, weight, bias, out)
     rectify(out)
 
@@ -114,7 +114,7 @@ def rectified_linear(values: Float32Array, weight: Float32Array, bias: Float32Ar
 def rectified_product(weight: Float32Array, values: Float32Array, bias: Float32Array, out: Float32Array) -> None:
     """Write to `out` (m, n) the product of `weight` (m, k) and `values` (k, n) plus `bias` (m,), negative ones as 0.
 
-    It is what a convolution comes to, whose `values` are what each weight is to be multiplied with.
+    A convolution comes to this, with `values` the inputs that each weight is multiplied with.
     """
     for i in range(out.shape[0]):
         out[i, :] = bias[i]

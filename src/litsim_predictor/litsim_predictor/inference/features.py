@@ -1,4 +1,4 @@
-"""From what is known of the agents of a scene to what a model reads, in one place for training and driving."""
+"""Turns the agents of a scene into the inputs of a model, in one place for training and driving."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def agent_inputs(
         size: (n, 2) length, width [m].
         heading: (n,) of the agent frames [rad]; see :func:`frame_headings`.
         raster: the map.
-        traffic: on their roads; None where they are one scene with nobody else in it.
+        traffic: on their roads; None if they are all agents of one scene.
         scene: (n,) of `traffic` in which they are; None for the first.
     """
     assert series.shape[-1] == HISTORY_CHANNELS

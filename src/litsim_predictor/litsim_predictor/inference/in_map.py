@@ -24,7 +24,7 @@ from litsim_sim.core.compiled import (
 )
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray
 
-MOVED = 0.1  # [m] between two steps of the horizon: who moves less keeps the heading that he had
+MOVED = 0.1  # [m] between two steps of the horizon: agents that move less keep their heading
 
 
 def forecast_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable) -> Forecast:
@@ -44,7 +44,7 @@ def forecast_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable
 
 
 def _modes_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable, valid: BoolArray) -> Modes:
-    """The further futures of those agents whose most probable one is `valid` (n,), in frame map."""
+    """The further futures of the agents whose most probable one is `valid` (n,), in frame map."""
     further = futures.further
     if not len(further.row):
         return Modes.none(futures.mean.shape[1])

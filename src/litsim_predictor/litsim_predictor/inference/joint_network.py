@@ -193,7 +193,7 @@ class Attention:
 
 
 class JointNetwork:
-    """A joint predictor ready to answer; equal inputs give equal bits, in whatever process and among whatever others.
+    """A joint predictor ready to answer; equal inputs give equal bits, in every process and among any others.
 
     Args:
         weights: of a model that :func:`runs` says it runs.
@@ -301,5 +301,5 @@ def shapes(parameters: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
 
 
 def _part(arrays: Mapping[str, Float32Array], prefix: str) -> dict[str, Float32Array]:
-    """Those whose names begin with `prefix`, by the rest of their names."""
+    """The weights whose names begin with `prefix`, by the rest of their names."""
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}

@@ -1,4 +1,4 @@
-"""What the joint predictor knows of the road: units in which it reads, and whom an agent attends to."""
+"""The joint predictor's view of the road: units of its inputs, and the neighbours that an agent attends to."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ DEVIATION_UNITS = (2.0, 1.0, 0.1, 2.0)
 [m/s]: they are about as large as 1."""
 STATE_UNITS = (LENGTH, LENGTH, SPEED, 1.0)
 """By which the channels of a state are scaled: they are about as large as 1."""
-NEAR = 5.0  # [m] ahead or behind at which somebody counts as half as near as beside
+NEAR = 5.0  # [m] ahead or behind at which an agent counts as half as near as beside
 RELATION_CHANNELS = 8
 RELATION_UNITS = (LENGTH, LANE, 1.0 / NEAR, 1.0, 1.0, 0.25 * SPEED, SPEED, 1.0)
 """By which the channels of a relation are scaled: offset ahead and to the left [m], nearness along [1/m], cosine and
@@ -23,7 +23,7 @@ REACH = 80.0  # [m] within which these must be
 MAP_MIDDLE = 127.5  # of the bytes of a map, which are read as -1 to 1
 SCALE_FLOOR = 0.02  # [m] least standard deviation: below what the recordings measure
 CORRELATION_LIMIT = 0.95
-GAUSSIAN_CHANNELS = 5  # what is said of a step: mean x and y, two scales, correlation
+GAUSSIAN_CHANNELS = 5  # outputs per step: mean x and y, two scales, correlation
 LAYERS = 2  # of attention
 RELATION_WIDTH = 64  # of the layer that reads a relation
 TRAFFIC_KNOTS = (0.0, 25.0, 60.0, 100.0, 160.0, 240.0)
@@ -33,6 +33,6 @@ TRAFFIC_WIDTHS = (3.5, 30.0)
 TRAFFIC_SOME = 0.25  # of a vehicle: means over fewer than about so many tend to 0
 TRAFFIC_AGO = 5  # steps of a history over which speeds are said to have changed: a second
 TRAFFIC_UNITS = (0.25 * SPEED, 0.1 * SPEED, 1.0)
-"""By which what is said of a place is scaled: how much faster they are there, how much they gained [m/s], how many."""
+"""Scales of the features of a place: how much faster traffic is there, how much it gained [m/s], how many vehicles."""
 TRAFFIC_PLACES = len(TRAFFIC_WIDTHS) * (len(TRAFFIC_KNOTS) - 2)
 TRAFFIC_CHANNELS = TRAFFIC_PLACES * len(TRAFFIC_UNITS)

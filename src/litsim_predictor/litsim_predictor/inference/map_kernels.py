@@ -55,7 +55,7 @@ def convolve(
 ) -> None:
     """Write to `out` (o, p) `bias` (o,) and the sum over r of `weight` (o, r) times `planes` from `starts` (r,) on.
 
-    What is negative is 0. In `shifted` (r, p) there is room for the planes from each start on.
+    Negative values become 0. In `shifted` (r, p) there is room for the planes from each start on.
     """
     cells = out.shape[1]
     for r in range(len(starts)):
@@ -78,7 +78,7 @@ def split_halves(raster: ByteArray, planes: Float32Array) -> None:
 
 @kernel(void(SINGLES2, int64, OUT_SINGLES))
 def with_borders(convolved: Float32Array, stride: int, planes: Float32Array) -> None:
-    """Write what was convolved, (channels, ...) with rows `stride` apart, into planes with borders of 1."""
+    """Write a convolution's output, (channels, ...) with rows `stride` apart, into planes with borders of 1."""
     for c in range(len(convolved)):
         for y in range(HALF_ROWS):
             for x in range(HALF_COLUMNS):
@@ -87,7 +87,7 @@ def with_borders(convolved: Float32Array, stride: int, planes: Float32Array) -> 
 
 @kernel(void(SINGLES2, int64, OUT_SINGLES))
 def pooled(convolved: Float32Array, stride: int, planes: Float32Array) -> None:
-    """Write the largest of each 2 by 2 cells of what was convolved into planes with borders of 1."""
+    """Write the largest of each 2 by 2 cells of a convolution's output into planes with borders of 1."""
     for c in range(len(convolved)):
         for y in range(QUARTER_ROWS):
             for x in range(QUARTER_COLUMNS):

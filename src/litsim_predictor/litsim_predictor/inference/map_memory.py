@@ -1,6 +1,6 @@
-"""What a network has made of maps that it has seen.
+"""A network's encodings of the maps that it has seen.
 
-On straight roads most are the same as some before; in a campaign those around who follows the log are, in every run.
+On straight roads most maps repeat; in a campaign, those around agents that follow the log repeat in every run.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class MapCodes:
     """The maps of n agents, as far as their codes are known.
 
     Attributes:
-        new: (u, C, H, W) those whose codes are not known, each of them once.
+        new: (u, C, H, W) maps whose codes are not known, each once.
         known: (k, width) the codes of the others, each of them once.
         code_of: (n,) int64 the code of each agent, among those known and, after them, those of the new ones.
         keys: (u,) by which the new ones are remembered.
@@ -89,10 +89,10 @@ class MapMemory:
     def __init__(self, width: int) -> None:
         self._codes: Float32Array = np.empty((MOST, width), np.float32)
         self._place: dict[bytes, int] = {}  # of each key among the codes, the oldest first
-        self._next = 0  # place, of which the oldest is forgotten once there are no others
+        self._next = 0  # places, of which the oldest is reused once none is free
 
     def look_up(self, raster: ByteArray) -> MapCodes:
-        """What is known of the maps `raster` (n, C, H, W), and what is not."""
+        """The known codes of the maps `raster` (n, C, H, W), and the maps without one."""
         words = raster.reshape(len(raster), -1).view(np.int64)  # eight bytes at a time
         first = first_alike(words)
         alone = (first == np.arange(len(raster))).nonzero()[0]  # the first of their kind

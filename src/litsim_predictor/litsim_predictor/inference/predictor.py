@@ -34,16 +34,16 @@ from litsim_sim.maps.lane_map import LaneMap
 class LearnedPredictor:
     """Forecasts agents of interest jointly, by their history in the tables seen so far.
 
-    Of what is outside of the region of interest, only the speed of the traffic is looked at. Where an agent was not
-    there, its history is masked: one that has just appeared is forecast as well. Those of interest who are not wanted
-    are context to the others.
+    Outside the region of interest, only the speed of the traffic is read. An agent's history is masked where it was not
+    on the road, so that one that has just appeared is forecast as well. Agents of interest that are not wanted serve as
+    context to the others.
 
     Args:
         network: a trained model.
-        ego_id: the agent around whom others matter; of several scenes, that of each.
+        ego_id: the agent around which others matter; one per scene.
         roi_m: distance from it [m] up to which they do; see :func:`.selection.agents_of_interest`.
         lane_map, raster: the net; see :func:`.raster.raster_of_net`.
-        wanted: whom to forecast.
+        wanted: the agents to forecast.
         modes: which of their manoeuvres matter.
         along_lanes: whether they are forecast along lanes that bend; see :mod:`.ways`.
     """
@@ -92,7 +92,7 @@ class LearnedPredictor:
         return heading, self._lanes.ahead(at.take(asked), along[asked], agents.speed[asked])
 
     def _answer(self, inputs: AgentInputs, asked: IntArray, scene: IntArray) -> AgentFutures:
-        """What the network answers for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
+        """The network's output for the rows `asked` (m,); agents (n,) of one `scene` (n,) see each other."""
         if scene[0] == scene[-1]:
             return self._network(inputs, asked, self._modes)
         if isinstance(self._network, NetworkOfScenes):

@@ -2,7 +2,7 @@
 
 A product is added to a sum by one operation, which rounds once (FMA). Blocks of products of matrices keep their sums
 in the processor's registers: written out in Python, each sum is loaded and stored again for every few of its terms, and
-many short loops begin and end. Every sum is in one order, whatever block it is in.
+many short loops begin and end. Every sum has one order, independent of the block it is in.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def cut_out(
     cells: npt.NDArray[np.uint16],
     out: ByteArray,
 ) -> None:
-    """Write to `out` (n, CHANNELS, ROWS, COLUMNS) what is drawn around poses.
+    """Write the rasters around poses to `out` (n, CHANNELS, ROWS, COLUMNS).
 
     Args:
         x, y: (n,) from the raster's corner, in cells.
@@ -76,7 +76,7 @@ def cut_out(
                 at[r, c] = int64(row) * columns + int64(column)
         for k in range(ROWS * COLUMNS):
             cell[k] = drawn[found[k]]
-        # What has been looked up is told apart in loops of their own, of which the processor does many steps at a time.
+        # The values looked up are classified in separate loops, of which the processor does many steps at a time.
         on, close, ahead, left = planes[i]
         for k in range(ROWS * COLUMNS):
             close[k] = cell[k] & byte
@@ -89,7 +89,7 @@ def cut_out(
 
 @dataclass(frozen=True)
 class DrawnNet:
-    """The raster of a net, for others who cut out of it.
+    """The raster of a net, for others to cut out of.
 
     Attributes:
         origin: corner where row and column 0 begin, x and y in frame map [m].
@@ -109,7 +109,7 @@ class MapRaster:
     """A net drawn cell by cell.
 
     Args:
-        lane_map: the net; None for no map, of which every cut-out is empty.
+        lane_map: the net; None for no map, whose cut-outs are empty.
     """
 
     def __init__(self, lane_map: LaneMap | None) -> None:
@@ -147,7 +147,7 @@ class MapRaster:
                 self._draw_segment(lane, start, end)
 
     def _draw_segment(self, lane: Lane, start: FloatArray, end: FloatArray) -> None:
-        """Draw one straight piece of a lane where it is closer than what is drawn already."""
+        """Draw one straight piece of a lane where it is closer than earlier pieces."""
         half = 0.5 * lane.width
         low = np.minimum(start, end) - half - self._origin
         high = np.maximum(start, end) + half - self._origin

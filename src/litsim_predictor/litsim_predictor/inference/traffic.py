@@ -1,7 +1,7 @@
 """How fast the traffic ahead of each agent drives, far beyond the neighbours that a network attends to.
 
-It is read of everybody on the road, also where a network otherwise sees no more than a region of interest: means over
-vehicles a hundred metres ahead cost little, and say at what speed one will drive there.
+All agents on the road are read, also where a network otherwise sees only a region of interest: means over vehicles a
+hundred metres ahead cost little, and tell at what speed an agent will drive there.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Traffic:
         return cls(frame, speed[:, -1], speed[:, ago], observed[:, ago], np.zeros(len(frame), np.int64))
 
     def ahead_of(self, frame: FloatArray, speed: Float32Array, scene: IntArray | None = None) -> Float32Array:
-        """(n, TRAFFIC_CHANNELS) of what is ahead of n agents; see :func:`look_ahead`.
+        """(n, TRAFFIC_CHANNELS) features of the traffic ahead of n agents; see :func:`look_ahead`.
 
         Args:
             frame: (n, 3) of the agents.
@@ -89,12 +89,12 @@ def look_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
     seen: BoolArray,
     out: Float32Array,
 ) -> None:
-    """Write what is ahead of each of n agents, along its frame and in its direction.
+    """Write the traffic ahead of each of n agents, along its frame and in its direction.
 
     For one's own lane, then for all lanes, and at each inner one of :data:`.TRAFFIC_KNOTS`: how much faster the
     vehicles there are in the mean [m/s], how much faster they have become in the last second [m/s], and how many there
     are, at most 1. Vehicles count the less the farther they are from the knot and to the side, linearly, and by the
-    cosine of the angle to the frame, so that nothing jumps. Where nobody is, all are 0.
+    cosine of the angle to the frame, so that nothing jumps. Without vehicles, all are 0.
 
     Args:
         frame: (n, 3) x, y [m] and heading [rad] of the agent frames.
@@ -104,7 +104,7 @@ def look_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
         out: (n, TRAFFIC_CHANNELS).
     """
     places, one, none, some = len(KNOTS) - 2, float32(1.0), float32(0.0), float32(TRAFFIC_SOME)
-    known = np.empty(places * len(WIDTHS), np.float32)  # of those who count at a place, whose earlier speed is known
+    known = np.empty(places * len(WIDTHS), np.float32)  # of the vehicles at a place whose earlier speed is known
     direction = np.empty((len(pose), 2), np.float32)
     for j in range(len(pose)):
         direction[j, 0], direction[j, 1] = np.cos(pose[j, 2]), np.sin(pose[j, 2])

@@ -36,7 +36,7 @@ Futures = TypeVar("Futures", AgentFutures, FurtherFutures)
 
 @dataclass(frozen=True)
 class Ways:
-    """Where the lanes of m of n agents lead: of those whose ways bend.
+    """Where lanes lead, for the m of n agents whose ways bend.
 
     Attributes:
         row: (m,) of the agent, ascending.
@@ -52,7 +52,7 @@ class Ways:
 
     @classmethod
     def of_scenes(cls, scenes: Sequence[Ways], agents: int) -> Ways:
-        """Those of several scenes, each of which has its agents in `agents` rows of its own."""
+        """The ways of several scenes, each with its agents in `agents` rows of its own."""
         row = np.concatenate([number * agents + scene.row for number, scene in enumerate(scenes)])
         return cls(row, np.concatenate([scene.pose for scene in scenes]))
 
@@ -69,10 +69,10 @@ class LaneWays:
         self._known = np.zeros(len(lane_map.lanes), np.bool_)
 
     def ahead(self, at: LanePosition, along: BoolArray, speed: FloatArray) -> Ways:
-        """The ways of n agents, of those that bend.
+        """The ways of those of n agents whose ways bend.
 
-        Who is too fast for a bend, even if he brakes until there, goes straight on where it begins: the lanes of a
-        junction that part lie on each other at first.
+        An agent too fast for a bend, even if it brakes until there, goes straight on where it begins: diverging lanes
+        of a junction overlap at first.
 
         Args:
             at: where the agents are.
@@ -118,7 +118,7 @@ def _straighten_beyond_grip(pose: FloatArray, speed: FloatArray) -> None:
 
 
 def along_ways(futures: AgentFutures, ways: Ways) -> AgentFutures:
-    """What a network answered of n agents, taken along the `ways` of those who have one."""
+    """A network's output for n agents, bent along the `ways` of those that have one."""
     if not len(ways):
         return futures
     row = futures.further.row

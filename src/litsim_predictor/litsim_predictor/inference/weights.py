@@ -1,4 +1,4 @@
-"""Trained weights as arrays: safetensors files whose metadata says which model they are of and where they come from."""
+"""Trained weights as arrays: safetensors files whose metadata name the model and the origin."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Provenance:
         model, parameters: kind and configuration of the model, with which :mod:`litsim_predictor.learned` builds it.
         command: that trained it.
         training: the whole training configuration.
-        manifest: what it was trained on: files with digests, and samples by source and part.
-        figures: what it measured in training.
+        manifest: its training data: files with digests, and samples by source and part.
+        figures: its measures in training.
     """
 
     model: str

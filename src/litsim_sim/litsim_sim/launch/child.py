@@ -1,4 +1,4 @@
-"""A process of a graph: started so that it does not outlive who has started it, signalled, and what its end says."""
+"""A process of a graph: started so that it does not outlive its parent, signalled, and its end explained."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LIBC = ctypes.CDLL(None)
 
 
 class Process(Protocol):
-    """What is used of a process, whichever way it was started; see :class:`subprocess.Popen`."""
+    """The interface of a process, however it was started; see :class:`subprocess.Popen`."""
 
     @property
     def pid(self) -> int:
@@ -104,7 +104,7 @@ class Child:
         how = f"has not ended within {GRACE_S:g} s" if code is None else how_it_ended(code)
         if code is not None and code > 0:
             words = words or ([self.last_line] if self.last_line else self._why_silent())
-        if self.command:  # what is an error in a log of somebody else's is not known; the last word is the nearest
+        if self.command:  # the format of errors in a foreign log is unknown; the last line is the best guess
             words = [self.last_line or "it has said nothing"]
         return f"{self} {how}{''.join(f': {line}' for line in words[-1:])}"
 
@@ -131,7 +131,7 @@ def how_it_ended(status: int) -> str:
 
 
 def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:
-    """Start a process that ends when this thread is gone, whatever has ended it; `given` is for ``Popen``."""
+    """Start a process that ends when this thread ends, however it does; `given` goes to ``Popen``."""
     return subprocess.Popen(
         words,
         stdin=subprocess.DEVNULL,
@@ -142,7 +142,7 @@ def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:
 
 
 def end_with_parent() -> None:
-    """Have this process end when the thread that has started it is gone, whatever has ended that."""
+    """Have this process end when the thread that started it ends, however it does."""
     _LIBC.prctl(keeper.DIE_WITH_PARENT, signal.SIGTERM)
 
 

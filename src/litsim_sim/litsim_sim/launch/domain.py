@@ -17,7 +17,7 @@ from litsim_sim.core.errors import InputError
 DOMAIN_IDS = range(233)  # beyond, the ports of DDS have run out
 HOLDER = "LITSIM_DOMAIN_HOLDER"
 """Variable that tells the nodes of a graph which process holds their domain for them: its id."""
-FREE_TRIES = 100  # domains that are asked for until one is free
+FREE_TRIES = 100  # domains tried until one is free
 LETTING_GO_S = 1.0
 """[s] that a run which is just ending is given: its last process lets the lock go after it can no longer be seen."""
 LOOK_S = 0.02  # [s] from one look at the lock to the next
@@ -111,7 +111,7 @@ def _free_domain() -> Iterator[int]:
             domain_id = reserved.enter_context(domain_coordinator.domain_id())
             try:
                 reserved.enter_context(held_domain(domain_id, patience=0.0))
-            except DomainInUse:  # by one who chose it: it stays reserved, so that the next is another
+            except DomainInUse:  # by a program that chose it: it stays reserved, so that the next is another
                 continue
             yield domain_id
             return

@@ -1,7 +1,7 @@
-"""Whether anybody is in a DDS domain whose nodes stay on this machine: told by the sockets, at once.
+"""Whether any participant is in a DDS domain whose nodes stay on this machine, read from the sockets at once.
 
-Listening takes a second: who joins announces itself, and is answered at once, but before Fast DDS takes what arrives;
-that it was missed is made up for when the others announce themselves next, once a second.
+Listening instead takes a second: a participant that joins announces itself, and is answered at once, but before Fast
+DDS accepts the answer; it learns of the others when they announce themselves next, once a second.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ EMPTY = "LITSIM_DOMAIN_EMPTY"
 def is_known_empty(domain_id: int, environment: Mapping[str, str], tables: Sequence[Path] = TABLES) -> bool:
     """Whether it is certain that no participant is in a domain that nodes started in `environment` could hear.
 
-    They hear who is on this machine, if they are to stay on it, and whoever is has a socket at a port of the domain. Of
-    other nodes, or on a system whose list of sockets cannot be relied on, nothing is certain.
+    If the nodes are to stay on this machine, they hear only participants on it, each of which has a socket at a port of
+    the domain. For other nodes, or where the system's list of sockets is unreliable, nothing is certain.
 
     Args:
         domain_id: the domain.

@@ -38,7 +38,7 @@ def find_executable(package: str, executable: str) -> Path:
 
 
 def program_of(node: str, ego: str) -> tuple[str, str]:
-    """Package and executable of a node of the graph by the name of its stage; of the stage `ego`, by who drives it."""
+    """Package and executable of a node of the graph by the name of its stage; of the stage `ego`, by its driver."""
     return ("litsim_policy", registered_name(node, ego)) if node == EGO else EXECUTABLES[node]
 
 

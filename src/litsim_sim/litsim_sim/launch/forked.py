@@ -1,12 +1,12 @@
 """Forks: programs of the workspace, run in copies of a process, which have all its modules already.
 
 Six nodes that import numpy, numba and rclpy each for themselves take nine seconds of processor time; copies of a
-process that has imported them take next to none. A copy is to a program what a process of its own is: it has a session,
-an environment, output and a name of its own, and ends when the one that has asked for it is gone.
+process that has imported them take next to none. To a program, a copy looks like a process of its own: it has its own
+session, environment, output and name, and ends when the process that requested it is gone.
 
-What is copied is this process, or one that holds nothing but what was named to :func:`keep_ready`. It may have made no
-DDS participant yet, and runs no Python code in other threads. Threads of the libraries are none of the copies';
-pyarrow, OpenBLAS and jemalloc, which have some, are made for that.
+The copied process is this one, or one that holds only what was passed to :func:`keep_ready`. It must not have made a
+DDS participant yet, and runs no Python code in other threads. Copies do not get the threads of libraries; pyarrow,
+OpenBLAS and jemalloc, which have some, can handle that.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class ForkedProcess:
     """A Python program in a copy of a process, with as much of the interface of ``Popen`` as is used of it.
 
     Attributes:
-        stdout, stderr: what it writes there, where that is a pipe.
+        stdout, stderr: to read its output from, if that is a pipe.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ def keep_imports() -> None:
 
 
 def _end_of(wanted: IO[str] | int) -> tuple[IO[str] | None, IO[str] | Connection | None]:
-    """Of an output, what is read here if anything, and where the copy writes to; None for nowhere."""
+    """The end of an output to read here, if any, and the one that the copy writes to; None for nowhere."""
     if not isinstance(wanted, int):
         return None, wanted
     if wanted != subprocess.PIPE:
@@ -120,13 +120,13 @@ def _run_as_child(*given: Any) -> None:
     """As :func:`_run_program`, to end when the process is gone that this is a copy of."""
     begin_child()
     copied = multiprocessing.parent_process()
-    if copied is None or os.getppid() != copied.pid:  # it was gone before that could be asked for
+    if copied is None or os.getppid() != copied.pid:  # it was gone before that could be arranged
         os.kill(os.getpid(), signal.SIGTERM)
     _run_program(*given)
 
 
 def _run_for_other(*given: Any) -> None:
-    """As :func:`_run_program`, to end when the process is gone that has asked for this one, and has not made it."""
+    """As :func:`_run_program`, but ends when the process that requested this one, not its parent, is gone."""
     asked = multiprocessing.parent_process()
     assert asked is not None
 
@@ -169,7 +169,7 @@ def _run_program(
 
 
 def _forget_signals() -> None:
-    """Handle signals as Python does when it starts, whatever the process does that this is a copy of."""
+    """Handle signals as Python does when it starts, whatever the copied process does."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for number in set(SIGNALS) - {signal.SIGINT}:
         if signal.getsignal(number) != signal.SIG_IGN:  # nohup holds SIGHUP back

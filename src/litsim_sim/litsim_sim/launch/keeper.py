@@ -1,4 +1,4 @@
-"""Keeps a command of somebody else's: started in a session of its own, and ended with all that it has started.
+"""Keeps a foreign command: started in a session of its own, and ended with all that it has started.
 
 A driving stack is often a script that starts more processes, some of which leave its process group. The launcher
 starts this program in its place, which hands signals on to the whole tree and leaves nothing of it behind, however the
@@ -49,7 +49,7 @@ def _signal_all(number: int) -> None:
 
 
 def _end_rest() -> None:
-    """End what is left: orphans have become children of this process."""
+    """End the remaining processes: orphans have become children of this process."""
     until = time.monotonic() + GRACE_S
     _signal_all(signal.SIGTERM)
     while descendants(os.getpid()):
@@ -94,7 +94,7 @@ def keep(command: list[str]) -> int:
 
 if __name__ == "__main__":
     status = keep(sys.argv[1:])
-    if status < 0:  # end in the same way, so that whoever watches is told of the signal
+    if status < 0:  # end in the same way, so that the parent learns of the signal
         if -status != signal.SIGKILL:
             signal.signal(-status, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, HANDED_ON)

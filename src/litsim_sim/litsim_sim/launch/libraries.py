@@ -1,7 +1,7 @@
-"""What a launcher has done while Python does something else: libraries linked, and other programs asked.
+"""Work done for a launcher while Python does something else: linking libraries, and querying other programs.
 
 libsumo brings a hundred libraries along, whose linking takes 0.13 s. An import would hold Python up meanwhile; the
-linker alone does not. What it has loaded in a process, copies of the process have, too.
+linker alone does not. Libraries loaded in a process are loaded in its copies, too.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def meanwhile(action: Callable[[], object]) -> Iterator[None]:
 
 @contextmanager
 def loading_sumo() -> Iterator[None]:
-    """SUMO's shared library is loaded meanwhile, on another core, and is there afterwards; it is imported by nobody.
+    """Load SUMO's shared library meanwhile, on another core; it is loaded afterwards, but not imported.
 
     One that cannot be loaded is left to the import of it, which says why.
     """

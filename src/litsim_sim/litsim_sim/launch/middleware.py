@@ -23,11 +23,11 @@ FAST_DDS = "rmw_fastrtps"
 SECURITY, STRATEGY, ENFORCE = "ROS_SECURITY_ENABLE", "ROS_SECURITY_STRATEGY", "Enforce"
 ENCLAVE = "ROS_SECURITY_ENCLAVE_OVERRIDE"
 ENCLAVE_OPTIONS = {"--enclave", "-e"}
-"""Variable, and ROS arguments, by which a user says whose keys and permissions a process has."""
+"""Variable, and ROS arguments, by which a user chooses the keys and permissions of a process."""
 
 
 def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
-    """What is to be set in `environment` before a node is made; nothing where the user has chosen otherwise."""
+    """The variables to set in `environment` before a node is made; none where the user has chosen otherwise."""
     if any(environment.get(name) for name in PROFILES):
         return {}
     if not environment.get("RMW_IMPLEMENTATION", FAST_DDS).startswith(FAST_DDS):
@@ -44,16 +44,16 @@ def enclave_of(program: str) -> str:
 
 
 def enclave_setting(environment: Mapping[str, str], program: str, words: Sequence[str] = ()) -> dict[str, str]:
-    """What is to be set in `environment` for `program`, with the arguments `words`, to be in its enclave.
+    """The variables to set in `environment` for `program`, with the arguments `words`, to be in its enclave.
 
-    Nothing where security is not asked for, or the user has chosen an enclave.
+    None if security is not requested, or the user has chosen an enclave.
     """
     chosen = environment.get(ENCLAVE) or ENCLAVE_OPTIONS & set(words)
     return {ENCLAVE: enclave_of(program)} if is_secured(environment) and not chosen else {}
 
 
 def is_secured(environment: Mapping[str, str]) -> bool:
-    """Whether DDS Security is asked for."""
+    """Whether DDS Security is requested."""
     return environment.get(SECURITY, "").lower() == "true"
 
 
@@ -63,7 +63,7 @@ def check_security(environment: Mapping[str, str]) -> None:
     Under enforcement a middleware that was built without DDS Security, as that of the wheels, makes no node.
 
     Raises:
-        InputError: it is asked for, but not enforced.
+        InputError: it is requested, but not enforced.
     """
     strategy = environment.get(STRATEGY, "")
     if is_secured(environment) and strategy != ENFORCE:
@@ -83,7 +83,7 @@ def use_middleware_settings(program: str, words: Sequence[str] = ()) -> None:
 
 @contextmanager
 def middleware_in_use(program: str) -> Iterator[None]:
-    """As :func:`use_middleware_settings`, but for what is made meanwhile; the environment is as before then."""
+    """As :func:`use_middleware_settings`, but only within the context; the environment is restored afterwards."""
     settings = middleware_settings(os.environ) | enclave_setting(os.environ, program)
     before = {name: os.environ.get(name) for name in settings}
     os.environ.update(settings)

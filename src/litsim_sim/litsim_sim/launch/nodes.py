@@ -1,4 +1,4 @@
-"""The nodes of a run, with the executables and parameters that make them that run's, whoever starts them."""
+"""The nodes of a run, with their executables and parameters, independent of how they are started."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class Graph:
             log.unlink()
         own = {"ROS_DOMAIN_ID": str(domain_id), HOLDER: str(os.getpid()), "PYTHONUNBUFFERED": "1"}
         self._environment = {RANGE: "LOCALHOST"} | os.environ | own
-        # The bridge need not look for other runs: it is told so before any process of this graph is there.
+        # The bridge need not look for other runs: this is decided before any process of this graph exists.
         self._of_bridge = {EMPTY: str(domain_id)} if is_known_empty(domain_id, self._environment) else {}
         self.children: dict[str, Child] = {}
         self._progress: Progress | None = None
@@ -167,7 +167,7 @@ class Graph:
         return GRACE_S if heard else 1.0
 
     def _about_the_stack(self) -> str:
-        """What to add to the bridge's reason: how the stack ended before that, or what it said last."""
+        """Text to add to the bridge's reason: how the stack ended before that, or its last output."""
         stack = self.children.get(STACK)
         if stack is None:
             return ""
@@ -251,7 +251,7 @@ def _wait(children: list[Child], timeout: float) -> None:
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Signals wait until this is over, so that what is being started is known to who is to end it.
+    """Signals wait until this is over, so that a process being started is known to the code that ends it.
 
     They are blocked in this thread: Python swallows the exceptions of those that come amid a fork. Threads of libraries
     take them all the same, upon which Python calls their handlers here: so these are put off, too.

@@ -19,7 +19,7 @@ from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, ego_state
 
 
 class RunFailed(Exception):
-    """The run cannot go on; the message says what was waited for, and where."""
+    """The run cannot go on; the message says what was missing, and where."""
 
 
 class Attendance:
@@ -31,21 +31,21 @@ class Attendance:
     """
 
     def __init__(self, run_id: str, stages: Sequence[str]) -> None:
-        """Nobody has been heard yet; `stages` are those that take part, the recorder included if it does."""
+        """Begin with no stage heard; `stages` take part, the recorder included if it does."""
         self.recorded = -1
         self.recorder_done = False
         self._run_id = run_id
         self._stages = tuple(stages)
         self._ready: dict[str, str] = {}  # what each stage has said of its parameters
         self._failures: list[str] = []
-        self._foreign = ""  # another run that somebody publishes here
+        self._foreign = ""  # another run that is published here
         self._heard: dict[str, int] = {}  # last step that each stage is known to have answered
 
     def take_status(self, run_id: str, stage: str, state: int, text: str) -> None:
         """A stage says that it is ready, with its parameters, has finished or has failed, and then why.
 
-        One that takes no part is an idle node of another graph. One that is ready twice, with other parameters, is two
-        nodes, and whose answer comes first would decide the run.
+        A stage that takes no part is an idle node of another graph. One that is ready twice, with other parameters, is
+        two nodes, and the run would depend on which of them answers first.
         """
         if run_id != self._run_id or stage not in self._stages:
             return
@@ -65,7 +65,7 @@ class Attendance:
             self._heard[stage] = max(step, self._heard.get(stage, -1))
 
     def take_run(self, run_id: str) -> None:
-        """Somebody publishes the run `run_id`."""
+        """A node publishes the run `run_id`."""
         if run_id != self._run_id:
             self._foreign = run_id
 
@@ -130,10 +130,10 @@ class Attendance:
         return self.recorded >= max(0, step - RECORDER_WINDOW)
 
     def silent(self, step: int, missing: Sequence[str]) -> list[str]:
-        """Stages, but for the recorder, that have not answered `step`, of which the answers on `missing` have not come.
+        """Stages other than the recorder that have not answered `step`; `missing` are the topics without an answer.
 
         A step goes from one stage of the policy to the next: of those that have not answered it, all but the first wait
-        themselves. Only where nobody at all has been heard, none of them can be told from the others.
+        themselves. If no stage has been heard at all, they cannot be told apart.
         """
         silent = [stage for stage in self._stages if stage != RECORDER and self._heard.get(stage, -1) < step]
         waiting = [stage for stage in POLICY_STAGES if stage in silent and CONTROLS in missing]
@@ -208,7 +208,7 @@ class Answers:
             run_id: answers to other runs are stale.
             ego_id: the ego, which no policy controls.
             with_policy: whether a policy answers; otherwise the log alone moves the background.
-            stop_on_missing: whether a missing answer ends the run; otherwise the newest that there is counts on. To
+            stop_on_missing: whether a missing answer ends the run; otherwise the newest one stays in force. To
                 step 0 all answers have to come.
         """
         self._port = port
@@ -255,7 +255,7 @@ class Answers:
         self._gate.offer(CONTROLS, run_id, step, message)
 
     def command(self) -> EgoCommand:
-        """The ego's command for the step at hand; where its answer is missing, by the newest that there is.
+        """The ego's command for the step at hand; where its answer is missing, the newest one.
 
         Raises:
             RunFailed: its answer cannot be used.
@@ -268,11 +268,11 @@ class Answers:
         return self._command
 
     def settle(self, waited_s: float, silent: Callable[[], str]) -> list[str]:
-        """What is missing once nobody waits any longer: it is counted, or ends the run.
+        """Give up waiting: count what is missing, or end the run. Returns the topics without an answer.
 
         Args:
             waited_s: for how long the answers were waited for [s].
-            silent: who has not answered, in words that follow the message; asked only if the run ends.
+            silent: returns words for which stages have not answered; called only if the run ends.
 
         Raises:
             RunFailed: an answer is missing that must not, or the recorder is too far behind.
@@ -287,7 +287,7 @@ class Answers:
         return missing
 
     def controls(self) -> ControlTable:
-        """The controls for the step at hand; where the answer is missing, the newest that there is, or none.
+        """The controls for the step at hand; where the answer is missing, the newest one, or none.
 
         Raises:
             RunFailed: they cannot be used.

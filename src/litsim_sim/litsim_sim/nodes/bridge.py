@@ -95,7 +95,7 @@ class BridgeNode(Node):
         """Run it; returns when it is over and recorded.
 
         Raises:
-            RunFailed: a stage failed or did not answer; everybody has been told.
+            RunFailed: a stage failed or did not answer; all stages have been told.
         """
         loop = RunLoop(self, self.plan, self.options, self._set_up, self._port, self._attendance, self._answers)
         try:

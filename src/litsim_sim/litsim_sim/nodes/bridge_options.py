@@ -1,4 +1,4 @@
-"""The parameters of the bridge: what is run, and how it is run."""
+"""The parameters of the bridge: the run, and how to run it."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class BridgeOptions:
         on_invalid: what happens where an answer of the ego cannot be used.
         ego_interface: with what an external ego answers; auto is the interface of its first message.
         answer_timeout_s: for the answers to one step.
-        handshake_timeout_s: for every stage to get ready; on a busy machine that takes its time, and whom the run waits
-            for is said every few seconds.
+        handshake_timeout_s: for every stage to get ready; on a busy machine that takes its time, and the stages waited
+            for are reported every few seconds.
         external_timeout_s: for an external ego to answer step 0.
         progress: how the progress of the run is shown.
         vehicle: of the ego.
@@ -83,7 +83,7 @@ class BridgeOptions:
         return {name: value for name, value in asdict(self.vehicle).items() if value != OF_THE_SCENARIO}
 
     def plan(self) -> RunPlan:
-        """Load what is to be run, as an execution of its own.
+        """Load the run, as an execution of its own.
 
         Raises:
             InputError: the scenario cannot be used, or not with these options.

@@ -36,12 +36,12 @@ from litsim_sim.scenario.scenario import Scenario
 
 PUBLISHED = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES)
 PUBLISHED_OF_SIGNALS = (SIGNAL_MAP, SIGNALS)
-"""What is published in addition where the scenario knows of signals."""
+"""Published in addition if the scenario has signals."""
 ROUTE_LENGTH = 1000.0  # [m] of the route that the ego is given
 
 
 class Broadcast:
-    """Publishes a run as it goes; the state of a step as often as it is asked for."""
+    """Publishes a run as it goes; the state of a step as often as requested."""
 
     def __init__(self, node: Node, plan: RunPlan) -> None:
         self._plan = plan
@@ -64,7 +64,7 @@ class Broadcast:
         self._scene = [self._publish(AGENTS, message)]
 
     def accompany(self, table: AgentTable) -> None:
-        """What goes with the step that was shown last; the standard types if somebody listens."""
+        """What goes with the step that was shown last; the standard types if there are subscribers."""
         ego_id = self._plan.scenario.ego_id
         self._scene += [
             self._publish(EGO_STATE, messages.ego_odometry(table, ego_id)),
@@ -100,7 +100,7 @@ def route(scenario: Scenario) -> Path:
 
 
 def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]]) -> RunInfo:
-    """A run and who takes part; `configuration` are the parameters of stages, by stage and name."""
+    """A run and the stages that take part; `configuration` has their parameters, by stage and name."""
     per_step = (
         (CLOCK, AGENTS, EGO_STATE)
         + tuple(topic for topic in of_signals(plan.scenario) if topic.per_step)

@@ -39,7 +39,7 @@ class Diagnostics:
         self._port.remarks.clear()
 
     def say(self, step: int, state: str, level: Level = Level.OK, text: str = "") -> None:
-        """Publish one array: of the bridge, and of the ego port, whose `text` it is while the run is on."""
+        """Publish one array: on the bridge, and on the ego port, with `text` while the run is on."""
         port = self._port
         on = state == RUNNING
         bridge = DiagnosticStatus(

@@ -2,8 +2,8 @@
 
 The server passes on the topics of a bag beside the markers, so that one layout serves both.
 
-It is no stage: nobody waits for it, its subscriptions acknowledge nothing, it draws at a rate of its own what somebody
-looks at, and it leaves the processor to the others.
+It is no stage: no node waits for it, its subscriptions acknowledge nothing, it draws at a rate of its own and only what
+is being viewed, and it yields the processor to the others.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ DRAWN = (AGENTS, FORECASTS, TAKEOVERS)
 
 
 class LiveNode(Node):
-    """Draws the newest messages when asked to; passes on to `server`, if there is one, what comes."""
+    """Draws the newest messages on request; forwards incoming ones to `server`, if there is one."""
 
     declared = Endpoints(NAME, MARKERS, tuple(dict.fromkeys((*DRAWN, *RECORDED_TOPICS))))
 
@@ -68,7 +68,7 @@ class LiveNode(Node):
             self.create_subscription(topic.type, topic.name, self._receiver(topic), _unacknowledged(topic), raw=True)
 
     def draw(self) -> None:
-        """Publish the markers of the newest step, if there is one since the last call or somebody has begun to look."""
+        """Publish the markers of the newest step, if there is a new one since the last call, or a new viewer."""
         if self._server is not None:
             self._server.welcome()
         audience = {topic: self._count(topic) for topic in MARKERS}

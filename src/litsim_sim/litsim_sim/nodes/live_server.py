@@ -35,7 +35,7 @@ class LiveServer:
         self._host = host
         self._subscribed: SimpleQueue[str] = SimpleQueue()
         self._last: dict[str, tuple[bytes, int]] = {}
-        self._context = context = foxglove.Context()  # of its own; once it is let go, its channels close
+        self._context = context = foxglove.Context()  # of its own; once it is released, its channels close
         self._channels = {
             topic.name: foxglove.Channel(
                 topic.name,
@@ -79,7 +79,7 @@ class LiveServer:
         self._server.broadcast_time(time_ns)
 
     def welcome(self) -> None:
-        """Send those who have subscribed since the last call what came before."""
+        """Send earlier messages to clients that have subscribed since the last call."""
         names = set()
         try:
             while True:

@@ -42,7 +42,7 @@ LINGER_S = 1.0  # for which a recorder that failed answers the bridge, which may
 
 
 class RecorderNode(Node):
-    """Records one run, then :attr:`finished`; what is written when is up to a step buffer.
+    """Records one run, then :attr:`finished`; a step buffer decides what is written when.
 
     The recorder is ready once it has heard every other stage be ready. It says of the end of the run that it has
     finished, or that it failed because of gaps in the record.
@@ -78,14 +78,14 @@ class RecorderNode(Node):
 
     def abandon(self, text: str, linger: float) -> None:
         """Finish the file before the run is over, for `text`, and tell the bridge for `linger` seconds."""
-        with suppress(InputError, ValueError):  # the file may be what is in the way
+        with suppress(InputError, ValueError):  # the file may be the obstacle
             self._close(amid_step=False)
         self._say(StageState.FAILED, text)
         until = time.monotonic() + linger
         spin(self, lambda: time.monotonic() > until)
 
     def be_heard(self) -> None:
-        """Wait until the bridge, and whoever else listens, has what was said last, which would end with this node."""
+        """Wait until the bridge and all other subscribers have the last messages, which end with this node."""
         self._status.wait_for_all_acked(Duration(seconds=LAST_WORD_S))
 
     def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
@@ -176,7 +176,7 @@ class RecorderNode(Node):
         self._timer(SETTLE_S, look)
 
     def _close(self, *, amid_step: bool) -> None:
-        """Write what is held, and finish the file."""
+        """Write the buffered messages, and finish the file."""
         if self.finished:
             return
         self.finished = True
@@ -195,14 +195,14 @@ class RecorderNode(Node):
         self._writer.write(name, data, messages.nanoseconds(step))
 
     def _timer(self, period_s: float, callback: Callable[[], None]) -> Timer:
-        """A timer of the wall clock, whatever the simulation's does."""
+        """A timer of the wall clock, independent of simulation time."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def _tells_run(topic: Topic, info: RunInfo) -> bool:
     """Whether LitSim alone publishes on `topic` in the run of `info`, and each message names its run.
 
-    What nodes say of themselves on /litsim/status is recorded whatever run they name.
+    Messages on /litsim/status are recorded whichever run they name.
     """
     ours = topic not in FOREIGN or topic.name in info.topics
     return ours and topic not in (RUN_INFO, STATUS) and "run_id" in topic.type.get_fields_and_field_types()
@@ -218,7 +218,7 @@ def add_topic(writer: BagWriter, topic: Topic) -> None:
 
 
 def describe(writer: BagWriter, info: RunInfo) -> None:
-    """Write what was run to a bag, with the files that are needed to run it again.
+    """Write the run's description to a bag, with the files that are needed to run it again.
 
     Raises:
         InputError: the scenario in `info` cannot be read, or the file not be written.

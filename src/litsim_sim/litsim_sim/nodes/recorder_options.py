@@ -12,7 +12,7 @@ class RecorderOptions:
 
     Attributes:
         output: folder of the recording.
-        overwrite: whether a recording that is there already is replaced.
+        overwrite: whether an existing recording is replaced.
     """
 
     output: str = "bags/run"

@@ -37,8 +37,8 @@ class ReplayNode(Node):
     """Plays one bag; services ``~/pause`` and ``~/step``, parameters `rate`, `loop` and `seek_to`.
 
     Attributes:
-        player: what is due when.
-        ended: whether somebody has asked to end it.
+        player: decides which messages are due when.
+        ended: whether its end has been requested.
     """
 
     def __init__(self, bag: Path, topics: Sequence[str] = (), **options: Any) -> None:
@@ -71,7 +71,7 @@ class ReplayNode(Node):
         self.create_service(Trigger, "~/step", self._on_step)
 
     def publish_due(self) -> float:
-        """Publish what is due; returns the time until something else is [s]."""
+        """Publish the due messages; returns the time until the next are due [s]."""
         for message in self.player.take(time.monotonic()):
             self._outlets[message.topic].publish(message.data)
         return self.player.wait_s(time.monotonic())
@@ -95,7 +95,7 @@ class ReplayNode(Node):
             playing[key]()
 
     def deliver(self) -> None:
-        """Wait until those who listen have the last messages."""
+        """Wait until the subscribers have the last messages."""
         until = time.monotonic() + DELIVERY_S
         for outlet in self._outlets.values():
             outlet.wait_for_all_acked(Duration(seconds=max(0.0, until - time.monotonic())))

@@ -1,6 +1,6 @@
 """The course of a run: handshake, one step after the other, farewell. Without ROS.
 
-What is published and what arrives goes through a :class:`Graph`, which the bridge's node is.
+Messages are published and received through a :class:`Graph`, implemented by the bridge's node.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LOOK_S = 1.0
 """[s] from its start that the bridge looks for another run where there may be one: participants announce themselves
 once a second. The world is set up meanwhile."""
 PULSE_S = 1.0  # [s] between two signs of life
-HELLO_PERIOD = 0.03  # [s] between the greetings of the handshake: who is ready is heard at the next one
+HELLO_PERIOD = 0.03  # [s] between the greetings of the handshake: stages reply that they are ready to the next one
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
 LAST_CALL_S = 1.0
 """[s] that the answers to a step get once the time for them is over: the step is published again, and what had come
@@ -79,10 +79,10 @@ class Graph(Protocol):
         """Begin to listen for which stages have answered; costs time that is better saved while all is well."""
 
     def waiting(self, step: int, text: str) -> None:
-        """Tell the user, and who drives the ego, what a step waits for."""
+        """Tell the user, and the ego's driver, what a step waits for."""
 
     def note(self, text: str) -> None:
-        """Tell the user what is going on, the same thing now and then."""
+        """Tell the user the state of the run; the same text only now and then."""
 
     def silent_ego(self) -> str:
         """In words, why an external ego has not answered the step at hand."""
@@ -141,7 +141,7 @@ class RunLoop:
         self._marks: dict[str, float] = {}  # of the step that was shown last
 
     def run(self) -> None:
-        """Meet everybody, run every step, and let the recorder finish.
+        """Wait for all stages, run every step, and let the recorder finish.
 
         Raises:
             RunFailed: a stage failed or did not answer.
@@ -202,7 +202,7 @@ class RunLoop:
             for step in range(total + 1):
                 pace.next_step(time.perf_counter())
                 self._wait_for_answers(table, pace.due)
-                if step == 0:  # meeting everybody at step 0 is no part of the run's pace
+                if step == 0:  # waiting for all stages at step 0 is no part of the run's pace
                     start = time.perf_counter()
                     pace.restart(start)
                 controls, command = self._take(step)
@@ -221,7 +221,7 @@ class RunLoop:
         return step, time.perf_counter() - start
 
     def _announce_end(self, total: int) -> None:
-        """Say so if the step that was just made is the last one before its time, so that nobody waits for more."""
+        """Announce it if the step just made is an early last one, so that no node waits for more."""
         if (ended := self._world.ended) is not None and ended.step < total:
             self._graph.say(StageState.ENDING, ended.step, text=ended.sentence)
 
@@ -256,7 +256,7 @@ class RunLoop:
             graph.show_again()
 
     def _ask_around(self, step: int) -> None:
-        """Something is missing: say so, and learn from the timing of the stages, who repeat it, which one is silent."""
+        """An answer is missing: report it; the stages repeat their timings, which tell which one is silent."""
         if not self._asked_around:
             self._asked_around = True
             self._graph.ask_around()
@@ -265,12 +265,12 @@ class RunLoop:
             self._graph.waiting(step, f"waiting for {', '.join(waiting)}")
 
     def _report_time(self, step: int) -> None:
-        """Publish the times of a step, once the next one is on its way: nobody waits for that."""
+        """Publish the times of a step, once the next one is on its way, since no node waits for them."""
         self._graph.report_time(step, self._reported, step_marks(self._marks))
         self._reported = self._compute
 
     def _take(self, step: int) -> tuple[ControlTable, EgoCommand]:
-        """The answers to `step`; where one is missing, the newest that there is counts on, or the run ends."""
+        """The answers to `step`; where one is missing, the newest one stays in force, or the run ends."""
         missed = self._answers.settle(self._timeout(step), lambda: self._silent(step))
         if missed:  # the recorder need not wait for them
             self._graph.say(StageState.RUNNING, step, text=f"missed {', '.join(missed)}")
@@ -291,7 +291,7 @@ class RunLoop:
         return self._options.external_timeout_s if self._external else self._options.handshake_timeout_s
 
     def _silent(self, step: int) -> str:
-        """In words, who has not answered `step`, as far as anybody has been heard of."""
+        """In words, which stages have not answered `step`, as far as is known."""
         silent = self._attendance.silent(step, self._answers.missing)
         if self._external and self._port.missing:
             silent.append(f"the external ego ({self._graph.silent_ego()})")

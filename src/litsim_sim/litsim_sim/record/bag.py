@@ -28,14 +28,14 @@ METADATA_VERSION = 9  # of rosbag2's metadata.yaml since Jazzy
 RUN_RECORD = "litsim"  # name of the metadata record with what the caller has to say of the run
 ROSBAG2_RECORD = "rosbag2"
 FORMAT = 1
-"""Version of what a record holds: topics, message definitions, attachments, metadata. It counts up where a reader of
-before could take something for what it is not; what is only added does not count (CHANGELOG.md)."""
+"""Version of a record's content: topics, message definitions, attachments, metadata. It increases where an earlier
+reader could misread something; mere additions do not count (CHANGELOG.md)."""
 FORMAT_KEY = "record_format"  # in the metadata of a run; records without it are of version 1
 CHUNK_BYTES = 256 * 1024  # before compression
 CHUNK_SPAN_NS = 1_000_000_000  # of simulation time that a chunk may hold
 RECORD_BYTES = 31  # of an MCAP message record around its data
 DERIVED_FILES = ("metrics.json", "series.parquet", "takeovers.parquet", "overview.png", "report.html")
-"""What is computed from a bag and is out of date once the bag is overwritten."""
+"""Files computed from a bag, which are out of date once the bag is overwritten."""
 FAILURE_FILE = "failure.txt"
 """Beside the bag of a run that has failed: why, see :mod:`litsim_sim.record.failure`; out of date likewise."""
 # libyaml, where PyYAML was built with it, is ten times as fast, and most of what closing a bag takes
@@ -113,7 +113,7 @@ class BagWriter:
             folder: of the bag; created where missing.
             name: stem of the MCAP file.
             metadata: of the run (git hash, seeds, versions): a metadata record, and `custom_data` of `metadata.yaml`.
-            overwrite: replace a bag that is in `folder` already, and what was computed from it.
+            overwrite: replace an existing bag in `folder`, and the files computed from it.
             ros_distro: written to `metadata.yaml`.
 
         Raises:
@@ -191,7 +191,7 @@ class BagWriter:
             self._flush()
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Add a metadata record, to say at the end what was not known at the start."""
+        """Add a metadata record, for facts known only at the end."""
         with self._writing():
             self._writer.add_metadata(name, values)
             self._flush()
@@ -210,7 +210,7 @@ class BagWriter:
             (self.path.parent / METADATA_FILE).write_text(_dump({"rosbag2_bagfile_information": information}))
 
     def abort(self) -> None:
-        """Let go of the file as it is, as a kill would."""
+        """Release the file unfinished, as a kill would."""
         stream, self._stream = self._stream, None
         if stream is not None:
             with suppress(OSError):
@@ -299,7 +299,7 @@ def make_room(folder: Path, overwrite: bool) -> None:
 
 
 class BagReader:
-    """Reads a bag, whole or cut short; one whose bytes are not those that were written is refused.
+    """Reads a bag, whole or cut short; a damaged one is refused.
 
     Attributes:
         path: of the MCAP file.
@@ -307,7 +307,7 @@ class BagReader:
         attachments: contents by name.
         metadata: of the run, as given to the writer, later records on top.
         complete: whether the writer was closed. Where it was not, everything up to the last whole chunk is read.
-        problem: what is wrong with an incomplete file, or empty.
+        problem: why the file is incomplete; empty for a whole one.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""One hash over everything that a run decided: equal for equal runs, whatever the machine took to compute them."""
+"""One hash over all decisions of a run: equal for equal runs, however long they took to compute."""
 
 from __future__ import annotations
 

@@ -2,12 +2,12 @@
 
 MCAP has four checksums, all CRC-32: of each chunk (its records, uncompressed), of each attachment, of the data section
 (every byte before the record DataEnd) and of the summary with the footer; zero means that the writer gave none. The
-mcap library, asked to, checks a chunk's, and the data section's where a file is read from one end to the other; it
-never checks those of attachments and of the summary. So all but the chunks', which are checked as they are opened, are
-checked here, before anything of the file is believed.
+mcap library checks, on request, a chunk's, and the data section's if a file is read from end to end; it never checks
+those of attachments and of the summary. All except the chunks', which are checked on opening, are therefore checked
+here, before anything in the file is trusted.
 
-A file that is cut short is told from one that is damaged: the first ends amid a record, or without the format's last
-eight bytes, and all that it holds is as it was written; the second is refused.
+A truncated file is distinguished from a damaged one: the first ends amid a record, or without the format's last eight
+bytes, and all that it holds is as it was written; the second is refused.
 """
 
 from __future__ import annotations

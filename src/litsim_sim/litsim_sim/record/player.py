@@ -1,4 +1,4 @@
-"""Playing a bag: which messages are due when, whatever rate, pause, steps and seeks are asked for. Without ROS.
+"""Playing a bag: which messages are due when, at any rate, with pauses, steps and seeks. Without ROS.
 
 Two clocks meet here. Simulation time is that of the bag, in nanoseconds; wall time is what the caller passes in as
 `now`, in seconds of a clock that only goes forward.
@@ -31,7 +31,7 @@ class Player:
     """Says at any moment which messages are to be published.
 
     Messages of one log time belong to one step of the simulation; single steps and seeks never cut it in two. None is
-    left out: what was due while nobody asked is due at the next question. After a seek, latched topics first repeat
+    left out: messages that fell due between two calls are due at the next. After a seek, latched topics first repeat
     what a subscriber of that moment would know.
 
     Attributes:
@@ -229,7 +229,7 @@ def offered_qos(topic: BagTopic) -> dict[str, Any]:
     """The QoS profile that a topic was recorded with, policies by name; empty where the bag says nothing.
 
     Raises:
-        InputError: what it says is no YAML list of profiles.
+        InputError: it is no YAML list of profiles.
     """
     where = f"topic {topic.name}: offered_qos_profiles"
     profiles = load_yaml(topic.qos_yaml or "[]", where)

@@ -18,7 +18,7 @@ from litsim_sim.record.mcap_survey import DAMAGE, REPAIR_HINT, attachment_is_who
 from litsim_sim.record.player import offered_qos
 from litsim_sim.record.run import LOST_ATTACHMENTS, read_run
 
-NO_QOS = "[]"  # profiles of a topic of which nothing is known
+NO_QOS = "[]"  # profiles of a topic whose QoS is unknown
 REPAIR_RECORD = "repair"  # name of the metadata record that says what was lost
 LOST_ATTACHMENT = "a damaged attachment "
 _SECOND_NS = 1e9
@@ -77,7 +77,7 @@ def repair(bag: Path, out: Path) -> Repaired:
 
 def _copy(records: list[McapRecord], writer: BagWriter, done: Repaired) -> None:
     """Write the records to the new bag; what only a damaged chunk described, the summary may describe as well."""
-    first = records[::-1]  # of what is described twice, the first counts: that in a chunk, which has a checksum
+    first = records[::-1]  # of two descriptions the first counts: that in a chunk, which has a checksum
     schemas = {record.id: record for record in first if isinstance(record, Schema) and _is_text(record.data)}
     channels = {record.id: record for record in first if isinstance(record, Channel) and record.schema_id in schemas}
     announced: set[int] = set()

@@ -60,7 +60,7 @@ UNDECODABLE = (
     TypeError,
     ValueError,
 )
-"""What is raised on a message, or a definition, that is not what this version reads."""
+"""Errors raised on a message, or a definition, that this version cannot read."""
 
 RECORDING_FILE = "recording.parquet"
 SCENARIO_FILE = "scenario.yaml"
@@ -71,8 +71,8 @@ START_FIELD = "start_frame"  # of the scenario: frame of the recording at step 0
 
 @dataclass(frozen=True)
 class RunInfo:
-    """What was run; fields as in ``litsim_msgs/RunInfo``. Steps are numbered 0 .. `total_steps`, inclusive; a run may
-    end before (:attr:`Run.ended`).
+    """Describes a run; fields as in ``litsim_msgs/RunInfo``. Steps are numbered 0 .. `total_steps`, inclusive; a run
+    may end before (:attr:`Run.ended`).
     """
 
     run_id: str
@@ -141,12 +141,12 @@ class Run:
 
     Attributes:
         path: MCAP file.
-        info: what was run.
+        info: description of the run.
         tables: agents of every recorded step, steps ascending.
         log: logged agents of the same steps; empty where the bag holds no recording.
         controls: answer of the policy by step; empty where the log alone moves the background.
         ego_commands: command of the ego by step: its answer; what the bridge made of it where the ego is external.
-        takeovers: who was off the log, by step.
+        takeovers: the agents off their logs, by step.
         detections: how conflict detection ended, by step.
         timing: compute time [s] by stage and step.
         marks: what each stage noted on the clock while it served a step [s], by stage, step and name; see
@@ -157,7 +157,7 @@ class Run:
         signals: what the signals showed; None where the scenario knows of none.
         gaps: by topic that must hold one message for every step; a topic without gaps has an empty entry.
         complete: whether the recorder closed the file.
-        problem: what is wrong with an incomplete file, or empty.
+        problem: why the file is incomplete; empty for a whole one.
         failure: why the run has failed, as the launcher has left it beside the file; empty where it has not.
         metadata: of the bag.
     """

@@ -15,8 +15,8 @@ from litsim_sim.core.topic_names import AGENTS, CLOCK, EGO_APPLIED, EGO_STATE
 from litsim_sim.ego_port.answer import INPUTS
 
 CONFIRM_EVERY = 10  # steps
-LAG = 2  # steps by which writing follows, so that timings, which nobody waits for, find their step
-OF_THE_BRIDGE = (CLOCK, AGENTS, EGO_STATE)  # there at every step, whoever has missed an answer
+LAG = 2  # steps by which writing lags, so that timings, which come late, are written with their step
+OF_THE_BRIDGE = (CLOCK, AGENTS, EGO_STATE)  # present at every step, whichever answer is missing
 AHEAD = 5  # steps by which what others publish may be ahead of the agents that have come in
 REPEATS_MAX = 10  # of step 0 for which an external ego is given time to be met by the recorder as well
 KEPT = 20  # messages of one step that are kept on a topic that others publish on
@@ -48,9 +48,9 @@ class StepBuffer:
 
     A step is complete once each of the run's per-step topics holds it, and step 0 once an external ego has been heard,
     so that none of its answers is lost; where the bridge goes on without an answer, once what the bridge itself
-    publishes is there. An answer that comes after its step was written is written where it comes. Of what others than
-    LitSim publish, :data:`KEPT` messages of a topic and step are kept; where the stamp is not of about now, they count
-    as of the current step: they must not hold up anything.
+    publishes is there. An answer that comes after its step was written is written where it comes. Of the messages of
+    other publishers than LitSim, :data:`KEPT` per topic and step are kept; if their stamps are not of about now, they
+    count as of the current step: they must not hold up anything.
 
     Attributes:
         newest: newest step of which the agents have come in; -1 before the first.
@@ -60,7 +60,7 @@ class StepBuffer:
         """Buffer the messages of `run`.
 
         Args:
-            run: what is recorded.
+            run: the run to record.
             write: is called for every message that is due, steps ascending.
             confirm: is called with the newest step up to which the record is complete, every :data:`CONFIRM_EVERY`
                 steps, at the first and the last, and whenever the bridge shows a step again.
@@ -76,7 +76,7 @@ class StepBuffer:
         self._repeated = 0  # times that step 0 came in
         self._kept: Counter[tuple[str, int]] = Counter()
         self._missed: set[int] = set()  # steps that the bridge went on from without all answers
-        self._absent: set[tuple[int, str]] = set()  # what was not there when its step was written
+        self._absent: set[tuple[int, str]] = set()  # messages missing when their step was written
 
     @property
     def confirmed(self) -> int:
@@ -106,7 +106,7 @@ class StepBuffer:
             self.newest = max(self.newest, min(step, self._last))
             self._repeated += step == 0
         if step > self._last:
-            return  # of somebody else's clock
+            return  # of a foreign clock
         if step < self._written:
             self._take_late(name, step, data)
             return
@@ -130,14 +130,14 @@ class StepBuffer:
             self._repeat_confirmation()
 
     def end(self, *, amid_step: bool) -> None:
-        """Write what is held, complete or not; of a run that ended `amid_step`, nothing of its last step is a gap."""
+        """Write the buffered messages, complete or not; if the run ended `amid_step`, its last step counts no gaps."""
         for step in range(self._written, max(self._pending, default=-1) + 1):
             self._write_step(step)
         if amid_step:
             self._absent = {(step, name) for step, name in self._absent if step < self._next}
 
     def _placed(self, step: int) -> int:
-        """The step under which a message of somebody else's is kept."""
+        """The step under which a foreign message is kept."""
         about_now = self.newest - RECORDER_WINDOW <= step <= self.newest + AHEAD
         return min(max(step if about_now else self.newest, 0), self._last)
 

@@ -35,7 +35,7 @@ def check_answers(
 
     Raises:
         ValueError: `controls` or one of `egos`, whose ids are `ego_ids`, answer another step or hold non-finite values,
-            or the ids of `controls` do not ascend, list an ego, or list a pedestrian or cyclist, who follow their log.
+            or the ids of `controls` do not ascend, list an ego, or list a pedestrian or cyclist, which follow logs.
     """
     for ego in egos:
         if controls.step != step or ego.step != step:
@@ -74,7 +74,7 @@ class DrivenVehicles:
         self._own_limits = any(getattr(limits, f.name) != getattr(scenario.vehicle, f.name) for f in fields(limits))
 
     def reset(self, scene: int = 0) -> None:
-        """Forget what the actuators of the ego of a scene were asked for: it begins, or is back on its log."""
+        """Forget the commands to the actuators of a scene's ego: it begins, or is back on its log."""
         self._actuators[scene].reset()
 
     def step(self, table: AgentTable, controls: ControlTable, egos: Sequence[EgoCommand | None]) -> AgentTable:
@@ -86,8 +86,8 @@ class DrivenVehicles:
             egos: command for the ego of each scene; None where it follows its log.
 
         Returns:
-            those of them that were on the road, ids ascending; gone is who has left the net after the end of its log,
-            but for egos.
+            those of them that were on the road, ids ascending; agents that left the net after the end of their logs
+            are gone, except egos.
         """
         stay = controls.source != LATE
         ids, acceleration, yaw_rate = controls.id[stay], controls.acceleration[stay], controls.yaw_rate[stay]

@@ -13,7 +13,7 @@ from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegati
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray
 from litsim_sim.scenario.log import Log
 
-SIDE_ROOM = 0.3  # [m] beyond touching boxes within which somebody is in the path of an agent that enters
+SIDE_ROOM = 0.3  # [m] beyond touching boxes within which an agent is in the path of one that enters
 LOOK_EVERY = 2.0 * STEP_S  # [s] of the horizon of an entry
 
 
@@ -42,7 +42,7 @@ class Entries:
     """
 
     def __init__(self, log: Log, config: EntryConfig | None) -> None:
-        """Nobody waits; without `config` nobody ever will: each agent enters where and when its log begins."""
+        """Begin with no agent waiting; without `config` none ever does: each enters where and when its log begins."""
         self._log, self._config = log, config
         self.waiting: dict[int, int] = {}
         self.late: set[int] = set()
@@ -61,7 +61,7 @@ class Entries:
             driven: the agents under control, one step on; an entry must not collide with them.
             displaced: mask (n,) of those on their logs, but not at the time or at the place of the recording: with a
                 lag, or with a residual that fades. An entry must not collide with them either, unless it would where
-                the recording has them, too. None is nobody.
+                the recording has them, too. None means no agents.
 
         Returns:
             mask (n,).
@@ -81,7 +81,7 @@ class Entries:
 
         Args:
             table: the agents of the step that is made.
-            logged: the agents of the log at that step; who has gone from it will never enter.
+            logged: the agents of the log at that step; agents that have left it will never enter.
 
         Returns:
             `table` with those that have entered.
@@ -106,7 +106,7 @@ class Entries:
         return table
 
     def _blocked(self, entry: AgentTable, row: int, others: AgentTable) -> bool:
-        """Whether an agent cannot enter among `others` as it is logged."""
+        """Whether an agent's logged entry would collide with `others`."""
         speed = self._speed(entry, row, others)
         return speed is None or speed < float(entry.speed[row])
 
@@ -162,7 +162,7 @@ def _entry_speed(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Speed [m/s], at most its own, at which an agent can enter among others; below 0 where it cannot.
 
     Args:
-        x, y, yaw, speed, length, width: (n,) of everybody [m], [rad], [m/s].
+        x, y, yaw, speed, length, width: (n,) of all agents [m], [rad], [m/s].
         begin, end: rows of the first of the others and the one behind the last.
         own_x, own_y, own_yaw, own_speed, own_length, own_width: of the agent as it is logged.
         gap, horizon, deceleration: as in :class:`EntryConfig`.

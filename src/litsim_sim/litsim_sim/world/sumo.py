@@ -14,7 +14,7 @@ from litsim_sim.scenario.signals import Signals
 
 _ROUTE, _TYPE = "litsim", "litsim"
 _TYPES = {Kind.BICYCLE: "bicycle", Kind.PEDESTRIAN: "pedestrian"}  # SUMO's class and shape; all others are cars to it
-_NEVER = "86400"  # [s] between two decisions of SUMO's own driver models: they drive nobody here, but cost time
+_NEVER = "86400"  # [s] between two decisions of SUMO's own driver models, which drive no agent here, but cost time
 _KEEP_ROUTE = 2  # moveToXY: exactly there, on the network or off it
 _LANE_WITHIN = 10.0  # [m] moveToXY: within which SUMO looks for an agent's lane; within 100, as by default, takes long
 
@@ -23,7 +23,7 @@ class SumoMirror:
     """One SUMO simulation (libsumo: one per process) that shows the agents of an :class:`AgentTable`."""
 
     def __init__(self, net_path: Path, seed: int = 0, signals: Signals | None = None) -> None:
-        """Load `net_path`; its traffic lights show what `signals` say, where nothing is known they are off.
+        """Load `net_path`; its traffic lights show `signals`, and are off where these are unknown.
 
         Raises:
             InputError: SUMO cannot load the net.

@@ -67,9 +67,9 @@ class World:
     while it is controlled drives on until it has left the net. One whose log begins where it would collide waits
     (`entries`), and then enters under POLICY.
 
-    The run is over once the ego has left: past an end of the net, or with its log where it followed that. Whoever
-    leaves the road to the side has not left the net. Where the scenario asks for it, it is also over some time after
-    the ego has touched somebody whom it does not touch in the log.
+    The run is over once the ego has left: past an end of the net, or with its log where it followed that. Leaving the
+    road to the side is not leaving the net. If the scenario says so, the run is also over some time after the ego has
+    touched an agent that it does not touch in the log.
 
     Joined scenarios are stepped together, each scene as if it were alone: see :meth:`step_together`.
     """
@@ -78,7 +78,7 @@ class World:
         self.scenario = scenario
         self.config = config or WorldConfig()
         self.entries = Entries(scenario.log, self._entry)
-        """Who waits to enter, and who has waited."""
+        """The agents that wait to enter, or have waited."""
         self.ends: list[RunEnd | None] = []
         """Why no step of a scene needs to follow the current one; None while its ego is there."""
         self._gone: BoolArray = np.empty(0, np.bool_)
@@ -144,16 +144,16 @@ class World:
         return self._table
 
     def drop(self, scene: int) -> None:
-        """Take a scene that is over off the road; nobody will enter it any more."""
+        """Take a scene that is over off the road; no agent enters it any more."""
         self.catch_up()
         self._gone[scene] = True
         self._table = self._table.take(~self._gone[self._table.scene])
 
     def catch_up(self) -> None:
-        """Do what is due for the current step and nobody waits for: note contacts, show it in the mirror, look ahead.
+        """Do the work of the current step that no answer depends on: note contacts, update the mirror, look ahead.
 
-        Happens by itself before the next step, and where its results are asked for; whoever has the time calls it
-        sooner. A second call for a step does nothing.
+        It happens by itself before the next step, and when its results are read; a caller with time to spare may call
+        it sooner. A second call for a step does nothing.
         """
         if self._caught_up:
             return
@@ -176,7 +176,7 @@ class World:
         """What only the world knows, for the record: why the run is over, contacts, entries, deviation of SUMO.
 
         The deviation is the largest at the steps at which it is checked: one in DEVIATION_STEPS, from step 0 on.
-        `told` is the id under which an agent is told, None where it is of another scene than `scene`.
+        `told` is the id to report an agent by; None if it is of another scene than `scene`.
         """
         self.catch_up()
         missing = self.entries.never_entered | self.entries.waiting.keys()
@@ -236,12 +236,12 @@ class World:
         return table.take(np.delete(np.arange(len(table)), leavers)) if leavers else table
 
     def _note_contacts(self, table: AgentTable) -> None:
-        """Note who touches whom at `table`; a second call for a step changes nothing."""
+        """Note which agents touch at `table`; a second call for a step changes nothing."""
         for i, j in overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width, table.scene):
             self._contacts.setdefault((int(table.id[i]), int(table.id[j])), table.step)
 
     def _end_after_contacts(self, table: AgentTable) -> None:
-        """Note which scenes are over at `table` because their egos have touched somebody."""
+        """Note which scenes are over at `table` because their egos have touched an agent."""
         if not self._steps_after_contact:
             return
         self._note_contacts(table)
