@@ -244,7 +244,7 @@ class ConflictDetector:
     ) -> FloatArray:
         """Probability (m, T) that the boxes of each pair (m, 2) of rows overlap, a in `futures_a`, b in `futures_b`.
 
-        Of what agents of b may do instead, see :func:`.weighed.weighed_chances`. Probabilities that do not reach
+        For alternative manoeuvres of agents of b, see :func:`.weighed.weighed_chances`. Probabilities that do not reach
         `least` are 0; with `first`, those after the first that does may be, too.
         """
         length = table.length + self._config.margin
@@ -368,7 +368,7 @@ class ConflictDetector:
         return closing_chances(pairs, logged.states, logged.valid, *now, length, table.width, goes_on)
 
     def _closing_time(self, table: AgentTable) -> FloatArray:
-        """(n,) [s] for which agents are taken to go on as they do now; see `ConflictConfig.closing_time`."""
+        """(n,) times [s] for which agents are assumed to go on as now; see `ConflictConfig.closing_time`."""
         emergency = -table.acceleration >= self._config.emergency
         return np.where(emergency, 2.0, 1.0) * self._config.closing_time
 

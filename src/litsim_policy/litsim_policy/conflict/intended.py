@@ -22,7 +22,7 @@ from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, Int
 
 @configuration
 class IntentConfig:
-    """How an agent under control is taken to go on.
+    """How an agent under control is assumed to go on.
 
     Attributes:
         used: whether it is; else it is forecast as anybody else.

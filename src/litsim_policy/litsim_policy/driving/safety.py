@@ -82,7 +82,7 @@ class SafetyConfig:
         relax: time constant with which a gap that is too short is widened.
         widening: hardest braking for that alone, outside emergencies.
         imminent: braking from which on an approach counts as an emergency: more than the network itself may do.
-        leader_brakes: braking from which on a leader is taken to stop.
+        leader_brakes: braking from which on a leader is assumed to stop.
         horizon: of the look ahead for other boxes.
         settle: time constant with which a turn is expected to end.
         margin: distance kept to other boxes.

@@ -281,7 +281,7 @@ class YieldPolicy:
 def braking_needed(agents: PathFollowers, leads: BoolArray) -> FloatArray:
     """Constant braking (m,) [m/s2] with which agents do not reach their leaders (m, w), whether these go on or stop.
 
-    The model brakes as hard for a gap that is merely shorter than it likes; a leader that brakes is taken to stop.
+    The model brakes as hard for a gap that is merely shorter than it likes; a leader that brakes is assumed to stop.
     """
     view = agents.view
     return _braking_needed(agents.speed, view.gap, view.speed, leads, view.first, agents.table.acceleration)

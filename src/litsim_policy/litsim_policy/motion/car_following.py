@@ -37,10 +37,10 @@ from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, Int
 
 SIGHT = 120.0  # [m] beyond which agents are ignored
 MARGIN = 0.2  # [m] kept to the side of others, unless said otherwise
-MERGE = 15.0  # [m] over which a vehicle beside its path is taken to come onto it
+MERGE = 15.0  # [m] over which a vehicle beside its path is assumed to come onto it
 DESIRED_MIN = 0.1  # [m/s] a desired speed below is taken as this
 GAP_MIN = 0.1  # [m] less than this is taken as this: there is a pole at zero
-LEADER_BRAKES = 1.0  # [m/s2] from which on a leader is taken to brake until it stands
+LEADER_BRAKES = 1.0  # [m/s2] from which on a leader is assumed to brake until it stands
 BRAKING_MIN = 0.1  # [m/s2] no less hard then
 
 Poses = tuple[FloatArray, FloatArray, FloatArray]
@@ -253,7 +253,7 @@ def braking_behind(
         speed, leader_speed: along the path [m/s].
         leader_acceleration: [m/s2].
         room: to the leader [m].
-        leader_brakes: braking [m/s2] from which on the leader is taken to brake until it stands.
+        leader_brakes: braking [m/s2] from which on the leader is assumed to brake until it stands.
     """
     needed = max(speed - leader_speed, 0.0) ** 2 / (2.0 * max(room, GAP_MIN))
     braking = max(-leader_acceleration, BRAKING_MIN)

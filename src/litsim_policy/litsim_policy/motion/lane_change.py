@@ -194,7 +194,7 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Return the fields of :class:`LaneChanges`.
 
-    Followers are taken to want the speed that they have.
+    Followers are assumed to want their present speeds.
 
     Args:
         speed, length: (n,) of all agents [m/s], [m].

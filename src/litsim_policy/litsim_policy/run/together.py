@@ -47,7 +47,7 @@ class JoinedRunner:
         stages = configured(None, first.policy, common)
         self._reaction = Reaction(stages, first.policy, self._joined) if reacts else None
         self.summaries: dict[int, dict[str, Any]] = {}
-        """Of the runs that are over, what the world knows of each; see :meth:`World.summary`."""
+        """The world's summary of each run that is over; see :meth:`World.summary`."""
         load_kernels()
 
     def steps(self) -> Iterator[dict[int, StepResult]]:

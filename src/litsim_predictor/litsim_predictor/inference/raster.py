@@ -76,7 +76,7 @@ def cut_out(
                 at[r, c] = int64(row) * columns + int64(column)
         for k in range(ROWS * COLUMNS):
             cell[k] = drawn[found[k]]
-        # The values looked up are classified in separate loops, of which the processor does many steps at a time.
+        # The values looked up are classified in separate loops, so that the processor does many steps at a time.
         on, close, ahead, left = planes[i]
         for k in range(ROWS * COLUMNS):
             close[k] = cell[k] & byte

@@ -101,7 +101,7 @@ def keep_ready(*modules: str) -> None:
 
 
 def keep_imports() -> None:
-    """Have what there is by now shared with the copies that are made from here on: the collector would touch it all."""
+    """Share all present objects with copies made from here on; else the garbage collector would touch them all."""
     gc.freeze()  # without collecting first: that takes longer than the copies of what little garbage there is
 
 

@@ -94,7 +94,7 @@ class Attendance:
         """See that no stage has failed, and that there is no other run.
 
         Raises:
-            RunFailed: some have, and the message quotes each of them; or another bridge or a replay is there.
+            RunFailed: some have, and the message quotes each of them; or another bridge or a replay publishes.
         """
         if self._foreign:
             raise RunFailed(

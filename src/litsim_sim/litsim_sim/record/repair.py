@@ -158,7 +158,7 @@ def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
 
 
 def _check_the_rest(path: Path, lost: list[str]) -> None:
-    """Note where a file of which every record can be read is still not what was written: metadata, or the end."""
+    """Note damage to a file whose records can all be read: in the metadata, or at the end."""
     try:
         survey(path)
     except InputError as error:

@@ -80,7 +80,7 @@ class World:
         self.entries = Entries(scenario.log, self._entry)
         """The agents that wait to enter, or have waited."""
         self.ends: list[RunEnd | None] = []
-        """Why no step of a scene needs to follow the current one; None while its ego is there."""
+        """Why each scene ends at the current step; None while it goes on."""
         self._gone: BoolArray = np.empty(0, np.bool_)
         self._contacts: dict[tuple[int, int], int] = {}
         after = scenario.steps_after_contact
@@ -200,7 +200,7 @@ class World:
 
     @property
     def ended(self) -> RunEnd | None:
-        """Why no step needs to follow the current one; None while the ego is there."""
+        """Why the run ends at the current step; None while it goes on."""
         return self.ends[0] if self.ends else None
 
     @property
