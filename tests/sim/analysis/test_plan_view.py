@@ -93,3 +93,11 @@ def test_the_overview_is_chosen_by_the_road(
     plots.overview(make_run(tables, net_xml=net.read_bytes()), tmp_path / "overview.png")
     assert drawn == [seen]
     assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.filterwarnings("error::UserWarning")
+def test_a_run_that_failed_at_its_first_step_has_an_overview_without_warnings(
+    make_run: Any, table: Any, tmp_path: Path
+) -> None:
+    plots.overview(make_run([table(0, {"id": 1, "x": 200.0, "y": -5.5})]), tmp_path / "overview.png")
+    assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")

@@ -85,3 +85,15 @@ def test_a_damaged_result_is_named(tmp_path: Path, case: Case) -> None:
             read_campaign(tmp_path)
     with pytest.raises(InputError, match=f"{RESULT_FILE}: not a result of a run"):
         read_campaign(tmp_path)
+
+
+def test_a_campaign_by_criteria_that_are_refused_today_is_told_in_one_line(tmp_path: Path) -> None:
+    folder = CampaignFolder(tmp_path)
+    folder.begin(suite(), cases(policies=["litsim"]), VERSIONS)
+    file = tmp_path / CAMPAIGN_FILE
+    values = json.loads(file.read_text())
+    values["criteria"]["runs"] = [{"name": "never", "field": "takeovers", "max": -1}]
+    file.write_text(json.dumps(values))
+    with pytest.raises(InputError) as error:
+        read_campaign(tmp_path)
+    assert str(error.value) == f"{file}: criteria: field runs.0: field takeovers: max is -1, expected 0 or more"

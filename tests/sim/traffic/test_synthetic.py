@@ -304,3 +304,9 @@ def test_samples_of_generated_traffic() -> None:
     assert other.distance(sample)["speed"] == pytest.approx(1.0)
     text = report(sample, [("same", sample), ("other", other)])
     assert "same against other: closer in every measure" in text
+
+
+def test_traffic_that_nobody_is_seen_in_for_long_is_not_compared() -> None:
+    short = synthesize(5, 1.5)
+    with pytest.raises(InputError, match="generated traffic: no vehicle is seen for 2 s"):
+        generated([short])

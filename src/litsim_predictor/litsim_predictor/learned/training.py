@@ -213,6 +213,8 @@ class Training:
         self._optimizer.load_state_dict(state["optimizer"])
         self._random.bit_generator.state = json.loads(state["random"])
         torch.set_rng_state(state["torch_random"].cpu())
+        if self._device.startswith("cuda"):
+            torch.cuda.set_rng_state_all([each.cpu() for each in state.get("gpu_random", [])])
         self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
 
     def _first_model(self, locate: Locator) -> SceneModel:
@@ -341,6 +343,7 @@ class Training:
             "optimizer": self._optimizer.state_dict(),
             "random": json.dumps(self._random.bit_generator.state),
             "torch_random": torch.get_rng_state(),
+            "gpu_random": torch.cuda.get_rng_state_all() if self._device.startswith("cuda") else [],
             "history": json.dumps(self.history),
             "best": json.dumps(self._best),
         }

@@ -283,8 +283,7 @@ def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) 
     handles.append(Line2D([], [], color=FAINT, lw=2.5, label="log replay, lane beside"))
     handles.append(Line2D([], [], color=INK, lw=1.1, ls=DASHED, label="ego's log"))
     axes.legend(handles=handles, loc="upper left", fontsize=10, framealpha=0.92, edgecolor="none")
-    end = run.tables[-1].step * run.info.dt
-    axes.set(xlim=(0.0, end), ylim=(min(extent, default=0.0) - AHEAD, max(extent, default=0.0) + AHEAD))
+    axes.set(xlim=(0.0, _end(run)), ylim=(min(extent, default=0.0) - AHEAD, max(extent, default=0.0) + AHEAD))
     axes.set(xlabel="time [s]", ylabel="along the ego's lane [m]")
     axes.set_title("Traffic in the ego's lane and beside it", loc="left", fontsize=12, color=INK)
     _mark(axes, run, moment.step)
@@ -344,12 +343,17 @@ def _off_log(axes: Axes, run: Run, step: int) -> None:
         axes.plot(excess, np.zeros(len(excess)), "v", color=COLOURS[Controller.EGO], ms=8, clip_on=False)
         handle = Line2D([], [], color=COLOURS[Controller.EGO], marker="v", ls="", label="collision not in the log")
         axes.legend(handles=[handle], loc="upper left", frameon=False, fontsize=10)
-    axes.set(xlim=(0.0, float(times[-1])), xlabel="time [s]", ylabel="agents")
+    axes.set(xlim=(0.0, _end(run)), xlabel="time [s]", ylabel="agents")
     axes.set_ylim(0.0, max(1.0, 1.15 * float(np.sum(counts, axis=0).max())))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_title("Background off its log", loc="left", fontsize=12, color=INK)
     _mark(axes, run, step)
     _plain(axes)
+
+
+def _end(run: Run) -> float:
+    """Time [s] of the last recorded step, at least that of step 1: an axis has a length."""
+    return max(run.tables[-1].step, 1) * run.info.dt
 
 
 def _mark(axes: Axes, run: Run, step: int) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 from litsim_sim.campaign.case import Case
 from litsim_sim.campaign.criteria import Criteria, CriterionResult, Outcome, Verdict
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.yaml_input import validate_yaml
 
 FORMAT = 1
 CAMPAIGN_FILE = "campaign.json"
@@ -153,7 +154,7 @@ def read_campaign(path: Path) -> Campaign:
         return Campaign(
             folder=path,
             name=values["name"],
-            criteria=Criteria(**values["criteria"]),
+            criteria=validate_yaml(values["criteria"], Criteria, f"{file}: criteria", ""),
             versions=values["versions"],
             cases=cases,
             results=tuple(read_results(path, cases)),

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.io.parquet_input import read_table
 from litsim_sim.recordings.ngsim import windows as ngsim_windows
@@ -71,7 +72,7 @@ def recorded(data: Path) -> Sample:
     """The complete windows of the US-101 file in the folder `data`.
 
     Raises:
-        InputError: the file is missing, cannot be read or lacks columns.
+        InputError: the file is missing, cannot be read, lacks columns, or shows nobody for long enough.
     """
     columns = {"vehicle_id": "vehicle", "local_y_m": "front", "local_x_m": "lateral", "lane_est": "lane"}
     purpose = "the comparison needs it (README of the folder in LITSIM_DATA)"
@@ -81,18 +82,22 @@ def recorded(data: Path) -> Sample:
     for (first, last), (low, high) in WINDOWS:
         inside |= (table["frame"].between(first, last) & table["local_y_m"].between(low, high)).to_numpy()
     table = table[inside]
-    return _sample([table.rename(columns=columns)])
+    return _sample([table.rename(columns=columns)], str(data / US101_WINDOWS))
 
 
 def generated(recordings: Iterable[Recording]) -> Sample:
-    """The stretch beside the auxiliary lane of recordings on ``us101_like``."""
+    """The stretch beside the auxiliary lane of recordings on ``us101_like``.
+
+    Raises:
+        InputError: nobody is there for long enough.
+    """
     tables = []
     for recording in recordings:
         table = recording.table
         front = table["x"] + 0.5 * table["length"]
         table = table.assign(front=front, lateral=-table["y"], vehicle=table["vehicle_id"])
         tables.append(table[front.between(*STRETCH)])
-    return _sample(tables)
+    return _sample(tables, "generated traffic")
 
 
 def report(real: Sample, samples: Sequence[tuple[str, Sample]]) -> str:
@@ -116,8 +121,12 @@ def _mean(sample: Sample, measure: str) -> float:
     return sample.rate if measure == "lane changes" else float(sample.measured[measure].mean())
 
 
-def _sample(tables: list[pd.DataFrame]) -> Sample:
-    """Measures of tables with the columns vehicle, frame, front, lateral (from the left edge) and lane."""
+def _sample(tables: list[pd.DataFrame], source: str) -> Sample:
+    """Measures of tables with the columns vehicle, frame, front, lateral (from the left edge) and lane.
+
+    Raises:
+        InputError: nobody is in them for long enough; `source` names them.
+    """
     speeds, accelerations, gaps, times = [], [], [], []
     changes, metres = 0, 0.0
     for table in tables:
@@ -134,12 +143,16 @@ def _sample(tables: list[pd.DataFrame]) -> Sample:
             by_track.append(track.assign(front=front, speed=speed, acceleration=np.gradient(speed, STEP_S)))
             changes += count_lane_changes(track["lateral"].to_numpy(np.float64), LANE_WIDTH)
             metres += float(np.ptp(front))
+        if not by_track:
+            continue
         rows_of = pd.concat(by_track)
         speeds.append(rows_of["speed"].to_numpy())
         accelerations.append(rows_of["acceleration"].to_numpy())
         gap, speed = _headways(rows_of)
         gaps.append(gap)
         times.append((gap / np.maximum(speed, MOVING))[speed > MOVING])
+    if not speeds:
+        raise InputError(f"{source}: no vehicle is seen for 2 s in a row on the stretch that is compared")
     values = {"speed": speeds, "acceleration": accelerations, "space headway": gaps, "time headway": times}
     return Sample({name: np.concatenate(parts) for name, parts in values.items()}, changes, metres / 1000.0)
 
