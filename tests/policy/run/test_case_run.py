@@ -23,6 +23,7 @@ from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
 EXTERNAL = {"name": "mine", "kind": "external", "command": ["my_stack", "--fast"], "interface": "twist", "ready_s": 30}
+ELSEWHERE = {name: value for name, value in EXTERNAL.items() if name != "command"}
 
 
 def case(ego: Any = "log", ego_id: int = 7, policy: str = "replay", **fields: Any) -> Any:
@@ -180,7 +181,7 @@ with open({str(tmp_path / "told")!r}, "a") as file:
     assert told[0][2] == told[1][2] != str(os.getpid())
 
 
-@pytest.mark.parametrize(("ego", "domain"), [("idm", ""), (EXTERNAL, ""), (EXTERNAL | {"command": []}, "77")])
+@pytest.mark.parametrize(("ego", "domain"), [("idm", ""), (EXTERNAL, ""), (ELSEWHERE, "77")])
 def test_only_a_stack_that_runs_already_is_met_in_its_own_domain(
     launcher: Any, monkeypatch: pytest.MonkeyPatch, ego: Any, domain: str
 ) -> None:
