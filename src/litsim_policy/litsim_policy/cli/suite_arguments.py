@@ -6,11 +6,11 @@ import argparse
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from litsim_sim.campaign.criteria import Criteria
 from litsim_sim.campaign.policy_setup import packaged_setups
-from litsim_sim.campaign.suite import CaseEntry, EgoSetup, Suite, located, packaged_suites
+from litsim_sim.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite, located, packaged_suites
 from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.parameters import SET_HELP, not_among, setting
@@ -117,10 +117,10 @@ class _Egos(argparse.Action):
 
     def __call__(self, _: object, namespace: argparse.Namespace, values: Any, __: object = None) -> None:
         words = [word for word in ",".join(values).split(",") if word]
-        if len(words) == 1 and words[0] in ("egos", "tuning", "ego", "all"):
+        if len(words) == 1 and words[0] in get_args(EgoChoice):
             chosen: str | list[int] = words[0]
         elif words and all(word.isascii() and word.isdigit() for word in words):
             chosen = [int(word) for word in words]
         else:
-            raise argparse.ArgumentError(self, f"{' '.join(values)}: expected egos, tuning, ego, all, or ids")
+            raise argparse.ArgumentError(self, f"{' '.join(values)}: expected {', '.join(get_args(EgoChoice))}, or ids")
         setattr(namespace, self.dest, chosen)

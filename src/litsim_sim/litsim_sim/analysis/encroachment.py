@@ -142,8 +142,8 @@ def _since_others(
     for k in range(len(step)):
         for a in range(begin[k], begin[k + 1]):
             for then in range(k, -1, -1):
-                age = (step[k] - step[then]) * STEP_S
-                if age > PET_HORIZON_S or other[a] >= 0:
+                age = step[k] - step[then]
+                if age > PET_HORIZON or other[a] >= 0:
                     break
                 first, last = begin[then], begin[then + 1]
                 for b in range(first + np.searchsorted(place[first:last], place[a] - reach), last):
@@ -153,5 +153,5 @@ def _since_others(
                         continue
                     dx, dy = x[b] - x[a], y[b] - y[a]
                     if overlap(dx, dy, yaw[a], yaw[b], length[a], width[a], length[b], width[b]):
-                        since[a], other[a] = age, agent[b]
+                        since[a], other[a] = age * STEP_S, agent[b]
     return since, other

@@ -230,16 +230,18 @@ def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
     would = " or ".join(" with ".join(fit) for fit in fits if len(fit) == fewest)
     mirrored = fewest == 1 and would.startswith("angles.positive")
     also = ", and transform.mirror_y with it where y points down but headings do not turn with it" if mirrored else ""
-    far = f"headings are {np.rad2deg(error):.0f} degrees off the direction of motion (median of moving rows), at most "
-    far = f"{far}{np.rad2deg(HEADING_MAX):.0f} expected"
-    if error <= HEADING_MAX:
+    most = f"{np.rad2deg(HEADING_MAX):.0f}"
+    if error > HEADING_MAX:
+        off_by = f"{np.rad2deg(error):.0f} degrees off the direction of motion"
+        far = f"{off_by} (median of moving rows), at most {most} expected"
+    else:
         far = (
-            f"headings are more than {np.rad2deg(HEADING_MAX):.0f} degrees off the direction of motion in {off:.1%} of "
+            f"more than {most} degrees off the direction of motion in {off:.1%} of the moving rows, and in less than "
+            f"half as many by another convention"
         )
-        far = f"{far}the moving rows, and in less than half as many by another convention"
     largest = float(np.abs(angle).max() / FACTORS[mapping.units.angle])
     return (
-        f"{far}; column {mapping.columns.yaw!r} goes up to {largest:.4g} {mapping.units.angle}"
+        f"headings are {far}; column {mapping.columns.yaw!r} goes up to {largest:.4g} {mapping.units.angle}"
         f"{f'; {would} would fit{also}' if fits else ''}"
     )
 
