@@ -108,6 +108,20 @@ def test_only_contacts_at_the_egos_fault_spoil_its_own_ttc(
     metrics = compute_metrics(replace(run, tables=hit))
     assert metrics["collision"]["ego_at_fault"] == at_fault and metrics["safety"]["min_ttc_s"] == 0.0
     assert metrics["safety"]["min_own_ttc_s"] == own
+    excused = compute_metrics(replace(run, tables=hit, log=hit))
+    assert excused["collision"]["ego_at_fault"] == excused["collision"]["background_at_fault"] == 0
+    assert excused["safety"]["min_own_ttc_s"] is None and excused["safety"]["avoidable_contacts"] == 0
+    assert excused["collision"]["ego_contacts"][0]["in_log"] and not metrics["collision"]["ego_contacts"][0]["in_log"]
+
+
+def test_a_contact_does_not_hide_the_braking_that_it_would_have_taken_to_avoid_it(run: Any, moved: Make) -> None:
+    """Agent 3, slower by 5 m/s, is 5 m ahead of the ego at step 49, and in contact from step 50 on."""
+    hit = []
+    for each in run.tables:
+        now = float(each.x[each.row(1)] - each.x[each.row(3)]) + each.length[each.row(1)]
+        gap = 5.0 if each.step == 49 else -1.0
+        hit.append(moved([each], 3, x=now + gap, y=3.66, speed=-5.0)[0] if each.step >= 49 else each)
+    assert compute_metrics(replace(run, tables=hit))["safety"]["max_drac_mps2"] == pytest.approx(2.5)
 
 
 def test_hard_brakes_count_where_somebody_drives(run: Any, moved: Make) -> None:

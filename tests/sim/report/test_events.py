@@ -44,7 +44,8 @@ def test_a_takeover_that_never_ends_and_was_for_nothing() -> None:
 
 
 def test_contacts() -> None:
-    verdict = {"agent": 5, "step": 31, "verdict": "active_front", "ego_at_fault": True, "delta_v_mps": 3.21}
+    verdict = {"agent": 5, "step": 31, "in_log": False, "verdict": "active_front", "ego_at_fault": True}
+    verdict |= {"delta_v_mps": 3.21}
     found = [{"pair": [1, 5], "step": 31, "in_log": False}, {"pair": [7, 8], "step": 12, "in_log": True}]
     metrics: dict[str, Any] = {
         "collision": {"contacts": found, "ego_contacts": [verdict]},
@@ -56,3 +57,5 @@ def test_contacts() -> None:
     assert ego.cells == ("ego 1", "5", "3.1 s", "no", said, "3.2 m/s")
     assert (others.step, others.agent) == (12, 7)
     assert others.cells == ("7", "8", "1.2 s", "yes", "–", "–")
+    verdict["in_log"] = True
+    assert "active front: nobody's fault; the" in contact_table(metrics, 0.1, ego=1).rows[0].cells[4]

@@ -103,7 +103,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
         },
         "ledger": [ledger_row(entry) for entry in entries],
         "handback": _handback(back),
-        "safety": _safety(run, hits, verdicts),
+        "safety": _safety(run, verdicts),
         "comfort": _comfort(run, hits),
         "realism": _realism(natural, hits.controlled, signals=run.signals is not None),
         "realism_near": None if (found := natural.of(beside)) is None else found.score,
@@ -188,6 +188,7 @@ def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Co
     for agent in hits.colliding:
         kinds[agent] = int(table.kind[run.simulated.track(agent)[-1]])
     faults = count_faults(run, hits, verdicts)
+    new = [each.contact for each in verdicts if not each.in_log]
     touching = [{kinds[agent] for agent in pair} for pair in hits.first]
     return {
         "agents": len(hits.colliding),
@@ -197,8 +198,8 @@ def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Co
         "excess_agents": len(hits.colliding_beyond_log),
         "excess_rate_all": _share(len(hits.colliding_beyond_log), len(hits.agents)),
         "excess_rate_controlled": _share(len(hits.colliding_beyond_log & hits.controlled), len(hits.controlled)),
-        "ego_at_fault": sum(contact.ego_at_fault for contact in hits.ego),
-        "background_at_fault": sum(not contact.ego_at_fault for contact in hits.ego),
+        "ego_at_fault": sum(contact.ego_at_fault for contact in new),
+        "background_at_fault": sum(not contact.ego_at_fault for contact in new),
         "by_fault": {
             "background": faults.background,
             "ego_avoidable": faults.ego_avoidable,
@@ -213,13 +214,14 @@ def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Co
         ],
         "ego_contacts": [
             {
-                "agent": contact.agent,
-                "step": contact.step,
-                "verdict": contact.verdict.value,
-                "ego_at_fault": contact.ego_at_fault,
-                "delta_v_mps": contact.delta_v,
+                "agent": each.contact.agent,
+                "step": each.contact.step,
+                "in_log": each.in_log,
+                "verdict": each.contact.verdict.value,
+                "ego_at_fault": each.contact.ego_at_fault,
+                "delta_v_mps": each.contact.delta_v,
             }
-            for contact in hits.ego
+            for each in verdicts
         ],
     }
 
@@ -240,17 +242,17 @@ def _displacement(far: Displacements) -> DisplacementMetrics:
     }
 
 
-def _safety(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> SafetyMetrics:
+def _safety(run: Run, verdicts: list[ContactVerdict]) -> SafetyMetrics:
     """Surrogate measures of the ego, and the verdicts of the careful driver on each of its contacts."""
     tables, ego = run.simulated, run.info.ego_id
     series = safety_series(tables, ego)
     near = encroachments(tables, ego)
     return {
         "min_ttc_s": _finite(series.ttc.min(initial=np.inf)),
-        "min_own_ttc_s": _own_ttc(run, hits, float(series.ttc.min(initial=np.inf))),
+        "min_own_ttc_s": _own_ttc(run, verdicts, float(series.ttc.min(initial=np.inf))),
         "ttc_below": {str(limit): _mean(series.ttc < limit) for limit in TTC_CRITICAL_S},
         "min_headway_s": _finite(series.headway.min(initial=np.inf)),
-        "max_drac_mps2": _finite(series.drac.max(initial=0.0)),
+        "max_drac_mps2": float(series.drac[np.isfinite(series.drac)].max(initial=0.0)),
         "min_pet_s": near[0].pet if near else None,
         "careful_driver": [
             {
@@ -263,21 +265,23 @@ def _safety(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Safet
             }
             for each in verdicts
         ],
-        "avoidable_contacts": sum(each.own.avoided for each in verdicts),
+        "avoidable_contacts": sum(each.own.avoided and not each.in_log for each in verdicts),
     }
 
 
-def _own_ttc(run: Run, hits: Collisions, shortest: float) -> float | None:
+def _own_ttc(run: Run, verdicts: list[ContactVerdict], shortest: float) -> float | None:
     """Shortest time to collision of the ego's own making [s]: 0 in a contact at its fault; others count until contact.
+
+    Whom the ego touches in the log as well does not count: the boxes are too large there, or too near each other.
 
     Args:
         run: whose tables are looked at again where there were contacts.
-        hits: its contacts.
+        verdicts: on its contacts.
         shortest: time to collision with anybody [s], inf where there is none.
     """
-    if any(contact.ego_at_fault for contact in hits.ego):
+    if any(each.contact.ego_at_fault and not each.in_log for each in verdicts):
         return 0.0
-    touched = {contact.agent: contact.step for contact in hits.ego}
+    touched = {each.contact.agent: 0 if each.in_log else each.contact.step for each in verdicts}
     return _finite(shortest_own_ttc(run.simulated, run.info.ego_id, touched) if touched else shortest)
 
 

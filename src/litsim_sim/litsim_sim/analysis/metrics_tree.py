@@ -139,7 +139,7 @@ class SafetyMetrics(TypedDict):
     min_own_ttc_s: float | None
     ttc_below: Annotated[dict[str, Share | None], Keys(tuple(map(str, TTC_CRITICAL_S)))]
     min_headway_s: float | None
-    max_drac_mps2: float | None
+    max_drac_mps2: float
     min_pet_s: float | None
     careful_driver: list[dict[str, Any]]
     avoidable_contacts: int

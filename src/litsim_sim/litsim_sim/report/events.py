@@ -102,8 +102,9 @@ def _replay(entry: dict[str, Any], dt: float, ego: int) -> str:
 
 def _verdict(contact: dict[str, Any], careful: dict[str, Any]) -> str:
     kind = str(contact["verdict"]).replace("_", " ")
-    fault = "at fault" if contact["ego_at_fault"] else "not at fault"
-    found = f"{kind}: ego {fault}; the careful driver {'avoids it' if careful['avoided'] else 'hits too'}"
+    fault = "ego at fault" if contact["ego_at_fault"] else "ego not at fault"
+    fault = "nobody's fault" if contact["in_log"] else fault
+    found = f"{kind}: {fault}; the careful driver {'avoids it' if careful['avoided'] else 'hits too'}"
     other = careful.get("other_avoids")
     if other is None:
         return found

@@ -52,7 +52,7 @@ def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             str(agent),
             _time(step),
             each["verdict"].replace("_", " "),
-            "ego" if each["ego_at_fault"] else "other",
+            "nobody: in the log" if each["in_log"] else "ego" if each["ego_at_fault"] else "other",
             _plain(each["delta_v_mps"]),
             _careful(careful[agent, step]["avoided"]),
             _careful(careful[agent, step]["other_avoids"]),
