@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from litsim_sim.analysis.ego import ego_motion
+from litsim_sim.analysis.progress import mean_progress
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.scenario.scenario import packaged
 
@@ -26,7 +27,7 @@ def test_shares_of_steps_off_the_road_and_over_its_edge(table, make_run) -> None
     run = make_run(driven, log=ways(table, [EDGE - 1.8] * 5), net_xml=NET.read_bytes())
     found = ego_motion(run)
     assert (found["off_road"], found["over_edge"]) == (0.25, 0.5)
-    assert found["log"] == {"off_road": 0.0, "over_edge": 0.0, "hard_brakes": 0, "progress_m": 3.0}
+    assert found["log"] == {"off_road": 0.0, "over_edge": 0.0, "hard_brakes": 0, "progress_m": 4.0}
 
 
 def test_hard_brakes_of_the_ego_and_of_its_log(table, make_run) -> None:
@@ -51,9 +52,12 @@ def test_an_ego_that_is_gone_has_no_motion(table, make_run) -> None:
 
 def test_progress_of_the_ego_over_that_of_its_log(table, make_run) -> None:
     log = [table(k, {"id": 1, "x": 50.0 + 2 * k, "y": 0.0}) for k in range(5)]
-    driven = [table(k, {"id": 1, "x": 50.0 + 0.5 * k, "y": 0.0}) for k in range(5)]  # step 0 is history
-    found = ego_motion(make_run(driven, log=log))
-    assert (found["progress_m"], found["log"]["progress_m"]) == (1.5, 6.0)
+    driven = [table(k, {"id": 1, "x": 50.0 + 0.5 * k, "y": 0.0}) for k in range(5)]  # the way begins at step 0
+    run = make_run(driven, log=log)
+    found = ego_motion(run)
+    assert (found["progress_m"], found["log"]["progress_m"]) == (2.0, 8.0)
+    ways = (steps.after(run.info.history_steps - 1) for steps in (run.steps, run.logged))
+    assert mean_progress(*ways, {1}) == 2.0, "the same distance as in the progress of all"
     assert found["progress_ratio"] == 0.25
 
 
@@ -61,7 +65,7 @@ def test_progress_after_the_log_has_left_does_not_count(table, make_run) -> None
     log = [table(k, *([{"id": 1, "x": 50.0 + 2 * k, "y": 0.0}] if k < 3 else [])) for k in range(5)]
     driven = [table(k, {"id": 1, "x": 50.0 + k, "y": 0.0}) for k in range(5)]
     found = ego_motion(make_run(driven, log=log))
-    assert (found["progress_m"], found["progress_ratio"]) == (3.0, 0.5)
+    assert (found["progress_m"], found["progress_ratio"]) == (4.0, 0.5)
 
 
 def test_who_stands_where_the_log_stood_keeps_up(table, make_run) -> None:

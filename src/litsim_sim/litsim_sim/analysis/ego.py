@@ -28,9 +28,10 @@ def ego_motion(run: Run) -> EgoMetrics:
       log has it.
     """
     ego, lane_map = run.info.ego_id, lane_map_of(run)
-    driven = _motion(run.simulated, ego, lane_map, run.info.dt)
-    log = _motion(run.simulated_log, ego, lane_map, run.info.dt)
-    return {**driven, "progress_ratio": _progress_ratio(run.simulated, run.simulated_log, ego), "log": log}
+    way, log_way = (steps.after(run.info.history_steps - 1) for steps in (run.steps, run.logged))  # from where it ends
+    driven = _motion(run.simulated, way, ego, lane_map, run.info.dt)
+    log = _motion(run.simulated_log, log_way, ego, lane_map, run.info.dt)
+    return {**driven, "progress_ratio": _progress_ratio(way, log_way, ego), "log": log}
 
 
 def _progress_ratio(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> float | None:
@@ -44,7 +45,9 @@ def _progress_ratio(tables: Sequence[AgentTable], log: Sequence[AgentTable], age
     return max(driven, PROGRESS_LEAST_M) / max(logged, PROGRESS_LEAST_M)
 
 
-def _motion(tables: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, dt: float) -> DrivenMetrics:
+def _motion(
+    tables: Sequence[AgentTable], way: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, dt: float
+) -> DrivenMetrics:
     steps = Steps.of(tables)
     rows = steps.track(agent)
     x, y, yaw, length, width = (getattr(steps.stacked, f)[rows] for f in ("x", "y", "yaw", "length", "width"))
@@ -59,5 +62,5 @@ def _motion(tables: Sequence[AgentTable], agent: int, lane_map: LaneMap | None, 
         "off_road": off_road,
         "over_edge": over_edge,
         "hard_brakes": None if felt is None else felt.hard_brakes,
-        "progress_m": distance_of(tables, agent),
+        "progress_m": distance_of(way, agent),
     }
