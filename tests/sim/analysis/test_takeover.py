@@ -54,6 +54,13 @@ def test_takeover_that_prevented_a_contact(table: Make, make_run: Make, moved: M
     assert (entry.residual_position, entry.residual_speed) == (1.5, 0.5)
 
 
+def test_a_takeover_is_held_no_longer_than_the_run_lasts(table: Make, make_run: Make) -> None:
+    log = follower_log(table)
+    held = {k: [record(2, HELD, detected_step=17)] for k in range(17, 41)}
+    (entry,) = ledger(make_run(log, log, takeovers=held))
+    assert (entry.released_step, entry.held_s) == (None, 2.3), "the last step of the run is 23 steps later"
+
+
 def test_takeover_without_need_is_a_false_alarm(table: Make, make_run: Make) -> None:
     log = follower_log(table)
     (entry,) = ledger(make_run(log, log, takeovers=episode(2, 5, 20, 30)))

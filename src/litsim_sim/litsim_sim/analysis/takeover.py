@@ -49,7 +49,7 @@ class LedgerEntry:
         detected_step: step of the detection.
         handback_step: first step of the way back to the log, or None.
         released_step: last step off the log, or None where the run or the agent's road ended before.
-        held_s: time off the log [s].
+        held_s: time from the detection to the first step on the log again, or to the last step of the run [s].
         time_to_conflict: predicted at detection [s].
         overlap_probability: predicted at detection.
         log_collision_predicted: whether the log itself led into the opponent's forecast.
@@ -244,7 +244,7 @@ def _episodes(run: Run) -> Iterator[list[tuple[int, Takeover]]]:
 
 
 def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayContact]) -> LedgerEntry:
-    (_, first), (last_step, last) = episode[0], episode[-1]
+    (first_step, first), (last_step, last) = episode[0], episode[-1]
     back = (step for step, record in episode if record.state == TakeoverState.HANDBACK)
     later = (contact for contact in contacts if contact.step > first.detected_step)
     logged = last.residual_position >= 0  # the conflict stage says -1 where there is no logged pose to compare with
@@ -255,7 +255,7 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayC
         detected_step=first.detected_step,
         handback_step=next(back, None),
         released_step=last_step if last.state == TakeoverState.RELEASED else None,
-        held_s=len(episode) * run.info.dt,
+        held_s=round((min(last_step + 1, run.tables[-1].step) - first_step) * run.info.dt, 6),
         time_to_conflict=first.time_to_conflict,
         overlap_probability=first.overlap_probability,
         log_collision_predicted=bool(first.log_collision_predicted),
