@@ -19,7 +19,8 @@ def row(**values: Any) -> dict[str, Any]:
     """Measures of a row, as wide as they get."""
     ade = dict.fromkeys(map(str, HORIZONS_S), 0.000868)
     usual: dict[str, Any] = dict.fromkeys(MEASURES.values(), 0.000868) | {"runs": 20, "agents": 1920, "failed": 0}
-    return usual | {"ade_controlled_m": ade, "ade_all_m": ade, "reactive": 1.0, "measured": 20} | values
+    usual |= {"ade_controlled_m": ade, "ade_all_m": ade, "ade_runs": dict.fromkeys(ade, 20)}
+    return usual | {"reactive": 1.0, "measured": 20} | values
 
 
 def rows(count: int) -> dict[str, dict[str, Any]]:
@@ -81,6 +82,15 @@ def test_figures_of_fewer_runs_than_there_are_are_marked_and_explained() -> None
     assert cells(lines, "agents") == ["1920", "1920*"] and cells(lines, "runs") == ["20", "20"]
     assert cells(lines, "reactive %") == ["100.00", "100.00"], "of all runs, those that failed among them"
     assert lines[-1] == "* over the runs that were measured: b: 19 of 20"
+
+
+def test_displacements_say_where_not_all_runs_went_on_for_so_long() -> None:
+    whole = row()
+    reached = {"ade_runs": whole["ade_runs"] | {"25": 3}, "ade_controlled_m": whole["ade_controlled_m"] | {"25": None}}
+    lines = printed({"a": whole, "b": row(**reached)})
+    assert cells(lines, "ADE@20 s m, all") == ["0.000868", "0.000868"]
+    assert cells(lines, "ADE@25 s m, all") == ["0.000868", "0.000868", "(3", "of", "20)"]
+    assert cells(lines, "ADE@25 s m, controlled") == ["0.000868", "-"]
 
 
 def test_horizons_that_no_run_reaches_are_left_out() -> None:

@@ -116,6 +116,13 @@ def test_what_no_run_measures_is_none() -> None:
     assert mixed["rate_controlled"] == 0.5, "the mean is over the runs that measure it"
 
 
+def test_a_displacement_says_how_many_runs_went_on_for_so_long() -> None:
+    long = metrics(ade_all_m={"5": 0.5, "10": 1.0}, ade_controlled_m={"5": None, "10": None})
+    row = summarise([metrics(), metrics(), long], failed=1)
+    assert (row["ade_runs"]["5"], row["ade_runs"]["10"], row["ade_runs"]["15"]) == (3, 1, 0)
+    assert (row["ade_all_m"]["10"], row["ade_controlled_m"]["10"]) == (1.0, None)
+
+
 def test_a_table_of_no_runs_is_empty_not_an_error() -> None:
     row = summarise([])
     assert row["runs"] == 0 and row["rate_all"] is None and row["max_position_jump_m"] is None
@@ -133,5 +140,6 @@ def test_failed_runs_stay_in_the_denominator_and_are_told() -> None:
 def test_of_runs_of_which_nothing_is_known_nothing_is_said_to_be_zero() -> None:
     known = ("runs", "failed", "measured", "invalid", "reactive")
     lost = {name: value for name, value in summarise([], failed=3).items() if name not in known}
+    assert set(lost.pop("ade_runs").values()) == {0}
     by_horizon = [*lost.pop("ade_controlled_m").values(), *lost.pop("ade_all_m").values()]
     assert {*lost.values(), *by_horizon} == {None}

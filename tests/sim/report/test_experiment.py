@@ -61,6 +61,18 @@ def test_the_better_value_is_marked_and_what_leaves_runs_out_has_an_asterisk(cam
     assert not cells(html, "takeovers")[0].startswith("*")  # neither less nor more of them is better
 
 
+def test_a_displacement_that_not_all_runs_went_on_for_says_so(campaign: Write, tmp_path: Path) -> None:
+    campaign(tmp_path)
+    files = [file for file in (tmp_path / "runs").glob("*/result.json") if '"replay"' in file.read_text()]
+    for count, file in enumerate(sorted(files)):
+        result = json.loads(file.read_text())
+        reached = {"5": 1.0} if count else {"5": 1.0, "10": 2.0}
+        file.write_text(json.dumps(result | {"metrics": result["metrics"] | {"ade_all_m": reached}}))
+    html = page_of(tmp_path).read_text()
+    assert cells(html, "all, 5 s [m]")[0] == "1.00"
+    assert cells(html, "all, 10 s [m]")[0] == f"2.00 (1 of {len(files)})"
+
+
 def test_who_left_no_measures_is_best_in_nothing(campaign: Write, tmp_path: Path) -> None:
     html = page_of(campaign(tmp_path)).read_text()
     starred = re.findall(r'<td class="number( best)?">[^<]*\*</td>', html)

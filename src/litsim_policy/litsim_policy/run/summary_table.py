@@ -133,7 +133,7 @@ def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]
     for horizon in map(str, HORIZONS_S):
         if any(row["ade_all_m"][horizon] is not None for row in summary.values()):
             for key, whose in ((key, whose) for key, whose in DISPLACEMENTS if key in mine[0]):
-                cells = (_cell(key, row[key][horizon]) + _mark(key, row) for row in mine)
+                cells = (_cell(key, row[key][horizon]) + _mark(key, row) + _reached(key, horizon, row) for row in mine)
                 table.add_row(f"ADE@{horizon} s m, {whose}", *cells)
     return table
 
@@ -141,6 +141,12 @@ def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]
 def _mark(key: str, row: Mapping[str, Any]) -> str:
     """What follows a figure that leaves runs out: all do where runs have failed, but for those that count them."""
     return MARK if row["failed"] and key not in OF_ALL_RUNS else ""
+
+
+def _reached(key: str, horizon: str, row: Mapping[str, Any]) -> str:
+    """What follows a displacement up to `horizon` for which only some of the runs went on: how many of them did."""
+    runs, every = row["ade_runs"][horizon], row["measured"]
+    return f" ({runs} of {every})" if runs < every and row[key][horizon] is not None else ""
 
 
 def _cell(key: str, value: float | None) -> str:

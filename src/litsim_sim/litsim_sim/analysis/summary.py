@@ -16,7 +16,8 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
     Args:
         runs: metrics of those that were measured, valid or not.
         failed: how many others there are, of which nothing is known. They count in `runs`, and in `reactive`, the share
-            of runs that are known to be free of collisions; every other figure is of the `measured` runs alone.
+            of runs that are known to be free of collisions; every other figure is of the `measured` runs alone,
+            and ADE up to a horizon of those of them that went on for so long: as many as `ade_runs` says.
     """
     runs = list(runs)
     every = len(runs) + failed
@@ -49,6 +50,7 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
         "relevant_ratio": _mean(r["relevant_ratio"] for r in runs),
         "ade_controlled_m": ade,
         "ade_all_m": {h: _mean(r["ade_all_m"].get(h) for r in runs) for h in ade},
+        "ade_runs": {h: sum(h in r["ade_all_m"] for r in runs) for h in ade},
         "replay_error_max_m": max((far for r in runs if (far := r["replay_error_max_m"]) is not None), default=None),
         "hard_brakes": _known_sum(r["comfort"]["controlled"]["hard_brakes"] for r in runs),
         "hard_brakes_log": _known_sum(r["comfort"]["controlled"].get("hard_brakes_log") for r in runs),

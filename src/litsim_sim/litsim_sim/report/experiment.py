@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from litsim_sim.report.campaign_content import criteria_of, pack_campaign
 from litsim_sim.report.pages import render_page
 from litsim_sim.report.run_report import save
 from litsim_sim.report.thumbnails import read_thumbnail, write_thumbnail
-from litsim_sim.report.wording import leaf, number, percent
+from litsim_sim.report.wording import NOTHING, leaf, number, percent
 
 TAGS_MAX = 30  # in the table by tag, the worst ones
 NOT_PASSED = "not passed"  # a choice of the filter by verdict, as in assets/campaign_runs.js
@@ -246,7 +247,14 @@ def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:
     horizons = list(next(iter(summary.values()), {}).get("ade_all_m") or {})
     for name, field in (("controlled", "ade_controlled_m"), ("all", "ade_all_m")):
         for horizon in horizons:
-            yield Column(f"{name}, {horizon} s [m]", lambda row, f=field, h=horizon: row[f][h])  # type: ignore[misc]
+            find: Callable[[dict[str, Any]], Any] = partial(_displaced, field=field, horizon=horizon)
+            yield Column(f"{name}, {horizon} s [m]", find, lambda found: found or NOTHING)
+
+
+def _displaced(row: dict[str, Any], field: str, horizon: str) -> str | None:
+    """The displacement of a row, and of how many of its runs it is where not all went on for so long."""
+    value, runs, every = row[field][horizon], row["ade_runs"][horizon], row["measured"]
+    return None if value is None else number(value) + (f" ({runs} of {every})" if runs < every else "")
 
 
 def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
