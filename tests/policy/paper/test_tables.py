@@ -59,6 +59,8 @@ def test_differences_have_their_bounds(methods: dict[str, Any]) -> None:
     middle, _, bounds = found.partition(" ")
     low, high = (float(bound) for bound in bounds.strip("[]").split(","))
     assert middle == "-1.45" and low < -1.45 < high < 0.0
+    methods["idm"][key(9)] = None
+    assert cells(differences(methods, [COLLISION]), "idm")[1].startswith("-1.40 ["), "of the cases that both have"
 
 
 def test_counts_of_contacts_by_fault(methods: dict[str, Any]) -> None:

@@ -259,7 +259,8 @@ def _clear(ours: Parts, theirs: Parts) -> bool:
 
 
 def _difference(measure: Measure, ours: Parts, theirs: Parts) -> str:
-    bounds, mine, other = interval(ours, theirs), figure(ours), figure(theirs)
+    both = ({key: parts[key] for key in ours if key in theirs} for parts in (ours, theirs))  # those of the bounds
+    bounds, mine, other = interval(ours, theirs), *map(figure, both)
     if bounds is None or mine is None or other is None:
         return NOTHING
     low, high = (measure.text(bound) for bound in bounds)
