@@ -94,6 +94,17 @@ def test_one_is_met_that_is_just_too_near_to_stop_behind(table: Make) -> None:
     assert found == [False, True]
 
 
+@pytest.mark.parametrize(("distance", "speed", "avoided"), [(80.0, 10.0, True), (150.0, 30.0, False)])
+def test_the_end_of_the_run_is_no_way_out(table: Make, distance: float, speed: float, avoided: bool) -> None:
+    """The verdict on a contact that ends the run is that on one after which the run goes on."""
+    tables = approach(table, distance, speed, steps=120)
+    hit = contact(tables, distance)
+    whole = careful_driver(tables, 1, 2, hit, 0.1, None)
+    assert whole.avoided == avoided
+    for last in (hit, hit + 1, hit + 29, hit + 35):
+        assert careful_driver(tables[: last + 1], 1, 2, hit, 0.1, None) == whole
+
+
 LANES = (-1.83, -5.49, -9.15)  # [m] centres of the leftmost lanes of us101_like
 DRIFT = 0.1  # [m] to the side in a step
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from litsim_sim.analysis.safety import times_to_collision
 from litsim_sim.core.geometry import boxes_overlap, to_body
-from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
+from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.maps.lane_map import LaneMap
 
@@ -54,7 +54,8 @@ def careful_driver(
     """Put the driver into the seat of `driven` before its contact with `agent`.
 
     The regulation asks this of the vehicle under test; of a background agent it is asked in the same way. The other
-    vehicle keeps to what it did in the run, whatever the driver does.
+    vehicle keeps to what it did in the run, whatever the driver does. Where the run is over before the driver has
+    stayed free for long enough, both vehicles go straight on at their last speeds.
 
     Args:
         tables: steps of the run, ascending.
@@ -72,14 +73,25 @@ def careful_driver(
     risky = step[_risky(table, own, other, lane_map) & (step <= contact_step)]
     perceived = int(risky[0]) if len(risky) else contact_step
     step, own, other = (values[step >= perceived] for values in (step, own, other))
-    path = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(table.x[own]), np.diff(table.y[own])))])
+    lacking = max(0, contact_step + round(LOOK_ON_S / dt) - int(steps.step[-1])) if near[-1] else 0
+    beyond = np.append(np.zeros(len(step), np.int64), np.arange(1, lacking + 1))  # the last step of the run
+    step, own, other = (np.append(values, np.repeat(values[-1:], lacking)) for values in (step, own, other))
+    step = step + beyond
+    (own_x, own_y), (other_x, other_y) = (_straight_on(table, rows, beyond, dt) for rows in (own, other))
+    path = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(own_x), np.diff(own_y)))])
     s, speed = _braked(table.speed[own].tolist(), path.tolist(), ((step - perceived) * dt).tolist())
-    x, y, yaw = (np.interp(s, path, values) for values in (table.x[own], table.y[own], np.unwrap(table.yaw[own])))
+    x, y, yaw = (np.interp(s, path, values) for values in (own_x, own_y, np.unwrap(table.yaw[own])))
     own_size, other_size = ((table.length[at], table.width[at]) for at in (own, other))
-    hits = boxes_overlap(table.x[other] - x, table.y[other] - y, yaw, table.yaw[other], own_size, other_size)
+    hits = boxes_overlap(other_x - x, other_y - y, yaw, table.yaw[other], own_size, other_size)
     met = hits.nonzero()[0]
     at_contact = speed[met[0]] if len(met) else 0.0
     return CarefulDriver(agent, contact_step, perceived, avoided=not len(met), speed_at_contact=at_contact)
+
+
+def _straight_on(table: AgentTable, rows: IntArray, later: IntArray, dt: float) -> tuple[FloatArray, FloatArray]:
+    """Where the vehicles in `rows` (k,) are [m] at constant speed and heading, `later` (k,) steps of `dt` [s] later."""
+    way = table.speed[rows] * dt * later
+    return table.x[rows] + way * np.cos(table.yaw[rows]), table.y[rows] + way * np.sin(table.yaw[rows])
 
 
 def speed_lost(time: float) -> float:
