@@ -22,6 +22,7 @@ from litsim_policy.learning.rollout import (
     Episode,
     HereDriving,
     begin,
+    begin_validation,
     collect,
     drive,
     planned,
@@ -97,7 +98,8 @@ def test_the_share_of_collided_episodes_counts_episodes(busy, policy, config, mo
         return dataclasses.replace(real(before, after, agents, *others), collision=collide)
 
     monkeypatch.setattr(episodes, "penalties", hit)
-    rates = validate(policy, HereDriving(busy), config.model_copy(update={"validation_episodes": 4}))
+    longer = config.model_copy(update={"validation_episodes": 4})
+    rates = validate(begin_validation(HereDriving(busy), policy, longer), longer)
     assert rates["validation_collided_share"] == 0.5, "two agents in each of two of four episodes"
     assert rates["validation_collisions"] > 0.0
 
@@ -111,7 +113,7 @@ def test_where_nobody_is_driven_training_ends_and_says_so(lonely, policy, config
 
 def test_a_validation_in_which_nobody_is_driven_is_no_perfect_score(lonely, policy, config) -> None:
     with pytest.raises(InputError, match="nobody is driven in the 2 episodes of validation"):
-        validate(policy, HereDriving(lonely), config)
+        validate(begin_validation(HereDriving(lonely), policy, config), config)
 
 
 def assert_same(one: Episode, other: Episode) -> None:

@@ -10,7 +10,7 @@ from litsim_policy.learning.config import TrainConfig
 from litsim_policy.learning.data import TrainingData
 from litsim_policy.learning.environment import EnvironmentConfig
 from litsim_policy.learning.network import GaussianPolicy
-from litsim_policy.learning.rollout import TOGETHER, Driving, Episode, begin, collect, validate
+from litsim_policy.learning.rollout import TOGETHER, Driving, Episode, begin, begin_validation, collect, validate
 from litsim_policy.learning.rollout_pool import rollouts, shared_out
 
 SMALL = EnvironmentConfig(steps_max=20, slots=4, drafted=3)
@@ -65,7 +65,8 @@ def test_what_several_processes_drive_is_what_one_drives(data, config) -> None:
                 for driving, _ in (here, pool)
             )
             assert rates == same_rates and len(tracks) == len(same_tracks)
-            assert validate(policy, here[1], config) == validate(policy, pool[1], config)
+            alone, together = (validate(begin_validation(v, policy, config), config) for _, v in (here, pool))
+            assert alone == together
         first, second = (drawn(here[0], policy)[0] for policy in policies(config))
         assert not np.array_equal(first.tracks[0].raw, second.tracks[0].raw)
 

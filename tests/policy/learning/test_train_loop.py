@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from safetensors import safe_open
+from safetensors.torch import load_file
 
 from litsim_policy.learning import checkpoint, train
 from litsim_policy.learning.config import TrainConfig
@@ -62,24 +65,73 @@ def _no_curves(monkeypatch) -> None:
 # Interruptions
 
 
-def test_a_run_that_was_interrupted_ends_where_a_whole_one_does(config, tmp_path: Path, monkeypatch) -> None:
-    """The interruption falls between two checkpoints: what came after the first is made again, and alike."""
-    config = count(config, 3, validate_every=2)
+@pytest.mark.parametrize("at", [1, 2, 3])
+def test_a_run_that_was_interrupted_ends_where_a_whole_one_does(config, tmp_path: Path, monkeypatch, at: int) -> None:
+    """At 1 and 3 the policy of the iteration before is being validated, at 2 it has been and its files are there."""
+    config = count(config, 4, validate_every=2)
     whole = train.run(config, tmp_path / "whole", progress=False)
     iterate = train._iterate
 
     def interrupted(*arguments: Any) -> dict[str, float]:
-        if arguments[-1] == 2:
+        found = iterate(*arguments)
+        if arguments[-1] == at:
             raise KeyboardInterrupt
-        return iterate(*arguments)
+        return found
 
     monkeypatch.setattr(train, "_iterate", interrupted)
     with pytest.raises(KeyboardInterrupt):
         train.run(config, tmp_path / "parts", progress=False)
     monkeypatch.setattr(train, "_iterate", iterate)
     resumed = train.run(config, tmp_path / "parts", resume=True, progress=False)
-    assert len(resumed.history) == 3
     assert all(torch.equal(a, b) for a, b in zip(weights(whole), weights(resumed), strict=True))
+    assert left(tmp_path / "whole") == left(tmp_path / "parts")
+    assert [k for k, entry in enumerate(resumed.history) if "validation_score" in entry] == [0, 2, 3]
+
+
+def test_a_run_in_several_processes_leaves_what_one_does(config, tmp_path: Path) -> None:
+    for processes in (1, 2):
+        train.run(count(config, 3, validate_every=2), tmp_path / str(processes), progress=False, processes=processes)
+    assert left(tmp_path / "1") == left(tmp_path / "2")
+
+
+def left(out: Path) -> tuple[Any, ...]:
+    """What a run has left in `out`: its history without times, and its weights with what is said about them."""
+    history = json.loads((out / checkpoint.HISTORY).read_text())
+    entries = [[(name, value) for name, value in entry.items() if name != "seconds"] for entry in history]
+    files = []
+    for name in (checkpoint.BEST, checkpoint.LAST):
+        with safe_open(out / name, "numpy") as file:
+            files.append((file.metadata(), {key: file.get_tensor(key).tobytes() for key in sorted(file.keys())}))
+    return entries, files
+
+
+# Validation
+
+
+def test_a_policy_is_validated_as_it_was_while_the_next_iteration_changes_it(
+    config, tmp_path: Path, monkeypatch
+) -> None:
+    """It waits behind that iteration's episodes, and its result is asked for once the policy has learned from them."""
+    learning = config.ppo.__class__(**{**vars(config.ppo), "value_first": 0})
+    first = count(config, 1, ppo=learning)
+    train.run(first, tmp_path / "first", progress=False)
+    said: list[str] = []
+
+    def noted(name: str, instead: Any = None) -> None:
+        real = getattr(train, name)
+        monkeypatch.setattr(train, name, lambda *a, **k: said.append(name) or (instead or real)(*a, **k))
+
+    scores = iter([-1.0, -2.0])
+    for name in ("begin", "begin_validation", "update_policy"):
+        noted(name)
+    noted("validate", lambda episodes, _: list(episodes) and {"validation_score": next(scores)})
+    train.run(count(first, 2), tmp_path / "longer", progress=False)
+    validation = ["begin_validation", "validate"]
+    assert said == ["begin", "update_policy", "begin", validation[0], "update_policy", validation[1], *validation]
+    with safe_open(tmp_path / "longer" / checkpoint.BEST, "pt") as best:
+        assert best.metadata()["iterations"] == "1"
+        for name, values in load_file(tmp_path / "first" / checkpoint.LAST).items():
+            assert torch.equal(values, best.get_tensor(name)), name
 
 
 def test_a_run_that_dies_while_it_writes_can_be_resumed(config, tmp_path: Path, monkeypatch) -> None:

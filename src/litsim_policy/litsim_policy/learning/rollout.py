@@ -200,8 +200,17 @@ def _noise(scene: IntArray, generators: Sequence[torch.Generator]) -> FloatArray
     return torch.cat(drawn).double().numpy() if drawn else np.empty((0, 3))
 
 
-def validate(policy: GaussianPolicy, driving: Driving, config: TrainConfig) -> dict[str, float]:
-    """Drive episodes that are the same each time by the means of the policy.
+def begin_validation(driving: Driving, policy: GaussianPolicy, config: TrainConfig) -> Iterator[Episode]:
+    """Begin to drive episodes that are the same each time by the means of `policy`; see :func:`validate`.
+
+    It must not change until the last of them.
+    """
+    seeds = range(VALIDATION_SEED, VALIDATION_SEED + config.validation_episodes)
+    return driving.episodes(policy, seeds, draws=False)
+
+
+def validate(episodes: Iterable[Episode], config: TrainConfig) -> dict[str, float]:
+    """What came of the `episodes` of a validation.
 
     Returns:
         rates by name, and `validation_score`: the mean penalty of an agent-step, at most 0.
@@ -210,8 +219,7 @@ def validate(policy: GaussianPolicy, driving: Driving, config: TrainConfig) -> d
         InputError: nobody is driven in any of them, so that there is nothing to score.
     """
     sums: dict[str, float] = defaultdict(float)
-    seeds = range(VALIDATION_SEED, VALIDATION_SEED + config.validation_episodes)
-    for episode in driving.episodes(policy, seeds, draws=False):
+    for episode in episodes:
         _add(sums, episode.sums)
     if not sums["transitions"]:
         raise InputError(

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable, Iterator
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +29,7 @@ from litsim_policy.learning.data import TrainingData, prepare
 from litsim_policy.learning.expert import ExpertPairs, expert_pairs
 from litsim_policy.learning.network import GaussianPolicy, driving_network, restore, save
 from litsim_policy.learning.ppo import Demonstrations, make_batch, tensor, update_policy
-from litsim_policy.learning.rollout import Driving, begin, collect, validate
+from litsim_policy.learning.rollout import Driving, Episode, begin, begin_validation, collect, validate
 from litsim_policy.learning.rollout_pool import rollouts
 from litsim_policy.learning.sides import critic_sides, driven_pairs
 from litsim_policy.learning.training_program import training_parser, training_program
@@ -68,29 +70,60 @@ def _train(
     with tqdm(total=config.iterations, initial=len(training.history), unit="iteration", disable=not progress) as bar:
         for iteration in range(len(training.history), config.iterations):
             started = time.perf_counter()
-            found = _iterate(training, driving, recorded, shown, iteration)
-            last = iteration == config.iterations - 1
-            if iteration % config.validate_every == 0 or last:
-                found |= validate(training.policy, validation, config)
+            episodes = begin(driving, training.policy, config, training.history)
+            finish = _begin_validation(training, validation, out) if _is_validation_due(training) else None
+            found = _iterate(training, episodes, recorded, shown, iteration)
+            if finish:
+                finish()
             training.history.append(found | {"seconds": time.perf_counter() - started})
-            if found.get("validation_score", -np.inf) > training.best:
-                training.best = found["validation_score"]
-                save(training.policy, out / BEST, training.about)
             training.keep(out)
-            if iteration % config.validate_every == 0 or last:
+            if finish:
                 training.write(out)
             bar.set_postfix({"penalty": f"{found['penalty']:.3f}", "collisions/1000": f"{found['collisions']:.2f}"})
             bar.update()
+    if _is_validation_due(training):
+        started = time.perf_counter()
+        _begin_validation(training, validation, out)()
+        training.history[-1]["seconds"] += time.perf_counter() - started
+        training.keep(out)
+        training.write(out)
+
+
+def _is_validation_due(training: Training) -> bool:
+    """Whether the last iteration made is to be validated and has not been."""
+    last = training.iterations - 1
+    due = last % training.config.validate_every == 0 or last == training.config.iterations - 1
+    return last >= 0 and due and "validation_score" not in training.history[-1]
+
+
+def _begin_validation(training: Training, validation: Driving, out: Path) -> Callable[[], None]:
+    """Begin to validate the policy as it is now, behind the episodes that have begun.
+
+    Processes that are done with those thus have something to do, also while the policy learns from them.
+
+    Returns:
+        what waits for it, adds it to the entry of the last iteration, and keeps the best weights.
+    """
+    policy, about, entry = deepcopy(training.policy), training.about, training.history[-1]
+    episodes = begin_validation(validation, policy, training.config)
+
+    def finish() -> None:
+        entry.update(validate(episodes, training.config))
+        if entry["validation_score"] > training.best:
+            training.best = entry["validation_score"]
+            save(policy, out / BEST, about)
+
+    return finish
 
 
 def _iterate(
     training: Training,
-    driving: Driving,
+    episodes: Iterator[Episode],
     recorded: Demonstrations,
     shown: Demonstrations,
     iteration: int,
 ) -> dict[str, float]:
-    """Make one iteration: drive, teach the critic, reward, update the policy.
+    """Make one iteration: drive `episodes`, teach the critic, reward, update the policy.
 
     The critic is taught by what drivers did (`recorded`), the policy kept near what it is `shown`.
 
@@ -99,7 +132,6 @@ def _iterate(
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
-    episodes = begin(driving, training.policy, config, training.history)
     expert, drawn = critic_sides(training.policy, recorded, config.transitions, generator)  # while others drive
     critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
     tracks, counts = collect(episodes)
