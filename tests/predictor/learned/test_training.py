@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,6 +15,7 @@ import torch
 from torch.optim.swa_utils import AveragedModel
 
 from litsim_predictor.cli import evaluate, train
+from litsim_predictor.learned import training
 from litsim_predictor.learned.data.scenes import scene_batches
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import Provenance, load_model, save_model
@@ -153,6 +156,23 @@ def test_a_fraction_of_the_vehicles_makes_epochs_of_as_many_steps(config: Path, 
     made = load_model(str(tmp_path / "few" / WEIGHTS))[1]
     assert made.manifest["rows"]["train"]["made"] == 2 * 110
     assert made.training["fraction"] == 0.3 and "--fraction 0.3" in made.command
+
+
+def test_of_a_source_that_nobody_is_learned_of_no_fraction_is_taken(
+    config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = training.load
+
+    def seen_only(*given: Any) -> Any:
+        parts = real(*given)
+        (tracks,) = parts["train"]
+        return parts | {"train": [tracks, replace(tracks, target=np.zeros(len(tracks), np.bool_))]}
+
+    monkeypatch.setattr(training, "load", seen_only)
+    some = read_yaml(config, TrainingConfig).model_copy(update={"fraction": 0.3})
+    learned, seen = load_parts(some, Locator(config.parent))["train"]
+    assert learned[0].target.sum() == 2 * 110
+    assert not seen[0].target.any() and seen[1] == some.data[0].share
 
 
 def test_a_training_begins_with_other_weights_of_the_same_model(

@@ -22,6 +22,7 @@ from rich.table import Table
 from tqdm import tqdm
 
 from litsim_predictor.cli.train import packaged_configs
+from litsim_predictor.inference.contract import SECONDS
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
@@ -30,8 +31,6 @@ from litsim_sim.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
     from litsim_predictor.learned.data.tracks import Tracks
-
-SECONDS = ("1", "2", "3", "4", "5")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -171,7 +170,8 @@ def print_csv(result: dict[str, dict[str, Any]]) -> None:
 
 def _rows(result: dict[str, dict[str, Any]]) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Titles of the table's rows, and the keys of what is in them."""
-    for second in SECONDS:
+    seconds = [str(second) for second in SECONDS]
+    for second in seconds:
         yield f"RMSE@{second} s m", ("rmse", second)
     for second in ("1", "3", "5"):
         yield f"ratio@{second} s", ("ratio_to_constant_velocity", second)
@@ -185,9 +185,9 @@ def _rows(result: dict[str, dict[str, Any]]) -> Iterator[tuple[str, tuple[str, .
     yield "forecasts overlap %", ("overlap_rate",)
     yield "truth overlaps %", ("overlap_rate_truth",)
     if all("conflicts" in measures for measures in result.values()):
-        for second in SECONDS:
+        for second in seconds:
             yield f"precision@{second} s %", ("conflicts", second, "precision")
-        for second in SECONDS:
+        for second in seconds:
             yield f"recall@{second} s %", ("conflicts", second, "recall")
 
 

@@ -137,6 +137,8 @@ def load_parts(config: TrainingConfig, locate: Locator) -> dict[Part, list[tuple
     if config.fraction < 1.0:
         random = np.random.default_rng(config.seed)
         for k, (tracks, share) in enumerate(parts["train"]):
+            if not tracks.target.any():  # nobody there is learned, with or without the others
+                continue
             fewer = tracks.learned_of(config.fraction, random)
             left = np.isin(tracks.frame, fewer.target_frames).mean()  # of all agents, those in moments that are left
             parts["train"][k] = fewer, share / float(left)
