@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from importlib.metadata import EntryPoint, entry_points
 
 import pytest
 
 from litsim_policy.cli import bench, evaluate, run, training
+from litsim_sim.cli.arguments import Parser
 
 PROGRAMS = {each.value: each for each in entry_points(group="console_scripts") if ".cli." in each.value}
 PROGRAMS = {name: each for name, each in PROGRAMS.items() if name.startswith("litsim_")}
@@ -30,6 +32,23 @@ def test_what_is_wrong_with_options_is_told_in_a_line(
     assert stop.value.code == 2
     assert said.startswith("error: ") and said.endswith(" --help")
     assert len(words) == 1 or "argument --out: nothing in it, expected a value (is a variable not set?)" in said
+
+
+@pytest.mark.parametrize("program", PROGRAMS.values(), ids=PROGRAMS)
+def test_help_explains_every_option_and_prints_no_lists(program: EntryPoint, monkeypatch: pytest.MonkeyPatch) -> None:
+    parsers: list[Parser] = []
+
+    def noted(parser: Parser, *_: object) -> None:
+        parsers.append(parser)
+        raise SystemExit
+
+    monkeypatch.setattr(Parser, "parse_known_args", noted)
+    with pytest.raises(SystemExit):
+        program.load()()
+    (parser,) = parsers
+    options = [each for each in parser._actions if not isinstance(each, argparse._SubParsersAction)]
+    assert not [each.dest for each in options if not each.help]
+    assert "(default: [" not in parser.format_help() and "(default: (" not in parser.format_help()
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from litsim_sim.cli.arguments import Parser
+from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 
 
 @pytest.fixture
@@ -14,6 +14,15 @@ def parser() -> Parser:
     parser.add_argument("--set", nargs="+")
     parser.add_argument("command", nargs="*")
     return parser
+
+
+def test_defaults_are_told_as_they_would_be_typed() -> None:
+    parser = Parser(prog="mine", formatter_class=DefaultsFormatter)
+    parser.add_argument("--spread", nargs="+", type=float, default=[0.5, 1.0], help="scales")
+    parser.add_argument("--cost", nargs="*", default=[], help="thresholds")
+    said = parser.format_help()
+    assert "scales (default: 0.5 1.0)\n" in said and "thresholds\n" in said
+    assert parser.parse_args([]).spread == [0.5, 1.0]
 
 
 def refused(parser: Parser, words: list[str], capsys: pytest.CaptureFixture[str]) -> str:

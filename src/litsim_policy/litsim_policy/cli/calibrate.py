@@ -39,7 +39,13 @@ def parser() -> argparse.ArgumentParser:
         "--spread", nargs="+", type=float, default=[1.0], help="scales of the forecasts' deviations; a curve for each"
     )
     p.add_argument("--horizon", type=int, choices=SECONDS, default=SECONDS[-1], help="horizon of detection [s]")
-    p.add_argument("--thresholds", nargs="+", type=float, default=[0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7])
+    p.add_argument(
+        "--thresholds",
+        nargs="+",
+        type=float,
+        default=[0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7],
+        help="probabilities of an overlap from which a pair counts as a conflict; a point of each curve",
+    )
     p.add_argument("--cost", nargs="*", type=float, default=[], help="thresholds to run scenarios with")
     p.add_argument("--ego", nargs="+", default=["idm", "perturbed"], help="with --cost: who drives")
     p.add_argument("--policy", default="litsim", help="with --cost: what moves the background")

@@ -18,7 +18,7 @@ def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_predictor export``."""
     p = Parser(prog="export", description=__doc__)
     p.add_argument("--weights", required=True, help=f"{', '.join(SHIPPED)}, or a file of weights (safetensors)")
-    p.add_argument("--out", type=Path, required=True, metavar="FILE.onnx")
+    p.add_argument("--out", type=Path, required=True, metavar="FILE.onnx", help="file of the graph")
     p.add_argument(
         "--graph-only", action="store_true", help="graph without weights, as packaged beside the safetensors"
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterable
+from copy import copy
 from math import inf
 from typing import Any, NoReturn
 
@@ -47,6 +48,12 @@ class DefaultsFormatter(argparse.ArgumentDefaultsHelpFormatter):
     def _get_help_string(self, action: argparse.Action) -> str | None:
         plain = action.default is None or action.default == [] or isinstance(action.default, bool)
         return action.help if plain else super()._get_help_string(action)
+
+    def _expand_help(self, action: argparse.Action) -> str:
+        if isinstance(action.default, list) and action.default:  # as it would be typed
+            action = copy(action)
+            action.default = " ".join(map(str, action.default))
+        return super()._expand_help(action)
 
 
 def number(low: float, high: float = inf, *, above: bool = False) -> Callable[[str], float]:
