@@ -137,8 +137,9 @@ def _said(problems: list[ErrorDetails], text: str | bytes) -> Iterator[str]:
         at = f"line {line}, " if line else ""
         field = f"field {'.'.join(map(str, place))}" if place else "the fields together"
         plain = isinstance(problem["input"], str | int | float | None)
-        found = f", found {problem['input']!r:.{FOUND_MAX}}" if plain and problem["type"] not in MISNAMED else ""
-        yield f"{at}{field}: {problem['msg'].removeprefix('Value error, ')}{found}"
+        said = problem["msg"].removeprefix("Value error, ")
+        told = not plain or problem["type"] in MISNAMED or ", found " in said
+        yield f"{at}{field}: {said}" + ("" if told else f", found {problem['input']!r:.{FOUND_MAX}}")
 
 
 def _found(node: yaml.Node | None, place: tuple[int | str, ...]) -> tuple[int | None, list[int | str]]:

@@ -76,14 +76,22 @@ class Columns(_Strict):
     time: str | None = None
     x: str
     y: str
-    length: str | Annotated[float, Field(gt=0)]
-    width: str | Annotated[float, Field(gt=0)]
+    length: str | float
+    width: str | float
     yaw: str | None = None
     speed: str | tuple[str, str] | None = None
     acceleration: str | None = None
     kind: str | None = None
     clip: str | None = None
     lane: str | None = None
+
+    @field_validator("length", "width", mode="before")
+    @classmethod
+    def _column_or_size(cls, said: object) -> object:
+        is_size = isinstance(said, int | float) and not isinstance(said, bool) and 0.0 < said < math.inf
+        if not (isinstance(said, str) or is_size):
+            raise ValueError(f"expected a column, or a number greater than 0, found {said!r:.60}")
+        return said
 
     @field_validator("speed", mode="before")
     @classmethod
