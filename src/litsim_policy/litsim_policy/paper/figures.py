@@ -20,9 +20,9 @@ from litsim_sim.io.files import replacing
 DPI = 110
 WIDTH = 7.5  # [in]
 FAULTS = {
-    "fault_background": ("of the background", "#7a8ca3"),
-    "fault_ego_avoidable": ("of the ego, avoidable by the other", "#e0a458"),
-    "fault_ego": ("of the ego alone", "#b5483f"),
+    "fault_background": ("background", "#7a8ca3"),
+    "fault_ego_avoidable": ("ego, avoidable by the other", "#e0a458"),
+    "fault_ego": ("ego alone", "#b5483f"),
 }
 COLOURS = ("#8a8f98", "#4c78a8", "#f58518", "#b279a2", "#72b7b2", "#2e8b3d", "#9ccc9c", "#d9692a")
 ENDINGS = ("png", "svg")
@@ -60,8 +60,8 @@ def contacts_by_fault(by_ego: Mapping[str, Methods]) -> Canvas:
         axes.set_xticks(range(len(methods)), list(methods))
         axes.set_title(f"ego {ego}", loc="left", fontsize=9)
         _plain(axes)
-    canvas.supylabel("contacts that the log has not", fontsize=9)
-    panels[0].legend(frameon=False, title="at the fault", fontsize=8, title_fontsize=8)
+    canvas.supylabel("contacts that are not in the log", fontsize=9)
+    panels[0].legend(frameon=False, title="whose fault", fontsize=8, title_fontsize=8)
     return canvas
 
 
@@ -83,7 +83,7 @@ def ade_over_time(by_ego: Mapping[str, Mapping[str, Methods]]) -> Canvas:
             _plain(axes)
         row[0].set_ylabel("ADE, m")
     for axes in grid[-1]:
-        axes.set_xlabel("up to, s")
+        axes.set_xlabel("horizon, s")
     grid[0, -1].legend(frameon=False, fontsize=7)
     return canvas
 
@@ -93,7 +93,7 @@ def takeovers(methods: Methods, names: Sequence[str]) -> Canvas:
     canvas = Canvas((WIDTH, 3.0), layout="constrained")
     for axes, (field, label) in zip(
         canvas.subplots(1, 2),
-        (("held_s", "time off the log, s"), ("residual_m", "distance from the log at the release, m")),
+        (("held_s", "time off the log, s"), ("residual_m", "distance from the log at release, m")),
         strict=True,
     ):
         found = {name: _ledger(methods[name], field) for name in names if name in methods}
