@@ -398,6 +398,26 @@ def test_plot_shows_the_signals_that_are_named_instead_of_the_recordings_own(
     assert "signals need a net: name it with --net" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("lanes", "said"), [(12, []), (14, ["the 12 busiest of 14 lanes"])])
+def test_plot_says_which_lanes_it_leaves_out(
+    tmp_path: Path, track: type, monkeypatch: pytest.MonkeyPatch, lanes: int, said: list[str]
+) -> None:
+    from matplotlib.axes import Axes
+
+    from litsim_sim.recordings.recording import RecordingHeader
+    from litsim_sim.report.recording_plots import draw
+
+    titles: list[str] = []
+    monkeypatch.setattr(Axes, "set_title", lambda _, title, **__: titles.append(title))
+    rows = pd.concat([track(id=k, x=0.0, last=10 + k).rows().assign(lane=k) for k in range(1, lanes + 1)])
+    recording = Recording.from_table(RecordingHeader("many"), rows, "many")
+    for name in ("many.png", "many.html"):
+        draw(recording, tmp_path / name, "")
+        assert [title for title in titles if "busiest" in title] == said
+        assert sum(title.startswith("lane ") for title in titles) == 12
+        titles.clear()
+
+
 def test_plot_of_one_vehicle_without_lane(tmp_path: Path, track: type) -> None:
     from litsim_sim.recordings.recording import RecordingHeader
     from litsim_sim.report.recording_plots import draw

@@ -89,7 +89,7 @@ def draw(
 
 def space_time(recording: Recording) -> Figure:
     """One diagram per lane and direction: place along the main direction over time, coloured by speed."""
-    size = (WIDTH, DIAGRAM * len(_groups(recording.table)) + 0.6)
+    size = (WIDTH, DIAGRAM * len(_groups(recording.table)[:LANES_MAX]) + 0.6)
     figure = Figure(figsize=size, dpi=DPI, layout="constrained", facecolor="white")
     _space_time(figure, recording)
     return figure
@@ -207,7 +207,7 @@ def _overview(
         figure = intersection(recording, crossing, signals, moments)
         figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK)
         return figure
-    diagrams = DIAGRAM * len(_groups(recording.table)) + 0.6
+    diagrams = DIAGRAM * len(_groups(recording.table)[:LANES_MAX]) + 0.6
     figure = Figure(figsize=(WIDTH, diagrams + MAP), dpi=DPI, layout="constrained", facecolor="white")
     upper, lower = figure.subfigures(2, 1, height_ratios=(diagrams, MAP))
     _space_time(upper, recording)
@@ -224,10 +224,10 @@ def _bytes(figure: Figure) -> bytes:
 
 
 def _groups(table: pd.DataFrame) -> list[tuple[bool, int]]:
-    """The busiest (whether against the main direction, lane), sorted."""
+    """Each (whether against the main direction, lane), the busiest first."""
     against = _against(table)
     counts = pd.Series(list(zip(against.tolist(), table["lane"].tolist(), strict=True))).value_counts()
-    return sorted(counts.index[:LANES_MAX])
+    return list(counts.index)
 
 
 def _against(table: pd.DataFrame) -> BoolArray:
@@ -236,7 +236,8 @@ def _against(table: pd.DataFrame) -> BoolArray:
 
 def _space_time(figure: FigureBase, recording: Recording) -> None:
     table = recording.table.sort_values(["vehicle_id", "frame"], ignore_index=True)
-    direction, turned, shown = main_direction(table), _against(table), _groups(table)
+    direction, turned, groups = main_direction(table), _against(table), _groups(table)
+    shown = sorted(groups[:LANES_MAX])
     along = np.cos(direction) * table["x"].to_numpy() + np.sin(direction) * table["y"].to_numpy()
     lane = table["lane"].to_numpy()
     axes = figure.subplots(len(shown), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
@@ -251,6 +252,8 @@ def _space_time(figure: FigureBase, recording: Recording) -> None:
         axis.set_title(f"{name}{', opposite direction' if against else ''}", loc="left", fontsize=9, color=INK)
         axis.set_ylabel("along [m]", fontsize=8)
         _plain(axis)
+    if len(groups) > len(shown):
+        axes[0].set_title(f"the {len(shown)} busiest of {len(groups)} lanes", loc="right", fontsize=9, color=INK)
     axes[0].set(xlim=(0.0, max(STEP_S, float(time.max()))), ylim=(float(along.min()) - 1.0, float(along.max()) + 1.0))
     axes[-1].set_xlabel(f"time [s] from frame {table['frame'].min()}", fontsize=9)
     figure.colorbar(ScalarMappable(speeds, SPEEDS), ax=list(axes), label="speed [m/s]", shrink=0.8, pad=0.01)
