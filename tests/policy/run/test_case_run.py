@@ -160,6 +160,14 @@ def test_a_launcher_that_does_not_come_back_is_ended(launcher: Any) -> None:
     assert read_failure(folder / "case/run/a_0.mcap") == "not over within 0.5 s", "the record alone cannot know"
 
 
+def test_a_run_that_takes_too_long_leaves_a_report_of_what_it_recorded(launcher: Any) -> None:
+    recorded = Path(__file__).parents[2] / "sim/record/bags/format_1/format_1_0.mcap"
+    folder = launcher(f"cp {recorded} $out; exec sleep 600")
+    found = over_graph(case("idm"), folder, time_limit_s=0.5)
+    assert (found.metrics, found.report) == (None, "run/report.html")
+    assert "not over within 0.5 s" in (folder / "case/run/report.html").read_text()
+
+
 def test_a_run_of_a_campaign_that_has_ended_says_nothing(launcher: Any) -> None:
     with pytest.raises(RunStopped):
         over_graph(case("idm"), launcher("exec sleep 600"), stopped=lambda: True)

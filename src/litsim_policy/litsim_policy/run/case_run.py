@@ -28,7 +28,7 @@ from litsim_sim.launch.nodes import GraphOptions, nodes_of
 from litsim_sim.launch.processes import LOG_FOLDER, STACK, check_program
 from litsim_sim.record.failure import write_failure
 from litsim_sim.record.run import Run, read_run
-from litsim_sim.report.run_report import REPORT_FILE
+from litsim_sim.report.run_report import REPORT_FILE, write_report
 from litsim_sim.report.thumbnails import write_thumbnail
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
@@ -181,6 +181,8 @@ def run_over_graph(
     recorded = any(out.glob("*.mcap"))
     if late and recorded:  # the launcher knows no more than that it was ended
         write_failure(out, failure)
+        with suppress(InputError):
+            write_report(out)
     if metrics and recorded:
         _draw(out, metrics, folder)
     return RunOutcome(
