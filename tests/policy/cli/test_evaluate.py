@@ -95,6 +95,33 @@ def test_what_is_wrong_in_a_suite_is_told_with_its_file(capsys, tmp_path, scenar
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("limit", "said"),
+    [
+        ("passed, min: 5", "at least 5"),
+        ("errors, equals: 5", "5"),
+        ("failed, one_of: [6, 5]", "one of 6, 5"),
+        ("passed, min: 4", None),
+        ("failed, max: 9", None),
+        ("passed_share, min: 0.5", None),
+    ],
+)
+def test_a_count_of_more_runs_than_there_are_is_refused(capsys, tmp_path, scenario, limit: str, said: str) -> None:
+    """Two policies drive with two egos."""
+    run = "{field: collision.excess, max: 0}"
+    kept = f"{{runs: [{run}], suite: [{{field: errors, max: 0}}, {{name: mine, field: {limit}}}]}}"
+    suite, criteria = tmp_path / "suite.yaml", tmp_path / "criteria.yaml"
+    text = f"name: some\ncases: [{{scenario: {scenario}, ego_id: 1}}]\negos: [idm, log]\npolicies: [yield, replay]\n"
+    suite.write_text(text + f"criteria: {kept}\n")
+    criteria.write_text(kept)
+    wanted = f"{limit.partition(',')[0]} is at most 4, the number of runs, expected {said}\n"
+    given = {f"{suite}: field criteria.suite.1": [], f"{criteria}: field suite.1": ["--criteria", criteria]}
+    for where, words in given.items():
+        status = called("--suite", suite, "--out", tmp_path / "out", "--dry-run", *words)
+        assert status == (2 if said else 0)
+        assert capsys.readouterr().err == (f"error: {where}: {wanted}" if said else "")
+
+
 @pytest.mark.parametrize("policy", ["replay", "yield"])
 def test_the_table_tells_of_takeovers_where_there_can_be_any(capsys, tmp_path, scenario, policy: str) -> None:
     called("--scenario", scenario, "--policy", policy, "--egos", "1", "--out", tmp_path / "out")

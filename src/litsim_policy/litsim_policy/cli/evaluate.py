@@ -70,6 +70,11 @@ def evaluate(arguments: argparse.Namespace) -> int:
         check_cases(cases)
     except InputError as error:  # what only a stage knows of its parameters
         raise InputError(f"{arguments.suite}: {error}" if arguments.suite else str(error)) from error
+    try:
+        suite.criteria.check_counts(len(cases))
+    except ValueError as error:
+        within = "" if arguments.criteria else "criteria."
+        raise InputError(f"{arguments.criteria or arguments.suite}: field {within}{error}") from error
     folder = CampaignFolder(Path(arguments.out))
     runs: LocalRuns | RayRuns = LocalRuns(folder, suite.criteria, arguments.processes, arguments.time_limit)
     if arguments.ray is not None:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from math import fsum
+from math import fsum, inf
 from pathlib import Path
 from statistics import fmean, median
 from typing import Annotated, Any, Literal, NamedTuple
@@ -199,6 +199,12 @@ class SuiteCriterion(Limits):
         """What is judged, in words."""
         return f"{self.aggregate} of {self.field}" if self.aggregate else self.field
 
+    @property
+    def least(self) -> float:
+        """The smallest number that keeps the limits."""
+        values = self.one_of or ([] if self.equals is None else [self.equals])
+        return min((float(value) for value in values), default=-inf if self.min is None else self.min)
+
     def of_runs(self, outcomes: Sequence[Outcome]) -> CriterionResult:
         """Judge all runs of a campaign."""
         if self.aggregate is None:
@@ -246,6 +252,17 @@ class Criteria(BaseModel):
         more = [] if asked & {"passed", PASSED_SHARE, "errors"} else [NO_ERRORS]
         more += [] if "unfinished" in asked else [NO_GAPS]
         return tuple(criterion.of_runs(outcomes) for criterion in (*self.suite, *more))
+
+    def check_counts(self, runs: int) -> None:
+        """Refuse limits on :data:`COUNTS` that a campaign of so many `runs` can never keep.
+
+        Raises:
+            ValueError: there is one; the text begins with its place among these fields.
+        """
+        for number, criterion in enumerate(self.suite):
+            if criterion.aggregate is None and criterion.field != PASSED_SHARE and criterion.least > runs:
+                said = f"{criterion.field} is at most {runs}, the number of runs, expected {criterion.limit}"
+                raise ValueError(f"suite.{number}: {said}")
 
     @model_validator(mode="after")
     def _check_names(self) -> Criteria:
