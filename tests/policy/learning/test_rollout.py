@@ -106,13 +106,13 @@ def test_the_share_of_collided_episodes_counts_episodes(busy, policy, config, mo
 
 def test_where_nobody_is_driven_training_ends_and_says_so(lonely, policy, config) -> None:
     assert drive(lonely, policy, [0], draws=False)[0].tracks == []
-    said = f"nobody is driven in {EMPTY_EPISODES_MAX} episodes in a row, expected scenarios"
+    said = f"no agent is driven in {EMPTY_EPISODES_MAX} episodes in a row, expected scenarios"
     with pytest.raises(InputError, match=said):
         collect(begin(HereDriving(lonely), policy, config, []))
 
 
 def test_a_validation_in_which_nobody_is_driven_is_no_perfect_score(lonely, policy, config) -> None:
-    with pytest.raises(InputError, match="nobody is driven in the 2 episodes of validation"):
+    with pytest.raises(InputError, match="no agent is driven in the 2 episodes of validation"):
         validate(begin_validation(HereDriving(lonely), policy, config), config)
 
 

@@ -76,7 +76,7 @@ def test_errors_are_counted_in_what_people_do() -> None:
 
 
 def test_nobody_to_learn_from(make_scenario: Any, track: Any) -> None:
-    with pytest.raises(InputError, match="nobody is on the road for 13 steps"):
+    with pytest.raises(InputError, match="no vehicle is on the road for 13 steps"):
         Moments([make_scenario(track(1, x=50.0, last=FUTURE - 1))], [1.0], SMALL)
 
 

@@ -100,7 +100,7 @@ def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no checkpoint"):
         simnet_train.run(config, tmp_path, resume=True, progress=False)
     simnet_train.run(config, tmp_path, progress=False)
-    with pytest.raises(InputError, match="fields seed of the configuration have changed"):
+    with pytest.raises(InputError, match="fields seed of the configuration differ"):
         simnet_train.run(config.model_copy(update={"seed": 5}), tmp_path, resume=True, progress=False)
     (tmp_path / CHECKPOINT).write_bytes(b"nothing")
     with pytest.raises(InputError, match="not a readable checkpoint"):
@@ -127,7 +127,7 @@ def test_the_program(
     with pytest.raises(SystemExit) as ended:
         simnet_train.main()
     assert ended.value.code == 2
-    assert "fields learning_rate of the configuration have changed" in capsys.readouterr().err
+    assert "fields learning_rate of the configuration differ" in capsys.readouterr().err
 
 
 def test_configurations_that_are_wrong(tmp_path: Path) -> None:

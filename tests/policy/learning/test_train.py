@@ -77,7 +77,7 @@ def test_what_a_checkpoint_must_be(file: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no checkpoint"):
         train.run(config, tmp_path, resume=True, progress=False)
     train.run(config, tmp_path, progress=False)
-    with pytest.raises(InputError, match="fields seed of the configuration have changed"):
+    with pytest.raises(InputError, match="fields seed of the configuration differ"):
         train.run(config.model_copy(update={"seed": 5}), tmp_path, resume=True, progress=False)
     (tmp_path / checkpoint.CHECKPOINT).write_bytes(b"nothing")
     with pytest.raises(InputError, match="not a readable checkpoint"):
@@ -113,7 +113,7 @@ def test_drivers_are_imitated(file: Path) -> None:
         ("data: {}\ncritic: {updates: 0}\n", "field critic.updates: .*greater than 0"),
         ("iterations: [\n", "malformed YAML"),
         ("data: {generated: [{net: us101_like, segments: 0, seed: 1}]}\n", "field data.generated.0.segments"),
-        ("data: {real: [{frames: [500, 700], local_y_m: [0, 100]}]}\n", "which results are reported on"),
+        ("data: {real: [{frames: [500, 700], local_y_m: [0, 100]}]}\n", "on which results are reported"),
     ],
 )
 def test_configurations_that_are_wrong(tmp_path: Path, text: str, said: str) -> None:
@@ -132,16 +132,16 @@ def test_nothing_to_train_on(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(sys, "argv", ["train", "--config", str(path), "--out", str(tmp_path / "out")])
     with pytest.raises(SystemExit) as exit_:
         train.main()
-    assert exit_.value.code == 2 and "nothing to train on" in capsys.readouterr().err
+    assert exit_.value.code == 2 and "no scenario to train on" in capsys.readouterr().err
 
 
 def test_training_scenarios_never_stand_in_for_missing_ones_to_validate_on(file: Path, tmp_path: Path) -> None:
     data = read_yaml(file, TrainConfig).data
-    with pytest.raises(InputError, match="nothing to validate on"):
+    with pytest.raises(InputError, match="no scenario to validate on"):
         prepare(data.model_copy(update={"validation": ()}), tmp_path)
-    with pytest.raises(InputError, match="nothing to validate on"):
+    with pytest.raises(InputError, match="no scenario to validate on"):
         prepare(DataConfig(generated=(Generated(net="us101_like", segments=1, seed=4000),)), tmp_path)
-    with pytest.raises(ValueError, match="in scenarios and in validation"):
+    with pytest.raises(ValueError, match="in both scenarios and validation"):
         DataConfig(scenarios=("demo",), validation=("demo",))
     apart = prepare(data, tmp_path)
     assert len(apart.train) == len(apart.validation) == 1 and not set(apart.train) & set(apart.validation)
@@ -157,7 +157,7 @@ def test_tuning_egos_validate_in_place_of_those_that_are_reported(
     files = {"scenarios": (str(tmp_path / "other.yaml"),), "tuning": (str(tmp_path / "reported.yaml"),)}
     (validating,) = prepare(DataConfig(**files), tmp_path).validation
     assert validating.egos == (4, 5) and validating.ego_id == 4
-    with pytest.raises(InputError, match=r"tuning: scenario .*other\.yaml names no tuning egos"):
+    with pytest.raises(InputError, match=r"tuning: scenario .*other\.yaml has no tuning egos"):
         prepare(DataConfig(scenarios=files["scenarios"], tuning=files["scenarios"]), tmp_path)
 
 
@@ -167,7 +167,7 @@ def test_what_is_reported_on_is_never_learned_from(frames: tuple[int, int], *, f
     if fits:
         assert RealWindow(frames=frames, local_y_m=(0.0, 100.0)).frames == frames
     else:
-        with pytest.raises(ValueError, match="reported on"):
+        with pytest.raises(ValueError, match="results are reported"):
             RealWindow(frames=frames, local_y_m=(0.0, 100.0))
 
 

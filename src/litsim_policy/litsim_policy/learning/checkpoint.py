@@ -1,4 +1,4 @@
-"""What a training is between two iterations, and the files that it leaves: it goes on from a checkpoint."""
+"""The state of a training between two iterations, its checkpoints, and the files that it writes."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
 
 
 class AdversarialTraining:
-    """A policy that learns against a critic: what changes from iteration to iteration, and the files that it leaves.
+    """The state of a policy's training against a critic, and its files.
 
-    A subclass makes the networks and optimisers, and says how the policy is saved.
+    Subclasses make the networks and optimisers, and save the policy.
 
     Attributes:
         config: of the training, with a seed.
-        policy, value, critic: the networks that learn.
+        policy, value, critic: the networks.
         policy_optimiser, critic_optimiser: of policy and value together, and of the critic.
-        history: entries of what was measured.
+        history: measured values by name, one entry per iteration.
         best: highest validation score so far.
-        more: names of further attributes that a checkpoint holds.
-        panels: of the picture of the curves.
+        more: names of further attributes that a checkpoint contains.
+        panels: of the picture of the learning curves.
     """
 
     config: Any
@@ -56,11 +56,11 @@ class AdversarialTraining:
 
     @property
     def iterations(self) -> int:
-        """Iterations made."""
+        """Number of iterations done."""
         return len(self.history)
 
     def save(self, path: Path) -> None:
-        """Write the weights of the policy, with :attr:`about`."""
+        """Write the weights of the policy, with :attr:`about` as metadata."""
         raise NotImplementedError
 
     @property
@@ -69,18 +69,18 @@ class AdversarialTraining:
         return {name: getattr(self, name) for name in names}
 
     def keep(self, out: Path) -> None:
-        """Write a checkpoint, to go on from here."""
+        """Write a checkpoint to the folder `out`."""
         more = {"history": self.history, "best": float(self.best)} | {name: getattr(self, name) for name in self.more}
         keep_state(out / CHECKPOINT, self.config, self._parts, more)
 
     def write(self, out: Path) -> None:
-        """Write what is there so far to `out`: the history, its curves, and the weights of the last iteration."""
+        """Write the history, its curves and the weights of the last iteration to the folder `out`."""
         (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
         self.save(out / LAST)
         plot_curves(self.history, out / CURVES, self.panels)
 
     def read(self, path: Path) -> None:
-        """Go on from a checkpoint.
+        """Restore the state from the checkpoint `path`.
 
         Raises:
             InputError: there is none, or it is of a run with another configuration.
@@ -91,19 +91,13 @@ class AdversarialTraining:
 
     @property
     def about(self) -> dict[str, str]:
-        """Metadata of weights, which say where they come from: seed, iterations made and the whole configuration."""
+        """Metadata of the weights: seed, number of iterations and the whole configuration."""
         config = self.config.model_dump_json()
         return {"seed": str(self.config.seed), "iterations": str(self.iterations), "config": config}
 
 
 class Training(AdversarialTraining):
-    """A training of policy C; its history has one entry an iteration.
-
-    Attributes:
-        config: of the training.
-        policy: the network that drives.
-        critic: that tells it from recorded drivers.
-    """
+    """A training of policy C."""
 
     config: TrainConfig
     policy: GaussianPolicy
@@ -125,17 +119,17 @@ class Training(AdversarialTraining):
 
 
 def keep_state(path: Path, config: BaseModel, parts: Mapping[str, Any], more: Mapping[str, Any]) -> None:
-    """Write the states of `parts` (networks and optimisers), and `more`, of a training by `config`."""
+    """Write a checkpoint: the states of `parts` (networks and optimisers), `more`, and `config`."""
     described = json.dumps(config.model_dump(mode="json"))
     fresh = path.with_name(f"{path.name}.new")
     torch.save({name: part.state_dict() for name, part in parts.items()} | dict(more) | {"config": described}, fresh)
-    fresh.replace(path)  # a run that is killed while it writes leaves the checkpoint before
+    fresh.replace(path)  # a run that is killed while writing keeps its previous checkpoint
 
 
 def read_state(
     path: Path, config: BaseModel, parts: Mapping[str, Any], *, length: str = "iterations", device: str = "cpu"
 ) -> dict[str, Any]:
-    """Bring `parts` to the states in the checkpoint `path`, read to a `device` of torch, and return all that is in it.
+    """Load the checkpoint `path` to a `device` of torch, restore the states of `parts`, and return its content.
 
     Raises:
         InputError: there is none, or it is of a run with another configuration; only the field `length` may differ.
@@ -149,7 +143,7 @@ def read_state(
     then, now = json.loads(state["config"]), config.model_dump(mode="json")
     changed = [key for key in now if key != length and then.get(key) != now[key]]
     if changed:
-        raise InputError(f"{path}: fields {', '.join(changed)} of the configuration have changed since")
+        raise InputError(f"{path}: fields {', '.join(changed)} of the configuration differ from the checkpoint's")
     for name, part in parts.items():
         part.load_state_dict(state[name])
     return state

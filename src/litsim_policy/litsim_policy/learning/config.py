@@ -1,4 +1,4 @@
-"""The configuration of a training of policy C: one YAML file, a section for each part."""
+"""Configuration of a training of policy C: one YAML file with a section for each part."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from litsim_policy.learning.warm_start import WarmStart
 
 
 class TrainConfig(BaseModel):
-    """A training run; the YAML file has these fields, and those of the parts in sections of their names.
+    """A training run; the YAML file has these fields, those of the parts in sections of their names.
 
     Attributes:
         seed: of everything random.
         iterations: updates of the policy.
-        transitions: agent-steps that an iteration collects at least.
+        transitions: least number of agent-steps in an iteration.
         start: file of weights of policy C to begin with, instead of the warm start; empty for none.
-        critic_reward: weight of the critic's reward, which is brought to mean 0, and to standard deviation 1 where
-            it is more.
+        critic_reward: weight of the critic's reward, which is shifted to mean 0 and scaled down to standard deviation 1
+            where it is larger.
         validate_every: iterations between validations.
-        validation_episodes: episodes of one.
+        validation_episodes: episodes in a validation.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

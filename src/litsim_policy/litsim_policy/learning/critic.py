@@ -1,6 +1,6 @@
-"""The critic: tells what recorded drivers did from what the policy does, and so rewards the policy for doing the same.
+"""The critic: a classifier of recorded drivers against the policy, which rewards the policy for acting like drivers.
 
-The drivers of NGSIM are people, those of generated segments are SUMO's models: the critic is shown both.
+It learns from both kinds of recorded drivers: people in NGSIM, and SUMO's models in generated segments.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ class CriticConfig:
 
     Attributes:
         learning_rate: of Adam.
-        gradient_penalty: weight; keeps the norm of the gradient between expert and policy from exceeding 1. Where the
-            sides are alike the critic is flat: pulled to 1 from below as well (Gulrajani 2017), it would be steep
-            there along whatever direction, and reward the policy for where it is.
+        gradient_penalty: weight of the penalty on gradients with a norm above 1, between expert and policy. Norms below
+            1 are not penalised, unlike in Gulrajani 2017: that would make the critic steep where both sides are alike,
+            and reward the policy for the situation it is in.
         updates: steps of the optimiser per iteration.
         batch: pairs of each side in a step.
-        noise: standard deviation added to all inputs: recorded accelerations jitter, and a critic that may look for
-            that learns nothing else.
-        reward_limit: the reward is cut to +- this.
+        noise: standard deviation of noise on all inputs, which hides the jitter of recorded accelerations from the
+            critic.
+        reward_limit: the reward is clipped to +- this.
     """
 
     learning_rate: Positive[Number] = 3e-4
@@ -41,7 +41,7 @@ class CriticConfig:
 
 
 class Critic(nn.Module):
-    """A logit for observation and executed action: positive where it takes the pair for a recorded driver's."""
+    """A network from observation and action to a logit, positive for a pair that it takes for a recorded driver's."""
 
     def __init__(self, observations: int) -> None:
         super().__init__()
@@ -53,10 +53,10 @@ class Critic(nn.Module):
         return logits
 
     def reward(self, pairs: Tensor, limit: float) -> Tensor:
-        """(m,) log D - log(1 - D), which is the logit itself, cut to +-`limit`.
+        """Reward (m,): log D - log(1 - D), which is the logit itself, clipped to +-`limit`.
 
-        It has both signs: a reward that is always positive pays for staying in control, one that is always negative
-        for ending the episode, whatever the driving is like (Kostrikov 2019).
+        It has both signs: an always positive reward would favour long episodes, an always negative one short episodes,
+        however the policy drives (Kostrikov 2019).
         """
         with torch.no_grad():
             return torch.clamp(self(pairs), -limit, limit)
@@ -64,11 +64,11 @@ class Critic(nn.Module):
 
 @dataclass(frozen=True)
 class CriticStep:
-    """What an update found.
+    """Means over the steps of an update.
 
     Attributes:
-        loss: mean over the updates, penalty included.
-        accuracy: share of both sides that was told right.
+        loss: including the gradient penalty.
+        accuracy: share of pairs that are classified correctly.
     """
 
     loss: float
@@ -83,10 +83,10 @@ def update_critic(
     config: CriticConfig,
     generator: torch.Generator,
 ) -> CriticStep:
-    """Take `config.updates` steps of logistic regression with gradient penalty, and return what they found.
+    """Take `config.updates` steps of logistic regression with gradient penalty.
 
     Args:
-        critic: to teach.
+        critic: to train.
         optimiser: of its parameters.
         expert, policy: pairs (m, observations + 3) of recorded drivers and of the policy.
         config: of the update.
@@ -112,7 +112,7 @@ def update_critic(
 
 
 def gradient_norm(critic: Callable[[Tensor], Tensor], real: Tensor, made: Tensor, generator: torch.Generator) -> Tensor:
-    """Norms (m,) of the critic's gradient at random points between the two sides (m, inputs)."""
+    """Norms (m,) of the critic's gradient at random points between pairs of the two sides (m, inputs)."""
     share = torch.rand((len(real), 1), generator=generator)
     between = (share * real + (1.0 - share) * made).detach().requires_grad_()
     (slope,) = torch.autograd.grad(critic(between).sum(), between, create_graph=True)

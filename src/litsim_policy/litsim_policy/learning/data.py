@@ -1,4 +1,4 @@
-"""What policy C is trained and validated on: generated segments, and real windows that nothing is reported on."""
+"""Scenarios for training and validation: generated segments, and real windows on which no results are reported."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from litsim_sim.recordings.segments import MANIFEST_FILE, Manifest
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario
 
 REPORTED = (316, 543)
-"""Frames of us101_0750 that results are reported on; nothing may be learned from them."""
+"""First and last frame of us101_0750 on which results are reported; excluded from training."""
 
 REAL_FILE = "ngsim/us101_0750_frames_0126_1149.parquet"
-REAL_HISTORY_S = 1.1  # [s]: the windows are short; it is what the predictors need
-REAL_STAYS = 30  # steps after the history for which an ego has to be there
+REAL_HISTORY_S = 1.1  # [s] the least that predictors need, since the windows are short
+REAL_STAYS = 30  # steps after the history for which an ego must stay
 
 
 class Generated(BaseModel):
@@ -27,8 +27,8 @@ class Generated(BaseModel):
 
     Attributes:
         net: packaged net.
-        segments: of 28 s; the manifest's split says which train and which validate.
-        seed: not that of scenario demo, nor of segments that results are reported on.
+        segments: number of segments of 28 s; their manifest splits them into training and validation.
+        seed: neither that of scenario demo nor one of segments on which results are reported.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -42,8 +42,8 @@ class RealWindow(BaseModel):
     """A window of US-101 with all its vehicles.
 
     Attributes:
-        frames: first and last.
-        local_y_m: stretch of road [m].
+        frames: first and last, 0.1 s apart.
+        local_y_m: range along the road [m].
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -54,20 +54,20 @@ class RealWindow(BaseModel):
     @model_validator(mode="after")
     def _is_not_reported(self) -> RealWindow:
         if self.frames[0] <= REPORTED[1] and self.frames[1] >= REPORTED[0]:
-            raise ValueError(f"frames {self.frames} overlap {REPORTED}, which results are reported on")
+            raise ValueError(f"frames {self.frames} overlap {REPORTED}, on which results are reported")
         return self
 
 
 class DataConfig(BaseModel):
-    """Where scenarios come from.
+    """Sources of scenarios.
 
     Attributes:
-        generated, real: see there.
-        real_weight: times that each real window counts when an episode draws its scenario: they are few. So do those
-            of `tuning` in validation.
-        scenarios: names or files of further ones to train on.
-        validation: names or files of further ones to validate on.
-        tuning: names or files of scenarios to validate on around their tuning egos, which no result is reported of.
+        generated, real: see :class:`Generated` and :class:`RealWindow`.
+        real_weight: weight of a real window when a scenario is drawn, since they are few; in validation, weight of the
+            scenarios of `tuning`.
+        scenarios: names or files of further scenarios for training.
+        validation: names or files of further scenarios for validation.
+        tuning: names or files of scenarios for validation around their tuning egos, on which no results are reported.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -82,17 +82,17 @@ class DataConfig(BaseModel):
     @model_validator(mode="after")
     def _is_apart(self) -> DataConfig:
         if both := sorted(set(self.scenarios) & set(self.validation)):
-            raise ValueError(f"{', '.join(both)} in scenarios and in validation, expected in one of them")
+            raise ValueError(f"{', '.join(both)} in both scenarios and validation, expected in one of them")
         return self
 
 
 @dataclass(frozen=True)
 class TrainingData:
-    """Scenarios to train and to validate on, at least one each; none is in both.
+    """Scenarios for training and for validation, at least one each; none is in both.
 
     Attributes:
-        train, validation: the scenarios; one may be in `train` several times.
-        real: names of those that people drove in.
+        train, validation: the scenarios, some of them several times by their weight.
+        real: names of the scenarios in which people drove.
     """
 
     train: tuple[Scenario, ...]
@@ -101,10 +101,10 @@ class TrainingData:
 
 
 def prepare(config: DataConfig, folder: Path) -> TrainingData:
-    """Make or find the scenarios; what is made goes to `folder`, and is not made again.
+    """Load the scenarios; generated ones are written to `folder` and reused.
 
     Raises:
-        InputError: nothing to train or to validate on, or some recording cannot be used.
+        InputError: there is no scenario for training or for validation, or a recording cannot be used.
     """
     train: list[Scenario] = []
     validation: list[Scenario] = []
@@ -122,25 +122,23 @@ def prepare(config: DataConfig, folder: Path) -> TrainingData:
     validation += [Scenario.load(name) for name in config.validation]
     validation += [_around_tuning_egos(name) for name in config.tuning] * config.real_weight
     if not train:
-        raise InputError("data: nothing to train on: expected generated, real or scenarios")
+        raise InputError("data: no scenario to train on, expected generated, real or scenarios")
     if not validation:
-        raise InputError(
-            "data: nothing to validate on: expected validation, or generated segments enough to leave some"
-        )
+        raise InputError("data: no scenario to validate on, expected validation, tuning, or more generated segments")
     return TrainingData(tuple(train), tuple(validation), frozenset(window.name for window in windows))
 
 
 def _around_tuning_egos(name: str) -> Scenario:
-    """The scenario of that name or file, with its tuning egos in place of those that results are reported of."""
+    """The scenario of that name or file, with its tuning egos in place of those on which results are reported."""
     scenario = Scenario.load(name)
     if not scenario.tuning_egos:
-        raise InputError(f"data: field tuning: scenario {name} names no tuning egos")
+        raise InputError(f"data: field tuning: scenario {name} has no tuning egos")
     egos = list(scenario.tuning_egos)
     return Scenario.load(name, ego=egos[0], egos=egos, tuning=[])
 
 
 def _real(window: RealWindow, folder: Path) -> Scenario:
-    """A scenario on a real window; its egos are all vehicles that stay long enough."""
+    """A scenario on a real window; its egos are all vehicles that are there from the start and stay long enough."""
     name = f"us101_{window.frames[0]}_{window.frames[1]}"
     crop = {"frame": [float(frame) for frame in window.frames], "local_y_m": list(window.local_y_m)}
     file = {
@@ -152,7 +150,7 @@ def _real(window: RealWindow, folder: Path) -> Scenario:
     }
     data = os.environ.get(DATA_VARIABLE, "")
     if not data:
-        raise InputError(f"data: field real: needs {REAL_FILE} in a folder that {DATA_VARIABLE} names; or leave it out")
+        raise InputError(f"data: field real: {DATA_VARIABLE} is not set, expected a folder with {REAL_FILE}")
     recording = load_recording(Path(data) / REAL_FILE, crop)
     table = recording.table
     frames = table.groupby("vehicle_id")["frame"].agg(["min", "max"])

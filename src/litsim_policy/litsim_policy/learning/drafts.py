@@ -1,4 +1,4 @@
-"""The agents that training puts under the policy without a conflict, and the tasks that they are given."""
+"""Drafted agents, which training puts under the policy without a conflict, and their tasks."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from litsim_sim.scenario.joined import JoinedScenario
 
 @dataclass(frozen=True)
 class Draft:
-    """What a drafted agent is to do; ids are those of the joined scenario.
+    """Task of a drafted agent at one step; ids are those of the joined scenario.
 
     Attributes:
         agent: id.
-        points: (k, 2) of its path around where it is [m].
+        points: (k, 2) points of its path around its position [m].
         goal: x and y [m].
         due_step: see :class:`litsim_policy.driving.task.DrivingTask`.
-        opponent: whoever is nearest now, or NOBODY.
+        opponent: id of the agent that is nearest now, or NOBODY.
     """
 
     agent: int
@@ -37,7 +37,7 @@ class Draft:
 
 @dataclass
 class _Drafted:
-    """A drafted agent: its scene, id there and whole path, and its task of now; `passed` is when it gets another."""
+    """A drafted agent: scene, id in it, whole path and current task, which is kept up to the step `passed`."""
 
     scene: int
     own: int
@@ -49,10 +49,10 @@ class _Drafted:
 
 
 class Drafts:
-    """Who is drafted in E episodes, drawn when they begin.
+    """The drafted agents of E episodes, drawn when the episodes begin.
 
-    Tasks are drawn as those of recorded drivers are (:func:`.task.recorded_task`): a goal that has been due for as
-    long as a goal that is drawn may be is followed by another, and the opponent is whoever is nearest at the time.
+    Tasks are drawn as for recorded drivers (:func:`.task.recorded_task`). A task is replaced once its goal has been due
+    for longer than that of any drawn task may be; the opponent is always the agent that is nearest now.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Drafts:
         config: TaskConfig,
     ) -> None:
         self._joined, self._starts, self._config = joined, starts, config
-        # who has passed his goal gets one as far away as they come, so that all distances to goals stay as likely
+        # a new goal is as far away as goals can be, which keeps the distances to goals uniformly distributed
         self._renewed = replace(config, goal_steps=(config.goal_steps[1], config.goal_steps[1]))
         drafted: list[tuple[int, _Drafted]] = []
         for k, (start, own) in enumerate(zip(starts, joined.tables(table), strict=True)):
@@ -80,7 +80,7 @@ class Drafts:
         self._paths = PathBatch([one.path.points for one in self._drafted])
 
     def of(self, table: AgentTable) -> list[Draft]:
-        """What the drafted agents that are on the road in `table` are to do now."""
+        """Current tasks of the drafted agents that are on the road in `table`."""
         rows = table.rows(np.array(self._agents, np.int64))
         here = np.flatnonzero(rows >= 0)
         if not len(here):
@@ -99,7 +99,7 @@ class Drafts:
         return found
 
     def _renew(self, one: _Drafted, table: AgentTable) -> None:
-        """Give `one` another task, in `table` of its scene."""
+        """Draw another task for `one`, in `table` of its scene."""
         start = self._starts[one.scene]
         task = recorded_task(start.scenario.log, one.path, table, table.row(one.own), self._renewed, start.random)
         goal_x, goal_y = task.goal.tolist()
@@ -107,5 +107,5 @@ class Drafts:
         one.passed = self._passed(table.step, task.due_step)
 
     def _passed(self, step: int, due_step: int) -> int:
-        """Last step at which a task that is drawn at `step` is kept."""
+        """Last step at which a task drawn at `step` is kept."""
         return max(step, due_step - min(self._config.goal_steps[0], 0))

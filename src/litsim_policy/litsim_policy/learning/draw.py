@@ -1,4 +1,4 @@
-"""What an episode of training draws: whose ego, how it deviates from its log, and who is driven from the start."""
+"""Random draws of a training episode: scenario and ego, the ego's deviation from its log, and drafted agents."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from litsim_policy.motion.reference_path import logged_path
 from litsim_sim.core.scene import AgentTable
 from litsim_sim.scenario.scenario import Scenario
 
-STAYS = 10  # steps for which the log of an agent that is chosen to be driven still lasts
+STAYS = 10  # an agent is drafted only if its log lasts for more steps than this
 
 
 class Start(NamedTuple):
-    """What an episode begins with: scenario, ego, and what draws from then on."""
+    """The start of an episode: scenario, ego, and the generator for all further draws."""
 
     scenario: Scenario
     ego: Ego
@@ -27,12 +27,12 @@ class Start(NamedTuple):
 
 
 def with_ego(scenario: Scenario, random: np.random.Generator) -> Scenario:
-    """The same scenario around one of its egos, with another seed; recording, log and lane map are shared."""
+    """The scenario around a drawn one of its egos, with a drawn seed; recording, log and lane map are shared."""
     return scenario.around(int(random.choice(scenario.egos)), int(random.integers(2**31)))
 
 
 def drawn_ego(scenario: Scenario, random: np.random.Generator) -> Ego:
-    """An ego that deviates from its log: by IDM with other parameters than its own driver's, or perturbed."""
+    """An ego that deviates from its log: IDM with drawn parameters, or perturbed."""
     if random.random() < 0.5:
         row = scenario.log.row(scenario.ego_id)
         speed = float(scenario.log.speed[row][scenario.log.valid[row]].mean())
@@ -60,10 +60,10 @@ def drafted_tasks(
     config: TaskConfig,
     random: np.random.Generator,
 ) -> list[DrivingTask]:
-    """Tasks of at most `count` agents that are drawn within `radius` [m] of the ego, agents ascending.
+    """Tasks of up to `count` agents, drawn among those within `radius` [m] of the ego; ids ascending.
 
-    Each follows its whole logged path, with a task as recorded drivers are given them. Drawn are agents whose log lasts
-    for another second at least; never pedestrians and cyclists, whom nobody drives.
+    Each agent follows its whole logged path, with a task drawn as for recorded drivers. Its log must last for more than
+    another second; pedestrians and cyclists are never drawn.
     """
     log, step = scenario.log, table.step
     ego = table.row(scenario.ego_id)

@@ -1,7 +1,7 @@
-"""The environment in which policy C is trained, as others know environments: gymnasium's interface to one episode.
+"""The environment in which policy C is trained, with gymnasium's interface to one episode.
 
 Several agents share one policy: an observation and an action have a row for each of `slots`, and ``info["agents"]``
-says whose row it is. Training itself drives :class:`.episodes.Episodes`, of which this is a view.
+contains the id of each row's agent. Training itself drives :class:`.episodes.Episodes`, which this class wraps.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ NOBODY = -1
 
 
 class PolicyEnvironment(gymnasium.Env[Array, Array]):
-    """Episodes on `scenarios`, with an ego, its deviation and drafted agents drawn by the seed.
+    """Episodes on `scenarios`; the ego, its deviation and the drafted agents are drawn by the seed.
 
     An episode is terminated when a driven agent collides or leaves the road, and truncated when its time is up. Steps
-    at which nobody is driven pass by themselves.
+    without a driven agent are skipped.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - as the base class has it
+    metadata = {"render_modes": []}  # noqa: RUF012 - as in the base class
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         self.scenario: Scenario
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """A new episode, up to the first step at which somebody is driven; `options` are not used."""
+        """Begin a new episode, up to the first step with a driven agent; `options` are not used."""
         super().reset(seed=seed, options=options)
         start = self.course.start(self.np_random)
         self.scenario, self._episodes = start.scenario, Episodes(self.course, [start])
@@ -63,7 +63,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
 
         Returns:
             observation (slots, size), mean penalty of the driven agents, terminated, truncated, and info: `agents`
-            (slots,), -1 where a slot is empty, and `outcome`.
+            (slots,), -1 in empty slots, `step`, `scenario` and `outcome` (:class:`.episodes.Outcome`).
         """
         outcome = self._episodes.step(np.asarray(action, np.float64)[: len(self._episodes.driven)])
         terminated = bool(outcome.terminated.any())
@@ -74,16 +74,16 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         return self._observations(), reward, terminated, truncated, self._info() | {"outcome": outcome}
 
     def _pass_by(self) -> None:
-        """Let steps pass until somebody is in a slot or the episode is over."""
+        """Step until an agent is driven or the episode is over."""
         while self._episodes.running[0] and not len(self._episodes.driven):
             self._episodes.step(np.empty((0, 3)))
 
     def _own(self, agents: IntArray) -> IntArray:
-        """Ids in the recording of `agents`, whose ids are those of the joined scenes."""
+        """Ids in the recording for `agents`, ids in the joined scenario."""
         return self._episodes.joined.own(0, agents)
 
     def _observations(self) -> Array:
-        """Observations (slots, size) of who is in the slots now; zeros where a slot is empty."""
+        """Observations (slots, size) of the driven agents; zeros in empty slots."""
         observation = np.zeros(self.observation_space.shape or ())
         observation[: len(self._episodes.seen)] = self._episodes.seen
         return observation

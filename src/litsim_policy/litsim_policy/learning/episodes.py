@@ -1,7 +1,7 @@
-"""Episodes of training: the loop of the graph in this process, closed around deviating egos, several at once.
+"""Training episodes: the closed loop of the graph in one process, around deviating egos, several episodes at once.
 
-Dynamics, detection, life cycle of takeovers and features are those that the graph runs. Episodes on scenarios of one
-kind are stepped together, each as if it were alone: see :mod:`litsim_sim.scenario.joined`.
+Dynamics, conflict detection, the life cycle of takeovers and features are those of the graph. Episodes on scenarios of
+one kind are stepped together, without influence on each other: see :mod:`litsim_sim.scenario.joined`.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from litsim_sim.world.world import World
 
 @configuration
 class EnvironmentConfig:
-    """How long an episode lasts, and who is driven in it.
+    """Length of an episode, and the agents driven in it.
 
     Attributes:
-        steps_max: simulated steps of 0.1 s after the history, fewer where the scenario ends before: the default is the
-            paper's, but segments of 28 s have 250.
-        slots: agents under the policy at a time; further ones yield by rule.
-        drafted: agents near the ego that are put under the policy at the start, conflict or not.
-        draft_radius: around the ego within which they are drawn.
-        draft_steps: for how long at most.
+        steps_max: steps after the history, fewer where the scenario ends before; the default is the paper's, while
+            segments of 28 s have 250.
+        slots: most agents under the policy at a time; further ones are driven by policy yield.
+        drafted: agents near the ego that are put under the policy at the start, with or without a conflict.
+        draft_radius: distance from the ego within which they are drawn.
+        draft_steps: steps after the history for which they stay under the policy.
         model: predictor.
-        careful: the guards that say how the policy should have driven, more careful than those that drive: they brake
-            while the bounds on jerk still let it brake in time. None where nobody says.
+        careful: guards that correct the policy's commands for the training (see :attr:`Outcome.corrected`); they brake
+            early enough for the bounds on jerk, unlike the guards that drive. None for no corrections.
     """
 
     steps_max: Positive[Steps] = 300
@@ -61,15 +61,15 @@ class EnvironmentConfig:
 
 @dataclass(frozen=True)
 class Course:
-    """Where episodes are driven, and how.
+    """Settings that all episodes have in common.
 
     Attributes:
-        scenarios: of which each episode draws one.
+        scenarios: each episode draws one of them.
         config: of episodes.
-        observation: of the agents that are driven.
-        penalty: weights.
-        safety: what is done of their actions.
-        task: what is drawn for agents that are drafted.
+        observation: of the driven agents.
+        penalty: weights of the penalties.
+        safety: limits and guards on the policy's actions.
+        task: distribution of the drafted agents' tasks.
     """
 
     scenarios: Sequence[Scenario]
@@ -80,28 +80,28 @@ class Course:
     task: TaskConfig = TaskConfig()
 
     def scenario(self, random: np.random.Generator) -> Scenario:
-        """What an episode draws first: one of the scenarios."""
+        """Draw one of the scenarios; the first draw of an episode."""
         return self.scenarios[int(random.integers(len(self.scenarios)))]
 
     def start(self, random: np.random.Generator) -> Start:
-        """What an episode begins with: scenario and ego drawn by `random`, which goes on to draw who is drafted."""
+        """Draw the start of an episode: scenario and ego, and `random` itself for the further draws."""
         scenario = with_ego(self.scenario(random), random)
         return Start(scenario, drawn_ego(scenario, random), random)
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a step did to the agents that were driven; arrays (m, ...), agents ascending.
+    """Result of a step for the m agents driven in it; arrays (m, ...), ids ascending.
 
     Attributes:
         agents: ids.
-        following: (m, size) observations after the step; of an agent that has left the road, the last one.
-        executed: (m, 3) what the vehicle did, as actions in [-1, 1].
-        corrected: (m, 3) what careful guards would have done instead, likewise; not a number where nothing.
-        penalty: (m,) weighted, at most 0.
-        terms: what it is made of, of those that are still `present`.
-        present: ids of them.
-        terminated: (m,) in collision or off the road.
+        following: (m, size) observations after the step; of an agent that has left the scene, the one before.
+        executed: (m, 3) executed motion, as actions in [-1, 1].
+        corrected: (m, 3) commands of the careful guards, as actions in [-1, 1]; NaN where they would not intervene.
+        penalty: (m,) weighted sum, at most 0.
+        terms: the penalties before weights, of the agents in `present`.
+        present: ids of the agents that are still in the scene.
+        terminated: (m,) whether the agent has collided or left the road.
         driven_on: (m,) whether the agent is driven in the next step.
     """
 
@@ -116,7 +116,7 @@ class Outcome:
     driven_on: BoolArray
 
     def __eq__(self, other: object) -> bool:
-        """Whether all arrays are equal."""
+        """Whether all arrays are equal; NaN equals NaN."""
         if not isinstance(other, Outcome):
             return NotImplemented
         mine, theirs = (list(vars(o).values()) + list(vars(o.terms).values()) for o in (self, other))
@@ -126,7 +126,7 @@ class Outcome:
 
 
 class _Task(NamedTuple):
-    """What a driven agent is to do: see :class:`litsim_policy.driving.task.DrivingTask`; drafted, or taken over."""
+    """Task of a driven agent, see :class:`litsim_policy.driving.task.DrivingTask`; drafted unless `taken_over`."""
 
     agent: int
     points: FloatArray
@@ -139,15 +139,13 @@ class _Task(NamedTuple):
 class Episodes:
     """E episodes on scenarios of one :func:`litsim_sim.scenario.joined.kind`, from the first step after the history.
 
-    An episode is over when a driven agent collides or leaves the road, or its time is up. Ids of agents are those of
-    the joined scenario.
+    An episode is over when a driven agent collides or leaves the road, or when its time is up. Ids of agents are those
+    of the joined scenario.
 
     Attributes:
         joined: the scenarios.
-        step_number: the current step.
-        running: (E,) which episodes are not over.
-        driven: (m,) the agents that are driven in the next step, ascending; none where an episode waits for somebody.
-        seen: (m, size) what they observe.
+        running: (E,) whether the episode is not over.
+        seen: (m, size) observations of the :attr:`driven` agents.
     """
 
     def __init__(self, course: Course, starts: Sequence[Start]) -> None:
@@ -156,9 +154,9 @@ class Episodes:
         self._egos = EgosTogether(self.joined, [start.ego for start in starts])
         self._world = World(self.joined)
         self.safety = SafetyLayer(self.joined.lane_map, course.safety)
-        self._guards = SafetyLayer(self.joined.lane_map)  # they only tell
+        self._guards = SafetyLayer(self.joined.lane_map)  # for the penalty only
         careful = self._config.careful
-        self._careful = SafetyLayer(self.joined.lane_map, careful) if careful else None  # so do these
+        self._careful = SafetyLayer(self.joined.lane_map, careful) if careful else None
         self._observer = Observer(self.joined.lane_map, course.observation)
         self._predictor = make_predictor(self._config.model, self.joined)
         self._manager = TakeoverManager(self.joined, ConflictConfig(), TakeoverConfig())
@@ -168,7 +166,7 @@ class Episodes:
         self._end = np.minimum(totals, history + self._config.steps_max)
         self.running = np.ones(len(starts), np.bool_)
         table = self._world.reset()
-        while table.step < history:  # in which no answer of an ego counts
+        while table.step < history:  # everything follows its log, the ego as well
             self._predictor.see(table)
             commands = [EgoCommand(table.step)] * len(starts)
             table = self._world.step_together(ControlTable.empty(table.step), commands)
@@ -181,18 +179,18 @@ class Episodes:
 
     @property
     def step_number(self) -> int:
-        """The current step of all of them."""
+        """The current step, the same in all episodes."""
         return self._table.step
 
     @property
     def driven(self) -> IntArray:
-        """(m,) see the attributes."""
+        """Ids (m,) of the agents that are driven in the next step, ascending."""
         return self._scene.id
 
     def step(self, action: FloatArray, intended: FloatArray | None = None) -> Outcome:
-        """Drive the agents that are :attr:`driven` by `action` (m, 3) in [-1, 1], all others by the rules.
+        """Drive the :attr:`driven` agents by `action` (m, 3) in [-1, 1], other agents off their logs by policy yield.
 
-        What is corrected is `intended` (m, 3), the policy's mean where the action was drawn; None is the action.
+        Corrections refer to `intended` (m, 3), the policy's mean if `action` was drawn; None for `action` itself.
         """
         before, tasks, scene = self._table, self._tasks, self._scene
         driven = scene.id
@@ -212,16 +210,16 @@ class Episodes:
         return outcome
 
     def _see(self, table: AgentTable) -> None:
-        """Make `table` the current step: forecast it and see who is off the log."""
+        """Make `table` the current step: forecast it and update the takeovers."""
         self._table = table
         self._takeovers = self._manager.update(table, self._predictor.forecast(table)).takeovers
 
     def _choose(self) -> None:
-        """Choose who is driven at the current step: who is held and who is drafted, so many of each episode."""
+        """Choose the agents driven at the current step: held and drafted ones, up to `slots` in each episode."""
         tasks = {
             t.agent: _Task(t.agent, t.reference_path, t.goal_pose[:2], due_step(t), opponent_of(t), taken_over=True)
             for t in self._takeovers
-            if t.state == TakeoverState.HELD and t.path_source != PathSource.LANE  # rules drive those who pass
+            if t.state == TakeoverState.HELD and t.path_source != PathSource.LANE  # passing agents are driven by rules
         }
         if self.step_number < self.joined.history_steps + self._config.draft_steps:
             for draft in self._drafts.of(self._table):
@@ -239,7 +237,7 @@ class Episodes:
         self._scene = self._with_tasks(self._tasks)
 
     def _others_controls(self) -> ControlTable:
-        """The rules' answer to the current step, for the agents that are off their log and not driven."""
+        """Commands of policy yield at the current step, for the agents that are off their logs and not driven."""
         driven = {task.agent for task in self._tasks}
         others = tuple(t for t in self._takeovers if t.agent not in driven)
         return self._rule.act(self._table, TakeoverTable(self.step_number, others))
@@ -247,13 +245,13 @@ class Episodes:
     def _outcome(
         self, before: AgentTable, driven: IntArray, tasks: list[_Task], guarded: BoolArray, corrected: FloatArray
     ) -> Outcome:
-        """What the step from `before` to now did to the agents that were `driven`.
+        """The outcome of the step from `before` to now.
 
         Args:
-            before: everybody before the step.
-            driven: (m,) ids.
-            tasks: of them.
-            guarded: (m,) whose commands a guard would have changed.
+            before: all agents before the step.
+            driven: (m,) ids of the agents that were driven.
+            tasks: of these.
+            guarded: (m,) whether a guard would have changed the command.
             corrected: (m, 3) as in :class:`Outcome`.
         """
         after = self._table
@@ -281,7 +279,7 @@ class Episodes:
         return Outcome(driven, following, executed, corrected, penalty, terms, driven[here], terminated, driven_on)
 
     def _leave_out(self, over: BoolArray) -> None:
-        """End the episodes of the mask `over` (E,): their agents are gone."""
+        """End the episodes in the mask `over` (E,) and remove their agents."""
         ending = np.flatnonzero(self.running & over).tolist()
         if not ending:
             return
@@ -296,7 +294,7 @@ class Episodes:
         self._scene = self._with_tasks(self._tasks)
 
     def _with_tasks(self, tasks: Sequence[_Task]) -> DrivingScene:
-        """The agents with `tasks` now."""
+        """The current scene of the agents with `tasks`."""
         return DrivingScene.on_paths(
             self.joined.lane_map,
             self._table,
@@ -307,14 +305,11 @@ class Episodes:
 
 
 def correction(scene: DrivingScene, controls: ControlTable) -> FloatArray:
-    """Actions (m, 3) in [-1, 1] that a guard commands in `controls` of the agents of `scene`.
-
-    They are not a number for an agent whose command no guard changed.
-    """
+    """Guards' commands in `controls` for the agents of `scene`, as actions (m, 3) in [-1, 1]; NaN where none acted."""
     actions = normalised(consistent(controls.acceleration, controls.yaw_rate, scene.agents.speed))
     return np.where((controls.source == ControlSource.GUARDED)[:, None], actions, np.nan)
 
 
 def _same(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two arrays are equal, where what is not a number equals itself."""
+    """Whether two arrays are equal; NaN equals NaN."""
     return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")

@@ -1,6 +1,6 @@
-"""What recorded drivers did: observations and actions of vehicles that interact, for warm start and critic.
+"""Expert pairs: observations and actions of interacting recorded vehicles, for the warm start and the critic.
 
-Of NGSIM these are people, of generated segments SUMO's driver models.
+The drivers are people in NGSIM, and SUMO's driver models in generated segments.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from litsim_sim.scenario.scenario import Scenario
 
 @configuration
 class PairsConfig:
-    """Which pairs are taken of recorded drivers.
+    """Which pairs are taken from recorded drivers.
 
     Attributes:
         every: steps between the pairs of a vehicle.
-        smooth: steps over which motion is averaged: recorded accelerations jitter from frame to frame.
-        real_share: of the pairs that are shown, those of people, where there are any; the others are of SUMO's drivers,
-            who give far more pairs.
-        offset, turn: standard deviations by which vehicles are displaced for pairs that show how to come
-            back to the path; only the warm start learns from those.
+        smooth: steps over which motion is averaged, since recorded accelerations jitter from frame to frame.
+        real_share: share of people's pairs in the draws, where there are any; the others are of SUMO's drivers, which
+            give far more pairs.
+        offset, turn: standard deviations by which vehicles are displaced for pairs that lead back to the path; only the
+            warm start learns from those.
     """
 
     every: Positive[Steps] = 5
@@ -44,12 +44,12 @@ class PairsConfig:
 
 @configuration
 class ExpertConfig(PairsConfig):
-    """The same of drivers who interact.
+    """Which pairs are taken from recorded drivers that interact with others.
 
     Attributes:
-        ahead, beside: distances within which another vehicle makes it an interaction: ahead, in any direction.
-        speed_min: of whom pairs are taken; who stands shows nothing of steering.
-        horizon: steps that a vehicle stays for at least.
+        ahead, beside: distances to another vehicle within which the two interact: straight ahead, in any direction.
+        speed_min: least speed of the driver, since a standing vehicle shows nothing about steering.
+        horizon: least number of steps that the vehicle stays in the recording.
     """
 
     ahead: NonNegative[Length] = 50.0
@@ -60,14 +60,14 @@ class ExpertConfig(PairsConfig):
 
 @dataclass(frozen=True)
 class ExpertPairs:
-    """Observations and what was done about them, n pairs in an order that has no meaning.
+    """Observations and the actions taken, n pairs.
 
     Attributes:
         observation: (n, size).
         action: (n, 3) in [-1, 1].
         displaced: (n, size) observations of the same moments with the vehicle displaced.
-        correction: (n, 3) actions that lead from there back to the path.
-        real: (n,) whether it was a person who drove.
+        correction: (n, 3) actions that lead from there back to the path, in [-1, 1].
+        real: (n,) whether the driver was a person.
     """
 
     observation: FloatArray
@@ -77,7 +77,7 @@ class ExpertPairs:
     real: BoolArray
 
     def weights(self, real_share: float) -> FloatArray:
-        """(n,) weights of sum 1: pairs of people count `real_share` together, where there are both kinds."""
+        """Weights (n,) with sum 1; people's pairs have the sum `real_share` where there are both kinds."""
         return share_weights(self.real, real_share)
 
 
@@ -89,10 +89,10 @@ def expert_pairs(
     random: np.random.Generator,
     real: Collection[str] = (),
 ) -> ExpertPairs:
-    """Pairs of all vehicles of `scenarios`, the egos included: nobody deviates in a recording.
+    """Pairs of all vehicles of `scenarios`, including the egos, which do not deviate in a recording.
 
-    Actions are inverse dynamics: what the bicycle would have been told to move as recorded over the next steps. In the
-    scenarios named in `real` people drove.
+    Actions come from inverse dynamics: the commands with which the bicycle model would move as recorded. `real` names
+    the scenarios in which people drove.
     """
     found = [_of_scenario(each, observation, config, task, random, real=each.name in real) for each in scenarios]
     joined = [np.concatenate([getattr(f, name) for f in found]) for name in vars(found[0])]
@@ -141,7 +141,7 @@ def _of_scenario(
 
 
 def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
-    """Mask (n,) of the vehicles of `table` that move and have somebody ahead or beside, as near as `config` says."""
+    """Mask (n,) of the vehicles of `table` that move and have another one as near as `config` asks for."""
     dx, dy = table.x[None] - table.x[:, None], table.y[None] - table.y[:, None]
     ahead, left = to_body(dx, dy, table.yaw[:, None])
     leads = (ahead > 0) & (ahead < config.ahead) & (np.abs(left) < 0.5 * (table.width[None] + table.width[:, None]))
@@ -150,7 +150,7 @@ def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
 
 
 def inverse_dynamics(log: Log, rows: np.ndarray, step: int, smooth: int) -> tuple[FloatArray, FloatArray]:
-    """Acceleration [m/s2] and yaw rate [rad/s] (m,) that lead from `step` to where the log is `smooth` steps later."""
+    """Mean acceleration [m/s2] and yaw rate [rad/s] (m,) of the log over the `smooth` steps after `step`."""
     span = smooth * STEP_S
     turn = log.yaw[rows, step + smooth] - log.yaw[rows, step]
     turn = np.arctan2(np.sin(turn), np.cos(turn))
@@ -165,12 +165,13 @@ def displaced(
     turn: float,
     random: np.random.Generator,
 ) -> tuple[Poses, FloatArray]:
-    """Displace the vehicles in the rows `chosen` (m,), each alone, who follow `paths` (m).
+    """Displace the vehicles in the rows `chosen` (m,), which follow `paths` (m), each independently of the others.
 
-    Drawn are the distance to the left, with the standard deviation `offset` [m], and the heading, with `turn` [rad].
+    The displacements to the left and of the heading are normal, with standard deviations `offset` [m] and `turn` [rad].
 
     Returns:
-        their poses (m,), and the yaw rates (m,) [rad/s] of a pursuit of their paths from there.
+        x, y [m] and yaw [rad] of the displaced vehicles, (m,) each, and the yaw rates (m,) [rad/s] of pure pursuit of
+        their paths from there.
     """
     draws = [(random.normal(0.0, offset), random.normal(0.0, turn)) for _ in paths]
     left, turned = np.array(draws).reshape(-1, 2).T
@@ -182,7 +183,7 @@ def displaced(
 
 
 def share_weights(real: BoolArray, real_share: float) -> FloatArray:
-    """(n,) weights of sum 1: those that are `real` (n,) count `real_share` together, where there are both kinds."""
+    """Weights (n,) with sum 1; those of the mask `real` (n,) have the sum `real_share` where there are both kinds."""
     people = int(real.sum())
     if people in {0, len(real)}:
         return np.full(len(real), 1.0 / max(len(real), 1))

@@ -1,4 +1,4 @@
-"""Policy C's network as torch trains it; policy C itself drives with its weights, and without torch."""
+"""Policy C's network for training in torch; policy C drives with the same weights, without torch."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from litsim_policy.driving.safety import LIMITS_ONLY
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray
 
-LOG_STD_START = (-1.2, -2.5, -2.5)  # of the actions before tanh: pedals vary more than steering
+LOG_STD_START = (-1.2, -2.5, -2.5)  # of the actions before tanh: accelerations vary more than steering
 LOG_STD_MIN, LOG_STD_MAX = -4.0, 0.0
-SQUASH_FLOOR = 1e-6  # keeps the density finite where an action is all but 1
+SQUASH_FLOOR = 1e-6  # keeps the density finite where an action is close to +-1
 
 
 class GaussianPolicy(nn.Module):
-    """A Gaussian whose mean depends on the observation, squashed by tanh into actions in [-1, 1]."""
+    """A Gaussian with a mean that depends on the observation, squashed by tanh into actions in [-1, 1]."""
 
     def __init__(self, observation: ObservationConfig) -> None:
         super().__init__()
@@ -44,14 +44,14 @@ class GaussianPolicy(nn.Module):
         return values
 
     def said(self, observation: Tensor) -> Tensor:
-        """Actions (m, 3) in [-1, 1] by which it drives, for observations (m, size)."""
+        """Deterministic actions (m, 3) in [-1, 1], for observations (m, size)."""
         return torch.tanh(self(observation))
 
     def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Draw actions for observations (m, size).
 
         Returns:
-            the actions before tanh (m, 3), and the logarithm of the density of what tanh makes of them (m,).
+            the actions before tanh (m, 3), and the logarithms of the densities after tanh (m,).
         """
         with torch.no_grad():
             mean = self(observation)
@@ -59,11 +59,10 @@ class GaussianPolicy(nn.Module):
             return raw, self._log_density(observation, mean, raw)
 
     def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
-        """Logarithm of the density (m,) of what is done of the actions, given as they are before tanh (m, 3).
+        """Logarithm of the density (m,) of the actions `raw` (m, 3), before tanh, as they are executed.
 
-        An acceleration that is drawn beyond what the bounds on jerk let through is done as any other beyond it would
-        be: it is as likely as all of those together (Fujita 2018). Most draws are cut so, and what is learned from
-        them would be noise otherwise.
+        Accelerations beyond the bounds on jerk are clipped, so that such a draw has the probability of all draws
+        beyond the bound (Fujita 2018). Most draws are clipped, and would otherwise add noise to the gradient.
         """
         return self._log_density(observation, self(observation), raw)
 
@@ -77,7 +76,7 @@ class GaussianPolicy(nn.Module):
 
     def _log_density(self, observation: Tensor, mean: Tensor, raw: Tensor) -> Tensor:
         std = self.std()
-        # checking the arguments would take longer than the density
+        # validation of the arguments would take longer than the density
         gaussian = torch.distributions.Normal(mean, std, validate_args=False).log_prob(raw)
         density = gaussian - torch.log(1.0 - torch.tanh(raw) ** 2 + SQUASH_FLOOR)
         low, high = (torch.as_tensor(bound, dtype=mean.dtype) for bound in pedal_bounds(observation.numpy()))
@@ -88,7 +87,7 @@ class GaussianPolicy(nn.Module):
 
 
 def pedal_bounds(observation: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Accelerations as actions before tanh, (m,) each, beyond which none is let through where (m, size) is observed."""
+    """Lowest and highest acceleration within the bounds on jerk, (m,) each, as actions before tanh."""
     bounds = LIMITS_ONLY
     rise, fall = bounds.jerk_max * STEP_S, bounds.braking_jerk_max * STEP_S
     before = np.clip(observation[:, 3] * ACCELERATION, -bounds.deceleration_max, bounds.acceleration_max)
@@ -100,11 +99,11 @@ def pedal_bounds(observation: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class Sampler:
-    """A :class:`GaussianPolicy` as episodes are driven with it: what it draws for an agent depends on no other.
+    """A :class:`GaussianPolicy` for driving episodes: an agent's action does not depend on the other rows.
 
     Attributes:
         network: of the means.
-        std: (3,) of the actions before tanh.
+        std: (3,) standard deviations of the actions before tanh.
     """
 
     network: PolicyNetwork
@@ -112,14 +111,14 @@ class Sampler:
 
     @classmethod
     def of(cls, policy: GaussianPolicy) -> Sampler:
-        """Return that of `policy` with its weights of now."""
+        """Return the sampler of `policy` with its current weights."""
         return cls(driving_network(policy), policy.std().detach().double().numpy())
 
     def sample(self, observation: FloatArray, noise: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Actions for observations (m, size), by standard normal `noise` (m, 3); None is none, the mean.
+        """Actions for observations (m, size), by standard normal `noise` (m, 3); None for the means.
 
         Returns:
-            the means before tanh (m, 3), and the two of :meth:`GaussianPolicy.sample`.
+            the means before tanh (m, 3), and the results of :meth:`GaussianPolicy.sample`.
         """
         mean = self.network.before_tanh(observation)
         raw = mean if noise is None else mean + self.std * noise
@@ -132,13 +131,13 @@ class Sampler:
 
 
 def multilayer(inputs: int, outputs: int) -> nn.Sequential:
-    """A fresh network from (m, `inputs`) to (m, `outputs`), for value and critic: two hidden layers as the policy's."""
+    """A new network from (m, `inputs`) to (m, `outputs`), with hidden layers as the policy's; for value and critic."""
     layers = [nn.Linear(inputs, HIDDEN), nn.Tanh(), nn.Linear(HIDDEN, HIDDEN), nn.Tanh(), nn.Linear(HIDDEN, outputs)]
     return nn.Sequential(*layers)
 
 
 def driving_network(policy: GaussianPolicy) -> PolicyNetwork:
-    """The network that drives by the means of `policy` after tanh: its weights as numpy arrays, float64."""
+    """The network that drives by the means of `policy`, with its weights as float64 numpy arrays."""
     layers = (policy.hidden0, policy.hidden1, policy.mean)
     arrays = [(layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in layers]
     return PolicyNetwork(
@@ -149,19 +148,20 @@ def driving_network(policy: GaussianPolicy) -> PolicyNetwork:
 
 
 def save(policy: GaussianPolicy, path: Path, about: dict[str, str] | None = None) -> None:
-    """Write what :meth:`PolicyNetwork.load` reads; `about` says where the weights come from."""
+    """Write the weights for :meth:`PolicyNetwork.load`, with `about` as metadata on their origin."""
     tensors = {name: tensor.detach().contiguous() for name, tensor in policy.state_dict().items()}
     observation = {f"observation.{field}": str(value) for field, value in vars(policy.observation).items()}
     save_file(tensors, str(path), {"format": FORMAT, **observation, **(about or {})})
 
 
 def restore(policy: GaussianPolicy, path: Path) -> None:
-    """Give `policy` the weights that :func:`save` has written to `path`; changes it in place.
+    """Load the weights that :func:`save` has written to `path` into `policy`.
 
-    Where `policy` sees how those ahead brake and the network of the file did not, that counts nothing at first.
+    If `policy` observes the vehicles ahead (`observation.ahead`) and the file's network does not, these inputs get
+    weights of zero.
 
     Raises:
-        InputError: the file is missing, damaged, or of a network that sees something else.
+        InputError: the file is missing, damaged, or of a network with other observations.
     """
     saved, sees = PolicyNetwork.load(path).observation, policy.observation
     state = load_file(str(path))

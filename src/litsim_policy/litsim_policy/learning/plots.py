@@ -1,4 +1,4 @@
-"""Learning curves of policy C and of the baselines that learn, as pictures."""
+"""Pictures of the learning curves of policy C and the learned baselines."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 
 Lines = Mapping[str, str]
-"""Of a panel: the label of each entry of a history that is drawn in it."""
+"""The lines of a panel: labels by the names of the history's entries."""
 
 COLUMNS = 3
 TRAINING, VALIDATION = "training", "validation"
@@ -25,20 +25,20 @@ PANELS: Mapping[str, Lines] = {
     "mean penalty of an agent-step": _both("penalty"),
     "collisions per 1000 agent-steps": _both("collisions"),
     "off the road per 1000 agent-steps": _both("off_road"),
-    "critic: share told right": {"critic_accuracy": TRAINING},
+    "critic: accuracy": {"critic_accuracy": TRAINING},
     "critic: mean logit of the policy": {"critic_reward": TRAINING},
     "share of agent-steps that a guard would have changed": _both("guard"),
 }
 IMITATION_PANELS: Mapping[str, Lines] = {
-    "share of agents that touched somebody": _both("contact"),
+    "share of agents with a contact": _both("contact"),
     "share of agents that left the road": _both("off_road"),
     "error at the end of an episode [m]": _both("error"),
-    "critic: distance of the sides": {"critic_distance": TRAINING},
-    "what RAIL punishes, mean of a step": {"fault": TRAINING},
-    "deviation of the actions": {"deviation": TRAINING},
+    "critic: distance of expert and policy": {"critic_distance": TRAINING},
+    "RAIL's penalty, mean per step": {"fault": TRAINING},
+    "standard deviation of the actions": {"deviation": TRAINING},
 }
 SIMNET_PANELS: Mapping[str, Lines] = {
-    "mean squared error, in its units": {"training": TRAINING, "validation": VALIDATION},
+    "mean squared error, normalised": {"training": TRAINING, "validation": VALIDATION},
     "first step, RMSE": {"ahead_first": "ahead [m]", "turn_first": "turn [rad]"},
     "after 1.2 s, mean distance [m]": {"away_last": VALIDATION},
 }
@@ -56,14 +56,14 @@ def plot_curves(
     along: str | None = None,
     log: bool = False,
 ) -> None:
-    """Write a PNG of `history`; what an entry lacks is drawn where it was measured.
+    """Write a PNG of `history`; a value is drawn for the entries that contain it.
 
     Args:
-        history: one entry an iteration, or one a validation.
+        history: one entry per iteration or validation.
         path: of the picture.
-        panels: entries that are drawn together, by title.
-        along: entry that counts what has been learned; None counts the entries themselves.
-        log: whether values are drawn on logarithmic scales.
+        panels: lines that are drawn together, by title.
+        along: name of the entry on the horizontal axis; None for the number of the entry.
+        log: whether vertical axes are logarithmic.
     """
     mpl.use("Agg")
     from matplotlib import pyplot as plt

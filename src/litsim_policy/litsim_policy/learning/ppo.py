@@ -1,4 +1,4 @@
-"""Proximal policy optimisation (Schulman 2017) with generalised advantages, on the tracks of many agents."""
+"""Proximal policy optimisation (Schulman 2017) with generalised advantage estimation, on tracks of many agents."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from litsim_sim.core.scene import BoolArray, FloatArray
 
 
 class Learner(Protocol):
-    """A policy that draws actions from a density; what :func:`update_policy` improves."""
+    """A stochastic policy that :func:`update_policy` improves."""
 
     def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
-        """Logarithm of the density (m,) of actions, given as they were drawn, at observations (m, size)."""
+        """Logarithm of the density (m,) of actions `raw` (m, actions), as drawn, at observations (m, size)."""
 
     def entropy(self) -> Tensor:
         """Entropy of the density, a scalar in nats."""
 
     def said(self, observation: Tensor) -> Tensor:
-        """Actions in the middle of the density, at observations (m, size)."""
+        """Actions (m, actions) at the centre of the density, for observations (m, size)."""
 
     def parameters(self) -> Iterator[nn.Parameter]:
-        """What is to be learned."""
+        """Parameters to learn."""
 
 
 @configuration
 class PpoConfig:
-    """Parameters of the update; of these the paper gives a learning rate of 0.03 and batches of 32.
+    """Parameters of the update; the paper gives a learning rate of 0.03 and batches of 32.
 
     Attributes:
         learning_rate: of Adam.
@@ -43,14 +43,15 @@ class PpoConfig:
         discount: per step of 0.1 s.
         smoothing: lambda of the advantages.
         value_weight, entropy_weight: in the loss.
-        gradient_limit: norm to which gradients are cut.
-        divergence_limit: mean Kullback-Leibler divergence from the policy that drove at which the passes end.
-        imitation_weight: of the squared error against drivers' actions, in units of their spread: keeps the policy near
-            what drivers do while it learns to avoid collisions (BC with RL, as Lu 2023 found needed for both).
-        correction_weight: of the squared error, on the same steps, against what guards would have done where they would
-            have changed the command: a penalty tells that something was wrong, this tells what was right (as DAgger,
-            Ross 2011, has an expert say what to do where the learner gets to).
-        value_first: iterations in which only the value learns; advantages by a value that knows nothing are noise.
+        gradient_limit: norm to which gradients are clipped.
+        divergence_limit: the passes end after one with a larger mean Kullback-Leibler divergence from the policy that
+            drove.
+        imitation_weight: of the squared error against drivers' actions, in units of their spread, which keeps the
+            policy close to drivers while it learns to avoid collisions (behaviour cloning with RL, Lu 2023).
+        correction_weight: of the squared error, on the same steps, against the guards' commands where they would have
+            changed the policy's; the guards act as the expert of DAgger (Ross 2011).
+        value_first: first iterations, in which only the value network learns: advantages from an untrained one are
+            noise.
     """
 
     learning_rate: Positive[Number] = 3e-4
@@ -70,18 +71,18 @@ class PpoConfig:
 
 @dataclass(frozen=True)
 class Track:
-    """What one agent went through while it was under the policy; T steps.
+    """T steps of one agent under the policy.
 
     Attributes:
         observation: (T + 1, size), the last one after the last step.
         raw: (T, 3) actions before tanh.
         log_probability: (T,) logarithm of the density with which the policy drew them, after tanh.
-        executed: (T, 3) what the vehicle did of it, as actions in [-1, 1].
-        penalty: (T,) of the augmented reward, at most 0.
-        terminated: whether it ended in a collision or off the road; otherwise the agent went on in other hands, or the
-            time was up.
-        corrected: (T, 3) what should have been done instead, as actions in [-1, 1], not a number where nothing should;
-            None where nobody says.
+        executed: (T, 3) executed motion, as actions in [-1, 1].
+        penalty: (T,) at most 0.
+        terminated: whether the track ended in a collision or off the road, rather than with a hand-over or the end of
+            the episode.
+        corrected: (T, 3) actions in [-1, 1] that would have been right; NaN where there is no correction, None for
+            none at all.
     """
 
     observation: FloatArray
@@ -104,9 +105,9 @@ class Batch:
         observation: (m, size) before the step.
         raw: (m, 3) actions before tanh.
         log_probability: (m,) of them, by the policy that drove.
-        advantage: (m,) of mean 0 and standard deviation 1.
-        target: (m,) that the value is to learn.
-        corrected: (m, 3) as in :class:`Track`; None where nobody says.
+        advantage: (m,) with mean 0 and standard deviation 1.
+        target: (m,) of the value network.
+        corrected: (m, 3) as in :class:`Track`.
     """
 
     observation: Tensor
@@ -119,12 +120,12 @@ class Batch:
 
 @dataclass(frozen=True)
 class Demonstrations:
-    """What drivers did; the policy's mean is kept near it.
+    """Observations and actions of drivers, to which the policy's mean is fitted.
 
     Attributes:
         observation: (n, size).
-        action: (n, 3) in [-1, 1].
-        weight: (n,) of the pairs when they are drawn, of any sum; None where all count alike.
+        action: (n, actions) in [-1, 1].
+        weight: (n,) by which pairs are drawn, with any sum; None for equal weights.
     """
 
     observation: Tensor
@@ -132,7 +133,7 @@ class Demonstrations:
     weight: Tensor | None = None
 
     def draw(self, count: int, generator: torch.Generator) -> Tensor:
-        """(count,) positions of pairs, drawn by their weights and with replacement."""
+        """Positions (count,) of pairs, drawn by weight with replacement."""
         if self.weight is None:
             return torch.randint(len(self.action), (count,), generator=generator)
         until = self._until
@@ -142,18 +143,18 @@ class Demonstrations:
 
     @cached_property
     def _until(self) -> Tensor:
-        """(n,) sums of the weights up to each pair."""
+        """Cumulative sums (n,) of the weights."""
         assert self.weight is not None
         return torch.cumsum(self.weight.double(), 0)
 
     def error(self, policy: Learner, chosen: Tensor) -> Tensor:
-        """Mean squared error on the pairs `chosen` (m,), each action in units of its spread; a scalar."""
+        """Mean squared error on the pairs `chosen` (m,), with actions in units of their spread; a scalar."""
         said = policy.said(self.observation[chosen])
         return nn.functional.mse_loss(said / self._scale, self.action[chosen] / self._scale)
 
     @cached_property
     def _scale(self) -> Tensor:
-        """(3,) spread of each action, a little above 0."""
+        """Standard deviations (actions,), kept above 0."""
         return self.action.std(dim=0) + 1e-3
 
 
@@ -162,8 +163,8 @@ class PpoStep:
     """Means over the minibatches of an update.
 
     Attributes:
-        policy_loss: clipped surrogate, negated.
-        value_loss: squared error of the value.
+        policy_loss: negative clipped surrogate objective.
+        value_loss: squared error of the value network.
         divergence: Kullback-Leibler divergence from the policy that drove.
         clipped: share of agent-steps whose probability ratio was clipped.
     """
@@ -183,7 +184,7 @@ def advantages(
         reward: (T,).
         value: (T + 1,) of the observations.
         config: discount and smoothing.
-        terminated: nothing comes after the last step; otherwise its successor's value does (time limits, hand-back).
+        terminated: whether no reward can follow the last step; otherwise the last value stands for what follows.
     """
     following = value[1:].copy()
     if terminated:
@@ -198,12 +199,12 @@ def advantages(
 
 
 def make_batch(tracks: list[Track], rewards: list[FloatArray], value: nn.Module, config: PpoConfig) -> Batch:
-    """The agent-steps of all `tracks`, with advantages that have mean 0 and standard deviation 1 over all of them.
+    """The agent-steps of all `tracks`, with advantages normalised over all of them.
 
     Args:
-        tracks: what the policy drove.
+        tracks: driven by the policy.
         rewards: (T,) of each track.
-        value: network of the value of observations.
+        value: the value network.
         config: discount and smoothing.
     """
     found = []
@@ -235,16 +236,16 @@ def update_policy(
     *,
     value_only: bool = False,
 ) -> PpoStep:
-    """Make passes over `batch` in random order and in whole minibatches (the rest of a pass is left out).
+    """Make passes over `batch` in random order, in full minibatches (the remainder of a pass is left out).
 
     Args:
         policy, value: to update.
         optimiser: of the parameters of both.
-        batch: what the policy drove.
+        batch: driven by the policy.
         config: of the update.
-        generator: of the order.
-        demonstrations: what the policy is kept near.
-        value_only: leave the policy as it is.
+        generator: of the order, and of the draws of demonstrations.
+        demonstrations: for the imitation loss; None for none.
+        value_only: whether only the value network learns.
     """
     parameters = [*policy.parameters(), *value.parameters()]
     size = min(config.batch, len(batch.raw))
@@ -283,16 +284,16 @@ def update_policy(
     return PpoStep(*np.mean(seen, axis=0).tolist())
 
 
-CORRECTION_SCALE = (0.3, 0.2, 0.2)  # of actions: an error of this much counts 1
+CORRECTION_SCALE = (0.3, 0.2, 0.2)  # errors of the actions that count as 1
 
 
 def correction_error(policy: Learner, observation: Tensor, corrected: Tensor) -> Tensor:
-    """Squared error of the means against corrections (m, 3), a scalar: a mean over all m, 0 where there is none."""
+    """Mean squared error of the policy's means against `corrected` (m, 3), where NaN counts as no error; a scalar."""
     said = policy.said(observation)
     apart = (said - corrected) / torch.tensor(CORRECTION_SCALE)
     return torch.where(torch.isnan(corrected), torch.zeros_like(said), apart.nan_to_num() ** 2).mean()
 
 
 def tensor(values: np.ndarray | BoolArray) -> Tensor:
-    """`values` as a tensor of the same shape, float32, in which the networks compute."""
+    """`values` as a float32 tensor of the same shape."""
     return torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32)

@@ -1,7 +1,7 @@
-"""ResNet-50 (He et al. 2016) with the names of torchvision, whose weights fit but for the first and last layer.
+"""ResNet-50 (He et al. 2016) with torchvision's names: its weights fit, except for those of the first and last layer.
 
-Torchvision itself is not asked for: its builds on pip's index are for torch with CUDA, and beside the CPU build, which
-`make setup-all` installs, they cannot be imported.
+Torchvision itself is not used: its builds on PyPI are for torch with CUDA, and cannot be imported with the CPU build
+that `make setup-all` installs.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-BLOCKS = (3, 4, 6, 3)  # of each of the four stages
-WIDTHS = (64, 128, 256, 512)  # within their blocks
-EXPANSION = 4  # channels after a block, per channel within
+BLOCKS = (3, 4, 6, 3)  # in each of the four stages
+WIDTHS = (64, 128, 256, 512)  # channels within the blocks of each stage
+EXPANSION = 4  # ratio of channels after a block to those within
 
 
 class Bottleneck(nn.Module):
-    """Three convolutions beside a short cut; the middle one strides (version 1.5, as torchvision's)."""
+    """Three convolutions and a shortcut; the middle one has the stride (version 1.5, as in torchvision)."""
 
     def __init__(self, before: int, width: int, stride: int) -> None:
         super().__init__()
@@ -28,19 +28,14 @@ class Bottleneck(nn.Module):
             self.downsample = nn.Sequential(nn.Conv2d(before, after, 1, stride, bias=False), nn.BatchNorm2d(after))
 
     def forward(self, values: Tensor) -> Tensor:
-        """(b, EXPANSION * width, rows / stride, columns / stride) of values (b, before, rows, columns)."""
+        """Map values (b, before, rows, columns) to (b, EXPANSION * width, rows / stride, columns / stride)."""
         beside = values if self.downsample is None else self.downsample(values)
         inner = torch.relu(self.bn2(self.conv2(torch.relu(self.bn1(self.conv1(values))))))
         return torch.relu(self.bn3(self.conv3(inner)) + beside)
 
 
 class ResNet50(nn.Module):
-    """From images (b, channels, rows, columns) to numbers (b, outputs).
-
-    Args:
-        channels: of the images; the first convolution is made for them.
-        outputs: of the last layer.
-    """
+    """A network from images (b, channels, rows, columns) to (b, outputs)."""
 
     def __init__(self, channels: int, outputs: int) -> None:
         super().__init__()
@@ -59,7 +54,7 @@ class ResNet50(nn.Module):
                 nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
 
     def forward(self, images: Tensor, share: float | None = None) -> Tensor:
-        """Numbers of images; where these are only a `share` of whole ones, the rest counts as 0 in the last mean."""
+        """Outputs for images; if they are only a `share` of whole ones, the rest counts as 0 in the average pooling."""
         values = self.maxpool(torch.relu(self.bn1(self.conv1(images))))
         for stage in range(1, len(BLOCKS) + 1):
             values = self.get_submodule(f"layer{stage}")(values)

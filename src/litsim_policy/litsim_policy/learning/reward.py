@@ -1,7 +1,7 @@
-"""What policy C is punished for in training: collision, proximity, leaving the road, hard braking, need of a guard.
+"""Penalties of policy C in training: collision, proximity, leaving the road, hard braking, and need of a guard.
 
-Smooth ramps after RAIL (Bhattacharyya 2019): a cliff tells a gradient nothing. A guard that would intervene tells at
-once what a collision tells seconds later. All vectorised over the agents that were driven.
+Ramps are smooth as in RAIL (Bhattacharyya 2019), since a step in the penalty has no useful gradient. The penalty for
+need of a guard comes at once, that of a collision seconds later.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from litsim_sim.core.quantities import NonNegative, Number, configuration
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray, places
 from litsim_sim.maps.lane_map import LaneMap
 
-BRAKE_FROM, BRAKE_FULL = 3.0, 4.5  # [m/s2] of braking between which the penalty rises
-EDGE_FROM, EDGE_FULL = 0.5, -0.1  # [m] from the agent's side to the edge of the road, likewise; negative is outside
-PROBES = np.linspace(EDGE_FROM, EDGE_FULL, 7)  # [m] from the agent's side at which the road is looked for
-NEAR_ALONG, NEAR_ACROSS = 1.5, 0.4  # [m] between boxes, along and across, below which somebody is near
+BRAKE_FROM, BRAKE_FULL = 3.0, 4.5  # [m/s2] braking at which the penalty begins and is full
+EDGE_FROM, EDGE_FULL = 0.5, -0.1  # [m] likewise, from the agent's side to the edge of the road; negative is outside
+PROBES = np.linspace(EDGE_FROM, EDGE_FULL, 7)  # [m] distances from the agent's side at which the road is probed
+NEAR_ALONG, NEAR_ACROSS = 1.5, 0.4  # [m] gaps between boxes, along and across, below which the penalty begins
 
 
 @configuration
 class PenaltyConfig:
-    """Weights of the penalties; beside them, the critic's reward is at most a few units a step.
+    """Weights of the penalties; in comparison, the critic's reward is at most a few units per step.
 
     Attributes:
         collision: once, when it happens; the episode ends there.
         off_road: once, when the road is left; the episode ends there.
-        edge: a step, with a side 0.1 m beyond the edge.
-        proximity: a step, at contact.
-        hard_brake: a step, from 4.5 m/s2 on.
-        guard: a step, with a command that a guard of the safety layer would have changed.
-        share: of the penalty of whoever was taken over because of an agent, that the agent gets as well: who brakes
-            harder than he has to leaves it to those behind.
+        edge: per step, with a side 0.1 m beyond the edge.
+        proximity: per step, at contact.
+        hard_brake: per step, from 4.5 m/s2 on.
+        guard: per step, with a command that a guard of the safety layer would have changed.
+        share: share of an agent's penalty that is also given to the agent that caused its takeover, so that braking
+            harder than necessary in front of others does not pay.
     """
 
     collision: NonNegative[Number] = 20.0
@@ -50,11 +50,11 @@ class PenaltyConfig:
 
 @dataclass(frozen=True)
 class Penalties:
-    """What each of m agents is punished for in one step, before weights; arrays (m,).
+    """Penalties of m agents in one step, before weights; arrays (m,).
 
     Attributes:
         collision, off_road: whether it happened in this step.
-        edge, proximity, hard_brake: how bad it is, from 0 to 1.
+        edge, proximity, hard_brake: in [0, 1].
         guard: whether a guard would have changed the command.
     """
 
@@ -66,7 +66,7 @@ class Penalties:
     guard: BoolArray
 
     def total(self, config: PenaltyConfig) -> FloatArray:
-        """Weighted sum of the penalties (m,), at most 0; of the terms that last, only the worst counts, as in RAIL."""
+        """Weighted sum (m,), at most 0; of the terms given per step only the worst counts, as in RAIL."""
         lasting = np.maximum.reduce(
             [
                 config.edge * self.edge,
@@ -81,11 +81,12 @@ class Penalties:
 def penalties(
     before: AgentTable, after: AgentTable, agents: IntArray, lane_map: LaneMap, guarded: BoolArray
 ) -> Penalties:
-    """The penalties of `agents` (m,), who are on the road in both tables, for the step between them.
+    """The penalties of `agents` (m,), which are in both tables, for the step between them.
 
-    `guarded` (m,) tells whose command a guard would have changed.
+    `guarded` (m,) is the mask of agents whose command a guard would have changed.
 
-    A collision is a new contact with somebody who is not behind: whoever is run into from behind could not help it.
+    A collision is a new contact with an agent that is not behind, since an agent cannot prevent a rear-end collision
+    with itself.
     """
     rows, rows_before = after.rows(agents), before.rows(agents)
     clearance = edge_clearance(after, rows, lane_map)
@@ -108,12 +109,12 @@ def penalties(
 
 
 def passed_on(penalty: FloatArray, agents: IntArray, because: IntArray) -> FloatArray:
-    """What agents have done to those behind them: (m,) sums of the penalties of who was taken over because of each.
+    """Sums (m,) over the penalties of the agents whose takeover each agent caused.
 
     Args:
-        penalty: (m,) of all of them.
+        penalty: (m,) of the agents.
         agents: (m,) ids, ascending.
-        because: (m,) id of the agent because of whom each was taken over; whoever is not among `agents` gets nothing.
+        because: (m,) id of the agent that caused the takeover of each; ids that are not in `agents` are ignored.
     """
     found, at = np.zeros(len(agents)), places(agents, because)
     np.add.at(found, at[at >= 0], penalty[at >= 0])
@@ -121,14 +122,14 @@ def passed_on(penalty: FloatArray, agents: IntArray, because: IntArray) -> Float
 
 
 def edge_clearance(table: AgentTable, rows: IntArray, lane_map: LaneMap) -> FloatArray:
-    """(m,) distance [m] from the agents' sides to the edge of the road, in [EDGE_FULL, EDGE_FROM] to the next probe."""
+    """Distance (m,) [m] from the agents' sides to the edge of the road, rounded to PROBES; negative is outside."""
     x, y = _probes(table.x, table.y, table.yaw, table.width, rows)
     inside = np.asarray(lane_map.inside_road(x.ravel(), y.ravel()).reshape(x.shape).all(axis=1))
     return np.where(inside.any(axis=1), PROBES[np.argmax(inside, axis=1)], EDGE_FULL)
 
 
 def others_near(table: AgentTable, rows: IntArray) -> tuple[BoolArray, FloatArray]:
-    """Whom the agents touch that is not behind them (m, n), and how near the nearest of those is, in [0, 1] (m,)."""
+    """Contacts (m, n) of the agents in `rows` with all n that are not behind them, and proximity (m,) in [0, 1]."""
     return _contacts(table.scene, table.x, table.y, table.yaw, table.length, table.width, rows)
 
 
@@ -136,7 +137,7 @@ def others_near(table: AgentTable, rows: IntArray) -> tuple[BoolArray, FloatArra
 def _probes(
     x: FloatArray, y: FloatArray, yaw: FloatArray, width: FloatArray, rows: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Places to the left and the right of m agents at which the road is looked for: x and y (m, 2, p) [m]."""
+    """Points to the left and to the right of m agents at which the road is probed: x and y (m, 2, p) [m]."""
     shape = (len(rows), 2, len(PROBES))
     place_x, place_y = np.empty(shape), np.empty(shape)
     for i in range(len(rows)):
@@ -171,7 +172,7 @@ def _contacts(
             half_length, half_width = 0.5 * (length[j] + length[own]), 0.5 * (width[j] + width[own])
             if j == own or not ahead > -0.5 * half_length:
                 continue
-            # whoever is farther away than this along or across cannot touch, whatever the headings
+            # boxes farther apart than this, along or across, cannot touch whatever their headings
             if abs(ahead) < half_length + half_width and abs(left) < half_length + half_width:
                 touching[i, j] = overlap(dx, dy, yaw[own], yaw[j], length[own], width[own], length[j], width[j])
             least = min(least, max((abs(ahead) - half_length) / NEAR_ALONG, (abs(left) - half_width) / NEAR_ACROSS))

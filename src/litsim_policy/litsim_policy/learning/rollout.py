@@ -1,4 +1,4 @@
-"""Episodes driven by a policy, for training and for validation: what every agent went through, and what happened."""
+"""Episodes driven by a policy, for training and validation: the track of each agent, and totals of events."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.scenario.joined import BITS, kind
 
-EMPTY_EPISODES_MAX = 100  # episodes in a row without anybody to drive, after which there is no point in going on
-TOGETHER = 48  # episodes that are stepped together at most
-AT_FIRST = 12  # episodes that are driven where nobody knows how many are enough
-AT_ONCE = 96  # episodes that are driven at most before it is seen whether they are enough
-MARGIN = 1.25  # times the episodes that are enough on average: a few more beside others cost less than two on their own
-COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard")  # of penalties, what is summed up
-VALIDATION_SEED = 10_000_019  # of the first episode of every validation
+EMPTY_EPISODES_MAX = 100  # episodes in a row without an agent to drive, after which training gives up
+TOGETHER = 48  # most episodes that are stepped together
+AT_FIRST = 12  # episodes of the first portion, as long as no iteration tells how many are enough
+AT_ONCE = 96  # most episodes in one portion
+MARGIN = 1.25  # on the expected number of episodes: a few more in one portion cost less than a second portion
+COUNTED = ("collision", "off_road", "edge", "proximity", "hard_brake", "guard")  # fields of Penalties that are summed
+VALIDATION_SEED = 10_000_019  # seed of the first episode of every validation
 
 
 @dataclass(frozen=True)
 class Episode:
-    """What came of an episode.
+    """Result of an episode.
 
     Attributes:
-        tracks: one for every stretch that an agent was driven; empty where nobody was.
-        sums: totals of what happened, by name.
+        tracks: one for every period in which an agent was driven; may be empty.
+        sums: totals of events and penalties, by name.
     """
 
     tracks: list[Track]
@@ -43,16 +43,16 @@ class Episode:
 
 
 class Driving(Protocol):
-    """Drives episodes, in this process or in others; what comes of an episode is the same."""
+    """Drives episodes, in this process or in others, with the same results."""
 
     def episodes(self, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> Iterator[Episode]:
-        """The episodes of `seeds`, in this order.
+        """Yield the episodes of `seeds`, in this order.
 
-        Other processes begin with them at once, this one when it is asked for the first.
+        A pool of processes starts at once; driving in this process starts when the first episode is asked for.
 
         Args:
-            policy: which drives every agent in a slot; it must not change until the last of them.
-            seeds: of the episodes, one at least.
+            policy: drives every agent in a slot; must not change before the last episode has been yielded.
+            seeds: one per episode, at least one.
             draws: whether actions are drawn; otherwise they are the policy's means.
         """
 
@@ -75,10 +75,10 @@ def begin(
     """Begin to drive an iteration's episodes, until they have `config.transitions` agent-steps; see :func:`collect`.
 
     Args:
-        driving: which drives them.
-        policy: which draws the actions; it must not change until the last of them.
+        driving: drives them.
+        policy: draws the actions; must not change before the last episode has been yielded.
         config: of the training.
-        history: entries of the iterations before, by which it is guessed how many episodes are enough.
+        history: entries of earlier iterations, from which the number of episodes needed is estimated.
     """
     seeds = (_episode_seed(config.seed, len(history), episode) for episode in count())
 
@@ -89,7 +89,7 @@ def begin(
 
 
 def planned(history: Sequence[Mapping[str, float]], missing: float) -> int:
-    """How many episodes to drive next for the agent-steps that are `missing`, by those of the iterations before."""
+    """Number of episodes to drive next for `missing` agent-steps, by the mean yield of earlier iterations."""
     done = sum(entry["episodes"] for entry in history)
     if not done:
         return AT_FIRST
@@ -100,10 +100,10 @@ def planned(history: Sequence[Mapping[str, float]], missing: float) -> int:
 def _until_enough(
     episodes: Iterator[Episode], further: Callable[[float], Iterator[Episode]], config: TrainConfig
 ) -> Iterator[Episode]:
-    """All of `episodes`, and `further` ones while agent-steps are missing.
+    """Yield all of `episodes`, then `further` ones as long as agent-steps are missing.
 
     Raises:
-        InputError: in none of many episodes in a row was anybody driven.
+        InputError: no agent is driven in EMPTY_EPISODES_MAX episodes in a row.
     """
     missing, empty = float(config.transitions), 0
     while True:
@@ -112,8 +112,9 @@ def _until_enough(
             empty = 0 if episode.tracks else empty + 1
             if empty == EMPTY_EPISODES_MAX:
                 raise InputError(
-                    f"training: nobody is driven in {empty} episodes in a row, expected scenarios with vehicles within "
-                    f"environment.draft_radius ({config.environment.draft_radius} m) of the ego, or in conflict with it"
+                    f"training: no agent is driven in {empty} episodes in a row, expected scenarios with vehicles "
+                    f"within environment.draft_radius ({config.environment.draft_radius} m) of the ego, or in conflict "
+                    "with it"
                 )
             yield episode
         if missing <= 0.0:
@@ -122,20 +123,20 @@ def _until_enough(
 
 
 def collect(episodes: Iterable[Episode]) -> tuple[list[Track], dict[str, float]]:
-    """Return the tracks of all agents in `episodes`, and the rates of what happened by name (see :func:`_rates`)."""
+    """Return the tracks of all agents in `episodes`, and rates of events and penalties by name (:func:`_rates`)."""
     tracks: list[Track] = []
     sums: dict[str, float] = defaultdict(float)
     number = 0
-    for number, episode in enumerate(episodes, 1):  # noqa: B007 - their count is what is left
+    for number, episode in enumerate(episodes, 1):  # noqa: B007 - used after the loop, as their number
         tracks += episode.tracks
         _add(sums, episode.sums)
     return tracks, _rates(sums, number)
 
 
 def drive(course: Course, policy: GaussianPolicy, seeds: Sequence[int], *, draws: bool) -> list[Episode]:
-    """Drive the episodes of `seeds`; `policy` draws its actions, or drives by their means.
+    """Drive the episodes of `seeds`; actions are drawn from `policy` if `draws`, otherwise its means.
 
-    Those on scenarios of one kind are stepped together; each comes to the same as alone.
+    Episodes on scenarios of one kind are stepped together; each gives the same result as on its own.
     """
     found: dict[int, Episode] = {}
     sampler = Sampler.of(policy)
@@ -147,7 +148,7 @@ def drive(course: Course, policy: GaussianPolicy, seeds: Sequence[int], *, draws
 
 
 def by_kind(course: Course, seeds: Sequence[int]) -> list[list[int]]:
-    """The positions in `seeds` of the episodes that can be stepped together, those of each kind of scenario."""
+    """Positions in `seeds`, grouped by the kind of the episodes' scenarios: each group can be stepped together."""
     groups: dict[Hashable, list[int]] = defaultdict(list)
     for number, seed in enumerate(seeds):
         groups[kind(course.scenario(seeding.np_random(seed)[0]))].append(number)
@@ -157,7 +158,7 @@ def by_kind(course: Course, seeds: Sequence[int]) -> list[list[int]]:
 def _drive_together(
     episodes: Episodes, sampler: Sampler, generators: Sequence[torch.Generator] | None
 ) -> list[Episode]:
-    """What comes of `episodes`, whose actions are drawn by a generator each; None is by their means."""
+    """Drive `episodes` to their ends; actions are drawn by one generator per episode, or are the means for None."""
     count = len(episodes.running)
     sums: list[dict[str, float]] = [defaultdict(float) for _ in range(count)]
     tracks: list[list[Track]] = [[] for _ in range(count)]
@@ -189,41 +190,41 @@ def _drive_together(
 
 
 def _scenes(scene: IntArray, count: int) -> list[tuple[int, int]]:
-    """The first row and the one behind the last of each of `count` scenes among agents of scenes (m,), which ascend."""
+    """First row and end row (exclusive) of each of `count` scenes, where `scene` (m,) is sorted."""
     return list(pairwise(scene.searchsorted(np.arange(count + 1)).tolist()))
 
 
 def _noise(scene: IntArray, generators: Sequence[torch.Generator]) -> FloatArray:
-    """Standard normal numbers (m, 3) for agents of scenes (m,), which ascend, drawn by the generator of each scene."""
+    """Standard normal numbers (m, 3), drawn by the generator of each agent's scene; `scene` (m,) is sorted."""
     counts = np.bincount(scene, minlength=len(generators)).tolist()
     drawn = [torch.randn((n, 3), generator=generators[k]) for k, n in enumerate(counts) if n]
     return torch.cat(drawn).double().numpy() if drawn else np.empty((0, 3))
 
 
 def begin_validation(driving: Driving, policy: GaussianPolicy, config: TrainConfig) -> Iterator[Episode]:
-    """Begin to drive episodes that are the same each time by the means of `policy`; see :func:`validate`.
+    """Begin to drive a fixed set of episodes by the means of `policy`; see :func:`validate`.
 
-    It must not change until the last of them.
+    The policy must not change until the last of them.
     """
     seeds = range(VALIDATION_SEED, VALIDATION_SEED + config.validation_episodes)
     return driving.episodes(policy, seeds, draws=False)
 
 
 def validate(episodes: Iterable[Episode], config: TrainConfig) -> dict[str, float]:
-    """What came of the `episodes` of a validation.
+    """Sum up the `episodes` of a validation.
 
     Returns:
         rates by name, and `validation_score`: the mean penalty of an agent-step, at most 0.
 
     Raises:
-        InputError: nobody is driven in any of them, so that there is nothing to score.
+        InputError: no agent is driven in any episode.
     """
     sums: dict[str, float] = defaultdict(float)
     for episode in episodes:
         _add(sums, episode.sums)
     if not sums["transitions"]:
         raise InputError(
-            f"training: nobody is driven in the {config.validation_episodes} episodes of validation, expected "
+            f"training: no agent is driven in the {config.validation_episodes} episodes of validation, expected "
             "scenarios with vehicles near the ego or in conflict with it, or a larger validation_episodes"
         )
     rates = _rates(sums, config.validation_episodes)
@@ -242,10 +243,10 @@ def _add(sums: dict[str, float], others: Mapping[str, float]) -> None:
 
 
 def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
-    """Rates by name from the totals of `episodes`.
+    """Rates by name, from the totals `sums` over a number of `episodes`.
 
     penalty, edge, proximity, hard_brake and guard are means over agent-steps; collisions and off_road are events per
-    1000 agent-steps; collided_share is the share of episodes in which some driven agent collided.
+    1000 agent-steps; collided_share is the share of episodes in which a driven agent collided.
     """
     count = max(sums["transitions"], 1.0)
     return {
@@ -263,7 +264,7 @@ def _rates(sums: dict[str, float], episodes: int) -> dict[str, float]:
 
 
 def _track(steps: list[tuple[np.ndarray, ...]], following: np.ndarray, *, terminated: bool) -> Track:
-    """The track of one agent, from its steps as :func:`drive` notes them and the observation (size,) after the last."""
+    """The track of one agent, from its steps in :func:`_drive_together` and the observation (size,) after the last."""
     observation, raw, density, executed, penalty, corrected = (np.array(column) for column in zip(*steps, strict=True))
     seen = np.concatenate([observation, following[None]])
     return Track(seen, raw, density, executed, penalty, terminated, corrected)

@@ -1,4 +1,4 @@
-"""Episodes driven in several processes, which hold environments of their own: the same episodes, sooner."""
+"""Episodes driven in several processes, with the same results as in one."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from litsim_policy.learning.rollout import TOGETHER, Driving, Episode, HereDrivi
 
 Part = Literal["train", "validation"]
 PARTS: tuple[Part, ...] = ("train", "validation")
-STEPS_COST = 2.0  # what a step costs however many episodes take it: so many times of what an episode adds (1.5 to 3)
+STEPS_COST = 2.0  # fixed cost of driving episodes together, in units of the cost of one more episode; measured 1.5 to 3
 Weights = dict[str, np.ndarray]
 
 
 @contextmanager
 def rollouts(data: TrainingData, config: TrainConfig, processes: int) -> Iterator[tuple[Driving, Driving]]:
-    """What drives the episodes of training and of validation, in as many processes; 1 is this one."""
+    """Yield what drives the episodes of training and of validation, in `processes` processes; 1 is this one."""
     if processes == 1:
         yield HereDriving(_course(data, config, "train")), HereDriving(_course(data, config, "validation"))
         return
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="litsim_") as folder:
-        given = Path(folder) / "given"  # megabytes: as arguments, each process would keep this one until it has begun
+        given = Path(folder) / "given"  # a file: megabytes as arguments would block this process until each has started
         given.write_bytes(pickle.dumps((data, config)))
         with ProcessPoolExecutor(processes, context, _begin, (given,)) as pool:
             for _ in range(processes):
-                pool.submit(_ready)  # they load what they need while the experts are looked at
+                pool.submit(_ready)  # processes start and import while this one computes the expert pairs
             try:
                 courses = {part: _course(data, config, part) for part in PARTS}
                 driving, validation = (PoolDriving(pool, part, courses[part], processes) for part in PARTS)
@@ -51,7 +51,7 @@ def rollouts(data: TrainingData, config: TrainConfig, processes: int) -> Iterato
 
 
 class PoolDriving:
-    """Drives in the processes of a pool."""
+    """Drives episodes in the processes of a pool."""
 
     def __init__(self, pool: ProcessPoolExecutor, part: Part, course: Course, processes: int) -> None:
         self._pool, self._part, self._course, self._processes = pool, part, course, processes
@@ -70,10 +70,9 @@ class PoolDriving:
 
 
 def shared_out(groups: Iterable[Sequence[int]], processes: int) -> list[Sequence[int]]:
-    """`groups` as they are given to processes, the largest first: each share goes to the process that is free first.
+    """Return `groups` as shares for the pool, largest first; each share goes to the process that is free first.
 
-    A group is cut where all is then done sooner, by what shares are expected to cost, or where it is more episodes than
-    are stepped together.
+    A group is cut if that is expected to end the work sooner, or if it exceeds TOGETHER episodes.
     """
     shares = sorted(groups, key=len, reverse=True)
     while len(shares[0]) > TOGETHER:
@@ -87,13 +86,13 @@ def shared_out(groups: Iterable[Sequence[int]], processes: int) -> list[Sequence
 
 
 def _cut(shares: list[Sequence[int]], size: int) -> list[Sequence[int]]:
-    """`shares` with the first of them in two, the first `size` episodes and the others; the largest first."""
+    """`shares` with the first one cut in two after `size` episodes; largest first."""
     largest, *others = shares
     return sorted([largest[:size], largest[size:], *others], key=len, reverse=True)
 
 
 def _expected_end(shares: list[Sequence[int]], processes: int) -> float:
-    """When the last of `processes` is done with `shares`, in the time that an episode takes among others."""
+    """Time at which the last of `processes` ends, in units of the cost of one more episode."""
     free_at = [0.0] * processes
     for share in shares:
         heapreplace(free_at, free_at[0] + STEPS_COST + len(share))
@@ -105,16 +104,16 @@ _policies: list[GaussianPolicy] = []
 
 
 def _begin(given: Path) -> None:
-    """Make a process of the pool ready, by the data and the configuration in the file `given`."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; who has begun this one ends it
+    """Initialise a process of the pool with the data and the configuration in the file `given`."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent process ends this one
     torch.set_num_threads(1)
-    data, config = pickle.loads(given.read_bytes())  # noqa: S301 - written by the process that begins this one
+    data, config = pickle.loads(given.read_bytes())  # noqa: S301 - written by the parent process
     _courses.update({part: _course(data, config, part) for part in PARTS})
     _policies.append(GaussianPolicy(config.observation))
 
 
 def _ready() -> None:
-    """Nothing: a process that is asked for it begins."""
+    """Do nothing; submitting this starts a process of the pool."""
 
 
 def _drive(part: Part, weights: Weights, seeds: list[int], draws: bool) -> list[Episode]:

@@ -1,4 +1,4 @@
-"""What SimNet learns from: rasters of recorded agents, and where they went."""
+"""Training samples of SimNet: rasters of recorded agents, and their future poses."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from litsim_sim.scenario.scenario import Scenario
 
 PAST_S = np.arange(1 - FRAMES, 1) * STEP_S
 FUTURE_S = np.arange(1, FUTURE + 1) * STEP_S
-UNIT_MIN = 1e-3  # [m], [rad] for traffic of which nobody speeds up or turns
+UNIT_MIN = 1e-3  # [m], [rad] least unit, for traffic in which no agent accelerates or turns
 
 
 class PerturbationConfig(BaseModel):
-    """How some agents are displaced, with futures that lead back: what a network has done wrong it must undo.
+    """Displacement of some agents, with futures that lead back, from which the network learns to correct its errors.
 
     Attributes:
-        share: of the agents; of those only who drives at `speed_min` at least.
+        share: share of the agents that are displaced, if they drive at `speed_min` or faster.
         offset: standard deviation, to the side [m].
         turn: likewise, of the heading [rad].
-        ahead: likewise, along the way [m].
+        ahead: likewise, along the path [m].
         speed: likewise, of the speed [m/s].
-        back_s: time constant of the way back to the log's path, critically damped [s].
-        along_back_s: of the way back to its place and speed on it [s].
+        back_s: time constant of the return to the log's path, critically damped [s].
+        along_back_s: likewise, of the return to the log's position and speed along the path [s].
         speed_min: [m/s].
     """
 
@@ -49,13 +49,13 @@ class PerturbationConfig(BaseModel):
 
 @dataclass(frozen=True)
 class Samples:
-    """Some agents at some moments.
+    """Samples of b agents, each at one moment.
 
     Attributes:
         rasters: (b, CHANNELS, rows, columns).
-        futures: (b, OUTPUTS).
-        way: (b,) of the last step [m]; 0 where it is not known.
-        known: (b,) whether it is.
+        futures: (b, OUTPUTS) future poses in the agent's frame [m], [rad].
+        way: (b,) distance moved in the last step [m]; 0 if unknown.
+        known: (b,) whether `way` is known.
     """
 
     rasters: Rasters
@@ -65,15 +65,15 @@ class Samples:
 
     @classmethod
     def joined(cls, parts: Sequence[Samples]) -> Samples:
-        """Return all of `parts` as one."""
+        """Return `parts` concatenated."""
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
     @property
     def units(self) -> FloatArray:
-        """(OUTPUTS,) spread of how the futures deviate from straight on at the speed of the last step.
+        """Root mean squares (OUTPUTS,) of the deviations of the futures from straight driving at constant speed.
 
-        What is to be learned is when people speed up, slow down and turn: of the first step, on which everything hangs
-        in simulation, that is a hundredth of the way.
+        The network is to learn acceleration and turning. In the first step, the only one that is executed in
+        simulation, they make up a hundredth of the distance.
         """
         on = self.way[:, None] * np.arange(1, FUTURE + 1)
         deviation = self.futures.reshape(-1, FUTURE, 3).copy()
@@ -84,14 +84,14 @@ class Samples:
 
 @dataclass(frozen=True)
 class _Source:
-    """A scenario to draw moments from.
+    """A scenario from which moments are drawn.
 
     Attributes:
-        scenario: it.
+        scenario: the scenario.
         painter: of its net and signals.
-        usable: (n, steps) who can be learned from at which step: whoever is there from then on for FUTURE steps.
-        steps: (k,) at which there is anybody.
-        share: (k,) by which they are drawn: as many as are usable.
+        usable: (n, steps) mask of the agents that are vehicles and stay for another FUTURE steps.
+        steps: (k,) steps with usable agents.
+        share: (k,) probabilities of these steps, proportional to the number of usable agents.
     """
 
     scenario: Scenario
@@ -112,16 +112,16 @@ class _Source:
 
 
 class Moments:
-    """Draws moments of scenarios, and some of the agents of each.
+    """Draws samples of agents at moments of scenarios.
 
     Args:
-        scenarios: from which.
-        shares: how often each, in any unit, beside how many agents there are to learn from.
+        scenarios: the sources.
+        shares: weights of the scenarios' agents, in any unit.
         shape: of the rasters.
         perturbation: of the agents; None for none.
 
     Raises:
-        InputError: there is nobody to learn from.
+        InputError: no agent stays long enough.
     """
 
     def __init__(
@@ -134,13 +134,13 @@ class Moments:
         self._sources = [_Source.of(scenario, shape) for scenario in scenarios]
         counts = np.array([source.usable.sum() for source in self._sources], np.float64)
         if not counts.sum():
-            raise InputError(f"data: nobody is on the road for {FUTURE + 1} steps, so there is nothing to learn from")
+            raise InputError(f"data: no vehicle is on the road for {FUTURE + 1} steps, expected some in the scenarios")
         weight = counts * np.array(shares)
         self._share: FloatArray = weight / weight.sum()
         self._perturbation = perturbation
 
     def draw(self, moments: int, agents: int, random: np.random.Generator) -> Samples:
-        """At most `agents` agents at each of some moments."""
+        """Samples of at most `agents` agents at each of `moments` moments."""
         return Samples.joined([self._moment(agents, random) for _ in range(moments)])
 
     def _moment(self, agents: int, random: np.random.Generator) -> Samples:
@@ -167,7 +167,7 @@ class Moments:
 
 
 def relative(present: FloatArray, future: FloatArray) -> FloatArray:
-    """OUTPUTS (m, OUTPUTS) of poses (m, FUTURE, 3), seen from the present ones (m, 3)."""
+    """Poses (m, FUTURE, 3) in the frames of the present ones (m, 3), as outputs (m, OUTPUTS): ahead, left and turn."""
     ahead, left = to_body(
         future[..., 0] - present[:, None, 0], future[..., 1] - present[:, None, 1], present[:, None, 2]
     )
@@ -178,23 +178,23 @@ def relative(present: FloatArray, future: FloatArray) -> FloatArray:
 def perturbed(
     own: FloatArray, future: FloatArray, speed: FloatArray, config: PerturbationConfig, random: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Displace some of m agents, who drive at `speed` (m,), as they were and as they will be.
+    """Displace some of m agents, with futures that lead back to the log.
 
     Args:
-        own: (m, FRAMES, 3) poses.
+        own: (m, FRAMES, 3) past and present poses.
         future: (m, FUTURE, 3) poses.
-        speed: now [m/s].
-        config: how.
-        random: draws.
+        speed: (m,) now [m/s].
+        config: share and size of the displacements.
+        random: generator of the draws.
 
     Returns:
-        both, displaced: up to now by constant offsets, heading and speed, from then on on the way back.
+        both, displaced: the past with constant heading and speed errors, the future returning to the log.
     """
     m = len(own)
     deviations = np.array([config.offset, config.turn, config.ahead, config.speed])
     draws = random.standard_normal((4, m)) * deviations[:, None]
     offset, turn, ahead, faster = draws * ((random.random(m) < config.share) & (speed >= config.speed_min))
-    faster = np.maximum(faster, -0.5 * speed)  # nobody backwards
+    faster = np.maximum(faster, -0.5 * speed)  # no agent drives backwards
     drift = speed * np.tan(turn)
     along, _ = _way_back(ahead, faster, config.along_back_s)
     side, side_rate = _way_back(offset, drift, config.back_s)
@@ -207,7 +207,7 @@ def perturbed(
 
 
 def _way_back(offset: FloatArray, rate: FloatArray, time_constant: float) -> tuple[FloatArray, FloatArray]:
-    """Offsets (m, FUTURE) that begin as `offset` and change at `rate` (m,), critically damped, and their rates."""
+    """Critically damped offsets (m, FUTURE), with the initial values `offset` and `rate` (m,), and their rates."""
     slope = (rate + offset / time_constant)[:, None]
     fade = np.exp(-FUTURE_S / time_constant)
     value = (offset[:, None] + slope * FUTURE_S) * fade
@@ -222,6 +222,6 @@ def _moved(pose: FloatArray, ahead: FloatArray, left: FloatArray, turn: FloatArr
 
 
 def _poses(scenario: Scenario, rows: IntArray, steps: IntArray) -> FloatArray:
-    """(m, k, 3) of the agents in `rows` (m,) of the log at `steps` (k,)."""
+    """Poses (m, k, 3) of the agents in `rows` (m,) of the log at `steps` (k,)."""
     log, at = scenario.log, np.ix_(rows, steps)
     return np.stack([log.x[at], log.y[at], log.yaw[at]], axis=-1)

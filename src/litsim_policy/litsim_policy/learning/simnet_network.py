@@ -1,4 +1,4 @@
-"""SimNet as torch trains it; :mod:`litsim_policy.driving.simnet_network` runs it without torch."""
+"""SimNet for training in torch; :mod:`litsim_policy.driving.simnet_network` runs it without torch."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ NEAR_SHARE = 96 * 64 / (PAPER.rows * PAPER.columns)  # of :func:`near_part`
 
 
 class SimNet(nn.Module):
-    """A backbone that says OUTPUTS of a raster, in units of their spread.
+    """A backbone from a raster to normalised outputs.
 
     Attributes:
-        middle, spread: (OUTPUTS,) mean and standard deviation of what is learned.
-        unit: (OUTPUTS,) in which errors are counted [m], [rad].
+        middle, spread: (OUTPUTS,) mean and standard deviation of the targets [m], [rad].
+        unit: (OUTPUTS,) unit of the errors in the loss [m], [rad].
     """
 
     middle: Tensor
@@ -44,17 +44,17 @@ class SimNet(nn.Module):
         self.register_buffer("unit", torch.ones(OUTPUTS))
 
     def forward(self, rasters: Tensor) -> Tensor:
-        """(b, OUTPUTS) of rasters (b, CHANNELS, rows, columns)."""
+        """Normalised outputs (b, OUTPUTS) for rasters (b, CHANNELS, rows, columns)."""
         values: Tensor = self.backbone(rasters)
         return values
 
     def physical(self, rasters: Tensor, *, near: bool = False) -> Tensor:
-        """The same in metres and radians; `near` of the near part of rasters alone, which only ResNet-50 can do."""
+        """Outputs in metres and radians; `near` for the near part of the rasters alone, with ResNet-50 only."""
         said: Tensor = self.backbone(near_part(rasters), NEAR_SHARE) if near else self(rasters)
-        return said.float() * self.spread + self.middle  # of bfloat16, where that is what the network is computed in
+        return said.float() * self.spread + self.middle  # from bfloat16 under autocast
 
     def scale_to(self, futures: FloatArray, units: FloatArray) -> None:
-        """Take mean and spread from `futures` (k, OUTPUTS) of some agents, and `units` (OUTPUTS,) for errors."""
+        """Set mean and spread to those of `futures` (k, OUTPUTS), and the units of errors to `units` (OUTPUTS,)."""
         self.unit.copy_(torch.from_numpy(units))
         self.middle.copy_(torch.from_numpy(futures.mean(axis=0)))
         self.spread.copy_(torch.from_numpy(np.maximum(futures.std(axis=0), 1e-6)))
@@ -66,7 +66,7 @@ def near_part(rasters: Tensor) -> Tensor:
 
 
 def small() -> nn.Sequential:
-    """Four convolutions, each of which halves the raster, and two linear layers: what runs everywhere."""
+    """Four convolutions, each of which halves the raster, and two linear layers; fast without a GPU."""
     layers: list[nn.Module] = []
     before = CHANNELS
     for width in SMALL_WIDTHS:
@@ -79,12 +79,12 @@ def small() -> nn.Sequential:
 
 
 def save(network: SimNet, path: Path, about: dict[str, str]) -> None:
-    """Write what drives: for the small backbone a safetensors file, for the other an ONNX graph with its weights.
+    """Write the network for driving: a safetensors file for the small backbone, otherwise an ONNX graph.
 
     Args:
         network: trained.
-        path: of the file; its ending is :func:`ending`'s.
-        about: says where the weights come from.
+        path: of the file, with the suffix from :func:`ending`.
+        about: metadata on the origin of the weights.
     """
     network = copy.deepcopy(network).cpu().eval()
     told = {"format": FORMAT, "backbone": network.backbone_name, **about}
@@ -95,12 +95,12 @@ def save(network: SimNet, path: Path, about: dict[str, str]) -> None:
 
 
 def ending(backbone: Backbone) -> str:
-    """Ending of the name of the file that :func:`save` writes for a network with this backbone."""
+    """Suffix of the file that :func:`save` writes for this backbone."""
     return ".safetensors" if backbone == "small" else ".onnx"
 
 
 def _small_tensors(network: SimNet) -> dict[str, Tensor]:
-    """Weights as :class:`litsim_policy.driving.simnet_network.SmallNetwork` takes them, in metres and radians."""
+    """Weights for :class:`litsim_policy.driving.simnet_network.SmallNetwork`, with outputs in metres and radians."""
     assert isinstance(network.backbone, nn.Sequential)
     found: dict[str, Tensor] = {}
     number = 0
@@ -117,7 +117,7 @@ def _small_tensors(network: SimNet) -> dict[str, Tensor]:
 
 
 class _Physical(nn.Module):
-    """A network in metres and radians, for export."""
+    """A network with outputs in metres and radians, for export."""
 
     def __init__(self, network: SimNet) -> None:
         super().__init__()
@@ -128,13 +128,13 @@ class _Physical(nn.Module):
 
 
 def _export(network: SimNet, path: Path, about: dict[str, str]) -> None:
-    """Write `network` as a graph that answers one raster at a time."""
+    """Write `network` as an ONNX graph for one raster at a time."""
     import onnx
     from onnx import helper
 
     shape = SHAPES[network.backbone_name]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the exporter, about itself
+        warnings.simplefilter("ignore")  # deprecation warnings of the exporter
         torch.onnx.export(
             _Physical(network),
             (torch.zeros(1, CHANNELS, shape.rows, shape.columns),),
@@ -142,7 +142,7 @@ def _export(network: SimNet, path: Path, about: dict[str, str]) -> None:
             input_names=("raster",),
             output_names=("future",),
             opset_version=OPSET,
-            dynamo=False,  # the exporter that needs nothing but onnx itself
+            dynamo=False,  # the exporter that needs no package but onnx
         )
     graph = onnx.load(path)
     helper.set_model_props(graph, about)

@@ -1,11 +1,11 @@
-"""`train_simnet`: the baseline SimNet, by regression on where recorded agents go. Read it from top to bottom.
+"""`train_simnet`: train the baseline SimNet, by regression on the future poses of recorded agents.
 
-1. Scenarios: those that policy C is trained and validated on.
-2. Batches: some agents of some moments, half of them displaced, each with a raster and its poses of the next 1.2 s.
-3. Mean squared error of all outputs, each in a unit of its own; Adam, with a rate that falls to zero along a cosine.
+1. Scenarios: those on which policy C is trained and validated.
+2. Batches: some agents at some moments, half of them displaced, each with a raster and its poses in the next 1.2 s.
+3. Loss: mean squared error of all outputs, each in its own unit; Adam with a cosine schedule of the learning rate.
 
-Every batch draws from a generator seeded by the run's seed and its number, so a run that is resumed goes on as if it
-had not been interrupted. `--out` gets checkpoint.pt, history.json, curves.png, and best.safetensors or best.onnx.
+Every batch draws from a generator seeded by the run's seed and the batch's number, so that a resumed run gives the same
+weights. The folder `--out` gets checkpoint.pt, history.json, curves.png, and best.safetensors or best.onnx.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import Scenario
 
-SCALES = 256  # moments from which middle and spread of what is learned are taken
-MIDDLE, VALIDATION = 1, 2  # of the seeds of draws that are not a batch's
+SCALES = 256  # moments from which the mean and the spread of the outputs are estimated
+MIDDLE, VALIDATION = 1, 2  # seeds of the draws for these, and for validation; batches have 0
 
 
 class SimnetConfig(BaseModel):
@@ -47,16 +47,16 @@ class SimnetConfig(BaseModel):
         backbone: `small`, or the paper's `resnet50` on its raster.
         seed: of everything random.
         batches: updates of the network.
-        moments, agents: of a batch, moments of scenarios and agents of each at most.
-        learning_rate: of Adam at the beginning, after `warm_up` batches over which it rises from zero in a line.
-        precision: of the products in forward and backward passes; weights, sums over batches, validation and what
-            drives are float32.
-        near_batches: first batches, that see only the near part of the rasters (see :func:`.simnet_network.near_part`),
-            an eighth of the cells. The rate falls to zero over these, and once more over the others.
+        moments, agents: number of moments in a batch, and most agents of each moment.
+        learning_rate: of Adam initially, after `warm_up` batches over which it rises linearly.
+        precision: of the products in forward and backward passes of training; all else is float32.
+        near_batches: number of first batches, which contain only the near part of the rasters
+            (:func:`.simnet_network.near_part`), an eighth of the cells. The learning rate falls to zero over these, and
+            once more over the others.
         validate_every: batches between validations.
-        validation_moments: of one.
-        data: see there; `real_weight` is how often agents of real windows are drawn, one of generated traffic once.
-        perturbation: see there.
+        validation_moments: moments in a validation.
+        data: `real_weight` is the weight of an agent of a real window, relative to one of generated traffic.
+        perturbation: displacement of the agents.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -85,17 +85,13 @@ class SimnetConfig(BaseModel):
 
 
 class SimnetTraining:
-    """Everything of a training that changes from batch to batch, and the files that it leaves.
-
-    Args:
-        config: of the training.
-        device: of torch.
+    """The state of a training of SimNet on a `device` of torch, and its files.
 
     Attributes:
         config: of the training.
-        network: that learns.
-        history: one entry a validation.
-        done: batches made.
+        network: the network.
+        history: measured values by name, one entry per validation.
+        done: number of batches done.
     """
 
     def __init__(self, config: SimnetConfig, device: str = "cpu") -> None:
@@ -117,7 +113,7 @@ class SimnetTraining:
         return min((entry["validation"] for entry in whole), default=np.inf)
 
     def update(self, samples: Samples) -> float:
-        """Learn one batch; returns its loss."""
+        """Make a step of the optimiser on one batch and return its loss."""
         config, near = self.config, self.done < self.config.near_batches
         begin, end = (0, config.near_batches) if near else (config.near_batches, config.batches)
         rate = 0.5 * config.learning_rate * (1.0 + np.cos(np.pi * (self.done - begin) / (end - begin)))
@@ -137,7 +133,7 @@ class SimnetTraining:
 
     @torch.no_grad()
     def validate(self, samples: Samples) -> dict[str, float]:
-        """Loss, and errors of the pose after the first and last step, of agents that nothing is learned from."""
+        """Loss, and errors of the first and last future pose [m], [rad]; `samples` are not used for training."""
         self.network.eval()
         part = self.config.moments * self.config.agents
         begins, near = range(0, len(samples.rasters), part), self.done <= self.config.near_batches
@@ -153,12 +149,12 @@ class SimnetTraining:
         }
 
     def _errors(self, rasters: Tensor, futures: FloatArray, near: bool) -> Tensor:
-        """(b, OUTPUTS) [m], [rad]: what the network says less what happened; `near` of near parts of rasters alone."""
+        """Errors (b, OUTPUTS) of the network [m], [rad]; `near` for the near part of the rasters alone."""
         said = self.network.physical(rasters.to(self._device), near=near)
         return said - torch.from_numpy(futures).float().to(self._device)
 
     def write(self, out: Path) -> None:
-        """Write a checkpoint, the history and its curves; if the last validation was the best, the weights."""
+        """Write a checkpoint, the history and its curves, and the weights if the last validation was the best."""
         keep_state(out / CHECKPOINT, self.config, self._parts, {"history": self.history, "done": self.done})
         (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
         plot_curves(self.history, out / CURVES, SIMNET_PANELS, along="batches", log=True)
@@ -169,14 +165,14 @@ class SimnetTraining:
                 save(self.network, new, about)
 
     def weights(self, out: Path) -> Path:
-        """The file of the best weights."""
+        """File of the best weights in the folder `out`."""
         return out / f"best{ending(self.config.backbone)}"
 
     def read(self, path: Path) -> None:
-        """Go on from a checkpoint, be it for more batches: the rate then rises to where that cosine has it.
+        """Restore the state from the checkpoint `path`; the number of batches may differ, and with it the schedule.
 
         Raises:
-            InputError: there is none, or its run differs in more than the number of batches.
+            InputError: there is none, or its configuration differs in another field.
         """
         state = read_state(path, self.config, self._parts, length="batches", device=self._device)
         self.history, self.done = state["history"], state["done"]
@@ -185,7 +181,7 @@ class SimnetTraining:
 def run(
     config: SimnetConfig, out: Path, *, resume: bool = False, progress: bool = True, device: str = "cpu"
 ) -> SimnetTraining:
-    """Train on a device of torch, from the start or from the checkpoint in `out`.
+    """Train on a `device` of torch, from the start or from the checkpoint in `out`.
 
     Raises:
         InputError: the data or the checkpoint cannot be used.
@@ -223,7 +219,7 @@ def run(
 
 
 def _counted(scenarios: tuple[Scenario, ...]) -> tuple[list[Scenario], list[float]]:
-    """Each scenario once, and how often it was among `scenarios`."""
+    """Each of `scenarios` once, and how often it occurs."""
     once = {id(scenario): scenario for scenario in scenarios}
     return list(once.values()), [float(sum(id(each) == key for each in scenarios)) for key in once]
 
@@ -231,7 +227,7 @@ def _counted(scenarios: tuple[Scenario, ...]) -> tuple[list[Scenario], list[floa
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy train_simnet``."""
     p = training_parser("train_simnet", __doc__, "config/simnet.yaml")
-    p.add_argument("--device", default="cpu", help="of torch: cpu, cuda, cuda:1; default %(default)s")
+    p.add_argument("--device", default="cpu", help="device of torch, such as cpu, cuda or cuda:1; default %(default)s")
     return p
 
 

@@ -1,9 +1,9 @@
-"""Where a driver of a recording is said to be going: one draw for drivers who are watched and for agents who drive.
+"""Driving tasks, drawn alike for recorded drivers and for the agents that training puts under the policy.
 
-A recording tells no intentions. Each driver is therefore given a task that his own log fulfils, more or less: a place
-on it, a time at which he is said to be due there, and perhaps an opponent. Training compares what recorded drivers do
-with what the policy does in such tasks, so both have to get theirs here: if one side knew the times to the step and the
-other did not, or one side always had an opponent, the sides could be told apart by that alone.
+A recording does not contain intentions. Each driver is therefore given a task that its own log roughly fulfils: a
+position on the log as the goal, a time at which it is due there, and perhaps an opponent. Training compares recorded
+drivers with the policy in such tasks, so both must draw them from the same distribution: if due times were exact, or
+opponents always given, on one side only, the critic could tell the sides apart by the task alone.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from litsim_sim.scenario.log import Log
 
 @configuration
 class TaskConfig:
-    """What is drawn.
+    """Distribution of the tasks.
 
     Attributes:
-        goal_steps: lowest and highest number of steps to the place that is taken for the goal; negative ones say that
-            it has been passed, as it has for agents who are held beyond their conflict.
-        goal_jitter: standard deviation of the time by which the goal is said to be due too early or too late; without
-            it the goal would tell the speed that was driven.
-        opponent_share: of the tasks that name the nearest agent as the opponent; the others name nobody.
+        goal_steps: lowest and highest number of steps from now to the logged position that becomes the goal; negative
+            if the goal has been passed, as for agents that are held beyond their conflict.
+        goal_jitter: standard deviation of the error in the due time; without it the goal would reveal the speed that
+            was driven.
+        opponent_share: share of tasks that name the nearest agent as the opponent; the others name none.
     """
 
     goal_steps: tuple[Steps, Steps] = (-20, 50)
@@ -49,7 +49,7 @@ class TaskConfig:
 def recorded_task(
     log: Log, path: ReferencePath, table: AgentTable, row: int, config: TaskConfig, random: np.random.Generator
 ) -> DrivingTask:
-    """Draw the task of the agent in `row` of `table`, who follows `path`; ids of `table` are those of `log`."""
+    """Draw the task of the agent in `row` of `table`, which follows `path`; `table` and `log` share their ids."""
     agent = int(table.id[row])
     at = log.row(agent)
     ahead = int(random.integers(config.goal_steps[0], config.goal_steps[1] + 1))
@@ -62,19 +62,19 @@ def recorded_task(
 
 
 def nearest(table: AgentTable, row: int) -> int:
-    """Id of the agent of the same scene whose box centre is nearest to that of the agent in `row`; NOBODY if alone."""
+    """Id of the agent in the same scene with its box centre nearest to that of the agent in `row`; NOBODY if alone."""
     return int(all_nearest(table, np.array([row]))[0])
 
 
 def all_nearest(table: AgentTable, rows: IntArray) -> IntArray:
-    """What :func:`nearest` finds, (m,) ids, for each of the agents in `rows` (m,)."""
+    """Ids (m,) that :func:`nearest` finds for the agents in `rows` (m,)."""
     least = _nearest(table.scene, table.x, table.y, rows)
     return np.where(least < 0, NOBODY, table.id[least])
 
 
 @kernel(OUT_INTS(INTS, FLOATS, FLOATS, INTS))
 def _nearest(scene: IntArray, x: FloatArray, y: FloatArray, rows: IntArray) -> IntArray:
-    """Rows (m,) of those nearest to the agents in `rows` (m,), below 0 for nobody; the others (n,) are of everybody."""
+    """Rows (m,) of the agents nearest to those in `rows` (m,), -1 for none; `scene`, `x` and `y` (n,) of all agents."""
     found, (begin, end) = np.full(len(rows), -1), within_scenes(scene, rows)
     for i in range(len(rows)):
         own, least = rows[i], np.inf

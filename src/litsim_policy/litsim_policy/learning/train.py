@@ -1,13 +1,14 @@
-"""`train`: policy C from recorded drivers, by a critic and PPO (paper, section III-C). Read it from top to bottom.
+"""`train`: train policy C on recorded drivers, with a critic and PPO (paper, section III-C).
 
-1. Scenarios: generated segments and real windows, none of which results are reported on.
+1. Scenarios: generated segments and real windows, on none of which results are reported.
 2. Experts: observations and actions of the recorded drivers in them.
-3. Warm start: the policy learns to do as they did, and to come back to its path when it is displaced.
-4. Iterations: drive episodes; teach the critic to tell drivers from policy at recorded moments; reward the policy for
-   passing as a driver, punish it for collisions and the like; PPO.
+3. Warm start: behaviour cloning of these drivers, and of the way back to the path from displaced poses.
+4. Iterations: drive episodes; train the critic on recorded and policy actions at recorded moments; reward the policy
+   by the critic, less penalties for collisions and the like; update it by PPO.
 
-Every iteration draws from generators seeded by the run's seed and its number, so a run that is resumed goes on as if it
-had not been interrupted. `--out` gets checkpoint.pt, history.json, curves.png, last.safetensors and best.safetensors.
+Every iteration draws from generators seeded by the run's seed and the iteration's number, so that a resumed run gives
+the same weights. The folder `--out` gets checkpoint.pt, history.json, curves.png, last.safetensors and
+best.safetensors.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from litsim_sim.io.yaml_input import read_yaml
 
 
 def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool = True, processes: int = 1) -> Training:
-    """Train, from the start or from the checkpoint in `out`; `processes` drive the episodes, which changes no weight.
+    """Train, from the start or from the checkpoint in `out`; the number of `processes` does not change the weights.
 
     Raises:
         InputError: the data or the checkpoint cannot be used.
@@ -57,7 +58,7 @@ def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool 
 def _train(
     training: Training, data: TrainingData, driving: Driving, validation: Driving, out: Path, *, progress: bool
 ) -> None:
-    """Make the iterations that are left of `training`, and what comes before the first of them."""
+    """Make the warm start unless `training` is resumed, and the remaining iterations."""
     config = training.config
     random = np.random.default_rng([config.seed, 1])
     each_once = list({scenario.name: scenario for scenario in data.train}.values())
@@ -123,21 +124,21 @@ def _iterate(
     shown: Demonstrations,
     iteration: int,
 ) -> dict[str, float]:
-    """Make one iteration: drive `episodes`, teach the critic, reward, update the policy.
+    """Make one iteration: drive `episodes`, train the critic on `recorded`, reward, and update the policy.
 
-    The critic is taught by what drivers did (`recorded`), the policy kept near what it is `shown`.
+    The policy is also kept near what it is `shown`.
 
     Returns:
-        its entry of the history: rates of :func:`litsim_policy.learning.rollout.collect`, means of critic and update.
+        entry of the history: rates of :func:`litsim_policy.learning.rollout.collect`, means of critic and update.
     """
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
-    expert, drawn = critic_sides(training.policy, recorded, config.transitions, generator)  # while others drive
+    expert, drawn = critic_sides(training.policy, recorded, config.transitions, generator)  # while the pool drives
     critic = update_critic(training.critic, training.critic_optimiser, expert, drawn, config.critic, generator)
     tracks, counts = collect(episodes)
     pairs = driven_pairs(tracks)
     passing = training.critic.reward(pairs, config.critic.reward_limit).double().numpy()
-    scaled = config.critic_reward * (passing - passing.mean()) / max(passing.std(), 1.0)  # noise is not made louder
+    scaled = config.critic_reward * (passing - passing.mean()) / max(passing.std(), 1.0)  # never amplified
     ends = np.cumsum([len(track) for track in tracks])
     rewards = [part + track.penalty for part, track in zip(np.split(scaled, ends[:-1]), tracks, strict=True)]
     batch = make_batch(tracks, rewards, training.value, config.ppo)
@@ -163,9 +164,9 @@ def _iterate(
 
 
 def demonstrations(experts: ExpertPairs, real_share: float) -> tuple[Demonstrations, Demonstrations]:
-    """What drivers did (n pairs), and that together with how displaced vehicles come back to their paths (2 n).
+    """Recorded pairs (n), and these together with the corrections of displaced vehicles (2 n).
 
-    People count `real_share` in both.
+    People's pairs have the share `real_share` in both.
     """
     weight = torch.as_tensor(experts.weights(real_share))
     recorded = Demonstrations(tensor(experts.observation), tensor(experts.action), weight)
@@ -176,16 +177,14 @@ def demonstrations(experts: ExpertPairs, real_share: float) -> tuple[Demonstrati
 
 
 def _warm_start(policy: GaussianPolicy, shown: Demonstrations, config: TrainConfig) -> None:
-    """Teach `policy` the pairs that it is `shown`, by the squared error of its mean action; changes it in place."""
+    """Fit the mean actions of `policy` to `shown` by the squared error, in place."""
     clone(policy, shown, config.warm_start, config.seed, lambda chosen: shown.error(policy, chosen))
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of ``ros2 run litsim_policy train``."""
     p = training_parser("train", __doc__, "config/policy_c.yaml")
-    p.add_argument(
-        "--processes", type=at_least_one, default=2, help="processes that simulate episodes; default %(default)s"
-    )
+    p.add_argument("--processes", type=at_least_one, default=2, help="processes for the episodes; default %(default)s")
     return p
 
 

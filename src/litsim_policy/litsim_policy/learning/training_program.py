@@ -1,4 +1,4 @@
-"""What the programs that train have in common: their arguments, threads, and what is said when they are interrupted."""
+"""Common parts of the training programs: arguments, threads, and the message after an interruption."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from litsim_sim.cli.program import at_least_one
 
 
 def training_parser(prog: str, doc: str | None, example: str) -> argparse.ArgumentParser:
-    """Arguments of the program `prog`, whose module's docstring is `doc`; `example` is a file for ``--config``."""
+    """Parser of the program `prog`, described by the first line of `doc`; `example` is a file for ``--config``."""
     p = Parser(prog=prog, description=(doc or "").splitlines()[0])
     p.add_argument("--config", type=Path, required=True, help=f"YAML file, such as {example}")
     p.add_argument("--out", type=Path, required=True, help="folder of the results")
@@ -26,10 +26,10 @@ def training_parser(prog: str, doc: str | None, example: str) -> argparse.Argume
 
 @contextmanager
 def training_program(arguments: argparse.Namespace) -> Iterator[None]:
-    """The frame of a training: as many threads as its arguments say, and a word when it is interrupted."""
+    """Set the number of threads from `arguments`, and tell how to resume if the training is interrupted."""
     torch.set_num_threads(arguments.threads)
     try:
         yield
     except KeyboardInterrupt:
-        print(f"\ninterrupted; to go on: --resume with --out {arguments.out}", file=sys.stderr)
+        print(f"\ninterrupted; to continue: --resume with --out {arguments.out}", file=sys.stderr)
         raise

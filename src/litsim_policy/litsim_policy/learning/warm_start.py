@@ -1,4 +1,4 @@
-"""Behaviour cloning, with which a policy begins."""
+"""Behaviour cloning, the warm start of a policy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from litsim_policy.learning.ppo import Demonstrations
 
 
 class WarmStart(BaseModel):
-    """Behaviour cloning before the first iteration; no epochs leave it out."""
+    """Behaviour cloning before the first iteration; 0 epochs for none."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -24,13 +24,13 @@ class WarmStart(BaseModel):
 def clone(
     policy: nn.Module, shown: Demonstrations, config: WarmStart, seed: int, loss_of: Callable[[Tensor], Tensor]
 ) -> None:
-    """Teach `policy` the pairs that it is `shown`; changes it in place.
+    """Fit `policy` to the pairs in `shown`, in place.
 
     Args:
-        policy: that learns.
-        shown: what it learns from.
-        config: for how long.
-        seed: of the order of the pairs.
+        policy: to train.
+        shown: the pairs.
+        config: epochs, batch and learning rate.
+        seed: of the draws of pairs.
         loss_of: mean loss of the policy over the pairs at positions (m,) of `shown`.
     """
     generator = torch.Generator().manual_seed(seed)

@@ -109,7 +109,7 @@ def test_displaced_vehicles_are_shown_the_way_back(make_scenario: Any, track: An
 
 def test_where_nobody_is_driven_training_ends_and_nothing_is_scored(scenario: Scenario) -> None:
     config = ImitationTraining(data=DataConfig(), radius=1.0, validation_scenes=2)
-    with pytest.raises(InputError, match=r"nobody is driven in 104 scenes in a row, .* within radius \(1 m\)"):
+    with pytest.raises(InputError, match=r"no agent is driven in 104 scenes in a row, .* within radius \(1 m\)"):
         collect([scenario], TrafficPolicy(), config, 0)
-    with pytest.raises(InputError, match="nobody is driven in the 2 scenes of validation"):
+    with pytest.raises(InputError, match="no agent is driven in the 2 scenes of validation"):
         validate([scenario], TrafficPolicy(), config)

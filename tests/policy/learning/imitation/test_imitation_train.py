@@ -85,7 +85,7 @@ def test_a_run_that_is_resumed_ends_where_a_whole_one_does(file: Path, tmp_path:
     assert (tmp_path / "parts" / checkpoint.CURVES).read_bytes().startswith(b"\x89PNG")
     for name in (checkpoint.LAST, checkpoint.BEST):
         ImitationNetwork.load(tmp_path / "parts" / name)
-    with pytest.raises(InputError, match="fields seed of the configuration have changed"):
+    with pytest.raises(InputError, match="fields seed of the configuration differ"):
         train.run(changed(file, seed=5), tmp_path / "parts", resume=True, progress=False)
 
 

@@ -1,1 +1,1 @@
-"""Training of the baselines `gail` and `rail`: networks that imitate traffic, by a critic and PPO."""
+"""Training of the baselines `gail` and `rail`: imitation of recorded traffic, with a critic and PPO."""

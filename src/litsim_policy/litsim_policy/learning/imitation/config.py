@@ -1,4 +1,4 @@
-"""The configuration of a training of the baselines `gail` and `rail`: one YAML file, a section for each part."""
+"""Configuration of a training of the baselines `gail` and `rail`: one YAML file with a section for each part."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from litsim_policy.learning.warm_start import WarmStart
 
 
 class ShorterWarmStart(WarmStart):
-    """Behaviour cloning by likelihood, which takes fewer epochs."""
+    """Behaviour cloning by maximum likelihood, which needs fewer epochs."""
 
     epochs: int = Field(15, ge=0)
 
 
 class ImitationTraining(BaseModel):
-    """A training run; the YAML file has these fields, and those of the parts in sections of their names.
+    """A training run; the YAML file has these fields, those of the parts in sections of their names.
 
     Attributes:
         seed: of everything random.
         iterations: updates of the policy.
-        transitions: agent-steps that an iteration drives at least.
-        horizon: steps of an episode, fewer where a scenario ends before.
-        together: scenes that are stepped together at most.
-        agents: driven in a scene at most: the first number in the first part of the iterations, and so on.
-        radius: around the ego within which they are [m].
-        augmentation: of a step in contact, off the road, or braking twice as hard as is bad, in standard deviations of
-            the critic's reward; 0 is GAIL, more is RAIL.
+        transitions: least number of agent-steps in an iteration.
+        horizon: steps in an episode, fewer if a scenario ends before.
+        together: number of scenes that are drawn at a time; those of one kind are stepped together.
+        agents: most agents driven in a scene, one number for each of as many equal parts of the iterations.
+        radius: distance from the ego within which these agents are chosen [m].
+        augmentation: penalty of a step in contact or off the road, in standard deviations of the critic's reward, and
+            half of it for hard braking; 0 is GAIL, more is RAIL.
         validate_every: iterations between validations.
-        validation_scenes: scenes of one.
+        validation_scenes: scenes in a validation.
         error_weight: share of agents at fault that counts as much as a mean error of 1 m [1/m]; the weights with the
             lowest sum of both are kept.
     """

@@ -1,4 +1,4 @@
-"""The critic of GAIL: a Wasserstein critic with gradient penalty (Gulrajani 2017), as PS-GAIL for driving has it."""
+"""The critic of GAIL: a Wasserstein critic with gradient penalty (Gulrajani 2017), as in PS-GAIL for driving."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from litsim_sim.core.quantities import NonNegative, Number, OpenShare, Positive,
 
 @configuration
 class WassersteinConfig:
-    """How the critic learns; published: 40 passes over batches of 1000.
+    """How the critic learns; the published training makes 40 passes over batches of 1000.
 
     Attributes:
         learning_rate: of RMSProp.
         gradient_penalty: weight.
-        dropout: share of units that are left out at a time.
+        dropout: probability with which a unit is dropped.
         updates: steps of the optimiser per iteration.
         batch: pairs of each side in a step.
-        replay: iterations whose pairs of the policy are kept.
+        replay: number of last iterations from which the policy's pairs are drawn.
     """
 
     learning_rate: Positive[Number] = 4e-4
@@ -39,15 +39,15 @@ def update_wasserstein(
     config: WassersteinConfig,
     generator: torch.Generator,
 ) -> float:
-    """Take `config.updates` steps, and return the mean distance of the sides that the critic saw in them.
+    """Take `config.updates` steps, and return the mean difference of the critic between drivers and policy.
 
     Args:
-        critic: to teach; a function of observations and actions side by side.
+        critic: to train; maps observations and actions side by side (m, size + 2) to (m, 1).
         optimiser: of its parameters.
         recorded: pairs of drivers.
         driven: (m, size + 2) pairs of the policy.
         config: of the update.
-        generator: of the draws; dropout draws from torch's own, which is seeded by it.
+        generator: of the draws; it also seeds torch's own generator, from which dropout draws.
     """
     torch.manual_seed(int(torch.randint(2**31, (), generator=generator)))
     critic.train()

@@ -1,4 +1,4 @@
-"""Traffic in which some agents are driven by a policy and all others follow their logs: episodes of PS-GAIL."""
+"""Episodes of PS-GAIL: traffic in which a policy drives some agents and all others follow their logs."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from litsim_sim.scenario.joined import JoinedScenario
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 
-BRAKE = 2.0, 3.0  # [m/s2] of braking between which RAIL's penalty rises
-EDGE = 0.5, -0.1  # [m] from a side to the edge of the road, likewise; negative is outside
+BRAKE = 2.0, 3.0  # [m/s2] braking at which RAIL's penalty begins and is full
+EDGE = 0.5, -0.1  # [m] likewise, from the agent's side to the edge of the road; negative is outside
 
 
 @dataclass(frozen=True)
 class Faults:
-    """What the m agents that were driven did wrong in a step, each from 0 to 1; arrays (m,).
+    """Faults of the m driven agents in a step, each in [0, 1]; arrays (m,).
 
     Attributes:
-        contact: whether it touches somebody who is not behind it.
-        off_road: how near the edge of the road, 1 beyond it.
-        hard_brake: how hard it brakes.
+        contact: whether the agent touches one that is not behind it.
+        off_road: rises towards the edge of the road; 1 beyond it.
+        hard_brake: rises with hard braking.
     """
 
     contact: BoolArray
@@ -47,19 +47,19 @@ class Faults:
 
     @property
     def worst(self) -> FloatArray:
-        """(m,) what RAIL punishes: the worst of them, hard braking by half."""
+        """RAIL's penalty (m,), positive: the greatest of the faults, with hard braking halved."""
         return np.maximum.reduce([self.contact.astype(np.float64), self.off_road, 0.5 * self.hard_brake])
 
 
 @dataclass(frozen=True)
 class TrafficStep:
-    """What a step did; arrays (m, ...) of the agents that were driven in it, ids ascending.
+    """Result of a step for the m agents driven in it; arrays (m, ...), ids ascending.
 
     Attributes:
         agents: ids in the joined scenario.
-        executed: (m, 2) what the vehicles did, as actions.
-        faults: what they did wrong; agents that have left the net did nothing wrong.
-        error: (m,) distance to where their logs are [m]; NaN where they know of none.
+        executed: (m, 2) executed motion, as actions in [-1, 1].
+        faults: of the agents; none for agents that have left the net.
+        error: (m,) distance to the logged position [m]; NaN after the end of the log.
     """
 
     agents: IntArray
@@ -69,15 +69,15 @@ class TrafficStep:
 
 
 class TrafficEpisodes:
-    """S scenes of one kind, from the end of their histories on; whoever touches another drives on, as in PS-GAIL.
+    """S scenes of one kind, from the end of their histories on; agents in contact drive on, as in PS-GAIL.
 
-    Driven are the agents nearest to the ego, which itself follows its log; and those who enter late, as their logs
-    lead where others are.
+    The agents nearest to the ego are driven; so are agents that enter late because others are in the way. The ego
+    follows its log.
 
     Attributes:
         joined: the scenes.
-        agents: (m,) ids of who is driven now, ascending.
-        seen: (m, SIZE) what they observe.
+        agents: (m,) ids of the driven agents, ascending.
+        seen: (m, SIZE) their observations.
     """
 
     def __init__(self, scenes: Sequence[Scenario], count: int, radius: float) -> None:
@@ -103,7 +103,7 @@ class TrafficEpisodes:
         return min(scene.total_steps for scene in self.joined.scenes)
 
     def step(self, action: FloatArray) -> TrafficStep:
-        """Drive who is driven by `action` (m, 2)."""
+        """Drive :attr:`agents` by `action` (m, 2), in [-1, 1] after clipping."""
         agents = self.agents
         controls = commanded(self._followers, action)
         self._see(self._world.step_together(controls, self._egos(self.step_number)))
@@ -128,7 +128,7 @@ class TrafficEpisodes:
         return [EgoCommand(step, mode=EgoMode.FOLLOW_LOG)] * len(self.joined.scenes)
 
     def _near(self, table: AgentTable, count: int, radius: float) -> list[int]:
-        """Ids of who is chosen, of each scene the nearest first."""
+        """Ids of up to `count` agents within `radius` [m] of each scene's ego, the nearest first."""
         log = self.joined.log
         stays = log.last_step[np.searchsorted(log.ids, table.id)] > table.step + STAYS
         chosen: list[int] = []

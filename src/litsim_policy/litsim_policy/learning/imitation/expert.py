@@ -1,4 +1,4 @@
-"""What recorded drivers did, as the baselines `gail` and `rail` see and do it."""
+"""Expert pairs for the baselines `gail` and `rail`: their observations and actions, from recorded drivers."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class TrafficPairs:
     """Observations (n, SIZE) and actions (n, 2) in [-1, 1], twice.
 
     Attributes:
-        recorded: what drivers did.
-        corrected: the same moments with the vehicle displaced, and how it comes back to its path.
+        recorded: of the drivers.
+        corrected: of the same moments with the vehicle displaced, and the actions that lead back to its path.
     """
 
     recorded: Demonstrations
@@ -33,7 +33,7 @@ class TrafficPairs:
 
     @property
     def shown(self) -> Demonstrations:
-        """Both, each as often."""
+        """Both, with equal weight."""
         sides = self.recorded, self.corrected
         weights = [side.weight for side in sides if side.weight is not None]
         return Demonstrations(
@@ -48,8 +48,8 @@ def traffic_pairs(
 ) -> TrafficPairs:
     """Pairs of all vehicles of `scenarios`.
 
-    Routes are those of the logs, as a takeover would find them when a vehicle is first seen. In the scenarios named in
-    `real` people drove.
+    Paths follow the logs' routes, as after a takeover at the vehicle's first pair. `real` names the scenarios in which
+    people drove.
     """
     found = [_of_scenario(scenario, config, random) for scenario in scenarios]
     people = np.concatenate(
@@ -61,7 +61,7 @@ def traffic_pairs(
 
 
 def _of_scenario(scenario: Scenario, config: PairsConfig, random: np.random.Generator) -> tuple[FloatArray, ...]:
-    """Observations and actions as recorded, then those of displaced vehicles."""
+    """Observations (n, SIZE) and actions (n, 2) as recorded, then those of displaced vehicles."""
     log, observer = scenario.log, TrafficObserver(scenario.lane_map)
     routes: dict[int, ReferencePath] = {}
     logged: dict[int, ReferencePath] = {}

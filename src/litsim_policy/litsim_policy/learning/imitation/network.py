@@ -1,4 +1,4 @@
-"""The networks of GAIL as torch trains them: policy, critic and value of the same size."""
+"""The networks of GAIL for training in torch: policy, critic and value, of the same size."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LOG_STD_MIN, LOG_STD_MAX = -3.0, 0.0
 
 
 class TrafficPolicy(nn.Module):
-    """A Gaussian over accelerations and turn rates, in units of their bounds, whose mean depends on the observation."""
+    """A Gaussian over accelerations and yaw rates, in units of BOUNDS, with a mean that depends on the observation."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -38,7 +38,7 @@ class TrafficPolicy(nn.Module):
         return means
 
     def said(self, observation: Tensor) -> Tensor:
-        """Actions (m, 2) in the middle of the Gaussian."""
+        """The same means, as deterministic actions (m, 2)."""
         means: Tensor = self(observation)
         return means
 
@@ -47,8 +47,8 @@ class TrafficPolicy(nn.Module):
         return torch.exp(torch.clamp(self.log_std, LOG_STD_MIN, LOG_STD_MAX))
 
     def log_probability(self, observation: Tensor, raw: Tensor) -> Tensor:
-        """Logarithm of the density (m,) of actions (m, 2) as they were drawn; what cuts them to +-1 is the vehicle."""
-        # checking the arguments would take longer than the density
+        """Logarithm of the density (m,) of actions `raw` (m, 2) as drawn, before driving clips them to +-1."""
+        # validation of the arguments would take longer than the density
         return torch.distributions.Normal(self(observation), self.std(), validate_args=False).log_prob(raw).sum(dim=-1)
 
     def entropy(self) -> Tensor:
@@ -57,7 +57,7 @@ class TrafficPolicy(nn.Module):
 
 
 def perceptron(inputs: int, dropout: float = 0.0) -> nn.Sequential:
-    """A fresh network from (m, `inputs`) to (m, 1), for critic and value; ReLU between layers."""
+    """A new network from (m, `inputs`) to (m, 1) with ReLU activations, for critic and value."""
     layers: list[nn.Module] = []
     for before, after in zip((inputs, *HIDDEN), HIDDEN, strict=False):
         layers += [nn.Linear(before, after), nn.ReLU(), nn.Dropout(dropout)]
@@ -65,7 +65,7 @@ def perceptron(inputs: int, dropout: float = 0.0) -> nn.Sequential:
 
 
 def save(policy: TrafficPolicy, path: Path, about: dict[str, str]) -> None:
-    """Write what :meth:`litsim_policy.driving.imitation_policy.ImitationNetwork.load` reads."""
+    """Write the weights for :meth:`litsim_policy.driving.imitation_policy.ImitationNetwork.load`."""
     tensors = {name: tensor.detach().contiguous() for name, tensor in policy.state_dict().items()}
     tensors["log_std"] = torch.log(policy.std()).detach()
     save_file(tensors, str(path), {"format": FORMAT, **about})

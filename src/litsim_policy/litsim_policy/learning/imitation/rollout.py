@@ -1,4 +1,4 @@
-"""Traffic driven by the policy that learns: what every agent went through, and what happened."""
+"""Traffic driven by a policy, for training and validation: the track of each agent, faults and errors."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from litsim_sim.scenario.joined import kind
 from litsim_sim.scenario.scenario import Scenario
 
 VALIDATION_SEED = 10_000_019
-EVERYBODY = 1000  # agents of a scene: more than there are
-EMPTY_SCENES_MAX = 100  # scenes in a row without anybody to drive, after which there is no point in going on
+EVERYBODY = 1000  # for all agents of a scene: more than there are
+EMPTY_SCENES_MAX = 100  # scenes in a row without an agent to drive, after which training gives up
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What came of some episodes.
+    """Result of some episodes.
 
     Attributes:
         tracks: one for every agent; the penalty is RAIL's, before its weight.
-        faulty: agents that touched somebody who was not behind them, and agents that left the road.
-        errors: (k,) distances to the logs at the last step [m], of agents whose logs know of it.
+        faulty: number of agents that touched one that was not behind them, and of agents that left the road.
+        errors: (k,) distances to the logged positions at the last step [m], of agents with a log that lasts until then.
     """
 
     tracks: list[Track]
@@ -47,9 +47,9 @@ def drive(
     horizon: int,
     generator: torch.Generator | None,
 ) -> Drive:
-    """Drive up to `count` agents of each of `scenes`, of one kind, for `horizon` steps at most.
+    """Drive up to `count` agents of each of `scenes`, which are of one kind, for at most `horizon` steps.
 
-    Actions are drawn by `generator`; None is by their means.
+    Actions are drawn by `generator`; None for the policy's means.
     """
     episodes = TrafficEpisodes(scenes, count, radius)
     ids, columns = [], []
@@ -75,13 +75,13 @@ def drive(
 def collect(
     scenarios: Sequence[Scenario], policy: TrafficPolicy, config: ImitationTraining, iteration: int
 ) -> tuple[list[Track], dict[str, float]]:
-    """Drive scenes that are drawn from `scenarios` until there are `config.transitions` agent-steps.
+    """Drive scenes drawn from `scenarios` until there are `config.transitions` agent-steps.
 
     Returns:
-        tracks, and rates by name as :func:`rates` has them.
+        tracks, and rates by name (:func:`rates`).
 
     Raises:
-        InputError: in none of many scenes in a row was anybody driven.
+        InputError: no agent is driven in EMPTY_SCENES_MAX scenes in a row.
     """
     random = np.random.default_rng([config.seed, 2, iteration])
     generator = torch.Generator().manual_seed(int(random.integers(2**62)))
@@ -103,13 +103,13 @@ def collect(
 
 
 def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: ImitationTraining) -> dict[str, float]:
-    """Drive scenes that are the same each time, with everybody driven by the means of `policy`.
+    """Drive all agents near the egos of a fixed set of scenes by the means of `policy`.
 
     Returns:
         rates by name, and `validation_score`, at most 0.
 
     Raises:
-        InputError: nobody is driven in any of them, so that there is nothing to score.
+        InputError: no agent is driven in any scene.
     """
     random = np.random.default_rng(VALIDATION_SEED)
     drawn = [with_ego(scenarios[k % len(scenarios)], random) for k in range(config.validation_scenes)]
@@ -124,7 +124,7 @@ def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: Imita
 
 
 def rates(drives: Sequence[Drive]) -> dict[str, float]:
-    """Shares of agents that touched somebody and that left the road, mean error at the end [m], and agent-steps."""
+    """Shares of agents with a contact and off the road, mean error at the end [m], agents and agent-steps, by name."""
     tracks = [track for one in drives for track in one.tracks]
     contacts, off = (sum(one.faulty[k] for one in drives) for k in (0, 1))
     errors = np.concatenate([one.errors for one in drives]) if drives else np.empty(0)
@@ -138,10 +138,10 @@ def rates(drives: Sequence[Drive]) -> dict[str, float]:
 
 
 def _nobody_driven(where: str, config: ImitationTraining) -> InputError:
-    """The error of scenes, named by `where`, that have nobody to drive."""
+    """The error of scenes, described by `where`, without an agent to drive."""
     return InputError(
-        f"training: nobody is driven in {where}, expected scenarios with vehicles within radius ({config.radius:g} m) "
-        "of the ego"
+        f"training: no agent is driven in {where}, expected scenarios with vehicles within radius "
+        f"({config.radius:g} m) of the ego"
     )
 
 
@@ -164,12 +164,12 @@ def _drawn(policy: TrafficPolicy, seen: FloatArray, generator: torch.Generator |
 
 
 def _tracks(agents: IntArray, columns: list[np.ndarray], left: dict[int, FloatArray]) -> list[Track]:
-    """Tracks of the `agents` (k,) of all steps one after another.
+    """One track for each agent, from the k agent-steps of all steps one after another.
 
     Args:
-        agents: ids.
-        columns: observations, actions, densities, what was executed and penalties, (k, ...) each.
-        left: what those observe who are still there after the last step.
+        agents: (k,) ids.
+        columns: observations, actions, densities, executed motion and penalties, (k, ...) each.
+        left: observations after the last step by id, of the agents that are still there.
     """
     order = np.argsort(agents, kind="stable")
     names, begin = np.unique(agents[order], return_index=True)

@@ -1,13 +1,14 @@
-"""`train_imitation`: the baselines `gail` and `rail` from recorded drivers, by a critic and PPO. Read it top to bottom.
+"""`train_imitation`: train the baselines `gail` and `rail` on recorded drivers, with a critic and PPO.
 
 1. Scenarios: those of policy C, see :mod:`litsim_policy.learning.data`.
 2. Experts: observations and actions of all recorded drivers in them.
-3. Warm start: behaviour cloning, also of how displaced vehicles come back to their paths.
-4. Iterations: drive traffic; teach the critic to tell drivers from policy; reward the policy for passing as a driver,
-   in RAIL less what it does wrong; PPO.
+3. Warm start: behaviour cloning of these drivers, and of the way back to the path from displaced poses.
+4. Iterations: drive traffic; train the critic on recorded and driven pairs; reward the policy by the critic, in RAIL
+   less a penalty for faults; update it by PPO.
 
-Every iteration draws from generators seeded by the run's seed and its number, so a run that is resumed goes on as if it
-had not been interrupted. `--out` gets checkpoint.pt, history.json, curves.png, last.safetensors and best.safetensors.
+Every iteration draws from generators seeded by the run's seed and the iteration's number, so that a resumed run gives
+the same weights. The folder `--out` gets checkpoint.pt, history.json, curves.png, last.safetensors and
+best.safetensors.
 """
 
 from __future__ import annotations
@@ -39,12 +40,10 @@ from litsim_sim.io.yaml_input import read_yaml
 
 
 class Imitation(AdversarialTraining):
-    """A training of `gail` or `rail`; its history has one entry an iteration, and first that of the warm start.
+    """A training of `gail` or `rail`; its history begins with an entry of the warm start.
 
     Attributes:
-        config: of the training.
-        policy: the network that drives.
-        replay: pairs of the policy of the last iterations, which the critic is shown.
+        replay: the policy's pairs of the last iterations, on which the critic is trained.
     """
 
     config: ImitationTraining
@@ -65,7 +64,7 @@ class Imitation(AdversarialTraining):
 
     @property
     def iterations(self) -> int:
-        """Iterations made, the warm start being none."""
+        """Number of iterations done, without the warm start."""
         return len(self.history) - 1
 
     def save(self, path: Path) -> None:
@@ -102,9 +101,9 @@ def run(config: ImitationTraining, out: Path, *, resume: bool = False, progress:
 
 
 def _note(training: Imitation, data: TrainingData, out: Path, found: dict[str, float], *, last: bool) -> None:
-    """Add what was `found` in an iteration to the history, with a validation where one is due, and write files.
+    """Add `found`, an iteration's entry, to the history, with a validation if one is due, and write files.
 
-    The warm start is validated to compare with, and is not kept as the best: it has seen no critic.
+    The warm start is validated for comparison, and never kept as the best, since no critic has influenced it.
     """
     before = len(training.history)
     due = last or before % training.config.validate_every == 0
@@ -121,7 +120,7 @@ def _note(training: Imitation, data: TrainingData, out: Path, found: dict[str, f
 
 
 def _iterate(training: Imitation, data: TrainingData, recorded: Demonstrations, iteration: int) -> dict[str, float]:
-    """Make one iteration; returns its entry of the history."""
+    """Make one iteration and return its entry of the history."""
     config = training.config
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + iteration)
     tracks, found = collect(data.train, training.policy, config, iteration)
@@ -162,7 +161,7 @@ def driven_pairs(tracks: list[Track]) -> Tensor:
 
 
 def _warm_start(policy: TrafficPolicy, shown: Demonstrations, config: ImitationTraining) -> None:
-    """Teach `policy` what it is `shown`, by its likelihood; changes it in place."""
+    """Fit `policy` to `shown` by maximum likelihood, in place."""
 
     def loss_of(chosen: Tensor) -> Tensor:
         return -policy.log_probability(shown.observation[chosen], shown.action[chosen]).mean()
