@@ -92,7 +92,7 @@ def test_an_example_passes(graph: Any, example: str, interface: str) -> None:
             "1 with another frame, first at step 12: frame_id is 'odom', expected 'map'",
         ),
         (("--fault", "silence"), "answers every step", "12 of 13 steps; 1 missing, first 12; no answer to step 12"),
-        (("--fault", "future"), "answers every step", "36 of 36 steps; 24 of the future"),
+        (("--fault", "future"), "answers every step", "36 of 36 steps; 24 from the future"),
         (("--fault", "death"), "end of run", "the stack left at step 12 of 35, before the run was over: stack ended"),
     ],
 )
@@ -114,7 +114,7 @@ def test_a_stack_that_others_have_started(graph: Any) -> None:
     done = graph.finish(start(graph))
     assert done.returncode == 0, done.stdout + done.stderr
     assert "of /standard_ego" in why(graph, "discovery")
-    assert "its publisher is there, idle" in why(graph, "end of run")
+    assert "its publisher is still there, idle" in why(graph, "end of run")
     assert graph.end(stack, signal.SIGKILL)[0] == -signal.SIGKILL  # it was left alone
 
 

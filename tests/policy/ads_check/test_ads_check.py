@@ -136,8 +136,8 @@ def test_silence(seen: Evidence) -> None:
     ("counts", "words"),
     [
         ({"stale": 3}, "3 stale"),
-        ({"future": 1}, "1 of the future"),
-        ({"surplus": 12}, "12 surplus, more than one to a step"),
+        ({"future": 1}, "1 from the future"),
+        ({"surplus": 12}, "12 surplus, more than one per step"),
         ({"refused": 2}, "2 on a second interface"),
     ],
 )
@@ -164,12 +164,13 @@ def test_another_frame(seen: Evidence) -> None:
 def test_beginning_elsewhere(seen: Evidence) -> None:
     aside = answered(seen, 4, target=trajectory(seen.states[4], aside=3.0))
     text = only(aside, "frames plausible")
-    assert text == "1 begin elsewhere than the ego, first at step 4: 3.0 m away, expected at most 2 m"
+    assert text == "1 do not begin at the ego, first at step 4: 3.0 m away, expected at most 2 m"
 
 
 def test_against_the_road(seen: Evidence) -> None:
     back = answered(seen, 4, target=trajectory(seen.states[4], turned=np.pi))
-    assert "1 lead off the road's direction, first at step 4: 100% of its headings" in only(back, "frames plausible")
+    said = "1 deviate from the road's direction, first at step 4: 100% of its headings"
+    assert said in only(back, "frames plausible")
 
 
 def test_not_finite(seen: Evidence) -> None:

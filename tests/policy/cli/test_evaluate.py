@@ -175,7 +175,7 @@ def test_the_exit_status_is_the_verdict_by_the_criteria(tmp_path, capsys, limit:
     assert found["verdict"] == ("failed" if status else "passed")
     assert found["rows"]["idm, replay"]["colliding_runs"] == 1
     page = tmp_path / "out/experiment.html"
-    assert f"to look at: {page}\n" in said.out
+    assert f"report: {page}\n" in said.out
     assert ('<span class="badge bad">not passed</span>' in page.read_text()) == bool(status)
 
 
@@ -307,7 +307,7 @@ def test_what_was_ended_midway_goes_on_to_the_result_of_one_that_was_not(
     assert "Traceback" not in said
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "ended").glob("runs/*/result.json")}
     if number == signal.SIGINT:
-        assert "the same command goes on where it was" in said
+        assert "the same command resumes it" in said
         assert len(results(tmp_path / "ended")["runs"]) == len(before)
     end = time.monotonic() + PATIENCE_S
     while any(Path(f"/proc/{worker}").exists() for worker in workers):

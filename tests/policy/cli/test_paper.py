@@ -94,7 +94,7 @@ def test_oracles_are_run_with_each_ego_that_is_asked_for(out: Path) -> None:
 def test_the_backbones_of_simnet(out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as status:
         main(["backbones", *options(out)])
-    assert status.value.code == 2 and "--resnet50: expected" in capsys.readouterr().err
+    assert status.value.code == 2 and "--resnet50: missing, expected" in capsys.readouterr().err
     onnx = pytest.importorskip("onnx")
     helper, weights = onnx.helper, tmp_path / "best.onnx"
     said = onnx.numpy_helper.from_array(np.zeros((1, OUTPUTS), np.float32))  # that everybody stops where he is
@@ -135,7 +135,7 @@ def test_without_recorded_data_the_real_window_is_left_out(
     with pytest.raises(SystemExit) as status:
         main(["table", "--quick", "--sets", "real", "--out", str(tmp_path)])
     assert status.value.code == 2
-    assert "LITSIM_DATA names no folder" in capsys.readouterr().err
+    assert "LITSIM_DATA is not set" in capsys.readouterr().err
 
 
 def test_a_page_that_is_not_there_is_said_before_anything_is_run(

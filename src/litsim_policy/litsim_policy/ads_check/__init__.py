@@ -1,1 +1,1 @@
-"""What `check_ads` finds out about a driving system at the ego port, and how it judges that."""
+"""`check_ads`: observation of a driving system at the ego port, and judgement by the port's contract."""

@@ -1,4 +1,4 @@
-"""A bystander on the graph notes what the bridge publishes, what the stack answers, and how endpoints match."""
+"""A bystander on the graph, which records the bridge's messages, the stack's answers and the endpoints of both."""
 
 from __future__ import annotations
 
@@ -36,14 +36,15 @@ ANY_PUBLISHER = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=Hi
 
 
 class Bystander:
-    """Listens in a domain, in a context of its own; for use in a ``with`` statement.
+    """Listens in a domain, in a context of its own; a context manager.
 
     Attributes:
-        asked: when the bridge, on this machine, published each step [ns], once or more often.
-        heard: answers in order.
+        asked: times at which the bridge published each step, by this machine's clock [ns].
+        heard: answers in order of arrival.
         found: seconds from :meth:`start` until a publisher of each interface was found.
         present: whether any such publisher is there now.
-        state, counts, interface, remarks: last said on ``/diagnostics``.
+        state, counts, interface: latest values on ``/diagnostics``.
+        remarks: all messages of the ego port on ``/diagnostics``.
     """
 
     declared = Endpoints(NAME, (), (*EGO_INPUTS.values(), EGO_STATE, DIAGNOSTICS))
@@ -84,18 +85,18 @@ class Bystander:
         rclpy.shutdown(context=self._context)
 
     def start(self) -> None:
-        """Take this moment for the start, from which times are counted."""
+        """Reset the time from which :attr:`found` counts."""
         self._began = time.monotonic()
 
     @property
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """The publishers and subscriptions of the stack that have been found so far, by topic."""
+        """Publishers and subscriptions of the stack found so far, sorted by topic."""
         theirs = {each for each in self._endpoints.values() if each.node not in OURS}
         return tuple(sorted(theirs, key=lambda e: (e.topic, e.node, e.publishes)))
 
     @property
     def over(self) -> bool:
-        """Whether the bridge has said that the run is over."""
+        """Whether the bridge has reported the end of the run."""
         return self.state in (FINISHED, FAILED)
 
     @property
@@ -104,14 +105,14 @@ class Bystander:
         return all(self._node.count_publishers(topic.name) for topic in (EGO_STATE, DIAGNOSTICS))
 
     def listen(self, seconds: float) -> None:
-        """Serve what arrives for some time, then look at the graph."""
+        """Process messages for `seconds`, then look at the endpoints of the graph."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
         self._look()
 
     def _look(self) -> None:
-        """Note the endpoints. A publisher on a topic of the port is the stack's, whatever its node is called."""
+        """Record the endpoints; any publisher on a topic of the port counts as the stack's."""
         present = False
         for interface, topic in EGO_INPUTS.items():
             for info in self._node.get_publishers_info_by_topic(topic.name):
@@ -148,7 +149,7 @@ class Bystander:
 
 
 def _mismatch(topic: Topic, info: Any, *, publishes: bool) -> str:
-    """Why an endpoint of the stack and the bridge's on the same topic do not match; empty where they do."""
+    """Why an endpoint of the stack and the bridge's on the same topic do not match; empty if they do."""
     kind = info.topic_type
     package, name = topic.type.__module__.split(".")[0], topic.type.__name__
     expected = f"{package}/msg/{name}"

@@ -1,4 +1,4 @@
-"""What an answer asks of the ego's vehicle, beside what the vehicle can do."""
+"""Whether the ego's vehicle can do what an answer asks of it."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from litsim_sim.core.scene import STEP_S, EgoCommand, FloatArray
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.tracking import CRAWL, EgoState, Trajectory, TwistTarget
 
-SLACK = 1.05  # of a limit, before a demand counts as cut
-SMALL = 1e-2  # [m/s2], [rad/s] of a demand that may be anything
+SLACK = 1.05  # factor by which a demand may exceed a limit before it counts as clipped
+SMALL = 1e-2  # [m/s2], [rad/s] excess that never counts as clipped
 
 
 def is_clipped(target: EgoCommand | TwistTarget | Trajectory, ego: EgoState, vehicle: VehicleModel) -> bool:
-    """Whether the vehicle cannot do what `target`, of finite values, asks of it.
+    """Whether `target`, of finite values, asks for more than the vehicle can do.
 
     Args:
-        target: acceleration and yaw rate; or a speed and a yaw rate to be reached within a step; or a trajectory, of
-            which the motion from pose to pose counts.
-        ego: when it came.
-        vehicle: whose limits count.
+        target: acceleration and yaw rate; or speed and yaw rate to be reached within a step; or a trajectory, judged by
+            its motion from pose to pose.
+        ego: state of the ego at the step that is answered.
+        vehicle: with the limits.
     """
     if isinstance(target, EgoCommand):
         return _exceeds(target.acceleration, target.yaw_rate, ego.speed, vehicle)
@@ -33,7 +33,7 @@ def is_clipped(target: EgoCommand | TwistTarget | Trajectory, ego: EgoState, veh
 def motion(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Speed [m/s], acceleration [m/s2] and yaw rate [rad/s] about the inner poses of a trajectory, (m - 2,) each.
 
-    Where the way between two poses is too short to have a direction, the yaw rate is 0.
+    The yaw rate is 0 where two poses are too close to each other to define a direction.
     """
     took = np.diff(trajectory.time)
     x, y = np.diff(trajectory.x), np.diff(trajectory.y)

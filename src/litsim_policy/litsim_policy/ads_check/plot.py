@@ -1,4 +1,4 @@
-"""How long a stack took to answer, as a picture."""
+"""A picture of a stack's latency."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from litsim_sim.io.files import replacing
 
 
 def plot_latency(seen: Evidence, path: Path) -> bool:
-    """Latency by step and its distribution, as a PNG; False, and no file, where nothing was answered.
+    """Write a PNG of the latency by step and its distribution; without answers, return False and write none.
 
     Raises:
         InputError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""The clauses of the ego port's contract, each judged on its own: what one says, another does not say again."""
+"""The clauses of the ego port's contract, each judged independently; a fault is reported by one clause only."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.ego_port.answer import BODY_FRAMES, INPUTS, MAP_FRAME, Answer, Interface, problem
 from litsim_sim.ego_port.tracking import CRAWL, OFFSET_MAX, Reference, Trajectory
 
-ALONG = np.deg2rad(60.0)  # between a heading and that of the lane there
-STRAY = 0.05  # share of a trajectory's headings that may lead elsewhere
-QUIET_S = 1.0  # [s] without a message after which a stack counts as idle
+ALONG = np.deg2rad(60.0)  # [rad] largest angle between a heading along the road and the lane's
+STRAY = 0.05  # share of a trajectory's headings that may deviate by more
+QUIET_S = 1.0  # [s] without a message, after which a stack counts as idle
 
 
 class Verdict(StrEnum):
@@ -29,7 +29,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Clause:
-    """A clause, whether it is kept, why in words, and figures for machines."""
+    """The judgement of a clause: verdict, reason for people, and figures for the JSON result."""
 
     name: str
     verdict: Verdict
@@ -39,10 +39,10 @@ class Clause:
 
 @dataclass(frozen=True)
 class Limits:
-    """What is asked of a stack.
+    """Limits that a stack must keep.
 
     Attributes:
-        latency_ms: of 95 % of its answers [ms].
+        latency_ms: largest 95th percentile of the latency [ms].
         clipped: largest share of answers that ask for more than the vehicle can do.
     """
 
@@ -51,7 +51,7 @@ class Limits:
 
 
 def judge(seen: Evidence, limits: Limits) -> list[Clause]:
-    """Every clause, in the order of a run."""
+    """Judge all clauses, in the order of a run."""
     return [
         discovery(seen),
         qos(seen),
@@ -64,7 +64,7 @@ def judge(seen: Evidence, limits: Limits) -> list[Clause]:
 
 
 def discovery(seen: Evidence) -> Clause:
-    """A publisher on a topic of the port, in time."""
+    """A publisher on a topic of the port is found in time."""
     name = "discovery"
     reads = sorted({each.topic for each in seen.endpoints if not each.publishes})
     if not seen.found:
@@ -75,12 +75,12 @@ def discovery(seen: Evidence) -> Clause:
     after = {INPUTS[each]: round(seconds, 2) for each, seconds in seen.found.items()}
     text = ", ".join(f"{topic} after {seconds:.1f} s" for topic, seconds in after.items())
     nodes = sorted({each.node for each in seen.endpoints if each.publishes})
-    text += f", of {', '.join(nodes)}" if nodes else ""
+    text += f", by {', '.join(nodes)}" if nodes else ""
     return Clause(name, Verdict.PASS, text, {"publishers_s": after, "nodes": nodes, "reads": reads})
 
 
 def qos(seen: Evidence) -> Clause:
-    """Types and QoS match, of everything that the stack publishes and reads at the port."""
+    """Types and QoS match on all topics that the stack publishes or reads at the port."""
     name = "types and QoS"
     if not seen.endpoints:
         return Clause(name, Verdict.OPEN, "nothing was found")
@@ -96,7 +96,7 @@ def qos(seen: Evidence) -> Clause:
 
 
 def _by_topic(endpoints: Sequence[Endpoint]) -> dict[str, str]:
-    """By topic what does not match there, or an empty text."""
+    """First mismatch by topic; an empty text if there is none."""
     found: dict[str, str] = {}
     for each in sorted(endpoints, key=lambda e: e.topic):
         found[each.topic] = found.get(each.topic) or each.problem
@@ -104,7 +104,7 @@ def _by_topic(endpoints: Sequence[Endpoint]) -> dict[str, str]:
 
 
 def answers(seen: Evidence) -> Clause:
-    """Every step is answered, as often as it is published, under its own stamp."""
+    """Every step is answered once per publication, under its own stamp."""
     name = "answers every step"
     if not seen.reachable:
         return Clause(name, Verdict.OPEN, "the bridge cannot hear the stack")
@@ -112,7 +112,7 @@ def answers(seen: Evidence) -> Clause:
     steps = range(last + 1)
     if not steps:
         return Clause(name, Verdict.OPEN, "no step was published")
-    # A run does not go past a step without an answer, so it is enough to know how many there are.
+    # A run does not go past a step without an answer, so the number of answered steps tells which are missing.
     heard = {each.step for each in seen.used} & set(steps)
     missing = list(steps[max(len(heard), seen.counts.get("answered", 0) + seen.counts.get("invalid", 0)) :])
     repeats = sum(len(times) - 1 for times in seen.asked.values())
@@ -123,9 +123,9 @@ def answers(seen: Evidence) -> Clause:
     if counts["stale"] > repeats:
         faults.append(f"{counts['stale']} stale")
     if counts["future"]:
-        faults.append(f"{counts['future']} of the future")
+        faults.append(f"{counts['future']} from the future")
     if counts["surplus"] > repeats + len(steps):
-        faults.append(f"{counts['surplus']} surplus, more than one to a step")
+        faults.append(f"{counts['surplus']} surplus, more than one per step")
     if counts["refused"]:
         faults.append(f"{counts['refused']} on a second interface")
     if counts["late"]:
@@ -141,7 +141,7 @@ def answers(seen: Evidence) -> Clause:
 
 
 def latencies(seen: Evidence) -> tuple[list[int], FloatArray]:
-    """Steps after the first and how long their answers took [ms], from when they were first published."""
+    """Steps after step 0, and their latencies [ms] from the step's first publication to its first answer."""
     first: dict[int, int] = {}
     for each in seen.used:
         first.setdefault(each.step, each.received_ns)
@@ -150,7 +150,7 @@ def latencies(seen: Evidence) -> tuple[list[int], FloatArray]:
 
 
 def latency(seen: Evidence, limit_ms: float) -> Clause:
-    """How long answers take; both ends are timed where this program receives them."""
+    """The 95th percentile of the latency is within the limit."""
     name = "latency"
     _, took = latencies(seen)
     if not seen.reachable or not len(took):
@@ -165,7 +165,7 @@ def latency(seen: Evidence, limit_ms: float) -> Clause:
 
 
 def frames(seen: Evidence) -> Clause:
-    """Frames are those of the contract; a trajectory begins at the ego and leads along the road."""
+    """Frames are those of the contract; trajectories begin at the ego and lead along the road."""
     name = "frames plausible"
     if not seen.reachable or not seen.used:
         return Clause(name, Verdict.OPEN, "no answers")
@@ -178,10 +178,10 @@ def frames(seen: Evidence) -> Clause:
         faults.append(_first(wrong, f"{len(wrong)} with another frame", problem(wrong[0].answer)))
     if far := [(each, offset) for each, offset in away if offset > OFFSET_MAX]:
         words = f"{far[0][1]:.1f} m away, expected at most {OFFSET_MAX:g} m"
-        faults.append(_first([each for each, _ in far], f"{len(far)} begin elsewhere than the ego", words))
+        faults.append(_first([each for each, _ in far], f"{len(far)} do not begin at the ego", words))
     if lost := [(each, share) for each, share in stray if share > STRAY]:
         words = f"{lost[0][1]:.0%} of its headings more than 60 degrees off the lane's"
-        faults.append(_first([each for each, _ in lost], f"{len(lost)} lead off the road's direction", words))
+        faults.append(_first([each for each, _ in lost], f"{len(lost)} deviate from the road's direction", words))
     used = sorted({each.answer.frame for each in seen.used})
     text = f"frame {', '.join(repr(frame) for frame in used)}"
     if away:
@@ -198,7 +198,7 @@ def frames(seen: Evidence) -> Clause:
 
 
 def values(seen: Evidence, limit: float) -> Clause:
-    """Values are finite, in order, and what the vehicle can do."""
+    """Values are finite, in order, and within the vehicle's limits."""
     name = "values finite and feasible"
     if not seen.reachable or not seen.used:
         return Clause(name, Verdict.OPEN, "no answers")
@@ -241,10 +241,10 @@ def ending(seen: Evidence) -> Clause:
     if end.exit_status:
         return Clause(name, Verdict.FAIL, f"{after}, the stack crashed{how}", figures)
     if end.last_s is not None and end.last_s > end.watched_s - QUIET_S:
-        text = f"{after}, it still publishes when {end.watched_s:.1f} s have passed"
+        text = f"{after}, it still publishes {end.watched_s:.1f} s later"
         return Clause(name, Verdict.FAIL, text, figures)
     quiet = "it is silent" if end.last_s is None else f"its last message came {end.last_s:.1f} s later"
-    here = "its publisher has gone" if not end.present else "its publisher is there, idle"
+    here = "its publisher is gone" if not end.present else "its publisher is still there, idle"
     return Clause(name, Verdict.PASS, f"{after}, {quiet}; {here}{how}", figures)
 
 
@@ -258,14 +258,14 @@ def _frame_is_right(answer: Answer) -> bool:
 
 
 def _in_frame(answer: Answer) -> Answer:
-    """`answer` as if its frame were the right one: whether that is wrong is judged by another clause."""
+    """`answer` with the right frame, so that a wrong one, which another clause judges, is not reported again."""
     return replace(answer, frame=MAP_FRAME if answer.interface == Interface.TRAJECTORY else BODY_FRAMES[0])
 
 
 def _offset(heard: Heard, seen: Evidence) -> float | None:
     """Distance [m] from the ego to the trajectory of `heard` at the time of the step that it answers.
 
-    None where the answer is no trajectory, or one that does not cover that time.
+    None if the answer is not a trajectory, or does not cover that time.
     """
     target, ego = heard.answer.target, seen.states.get(heard.step)
     if not isinstance(target, Trajectory) or ego is None or problem(_in_frame(heard.answer)):

@@ -1,4 +1,4 @@
-"""One run with a stack at the ego port: the real bridge and recorder, the stack, and a bystander."""
+"""A run with a stack at the ego port: the bridge and the recorder of every run, the stack, and a bystander."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
 TICK_S = 0.1  # [s] between two looks at the graph
-LEASE_S = 25.0  # [s] after which DDS has noticed at the latest that a process died without a word
-MEETING_S = 60.0  # [s] for the bystander to find the bridge, which takes its time to start on a busy machine
-LAZY_S = 5.0  # [s] for a stack that makes its publisher when it first has something to answer
-GRACE_S = 3.0  # [s] that a process gets to end after each signal
+LEASE_S = 25.0  # [s] within which DDS notices that a process was killed
+MEETING_S = 60.0  # [s] for the bystander to find the bridge, which starts slowly on a busy machine
+LAZY_S = 5.0  # [s] for a stack that creates its publisher only for its first answer
+GRACE_S = 3.0  # [s] for a process to end after each signal
 STACK = "stack"
 
 
 @dataclass(frozen=True)
 class Check:
-    """What is checked, and how.
+    """Settings of a check.
 
     Attributes:
         scenario: of the run.
         out: folder of its record.
         domain_id: of the graph.
-        command: that starts the stack; empty where somebody else does.
-        wait_s: for a publisher, and then for an answer to step 0 [s].
-        answer_timeout_s: for every later one [s].
-        end_wait_s: for which the stack is watched after the run [s].
+        command: starts the stack; empty if the stack is started elsewhere.
+        wait_s: time to wait for a publisher, and then for the answer to step 0 [s].
+        answer_timeout_s: timeout of every later answer [s].
+        end_wait_s: time for which the stack is watched after the run [s].
     """
 
     scenario: Scenario
@@ -58,7 +58,7 @@ class Check:
 
 
 def observe(check: Check) -> Evidence:
-    """Run it, to the end or as far as the stack lets it come.
+    """Make the run, to its end or as far as the stack allows.
 
     Raises:
         InputError: the command cannot be started, or the workspace is not complete.
@@ -104,12 +104,12 @@ def observe(check: Check) -> Evidence:
 
 
 def _names_an_input(remark: str) -> bool:
-    """Whether a remark of the ego port is about one of the topics that a stack answers on."""
+    """Whether a remark of the ego port is about a topic of the stack's answers."""
     return any(topic in remark for topic in INPUTS.values())
 
 
 def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
-    """Parameters of the bridge: whatever is wrong is counted, only silence ends the run."""
+    """Parameters of the bridge: invalid answers are counted, and only missing ones end the run."""
     return {
         "scenario": str(file),
         "ego": plan.ego,
@@ -124,15 +124,15 @@ def _bridge(check: Check, plan: RunPlan, file: Path) -> dict[str, object]:
 
 
 def _meet(bridge: Child, bystander: Bystander) -> None:
-    """Wait until the bystander hears the bridge, which waits for its recorder meanwhile: not a step is to be missed.
+    """Wait until the bystander hears the bridge, which itself waits for the recorder, so that no step is missed.
 
     Raises:
-        InputError: they cannot find each other.
+        InputError: the bridge has ended, or is not discovered.
     """
     until = time.monotonic() + MEETING_S
     while not bystander.hears_bridge:
         if not bridge.running:
-            raise InputError(f"the bridge cannot be started: {bridge.obituary()}")
+            raise InputError(f"the bridge has not started: {bridge.obituary()}")
         if time.monotonic() > until:
             raise InputError(f"the bridge was not discovered within {MEETING_S:g} s; is DDS blocked on this machine?")
         bystander.listen(TICK_S)
@@ -140,7 +140,7 @@ def _meet(bridge: Child, bystander: Bystander) -> None:
 
 
 def _discover(check: Check, bystander: Bystander, stack: Child | None) -> None:
-    """Wait for a publisher of the stack. The run has not begun meanwhile: who is found is heard from step 0 on."""
+    """Wait for a publisher of the stack; the run has not begun yet, so its answers are heard from step 0 on."""
     bystander.start()
     until = time.monotonic() + check.wait_s
     while not bystander.found and time.monotonic() < until and (stack is None or stack.running):
@@ -170,7 +170,7 @@ def _start(check: Check) -> Child:
 
 
 def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | None:
-    """Listen until the bridge has ended, the stack has left, or there is none; returns at which step it left, if so."""
+    """Listen until the bridge ends, the stack leaves or none is found; return the step at which it left, or None."""
     hopeless = time.monotonic() + LAZY_S
     while bridge.running:
         bystander.listen(TICK_S)
@@ -178,7 +178,7 @@ def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | N
             break
         gone = (stack is not None and not stack.running) or (bool(bystander.found) and not bystander.present)
         if gone and not bystander.over:
-            bystander.listen(5 * TICK_S)  # it may have heard of the end before this program has
+            bystander.listen(5 * TICK_S)  # the stack may have heard of the end of the run before this program
             if not bystander.over:
                 return max(bystander.asked, default=0)
     bystander.listen(TICK_S)
@@ -186,10 +186,10 @@ def _follow(bridge: Child, bystander: Bystander, stack: Child | None) -> int | N
 
 
 def _failure(graph: Graph, left: int | None) -> str:
-    """Why the run failed; empty where it did not."""
+    """Why the run failed; empty if it did not."""
     if left is not None or graph.children[BRIDGE].running:
         graph.stop()
-        return "nobody answers" if left is None else "the stack left"
+        return "no stack answers" if left is None else "the stack left"
     try:
         graph.watch(quiet=True)
     except GraphFailed as error:
@@ -198,9 +198,9 @@ def _failure(graph: Graph, left: int | None) -> str:
 
 
 def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: int | None) -> tuple[Ending, int | None]:
-    """Watch the stack after the run.
+    """Watch the stack after the run; return its ending, and the step at which it left the run, if it did.
 
-    One that fell silent and was started by somebody else is watched until DDS would have noticed its death.
+    A silent stack that was started elsewhere is watched until DDS would have noticed its death.
     """
     began_ns, began = time.time_ns(), time.monotonic()
     silent = bystander.state != FINISHED and left is None and stack is None and bool(bystander.found)
@@ -227,7 +227,7 @@ def _watch_end(check: Check, bystander: Bystander, stack: Child | None, left: in
 
 
 def _end(stack: Child) -> None:
-    """End the stack, with all that it has started."""
+    """End the stack and its child processes."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         if not stack.running:
             return
@@ -238,7 +238,7 @@ def _end(stack: Child) -> None:
 
 
 def _states(check: Check) -> dict[int, EgoState]:
-    """States of the ego by step, from the record; an empty mapping where the run has left none."""
+    """States of the ego by step, from the record; empty if there is none."""
     try:
         run = read_run(check.out)
     except InputError:

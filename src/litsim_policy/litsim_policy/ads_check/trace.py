@@ -1,4 +1,4 @@
-"""What was seen of a driving system while it drove the ego of a run: the input of every clause, without ROS."""
+"""Observations of a driving system during a run, the input of all clauses; independent of ROS."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from litsim_sim.ego_port.answer import Answer, Interface
 from litsim_sim.ego_port.tracking import EgoState
 from litsim_sim.maps.lane_map import LaneMap
 
-NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?|\bnan\b|\binf\b")  # by which remarks on the same thing differ
+NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?|\bnan\b|\binf\b")  # ignored when remarks are compared
 FINISHED, FAILED = "FINISHED", "FAILED"
 
 
@@ -22,9 +22,9 @@ class Endpoint:
 
     Attributes:
         topic: its name.
-        node: full name of the node that it belongs to.
-        publishes: a publisher, else a subscription.
-        problem: why it does not match the bridge's end, with both sides named; empty where it does.
+        node: full name of its node.
+        publishes: whether it is a publisher; otherwise a subscription.
+        problem: why it does not match the bridge's endpoint, with both sides; empty if it does.
     """
 
     topic: str
@@ -35,7 +35,7 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class Heard:
-    """An answer, when it was received [ns of this machine's clock], and the step that was the newest then."""
+    """An answer, the time of its reception by this machine's clock [ns], and the newest step at that time."""
 
     answer: Answer
     received_ns: int
@@ -50,14 +50,14 @@ class Heard:
 
 @dataclass(frozen=True)
 class Ending:
-    """What the stack did once the run was over.
+    """Behaviour of the stack after the end of the run.
 
     Attributes:
-        watched_s: how long it was watched [s].
-        last_s: when it published last, since the end of the run [s]; None for never.
-        present: whether one of its publishers was there at last.
-        exit_status: of its process, negative for a signal; None while it runs, or where it was started by others.
-        obituary: how its process ended, in words; empty where it runs, or was started by others.
+        watched_s: time for which it was watched [s].
+        last_s: time of its last message since the end of the run [s]; None if there was none.
+        present: whether it still had a publisher at the end of the watch.
+        exit_status: of its process, negative for a signal; None if it still runs or was started elsewhere.
+        obituary: how its process ended, in words; empty if it still runs or was started elsewhere.
     """
 
     watched_s: float
@@ -69,25 +69,25 @@ class Ending:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Everything that was seen of a stack in one run.
+    """All observations of a stack in one run.
 
     Attributes:
-        wait_s: for which a publisher was waited for.
-        found: seconds until a publisher of each interface was found, from when the stack could have been there.
+        wait_s: longest time to wait for a publisher [s].
+        found: seconds until a publisher of each interface was found, since the stack was started or could have been.
         endpoints: of the stack.
-        asked: when each step was published, once or more often [ns].
-        heard: answers in the order in which they came, over whatever interface.
-        interface: in use by the bridge; None where nothing has reached it.
-        counts: what became of the answers at the bridge, :data:`litsim_sim.ego_port.port.COUNTS`.
-        remarks: what the bridge said about them on ``/diagnostics``, as :func:`summarised`.
+        asked: times at which each step was published [ns].
+        heard: answers over all interfaces, in order of arrival.
+        interface: in use by the bridge; None if no answer has reached it.
+        counts: of the answers at the bridge, by :data:`litsim_sim.ego_port.port.COUNTS`.
+        remarks: of the bridge on ``/diagnostics`` about the answers, by :func:`summarised`.
         states: of the ego, by step, from the record.
-        lane_map: the road.
-        vehicle: the ego's.
-        total_steps: of the run, numbered 0 to this.
-        state: of the run at last: FINISHED, FAILED, or empty where the bridge could not say.
-        failure: why the run failed; empty where it did not.
-        left: step at which the stack left before the run was over; None where it stayed.
-        ending: what came then.
+        lane_map: of the road.
+        vehicle: model of the ego.
+        total_steps: last step of the run, which begins at 0.
+        state: last state of the run: FINISHED, FAILED, or empty if the bridge reported neither.
+        failure: why the run failed; empty if it did not.
+        left: step at which the stack left before the end of the run; None if it stayed.
+        ending: behaviour after the end of the run.
     """
 
     wait_s: float
@@ -109,15 +109,15 @@ class Evidence:
 
     @property
     def used(self) -> list[Heard]:
-        """The answers over the interface in use; over any where the bridge has heard none."""
+        """The answers over the interface in use, or over all interfaces if no answer has reached the bridge."""
         return [each for each in self.heard if self.interface in (None, each.answer.interface)]
 
     @property
     def reachable(self) -> bool:
-        """Whether the bridge can hear the stack."""
+        """Whether a publisher of the stack matches the bridge."""
         return any(each.publishes and not each.problem for each in self.endpoints)
 
 
 def summarised(remarks: Iterable[str]) -> tuple[str, ...]:
-    """Of remarks that differ in nothing but numbers the last, which holds their count, in the order of the first."""
+    """The last of all remarks that differ only in numbers, which contains their count; in order of the first ones."""
     return tuple({NUMBER.sub("#", text): text for text in remarks}.values())

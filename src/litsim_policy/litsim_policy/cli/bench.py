@@ -1,4 +1,4 @@
-"""`bench`: measure a step in process and over the graph; or detection alone, throughput, memory or the start."""
+"""`bench`: measure a step in process and over the graph, or detection alone, throughput, memory or the start-up."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import at_least_one, program
 from litsim_sim.io.files import replacing
 
-HIGHWAY_ENV_MOST = 250  # more vehicles take it minutes
+HIGHWAY_ENV_MOST = 250  # with more vehicles highway-env takes minutes
 HIGHWAY_ENV_STEPS = 20
 DETECTION_TITLES = ("agents", "off their logs", "pairs", "conflicts", "wall ms, median (min to max)", "CPU ms")
 DETECTION_REPEATS = 200
@@ -33,9 +33,7 @@ def parser() -> argparse.ArgumentParser:
     p = Parser(prog="bench", description=__doc__, formatter_class=DefaultsFormatter)
     p.add_argument("--agents", type=int, nargs="+", default=[50, 150, 250, 1000], help="numbers of agents")
     p.add_argument("--seconds", type=float, default=13.0, help="simulated time of a run, 3 s of history included")
-    p.add_argument(
-        "--repeats", type=int, default=5, help="repeats of every run, in process and over the graph in turns"
-    )
+    p.add_argument("--repeats", type=int, default=5, help="repetitions, each in process and then over the graph")
     p.add_argument("--apart", action="store_true", help="over the graph, one process per node")
     p.add_argument("--markdown", type=Path, metavar="FILE", help="write the table to this file as well")
     p.add_argument(
@@ -52,12 +50,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--egos", default="egos", help="with --throughput: egos, as for `evaluate`")
     p.add_argument("--processes", type=at_least_one, default=2, help="with --throughput: processes of `evaluate`")
     p.add_argument(
-        "--memory", type=float, metavar="MINUTES", help="whether memory grows in a run of this much simulated time"
+        "--memory", type=float, metavar="MINUTES", help="measure memory growth in a run of this much simulated time"
     )
     p.add_argument(
         "--start",
         action="store_true",
-        help="measure the time from the launcher's start to the first step, and the slowest import",
+        help="measure the time from the launcher's start to the first step, and the slowest imports",
     )
     p.add_argument(
         "--conflicts", action="store_true", help="measure conflict detection alone, over a horizon of 50 steps"
@@ -82,7 +80,7 @@ def main() -> None:
 
 
 def show(title: str, head: list[str], rows: list[list[str]], markdown: Path | None) -> None:
-    """Print a table; write it as Markdown where a file is named."""
+    """Print a table, and write it to the file `markdown` unless that is None."""
     table = Table(title=title, title_justify="left")
     for k, each in enumerate(head):
         table.add_column(each, justify="right" if k else "left", no_wrap=True)
@@ -131,7 +129,7 @@ def memory_table(agents: int, minutes: float) -> tuple[str, list[str], list[list
 
 
 def start_table(agents: int, repeats: int) -> tuple[str, list[str], list[list[str]]]:
-    """How long a run takes to start: title, head and rows."""
+    """Start-up time of a run: title, head and rows."""
     with tempfile.TemporaryDirectory() as folder, tqdm(total=repeats, unit="repetition", dynamic_ncols=True) as bar:
         found = measure_start(Path(folder), agents, repeats, bar.update)
     title = f"the start of a run, {agents} agents, {repeats} repetitions, {_machine()}"
@@ -139,7 +137,7 @@ def start_table(agents: int, repeats: int) -> tuple[str, list[str], list[list[st
 
 
 def throughput_table(arguments: argparse.Namespace) -> tuple[str, list[str], list[list[str]]]:
-    """What evaluation and training get done in a second: title, head and rows."""
+    """Throughput of evaluation and training: title, head and rows."""
     with (
         tempfile.TemporaryDirectory() as folder,
         tqdm(total=arguments.repeats, unit="pair", dynamic_ncols=True) as bar,

@@ -1,4 +1,4 @@
-"""`calibrate`: how many conflicts each threshold, horizon and spread of detection predicts, and at what cost to runs.
+"""`calibrate`: precision and recall of conflict detection by threshold, horizon and spread, and the cost to runs.
 
 Only tuning egos are used, and the egos of generated segments: generate these with a seed that no reported figure uses.
 """
@@ -24,7 +24,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
 from litsim_sim.scenario.scenario import Scenario
 
-PRECISION = 0.9  # at which the best threshold is told
+PRECISION = 0.9  # for which the threshold with the best recall is printed
 
 
 def parser() -> argparse.ArgumentParser:
@@ -33,10 +33,18 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--scenario", nargs="+", default=["us101_0750"], help="names of packaged scenarios, or YAML files")
     p.add_argument("--predictor", default=DEFAULT_MODEL, metavar="MODEL", help="forecasting model")
     p.add_argument(
-        "--modes", nargs="+", type=int, default=[0, 3], help="numbers of further manoeuvres; a curve for each"
+        "--modes",
+        nargs="+",
+        type=int,
+        default=[0, 3],
+        help="numbers of further manoeuvres in the forecasts; a curve for each",
     )
     p.add_argument(
-        "--spread", nargs="+", type=float, default=[1.0], help="scales of the forecasts' deviations; a curve for each"
+        "--spread",
+        nargs="+",
+        type=float,
+        default=[1.0],
+        help="factors on the forecasts' standard deviations; a curve for each",
     )
     p.add_argument("--horizon", type=int, choices=SECONDS, default=SECONDS[-1], help="horizon of detection [s]")
     p.add_argument(
@@ -46,10 +54,10 @@ def parser() -> argparse.ArgumentParser:
         default=[0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7],
         help="probabilities of an overlap from which a pair counts as a conflict; a point of each curve",
     )
-    p.add_argument("--cost", nargs="*", type=float, default=[], help="thresholds to run scenarios with")
-    p.add_argument("--ego", nargs="+", default=["idm", "perturbed"], help="with --cost: who drives")
+    p.add_argument("--cost", nargs="*", type=float, default=[], help="also run the scenarios with these thresholds")
+    p.add_argument("--ego", nargs="+", default=["idm", "perturbed"], help="with --cost: what drives the ego")
     p.add_argument("--policy", default="litsim", help="with --cost: what moves the background")
-    p.add_argument("--out", type=Path, metavar="FILE.png", help="the picture")
+    p.add_argument("--out", type=Path, metavar="FILE.png", help="write a picture of the curves to this file")
     return p
 
 
@@ -60,7 +68,7 @@ def main() -> None:
     thresholds = np.array(sorted(arguments.thresholds))
     for name, values in (("--thresholds", thresholds), ("--cost", np.array(arguments.cost))):
         if (values <= 0.0).any() or (values >= 1.0).any():
-            raise InputError(f"{name}: {values.tolist()}, expected probabilities over 0 and below 1")
+            raise InputError(f"{name}: {values.tolist()}, expected probabilities above 0 and below 1")
     scenarios = [Scenario.load(name) for name in arguments.scenario]
     curves = []
     with tqdm(unit="ego", dynamic_ncols=True) as bar:

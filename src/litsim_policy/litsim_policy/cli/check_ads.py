@@ -1,4 +1,4 @@
-"""`check_ads`: let a driving system drive the ego for some seconds, and judge every clause of the ego port."""
+"""`check_ads`: let a driving system drive the ego for some seconds, and judge it by the ego port's contract."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
         type=positive,
         default=5.0,
         metavar="S",
-        help="time after the run within which it must fall silent [s]",
+        help="time after the run within which the stack must fall silent [s]",
     )
     p.add_argument(
         "--latency-limit",
@@ -80,10 +80,10 @@ def parser() -> argparse.ArgumentParser:
 
 
 def check_ads(arguments: argparse.Namespace, console: Console) -> int:
-    """Check a stack; returns the exit status.
+    """Check a stack and return the exit status.
 
     Raises:
-        InputError: something cannot be used.
+        InputError: an argument or a file cannot be used.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     scenario = Scenario.load(arguments.scenario, simulation_s=arguments.seconds)
@@ -135,7 +135,7 @@ def _write(result: dict[str, Any], path: Path) -> None:
 
 
 def _writable(out: Path) -> Path:
-    """A folder for the record, refused before anything is started."""
+    """Create the folder `out` for the record, or fail before anything is started."""
     if any(out.glob("*.mcap")):
         raise InputError(f"{out}: holds a recording already; give another --out")
     try:
@@ -149,7 +149,7 @@ def _writable(out: Path) -> Path:
 def main() -> int:
     """Entry point of ``ros2 run litsim_policy check_ads``."""
     arguments = parser().parse_args()
-    interrupt_on_signals()  # whatever is under way is ended in good order
+    interrupt_on_signals()  # so that child processes are ended
     return check_ads(arguments, Console())
 
 

@@ -1,4 +1,4 @@
-"""`evaluate`: run a campaign: every case of a suite is run and judged, with one table and a verdict on every run."""
+"""`evaluate`: run a campaign: run and judge every case of a suite, with a table and a verdict on every run."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ STATUS_HELP = (
 )
 DEFAULT_OUT = "bags/evaluation"
 TOLD_AS = {Verdict.PASSED: "passed", Verdict.FAILED: "failed", Verdict.ERROR: "errors"}
-SMOOTHING = 0.02  # of the time left: runs differ much, so it goes by nearly all of them
-TOLD_MAX = 20  # runs that have not passed whose reasons are printed
+SMOOTHING = 0.02  # of tqdm's time left: low, since the durations of runs vary widely
+TOLD_MAX = 20  # most runs that have not passed and are printed with their reasons
 
 
 def parser() -> argparse.ArgumentParser:
@@ -51,24 +51,24 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--ray", metavar="ADDRESS", help=f"run on a Ray cluster: auto, HOST:PORT, or {LOCAL} for one of this machine"
     )
-    p.add_argument("--dry-run", action="store_true", help="only list what would be run and what is done")
+    p.add_argument("--dry-run", action="store_true", help="only list the runs to do and the runs done")
     p.add_argument("--retry-errors", action="store_true", help="repeat runs that could not be judged")
     p.add_argument("--overwrite", action="store_true", help="replace the campaign in the folder")
     return p
 
 
 def evaluate(arguments: argparse.Namespace) -> int:
-    """Run the campaign that the arguments ask for, or what is left of it; returns the exit status.
+    """Run the campaign that the arguments describe, or the rest of it, and return the exit status.
 
     Raises:
-        InputError: something cannot be used; found before the first run.
+        InputError: an argument or a file cannot be used; raised before the first run.
     """
     suite = suite_of(arguments)
     versions = code_versions()
     cases = cases_of(suite, graph=arguments.graph, with_versions=versions)
     try:
         check_cases(cases)
-    except InputError as error:  # what only a stage knows of its parameters
+    except InputError as error:  # a parameter that only its stage can check
         raise InputError(f"{arguments.suite}: {error}" if arguments.suite else str(error)) from error
     try:
         suite.criteria.check_counts(len(cases))
@@ -91,18 +91,18 @@ def evaluate(arguments: argparse.Namespace) -> int:
             with Progress(len(cases), done.values()) as progress, closing(runs.run(to_run)) as results:
                 for result in results:
                     progress.add(result)
-        except BaseException:  # what is done is done
+        except BaseException:  # finished runs are kept
             without_interrupts(lambda: conclude(folder))
-            print_error("ended before all runs were; the same command goes on where it was")
+            print_error("the campaign ended before all runs were done; the same command resumes it")
             raise
         campaign = conclude(folder)
     _print(campaign)
-    print(f"to look at: {campaign.folder / EXPERIMENT_REPORT_FILE}")
+    print(f"report: {campaign.folder / EXPERIMENT_REPORT_FILE}")
     return 0 if campaign.passes else EXIT_FAILED
 
 
 class Progress:
-    """A bar that tells how many runs have passed, failed and were errors, and the time left."""
+    """A progress bar with the numbers of runs that have passed, failed and were errors."""
 
     def __init__(self, total: int, done: Collection[RunResult]) -> None:
         self._counts = Counter(result.verdict for result in done)
@@ -116,7 +116,7 @@ class Progress:
         self._bar.close()
 
     def add(self, result: RunResult) -> None:
-        """One more run is over."""
+        """Count a finished run."""
         self._counts[result.verdict] += 1
         self._bar.update()
         self._show()
@@ -127,7 +127,7 @@ class Progress:
 
 
 def _tell(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Namespace) -> int:
-    """Say of every case whether it would be run, or how it has come out."""
+    """Print for every case its verdict, or that it is to be run; return the exit status."""
     done = {result.case.id: result for result in folder.finished(cases)}
     if arguments.retry_errors:
         done = _judged(done)
@@ -138,7 +138,7 @@ def _tell(cases: Sequence[Case], folder: CampaignFolder, arguments: argparse.Nam
 
 
 def _judged(results: Mapping[str, RunResult]) -> dict[str, RunResult]:
-    """Those of `results` that are no errors."""
+    """The `results` without those that are errors."""
     return {each: result for each, result in results.items() if result.verdict != Verdict.ERROR}
 
 
@@ -148,7 +148,7 @@ def _counted(results: Collection[RunResult]) -> str:
 
 
 def _print(campaign: Campaign) -> None:
-    """The table; what the campaign fails by, and every run that has not passed, with its reason."""
+    """Print the table, the criteria that the campaign fails, and the runs that have not passed, with reasons."""
     summary = {row: row_summary(results) for row, results in campaign.rows.items()}
     print_summary(campaign.name, summary, Console(), replayed=all(case.policy == REPLAY for case in campaign.cases))
     print(f"{_counted(campaign.results)}; every run: {campaign.folder / RESULTS_FILE}")

@@ -48,7 +48,7 @@ CAPTIONS = {
     "case_left_turn": "An unprotected left turn on the generated street: replay above, LitSim below.",
 }
 EPILOG = (
-    "If interrupted, the same command resumes. 'figures' draws what 'table' has run; 'cases' runs and draws the two "
+    "If interrupted, the same command resumes. 'figures' draws the runs of 'table'; 'cases' runs and draws the two "
     "case studies; 'all' does everything, 'backbones' only with --resnet50. The real window needs LITSIM_DATA; "
     "without it, it is left out with a note."
 )
@@ -63,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--ego", nargs="+", choices=OWN_EGOS, help="what drives the ego, instead of the experiment's own")
     p.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), help="folder of campaigns, tables and figures")
     p.add_argument("--processes", type=at_least_one, default=2, help="number of runs at a time")
-    p.add_argument("--quick", action="store_true", help="a few short runs, to see that it works")
+    p.add_argument("--quick", action="store_true", help="only a few short runs, as a trial")
     p.add_argument("--overwrite", action="store_true", help="start afresh if the sources have changed since")
     p.add_argument("--as-it-is", action="store_true", help="run nothing; make tables and figures from existing runs")
     p.add_argument("--resnet50", type=Path, metavar="FILE", help="weights of simnet's large backbone, for 'backbones'")
@@ -73,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 class Work:
-    """Does the requested parts."""
+    """Runs the experiments and writes tables and figures, as the arguments ask."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
@@ -98,11 +98,11 @@ class Work:
         """
         weights: Path | None = self._arguments.resnet50
         if weights is None:
-            raise InputError(f"--resnet50: expected for {BACKBONES!r}: the file of litsim_policy train_simnet")
+            raise InputError(f"--resnet50: missing, expected for {BACKBONES!r} a file from litsim_policy train_simnet")
         self.experiment(of_backbones(weights))
 
     def oracles(self) -> None:
-        """Run ours with one stage at a time made ideal, and write the tables."""
+        """Run LitSim with one stage at a time replaced by an oracle, and write the tables."""
         lines: list[str] = []
         for ego in self._arguments.ego or EGOS[: 1 if self._arguments.quick else None]:
             happened = (self._out / "happened" / f"{ego}_{code_versions()['sources']}").resolve()
@@ -148,8 +148,8 @@ class Work:
                 campaign = self._carried_out(suite, where)
             study = case_studies.chosen(campaign, case_studies.EVENTS.get(name))
             if study is None:
-                print(f"{name}: no case in which replay makes such a contact of the ego and {OURS} none")
-                for old in self._images.glob(f"case_{name}.*"):  # of other runs
+                print(f"{name}: no case in which the ego has such a contact under replay and none under {OURS}")
+                for old in self._images.glob(f"case_{name}.*"):  # of earlier runs
                     old.unlink()
                 continue
             figures.save(case_studies.drawn(name, study), self._images, f"case_{name}")
@@ -169,7 +169,7 @@ class Work:
         fill(page, FIGURES, lines)
 
     def times(self) -> None:
-        """Write how long the runs of each campaign in the folder took."""
+        """Write the computing time of each campaign in the folder."""
         lines = ["| campaign | runs | process minutes |", "| --- | ---: | ---: |"]
         every = 0.0
         for folder in sorted(path.parent for path in self._out.glob(f"*/{CAMPAIGN_FILE}")):
@@ -208,16 +208,16 @@ class Work:
 
 
 def _available(sets: Sequence[str]) -> tuple[str, ...]:
-    """Those of `sets` whose data are available.
+    """The `sets` with available data.
 
     Raises:
-        InputError: none are.
+        InputError: there are none.
     """
     found = tuple(name for name in sets if name != REAL or os.environ.get("LITSIM_DATA"))
     if not found:
-        raise InputError("--sets real: needs recorded data, and LITSIM_DATA names no folder of them")
+        raise InputError("--sets real: LITSIM_DATA is not set, expected a folder of recorded data")
     if len(found) < len(sets):
-        print("real: left out, LITSIM_DATA names no folder of recorded data")
+        print("real: left out, since LITSIM_DATA is not set to a folder of recorded data")
     return found
 
 
@@ -226,7 +226,7 @@ def _tables(
 ) -> Iterable[str]:
     """Lines of all tables of an experiment: for each ego and set, the paper's columns, others, counts, differences.
 
-    A set of None stands for all of them together.
+    A set of None means all sets together.
     """
     for ego in egos:
         for tag in sets:
@@ -246,7 +246,7 @@ def _tables(
 
 
 def _won(methods: dict[str, dict[Key, Metrics | None]]) -> Iterable[str]:
-    """Lines that list what others win."""
+    """Lines that list the measures in which another method is better than LitSim."""
     lines = tables.won(methods, (*tables.OF_THE_PAPER, *tables.BESIDE))
     if lines:
         yield from (f"Where another method is better than `{OURS}`:", "", *lines, "")

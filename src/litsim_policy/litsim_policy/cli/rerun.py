@@ -1,4 +1,4 @@
-"""`rerun BAG`: run one stage, or the whole run, again from the record, and compare."""
+"""`rerun BAG`: repeat one stage, or the whole run, from the record, and compare."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
 
-SHOWN = 5  # fields that the summary of a difference names
+SHOWN = 5  # most fields in the summary of a difference
 
 
 def parser() -> argparse.ArgumentParser:
-    """Arguments of ``ros2 run litsim_policy rerun``, which ``litsim_sim replay`` hands over to."""
+    """Arguments of ``ros2 run litsim_policy rerun``, to which ``litsim_sim replay`` delegates."""
     p = Parser(prog="rerun", description=__doc__)
     p.add_argument("bag", type=Path, metavar="BAG", help="folder of a run, or its MCAP file")
     kind = p.add_mutually_exclusive_group(required=True)
@@ -27,15 +27,15 @@ def parser() -> argparse.ArgumentParser:
         "--node", metavar="STAGE", help=f"feed a stage its recorded inputs, and compare: {', '.join(STAGES)}"
     )
     kind.add_argument("--resimulate", action="store_true", help="simulate the run again from the bag, and compare")
-    p.add_argument("--json", type=Path, metavar="FILE", help="write what was found to this file")
+    p.add_argument("--json", type=Path, metavar="FILE", help="write the result to this file")
     return p
 
 
 def rerun(arguments: argparse.Namespace) -> bool:
-    """Do what the arguments ask for and say what came out; returns whether it is equal.
+    """Repeat a stage or the run, print the result, and return whether it is equal to the record.
 
     Raises:
-        InputError: the record cannot be run again, or the file cannot be written.
+        InputError: the record cannot be used, or the file cannot be written.
     """
     with open_record(arguments.bag) as record:
         found: dict[str, Any] = {"run_id": record.info.run_id}
@@ -43,7 +43,7 @@ def rerun(arguments: argparse.Namespace) -> bool:
             result = resimulate(record)
             tally, equal = result.tally, result.recorded == result.computed and not result.tally.different
             found |= {"steps": result.steps, "digest_recorded": result.recorded, "digest_computed": result.computed}
-            lines = [f"run {record.info.run_id}: {result.steps} steps once more: {'equal' if equal else 'DIFFERENT'}"]
+            lines = [f"run {record.info.run_id}: {result.steps} steps repeated: {'equal' if equal else 'DIFFERENT'}"]
             lines += [f"digest recorded {result.recorded}", f"       computed {result.computed}"]
         else:
             tally = rerun_stage(record, arguments.node)

@@ -1,7 +1,7 @@
-"""`security`: write who may publish and read what, as an SROS2 policy for `ros2 security generate_artifacts`.
+"""`security`: write an SROS2 policy of all publishers and subscribers, for `ros2 security generate_artifacts`.
 
-Every program of LitSim that takes part in runs gets an enclave of its own, /litsim/NAME. A stack under test gets
-/litsim/ads, where it may answer on one topic of the ego port, and read what is published for it.
+Every program of LitSim that takes part in runs gets its own enclave, /litsim/NAME. A stack under test gets /litsim/ads,
+in which it may answer on one topic of the ego port, and read the topics published for it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=Path, required=True, metavar="POLICY.xml", help="file to write")
     stack = p.add_argument_group("a stack under test")
     stack.add_argument(
-        "--ego-interface", choices=[each.value for each in Interface], help="the interface that it may answer on"
+        "--ego-interface", choices=[each.value for each in Interface], help="interface on which it may answer"
     )
     stack.add_argument("--stack-node", nargs="+", default=[], metavar="NODE", help="full names of its nodes")
     return p
@@ -52,10 +52,10 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def policy(interface: Interface | None = None, stack_nodes: Sequence[str] = ()) -> str:
-    """The policy, with an enclave for a stack that answers by `interface` from its nodes, or without.
+    """The policy as XML, with an enclave for a stack if `interface` is given, for its nodes `stack_nodes`.
 
     Raises:
-        InputError: ROS has no nodes of such names.
+        InputError: a name of a node is not valid.
     """
     from litsim_policy.ads_check.bystander import PROGRAM as CHECK_ADS  # ROS takes a moment to load
     from litsim_policy.ads_check.bystander import Bystander

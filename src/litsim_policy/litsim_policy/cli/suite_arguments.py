@@ -1,4 +1,4 @@
-"""The arguments of `evaluate` that say what is run, and the suite that they make, with a suite file or without."""
+"""The arguments of `evaluate` that define the runs, and the suite made from them, with or without a suite file."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from litsim_sim.io.yaml_input import validate_yaml
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES
 
 DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
-"""Of a campaign without a suite file; further ones are those of :class:`Suite`."""
+"""Of a campaign without a suite file; all others are those of :class:`Suite`."""
 
 
 def add_suite_arguments(p: argparse.ArgumentParser) -> None:
-    """What is run, with several values of what may vary from run to run; :func:`suite_of` reads it."""
+    """Add the arguments that define the runs, most with several values; :func:`suite_of` reads them."""
     p.add_argument("--suite", help=f"YAML file, or packaged: {', '.join(packaged_suites())}; options override it")
     p.add_argument("--scenario", nargs="+", help="names of packaged scenarios, or YAML files (default: demo)")
     p.add_argument(
@@ -57,7 +57,7 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
 
 
 def suite_of(arguments: argparse.Namespace) -> Suite:
-    """The suite that the arguments ask for.
+    """The suite that the arguments describe.
 
     Raises:
         InputError: a file cannot be used, or the arguments do not fit together.
@@ -88,13 +88,13 @@ def _cases(arguments: argparse.Namespace, base: Suite | None) -> list[CaseEntry]
     if arguments.egos is None:
         return base.cases
     return [
-        CaseEntry(**(entry.model_dump() | {"ego_id": None, "egos": arguments.egos}))  # of the options, not of its place
+        CaseEntry(**(entry.model_dump() | {"ego_id": None, "egos": arguments.egos}))  # the option replaces its ego
         for entry in base.cases
     ]
 
 
 def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]:
-    """Who drives the ego, external ones by the command that was given."""
+    """The ego drivers; the command of the arguments becomes that of the external one."""
     known = {setup.name: setup for setup in (base.egos if base else [])}
     names: Sequence[str] = arguments.ego or (tuple(known) if base else DEFAULTS["ego"])
     if unknown := [name for name in names if name not in known and name not in EGOS]:
@@ -104,16 +104,16 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
     if arguments.command:
         if len(external) != 1:
             many = ", ".join(setup.name for setup in external) or "none"
-            raise InputError(f"{shlex.join(arguments.command)}: external egos: {many}; expected one that it starts")
+            raise InputError(f"{shlex.join(arguments.command)}: external egos: {many}; expected one for this command")
         started = external[0].model_copy(update={"command": list(arguments.command)})
         return [started if setup is external[0] else setup for setup in setups]
     if len(elsewhere := [setup.name for setup in external if not setup.command]) > 1:
-        raise InputError(f"{', '.join(elsewhere)}: started elsewhere; only one such ego can be told who it is")
+        raise InputError(f"{', '.join(elsewhere)}: external egos without a command, expected at most one")
     return setups
 
 
 class _Egos(argparse.Action):
-    """Which vehicles are the ego: a word, or ids with commas or spaces between them."""
+    """Parses the vehicles that are egos: a word, or ids separated by commas or spaces."""
 
     def __call__(self, _: object, namespace: argparse.Namespace, values: Any, __: object = None) -> None:
         words = [word for word in ",".join(values).split(",") if word]

@@ -1,4 +1,4 @@
-"""The programs that train policies. They need torch, and are imported only here, so that they can say so."""
+"""Entry points of the training programs, which need torch; imported on call, so that a lack of it is reported."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Egos that come with LitSim; any other stack can take their place on the ego port."""
+"""Ego drivers of LitSim; an external stack can take their place at the ego port."""

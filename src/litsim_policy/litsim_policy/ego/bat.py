@@ -1,8 +1,8 @@
-"""The ego that does what a predictor expects of it: close to its log, yet free to deviate from it.
+"""The ego `bat`, which drives as a predictor expects: close to its log, yet free to deviate from it.
 
-At every step the predictor (BAT, unless told otherwise) forecasts the ego among the others, and the ego tracks what is
-forecast as far as a vehicle can and the road allows. Nothing else holds it: there is no car following behind it and no
-brake for an emergency, so its errors are the predictor's, and others have to cope with them.
+At every step the predictor (BAT by default) forecasts the ego, which tracks the forecast within the limits of its
+vehicle and the edges of the road, and stops at red lights. There is neither car following nor emergency braking, so
+that its errors are the predictor's, to which other agents must react.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.scenario import Scenario
 
-BACK = -0.5  # cosine of the angle to the heading now from which on a step leads back: 120 degrees
+BACK = -0.5  # cosine of the angle to the present heading (120 degrees) beyond which a step counts as backwards
 
 
 @configuration
@@ -29,10 +29,10 @@ class BatConfig:
     """How forecasts are tracked.
 
     Attributes:
-        predictor: what forecasts; see :func:`litsim_predictor.models.make_predictor`.
-        roi_m: distance from the ego up to which it sees others; by default what BAT saw in its training.
-        preview: time into the forecast that the acceleration is to reproduce.
-        edge_margin: distance that the ego's sides keep from the edges of the road.
+        predictor: see :func:`litsim_predictor.models.make_predictor`.
+        roi_m: distance from the ego within which the predictor sees others; by default as in BAT's training.
+        preview: first part of the forecast, which the acceleration reproduces.
+        edge_margin: distance kept between the ego's sides and the edges of the road.
     """
 
     predictor: ModelName = "bat"
@@ -42,7 +42,7 @@ class BatConfig:
 
 
 class BatEgo:
-    """Tracks its own forecast, but stops at red; without one it goes on along its lane at the speed that it has."""
+    """Tracks its own forecast, but stops at red; without a forecast it follows its lane at constant speed."""
 
     def __init__(self, scenario: Scenario, config: BatConfig | None = None) -> None:
         self._scenario, self._config = scenario, config or BatConfig()
@@ -59,7 +59,7 @@ class BatEgo:
         x, y, yaw, speed = (float(getattr(table, f)[row]) for f in ("x", "y", "yaw", "speed"))
         points, headings = self._own(forecast, np.array([x, y]), yaw)
         wanted = fitted_acceleration(travelled(points), forecast.dt, speed, self._config.preview)
-        wanted = max(wanted, -speed / STEP_S)  # to a stand, and no further
+        wanted = max(wanted, -speed / STEP_S)  # stops, but does not reverse
 
         road = self._road(points[:1], headings[:1])
         inside = within_edges(road, points, headings, 0.5 * float(table.width[row]) + self._config.edge_margin)
@@ -74,7 +74,7 @@ class BatEgo:
         return EgoCommand(table.step, acceleration, yaw_rate)
 
     def _road(self, point: FloatArray, heading: FloatArray) -> LaneMap:
-        """Map of the lanes that lead on from `point` (1, 2), `heading` (1,) [rad]: no ramp beyond a gore."""
+        """Map of the lanes reachable from `point` (1, 2) [m] with `heading` (1,) [rad], without ramps beyond a gore."""
         lane_map = self._scenario.lane_map
         rows = lanes_ahead(lane_map, int(lane_map.nearest(point[:, 0], point[:, 1], heading).lane[0]))
         if rows not in self._reachable:
@@ -82,7 +82,7 @@ class BatEgo:
         return self._reachable[rows]
 
     def _own(self, forecast: Forecast, position: FloatArray, yaw: float) -> tuple[FloatArray, FloatArray]:
-        """Points (k + 1, 2) and headings (k + 1,) of the ego now and as forecast; k = 0 without a forecast."""
+        """Positions (k + 1, 2) [m] and headings (k + 1,) [rad] of the ego, now and as forecast; k = 0 without one."""
         row = int(forecast.rows(np.array([self._scenario.ego_id]))[0])
         if row < 0:
             return position[None], np.array([yaw])
@@ -93,7 +93,7 @@ class BatEgo:
 
 
 def onward(points: FloatArray, yaw: float) -> FloatArray:
-    """`points` (k + 1, 2) without the steps between them that lead back, seen from heading `yaw` at the first [rad]."""
+    """`points` (k + 1, 2) without the steps between them that lead backwards, relative to the heading `yaw` [rad]."""
     steps = np.diff(points, axis=0)
     length = np.hypot(steps[:, 0], steps[:, 1])
     forward = steps @ np.array([np.cos(yaw), np.sin(yaw)]) > BACK * length
@@ -101,12 +101,12 @@ def onward(points: FloatArray, yaw: float) -> FloatArray:
 
 
 def travelled(points: FloatArray) -> FloatArray:
-    """Length (k,) [m] of the way along `points` (k + 1, 2) from the first to each of the others."""
+    """Arc lengths (k,) [m] along `points` (k + 1, 2) from the first to each of the others."""
     return np.cumsum(np.hypot(*np.diff(points, axis=0).T))
 
 
 def fitted_acceleration(way: FloatArray, dt: float, speed: float, preview: float) -> float:
-    """Constant acceleration [m/s2] that comes closest (least squares) to `way` (k,) [m] over `preview` [s]."""
+    """Constant acceleration [m/s2] that fits the arc lengths `way` (k,) [m] over `preview` [s] by least squares."""
     count = min(len(way), max(1, round(preview / dt)))
     t = dt * np.arange(1, count + 1)
     gain = 0.5 * t**2
@@ -114,7 +114,7 @@ def fitted_acceleration(way: FloatArray, dt: float, speed: float, preview: float
 
 
 def lanes_ahead(lane_map: LaneMap, start: int) -> frozenset[int]:
-    """Lanes, by position, that can be driven to from the one at `start`: neighbours, successors, and theirs."""
+    """Rows of the lanes that are reachable from the lane in row `start` over neighbours and successors."""
     found, new = {start}, [start]
     while new:
         lane = lane_map.lanes[new.pop()]
@@ -126,10 +126,9 @@ def lanes_ahead(lane_map: LaneMap, start: int) -> frozenset[int]:
 
 
 def within_edges(lane_map: LaneMap, points: FloatArray, headings: FloatArray, beside: float) -> FloatArray:
-    """`points` (k, 2) with those moved aside that are nearer than `beside` [m] to an edge of the road, or beyond it.
+    """Move those of `points` (k, 2) inwards that are nearer than `beside` [m] to an edge of the road, or beyond it.
 
-    An edge is the outer side of a lane that has no neighbour there. In a lane narrower than twice `beside`, it is the
-    middle that is kept.
+    An edge is a side of a lane without a neighbour. In a lane narrower than twice `beside`, points move to the centre.
     """
     at = lane_map.nearest(points[:, 0], points[:, 1], headings)
     lanes = [lane_map.lanes[row] for row in at.lane]

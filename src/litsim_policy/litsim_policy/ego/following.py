@@ -1,4 +1,4 @@
-"""Egos that drive along a path behind other agents on it: the one of a scene, or those of several scenes at once."""
+"""Egos that drive along a path behind other agents on it, for one scene or for several scenes at once."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from litsim_sim.scenario.scenario import Scenario
 
 @dataclass(frozen=True, eq=False)
 class Following:
-    """How an ego drives on from a step.
+    """How an ego drives at a step.
 
     Attributes:
-        path: that it pursues.
-        acceleration: at most [m/s2]; exactly this if other agents are ignored.
-        model: by which it follows the agent ahead on the path; None if it ignores others.
+        path: to pursue.
+        acceleration: the most [m/s2], or exactly this without a model.
+        model: for following the agent ahead on the path; None to ignore other agents.
         desired_speed: of the model [m/s].
-        stops: whether it stops at red as well.
+        stops: whether the model also stops at red lights.
     """
 
     path: ReferencePath
@@ -52,24 +52,24 @@ class FollowingEgo(ABC):
 
     @abstractmethod
     def following(self, table: AgentTable, row: int) -> Following | EgoCommand:
-        """How the ego drives on, or its answer where it follows no path; called once a step, in order.
+        """How the ego drives, or its command if it follows no path; called once per step, in order.
 
         Args:
-            table: all agents; it may hold agents of other scenes, and ids other than those of the recording.
-            row: of the ego, -1 where it is not on the road.
+            table: all agents, possibly of several scenes and with ids other than the recording's.
+            row: of the ego; -1 if it is not on the road.
         """
 
 
 def commands(
     paths: PathBatch, table: AgentTable, rows: IntArray, drivers: Sequence[Following], stop_lines: StopLines
 ) -> list[EgoCommand]:
-    """Answers of m egos that drive along paths; none depends on another's.
+    """Commands of m egos that drive along paths, independent of each other.
 
     Args:
         paths: m paths, those of `drivers`.
         table: all agents.
         rows: (m,) of the egos.
-        drivers: m of them.
+        drivers: m, one per ego.
         stop_lines: of the road.
     """
     x, y, yaw, speed = (getattr(table, name)[rows] for name in ("x", "y", "yaw", "speed"))
@@ -91,14 +91,14 @@ def _behind(
     minding: list[int],
     stop_lines: StopLines,
 ) -> FloatArray:
-    """Accelerations [m/s2] of the egos at positions `minding` behind their leaders, and at red."""
+    """Accelerations [m/s2] behind leaders and at red lights, of the egos at positions `minding`."""
     own, path = rows[minding], np.array(minding)
     view = along_paths(paths, table, own, path=path)
     gap, along, leads = view.gap, view.speed, view.ahead & view.in_path
     if stop_lines.any:
         line = stop_lines.gaps(table, own, paths.take(path), view.own_s)
         line[[not drivers[k].stops for k in minding]] = FREE
-        # a red light is a leader that stands
+        # a red light counts as a standing leader
         gap, along = np.column_stack([gap, line]), np.column_stack([along, np.zeros(len(line))])
         leads = np.column_stack([leads, line < FREE])
     models = [model for k in minding if (model := drivers[k].model) is not None]

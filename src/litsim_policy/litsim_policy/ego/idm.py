@@ -1,4 +1,4 @@
-"""The ego that keeps its lane and follows its leader by the Intelligent Driver Model; it deviates from its log."""
+"""The ego `idm`, which keeps its lane and follows its leader by the Intelligent Driver Model, off its log."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CAREFUL = IdmConfig(desired_speed=10.0, headway=1.5, standstill_gap=1.0, acceler
 
 
 class IdmEgo(FollowingEgo):
-    """Drives along the centre line of the lane that it is on when its history is over, and stops at red."""
+    """Drives along the centre line of its lane at the end of the history, and stops at red."""
 
     def __init__(self, scenario: Scenario, config: IdmConfig = CAREFUL) -> None:
         super().__init__(scenario)

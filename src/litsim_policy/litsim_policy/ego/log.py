@@ -1,4 +1,4 @@
-"""The ego that replays its own log: the sanity case, in which every takeover is a false alarm."""
+"""The ego `log`, which replays its own log: a sanity check, in which every takeover is a false alarm."""
 
 from __future__ import annotations
 

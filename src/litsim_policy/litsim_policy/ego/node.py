@@ -1,4 +1,4 @@
-"""The ego stage for the egos that come with LitSim: agent states in, ego control out."""
+"""The ego node for LitSim's own egos: agent states in, ego control out."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 
 class EgoNode(StageNode):
-    """Drives the ego with the core called `name`."""
+    """Drives the ego by the driver called `name` in :mod:`.registry`."""
 
     stage = "ego"
     inputs = ((AGENTS, received_agents),)

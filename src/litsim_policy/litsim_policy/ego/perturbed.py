@@ -1,4 +1,4 @@
-"""The ego that follows its log until a seeded moment, then brakes, changes lane or no longer minds others."""
+"""The ego `perturbed`, which follows its log until a seeded time, then brakes, changes lane or ignores others."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from litsim_sim.scenario.scenario import Scenario
 
 KINDS = ("brake", "lane_change", "mixed", "keep_speed")
 FOLLOWING = IdmConfig()
-"""Car following after the perturbation: the parameters calibrated on NGSIM, so that little is added to it."""
+"""Car following after the perturbation, calibrated on NGSIM so that it hardly adds to the perturbation."""
 
 
 @configuration
 class PerturbedConfig:
-    """What happens to the log, and when.
+    """Kind and time of the perturbation.
 
     Attributes:
-        kind: brake, lane_change, or mixed, which is either of the two as the seed says; or keep_speed: from then on the
-            ego keeps its speed, whatever is ahead.
-        time: after the history, between which (earliest, latest) the seed puts the perturbation; equal fixes it.
+        kind: brake, lane_change, mixed (one of these two, drawn by the seed), or keep_speed, in which the ego keeps its
+            speed and ignores other agents.
+        time: earliest and latest begin after the history, between which the seed draws.
         deceleration: of braking.
         duration: of braking.
-        lane_change_time: that the way to the centre of the next lane takes.
-        lane_gap: free road behind and ahead that a lane change needs where it begins.
+        lane_change_time: duration of the move to the centre of the adjacent lane.
+        lane_gap: least gap behind and ahead at the begin of a lane change.
         patience: time for which a lane change waits for that gap; then the ego brakes instead.
         speed_gain: of the return to the logged speed.
     """
@@ -54,11 +54,15 @@ class PerturbedConfig:
 
 
 class PerturbedEgo(FollowingEgo):
-    """Follows its log exactly up to the perturbation; the scenario's seed and the ego's id decide what and when.
+    """Follows its log exactly up to the perturbation, which is drawn by the scenario's seed and the ego's id.
 
-    Afterwards it drives at the speed that its log had at the same place, behind the agent ahead. It does not make up
-    for lost time, so its followers meet a lasting deviation. A lane change considers agents alongside, but not those
-    approaching: the background has to cope with that.
+    Afterwards it drives at the speed of its log at the same place, behind the agent ahead. It does not make up for lost
+    time, so that the deviation lasts. A lane change considers agents alongside, but not approaching ones, which must
+    react to it.
+
+    Attributes:
+        first_step: earliest step at which the ego leaves its log.
+        kind: of the perturbation: brake, lane_change or keep_speed.
     """
 
     def __init__(self, scenario: Scenario, config: PerturbedConfig | None = None) -> None:
@@ -72,9 +76,7 @@ class PerturbedEgo(FollowingEgo):
         self._path: ReferencePath | None = None
         self._brake_from: int | None = None
         self.first_step = scenario.history_steps + round(drawn / STEP_S)
-        """Step from which on the ego is off its log, at the earliest."""
         self.kind = ("brake", "lane_change")[changes_lane] if self._config.kind == "mixed" else self._config.kind
-        """What it does from then on: brake, lane_change, or another of KINDS."""
 
     def following(self, table: AgentTable, row: int) -> Following | EgoCommand:
         """See :class:`.following.FollowingEgo`."""
@@ -86,7 +88,7 @@ class PerturbedEgo(FollowingEgo):
         return self._onwards(table, row, self._path)
 
     def _begin(self, table: AgentTable, row: int) -> bool:
-        """Choose the path of the perturbation; returns whether it begins at this step."""
+        """Choose the path of the perturbation, and return whether it begins at this step."""
         waited = (table.step - self.first_step) * STEP_S
         if self.kind == "lane_change" and waited < self._config.patience:
             lane = self._next_lane(table, row)
@@ -101,7 +103,7 @@ class PerturbedEgo(FollowingEgo):
         return True
 
     def _next_lane(self, table: AgentTable, row: int) -> Lane | None:
-        """The lane on the side that the seed prefers, else on the other one, if no agent is alongside there."""
+        """The adjacent lane on the side drawn first, else on the other side, if no agent is alongside there."""
         lanes = self._scenario.lane_map
         here = lanes.lanes[int(lanes.nearest(table.x[[row]], table.y[[row]], table.yaw[[row]]).lane[0])]
         for name in (here.left, here.right) if self._left_first else (here.right, here.left):
@@ -112,7 +114,7 @@ class PerturbedEgo(FollowingEgo):
         return None
 
     def _taken(self, table: AgentTable, row: int, left: float) -> bool:
-        """Whether an agent is alongside a place that lies `left` [m] to the left."""
+        """Whether an agent is alongside the position `left` [m] to the left of the ego."""
         ahead, beside = to_body(table.x - table.x[row], table.y - table.y[row], table.yaw[row])
         reach = 0.5 * (table.length + table.length[row]) + self._config.lane_gap
         taken = (np.abs(ahead) < reach) & (np.abs(beside - left) < 0.5 * (table.width + table.width[row]))
@@ -121,7 +123,7 @@ class PerturbedEgo(FollowingEgo):
         return bool(taken.any())
 
     def _onwards(self, table: AgentTable, row: int, path: ReferencePath) -> Following:
-        """Brake while that lasts; then go back to the logged speed, but never into a leader."""
+        """Brake for the duration, then return to the logged speed behind the leader."""
         config, speed = self._config, float(table.speed[row])
         if self.kind == "keep_speed":
             return Following(path, 0.0)
@@ -130,11 +132,11 @@ class PerturbedEgo(FollowingEgo):
             return Following(path, -config.deceleration)
         wanted = config.speed_gain * (self._logged_speed(table, row) - speed)
         wanted = float(np.clip(wanted, -FOLLOWING.deceleration, FOLLOWING.acceleration))
-        # alone on the road the model would speed up: only its response to leaders is used
+        # the high desired speed leaves only the model's response to leaders
         return Following(path, wanted, FOLLOWING, 2.0 * speed + 10.0)
 
     def _logged_speed(self, table: AgentTable, row: int) -> float:
-        """Speed [m/s] that the log had nearest to where the ego is now; beyond its end, at its end."""
+        """Speed [m/s] of the log at its position nearest to the ego."""
         log = self._scenario.log
         valid = np.flatnonzero(log.valid[self._row])
         distance = np.hypot(log.x[self._row, valid] - table.x[row], log.y[self._row, valid] - table.y[row])

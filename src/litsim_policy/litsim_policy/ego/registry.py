@@ -1,4 +1,4 @@
-"""Egos that come with LitSim; any other stack can take their place on the ego port."""
+"""The ego drivers of LitSim by name, and their parameters."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from litsim_sim.scenario.scenario import Scenario
 
 
 class Ego(Protocol):
-    """Called once a step, in order."""
+    """A driver of the ego."""
 
     def plan(self, table: AgentTable) -> EgoCommand:
-        """The ego's answer to the step of `table`."""
+        """The command for the step of `table`; called once per step, in order."""
 
 
 def make_ego(
@@ -31,10 +31,10 @@ def make_ego(
     perturbed: PerturbedConfig | None = None,
     bat: BatConfig | None = None,
 ) -> Ego:
-    """The ego called `name`, for a run of `scenario`; `idm`, `perturbed` and `bat` are the parameters of those names.
+    """The ego called `name`, for a run of `scenario`; `idm`, `perturbed` and `bat` are parameters of those egos.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: the name is unknown.
     """
     if name == "log":
         return LogEgo()
@@ -48,7 +48,7 @@ def make_ego(
 
 
 def ego_stage(name: str, read: ParameterReader) -> Callable[[Scenario], Ego]:
-    """Read the parameters of the ego called `name`; the result builds it once the run is known."""
+    """Read the parameters of the ego called `name`; the result makes the ego for a scenario."""
     idm = read(CAREFUL) if name == "idm" else CAREFUL
     perturbed = read(PerturbedConfig()) if name == "perturbed" else None
     bat = read(BatConfig()) if name == "bat" else None

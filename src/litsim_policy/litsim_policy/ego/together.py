@@ -1,4 +1,4 @@
-"""The egos of several scenes that are stepped together: those that drive along paths are computed all at once."""
+"""The egos of several scenes that are stepped together, with one computation for all that drive along paths."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from litsim_sim.scenario.joined import JoinedScenario
 
 
 class EgosTogether:
-    """The egos of joined scenes; each gives the same answer as alone."""
+    """The egos of joined scenes; each gives the same commands as on its own."""
 
     def __init__(self, joined: JoinedScenario, egos: Sequence[Ego]) -> None:
         """`egos` are those of the scenes of `joined`, in order."""
@@ -24,7 +24,7 @@ class EgosTogether:
         self._paths = PathBatch([])
 
     def plan(self, table: AgentTable, scenes: Iterable[int]) -> list[EgoCommand]:
-        """Answers to the step of `table`, for all scenes; empty commands for the egos of scenes not in `scenes`."""
+        """Commands of all egos for the step of `table`; empty ones for scenes that are not in `scenes`."""
         answers = [EgoCommand(table.step)] * len(self._egos)
         rows = table.rows(self._joined.ego_ids)
         driving: dict[int, Following] = {}
@@ -47,7 +47,7 @@ class EgosTogether:
         return answers
 
     def _along(self, followed: list[ReferencePath]) -> PathBatch:
-        """The paths that are followed, laid out once for as long as they are the same."""
+        """The batch of the paths `followed`, rebuilt only when they change."""
         if [*map(id, followed)] != [*map(id, self._followed)]:
             self._followed, self._paths = followed, PathBatch([path.points for path in followed])
         return self._paths
