@@ -1,1 +1,1 @@
-"""Where agents can go: reference paths, routes, curves, and how they follow each other."""
+"""Motion along the road: reference paths, routes, curves, car following and lane changes."""

@@ -1,4 +1,4 @@
-"""Cubic Bezier curves between poses: tangent to both, with their curvature."""
+"""Cubic Bezier curves between poses, tangent to both, and their curvature."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from litsim_sim.core.scene import FloatArray
 
-HANDLE = 1.0 / 3.0  # length of a handle as a share of the chord where the poses face each other
+HANDLE = 1.0 / 3.0  # length of a handle relative to the chord, between poses with equal headings
 
 
 def between(start: FloatArray, end: FloatArray) -> FloatArray:
     """Control points (4, 2) of the cubic from pose `start` to pose `end` ((3,) x, y [m], yaw [rad]), tangent to both.
 
-    The handles are a third of the chord where both headings point along it. For a turn they grow to those that
-    approximate the circular arc between tangents of equal length (4/3 tan(a/4) of the radius, a the angle turned).
+    The handles are a third of the chord without a turn. With a turn by the angle a, they are those that approximate a
+    circular arc: 4/3 tan(a/4) of its radius.
     """
     chord = float(np.hypot(end[0] - start[0], end[1] - start[1]))
     turned = abs(float((end[2] - start[2] + np.pi) % (2.0 * np.pi) - np.pi))
@@ -26,9 +26,9 @@ def between(start: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def points(control: FloatArray, spacing: float) -> FloatArray:
-    """Points (m, 2) of the cubic with control points `control` (4, 2), no more than about `spacing` [m] apart.
+    """Points (m, 2) of the cubic with control points `control` (4, 2), at most about `spacing` [m] apart.
 
-    The first and the last are exactly the first and the last control point.
+    The first and the last point are exactly the first and the last control point.
     """
     length = float(np.hypot(*np.diff(control, axis=0).T).sum())
     t = np.linspace(0.0, 1.0, max(2, int(np.ceil(length / spacing)) + 1))[:, None]
@@ -39,7 +39,7 @@ def points(control: FloatArray, spacing: float) -> FloatArray:
 
 
 def curvature_max(control: FloatArray, samples: int = 33) -> float:
-    """Largest curvature [1/m], without sign, at `samples` parameters of the cubic; infinite at a cusp."""
+    """Largest absolute curvature [1/m] at `samples` parameters of the cubic; infinite at a cusp."""
     t = np.linspace(0.0, 1.0, samples)[:, None]
     a, b, c = np.diff(control, axis=0)
     first = 3 * ((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)

@@ -35,13 +35,13 @@ from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegati
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 
-SIGHT = 120.0  # [m] beyond which agents are ignored
-MARGIN = 0.2  # [m] kept to the side of others, unless said otherwise
-MERGE = 15.0  # [m] over which a vehicle beside its path is assumed to come onto it
-DESIRED_MIN = 0.1  # [m/s] a desired speed below is taken as this
-GAP_MIN = 0.1  # [m] less than this is taken as this: there is a pole at zero
-LEADER_BRAKES = 1.0  # [m/s2] from which on a leader is assumed to brake until it stands
-BRAKING_MIN = 0.1  # [m/s2] no less hard then
+SIGHT = 120.0  # [m] distance beyond which agents are ignored
+MARGIN = 0.2  # [m] default lateral distance kept to others
+MERGE = 15.0  # [m] distance within which a vehicle beside its path is assumed to move onto it
+DESIRED_MIN = 0.1  # [m/s] lower bound on desired speeds
+GAP_MIN = 0.1  # [m] lower bound on gaps, since the model has a pole at zero
+LEADER_BRAKES = 1.0  # [m/s2] a leader that brakes harder is assumed to brake until it stands
+BRAKING_MIN = 0.1  # [m/s2] lower bound on the braking of such a leader
 
 Poses = tuple[FloatArray, FloatArray, FloatArray]
 """x, y [m] and yaw [rad] of m agents; arrays (m,)."""
@@ -57,7 +57,7 @@ class IdmConfig:
         standstill_gap: s0.
         acceleration: a_max.
         deceleration: comfortable braking b.
-        braking_max: no harder than this, whatever the model says.
+        braking_max: limit on the model's braking.
     """
 
     desired_speed: NonNegative[Speed] = 20.0
@@ -69,7 +69,7 @@ class IdmConfig:
 
     @property
     def of_model(self) -> tuple[float, float, float, float, float]:
-        """What the model takes besides the speeds: T, s0, a_max, b and the hardest braking."""
+        """Parameters of the model besides the desired speed: T, s0, a_max, b and braking_max."""
         return self.headway, self.standstill_gap, self.acceleration, self.deceleration, self.braking_max
 
 
@@ -81,14 +81,14 @@ def idm_acceleration(
     leader_speed: FloatArray,
     leads: BoolArray | None = None,
 ) -> FloatArray:
-    """Acceleration (...) [m/s2] of vehicles, each for the most demanding of its leaders.
+    """Acceleration (...) [m/s2] of vehicles, each behind the most demanding of its leaders.
 
     Args:
-        config: parameters, of all of them or, in order, of each.
+        config: parameters of all vehicles, or a sequence with those of each.
         speed, desired_speed: (...) of the vehicles [m/s].
         gap: (..., n) to each leader, bumper to bumper [m].
         leader_speed: (..., n) [m/s].
-        leads: (..., n) which of the n are leaders; None is all of them.
+        leads: (..., n) mask of the leaders; None for all.
     """
     gap = np.asarray(gap, np.float64)
     shape, pairs = gap.shape[:-1], (math.prod(gap.shape[:-1]), gap.shape[-1])
@@ -107,22 +107,22 @@ def idm_acceleration(
 @quickly_made
 @dataclass(frozen=True)
 class AlongPath:
-    """The agents of its scene as a vehicle on a path sees them, or as m vehicles do, each those of its own.
+    """The agents of a scene relative to a vehicle on its path, or relative to m vehicles, each in its own scene.
 
-    Arrays are (w,) or (m, w) unless said otherwise: column c is the agent in row `first` + c of the table, and w is
-    the number of agents in the largest of these scenes. Columns behind the last agent of a smaller one are as those
-    of agents out of sight.
+    Arrays are (w,) or (m, w) unless stated otherwise: column c is the agent in row `first` + c of the table, and w is
+    the number of agents in the largest of these scenes. Excess columns of smaller scenes are filled as for agents out
+    of sight.
 
     Attributes:
-        s: arc length of the agent's place on the path [m]; -inf out of sight.
+        s: arc length of the agent's projection onto the path [m]; -inf out of sight.
         d: offset of the agent from the path, to the left [m]; inf out of sight.
         gap: from the vehicle's front bumper to the agent's rear, along the path [m]; negative alongside.
         speed: of the agent along the path [m/s].
         ahead: whether the agent's centre is ahead of the vehicle's.
-        aside: [m] between the agent's side and the vehicle's where they pass; negative in the strip that it sweeps.
-        in_path: whether the agent's box reaches into that strip, widened by the margin.
+        aside: lateral gap between agent and vehicle when they pass [m]; negative in the strip swept by the vehicle.
+        in_path: whether the agent's box overlaps that strip, widened by the margin.
         first: one number or (m,): row of the first agent of the vehicle's scene in the table.
-        own_s, own_d: one number or (m,): the same as `s` and `d` of the vehicle itself [m].
+        own_s, own_d: one number or (m,): `s` and `d` of the vehicle itself [m].
     """
 
     s: FloatArray
@@ -137,12 +137,12 @@ class AlongPath:
     own_d: FloatArray
 
     def pairs(self, which: BoolArray) -> Iterator[tuple[int, int, int]]:
-        """Position of the vehicle, column, and row of the agent in the table, of all in the mask `which` (m, w)."""
+        """Position of the vehicle, column, and row of the agent in the table, for each True in `which` (m, w)."""
         vehicle, column = which.nonzero()
         return zip(vehicle.tolist(), column.tolist(), (self.first[vehicle] + column).tolist(), strict=True)
 
     def __getitem__(self, which: int | slice) -> AlongPath:
-        """What one, or some, of the m vehicles see."""
+        """The view of one, or some, of the m vehicles."""
         return AlongPath(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
@@ -160,16 +160,16 @@ def along_paths(
     poses: Poses | None = None,
     path: IntArray | None = None,
 ) -> AlongPath:
-    """Agents as seen by those in `rows`, each along a path of its own; an agent never sees itself ahead.
+    """Agents relative to those in `rows`, each along a path of its own; no vehicle is ahead of itself.
 
     Args:
         paths: m paths.
         agents: all agents.
-        rows: (m,) of the agents that look.
-        margin: [m] kept to the side of the agents' boxes.
-        sight: (m,) or one for all: how far each sees [m]; at most SIGHT.
-        poses: assumed poses of those that look; None for where they are.
-        path: (m,) positions in `paths` of what they follow, where that is not one after the other.
+        rows: (m,) of the vehicles.
+        margin: lateral distance kept to the agents' boxes [m].
+        sight: (m,) or one for all: range of sight [m]; at most SIGHT.
+        poses: assumed poses of the vehicles; None for their actual ones.
+        path: (m,) positions of the vehicles' paths in `paths`; None for one path per vehicle, in order.
 
     Returns:
         arrays (m, w).
@@ -209,13 +209,13 @@ def idm(  # noqa: PLR0917 - a kernel takes arrays and numbers
     deceleration: float,
     braking_max: float,
 ) -> float:
-    """Acceleration [m/s2] of one vehicle for the most demanding of its leaders; see :func:`idm_acceleration`.
+    """Acceleration [m/s2] of one vehicle behind the most demanding of its leaders; see :func:`idm_acceleration`.
 
     Args:
         speed, desired_speed: of the vehicle [m/s].
         gap, leader_speed: (n,) to and of all agents [m], [m/s].
         leads: (n,) whether an agent is a leader.
-        headway, standstill_gap, acceleration, deceleration, braking_max: as :attr:`IdmConfig.of_model` has them.
+        headway, standstill_gap, acceleration, deceleration, braking_max: see :attr:`IdmConfig.of_model`.
     """
     free = acceleration * (1.0 - math.pow(speed / max(desired_speed, DESIRED_MIN), 4.0))
     interaction = 0.0
@@ -229,12 +229,12 @@ def idm(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 @kernel(float64(*[float64] * 4))
 def safe_speed(room: float, leader_speed: float, own_braking: float, leader_braking: float) -> float:
-    """Speed [m/s] from which `own_braking` stops an agent behind its leader, if that brakes as hard as it can.
+    """Speed [m/s] from which `own_braking` stops an agent behind its leader, if the leader brakes by `leader_braking`.
 
-    The safe speed of Krauss (1997), with a reaction within a step.
+    The safe speed of Krauss (1997), with a reaction time of one step.
 
     Args:
-        room: to the leader [m]; none is as 0.
+        room: to the leader [m]; negative values count as 0.
         leader_speed: along the path [m/s].
         own_braking, leader_braking: [m/s2].
     """
@@ -247,13 +247,13 @@ def safe_speed(room: float, leader_speed: float, own_braking: float, leader_brak
 def braking_behind(
     speed: float, leader_speed: float, leader_acceleration: float, room: float, leader_brakes: float
 ) -> float:
-    """Constant braking [m/s2] with which an agent does not reach a leader that goes on as now, or stops.
+    """Constant braking [m/s2] with which an agent does not reach a leader that keeps its speed or brakes to a stop.
 
     Args:
         speed, leader_speed: along the path [m/s].
         leader_acceleration: [m/s2].
         room: to the leader [m].
-        leader_brakes: braking [m/s2] from which on the leader is assumed to brake until it stands.
+        leader_brakes: a leader that brakes harder is assumed to brake until it stands [m/s2].
     """
     needed = max(speed - leader_speed, 0.0) ** 2 / (2.0 * max(room, GAP_MIN))
     braking = max(-leader_acceleration, BRAKING_MIN)
@@ -272,9 +272,9 @@ def _idm_accelerations(
     leads: BoolArray,
     models: FloatArray,
 ) -> FloatArray:
-    """Return :func:`idm` (m,) of m vehicles; arrays (m,) and (m, n).
+    """Accelerations (m,) of m vehicles by :func:`idm`; arrays (m,) and (m, n).
 
-    `models` (m, 5) are the parameters of each as :attr:`IdmConfig.of_model` has them, or (1, 5) those of all.
+    `models` are the parameters :attr:`IdmConfig.of_model` of each vehicle (m, 5) or of all (1, 5).
     """
     found = np.empty(len(speed))
     for i in range(len(speed)):
@@ -305,29 +305,29 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
     circles: FloatArray,
     count: IntArray,
 ) -> tuple[IntArray, int, IntArray, FloatArray]:
-    """Which agents each one sees, and where those are along its path.
+    """Pairs of vehicles and agents within sight of each other, and the agents' positions along the vehicles' paths.
 
     Args:
-        scene: (n,) scene of each agent; none sees into another.
+        scene: (n,) scene of each agent; only agents of one scene form pairs.
         x, y, yaw: (n,) of all agents [m], [rad].
-        rows: (m,) of those that look.
-        own_x, own_y, own_yaw: (m,) of those that look [m], [rad].
-        sight: (m,) how far they look [m].
+        rows: (m,) of the vehicles.
+        own_x, own_y, own_yaw: (m,) of the vehicles [m], [rad].
+        sight: (m,) their range of sight [m].
         path: (m,) positions of their paths.
-        segments, circles, count: of paths, as :mod:`litsim_policy.motion.path_kernels` has them.
+        segments, circles, count: of paths, see :mod:`litsim_policy.motion.path_kernels`.
 
     Returns:
-        the first row (m,) of each scene that is looked into, and how many agents are in the largest of them;
-        k pairs, ordered by the viewer: (2, k) position of the viewer in `rows`, and row of the agent that it sees;
-        (5, k) arc length and offset of that one's place on the path [m], its heading [rad], and the direction, x and
-        y, of the path there.
+        the first row (m,) of each vehicle's scene, and the number of agents in the largest of these;
+        k pairs, ordered by the vehicle: (2, k) position of the vehicle in `rows`, and row of the agent;
+        (5, k) arc length and offset of the agent on the path [m], its heading [rad], and x and y of the path's
+        direction there.
     """
     begin, end = within_scenes(scene, rows)
     most, pairs = 0, 0
     for i in range(len(rows)):
         most, pairs = max(most, end[i] - begin[i]), pairs + end[i] - begin[i]
     pair, found = np.empty((2, pairs), np.int64), np.empty((5, pairs))
-    before = np.full((len(count), most), -1, np.int64)  # the pair that has found the place of an agent on a path
+    before = np.full((len(count), most), -1, np.int64)  # the pair for which an agent was projected onto a path already
     k = 0
     for i in range(len(rows)):
         p = path[i]
@@ -338,7 +338,7 @@ def _projected(  # noqa: PLR0917 - a kernel takes arrays and numbers
                 continue
             pair[0, k], pair[1, k] = i, j
             known = on_path[j - begin[i]]
-            if j != rows[i] and known >= 0 and pair[1, known] == j:  # not of another scene's on the same path
+            if j != rows[i] and known >= 0 and pair[1, known] == j:  # not an agent of another scene on the same path
                 for field in range(5):
                     found[field, k] = found[field, known]
                 k += 1
@@ -377,10 +377,10 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     These are ahead and in_path (2, m, w); s, d, gap, speed and aside (5, m, w); own_s and own_d (2, m).
 
     Args:
-        pair, s, d: k pairs as :func:`_projected` gives them.
-        turn: (k,) heading of the agents against the paths [rad].
+        pair, s, d: k pairs from :func:`_projected`.
+        turn: (k,) heading of the agents relative to the paths [rad].
         speed, length, width: (n,) of all agents [m/s], [m].
-        rows: (m,) of those that look.
+        rows: (m,) of the vehicles.
         first, most: first rows (m,) of their scenes, and the number w of agents of the largest of these.
         margin: as in :func:`along_paths`.
     """
@@ -398,7 +398,7 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
         cos, sin = math.cos(turn[k]), abs(math.sin(turn[k]))
         half_along = 0.5 * (length[j] * abs(cos) + width[j] * sin)
         half_across = 0.5 * (length[j] * sin + width[j] * abs(cos))
-        # the strip is swept from where the vehicle is to the path: over the first metres it includes its offset
+        # the swept strip begins at the vehicle, so that it is offset from the path over the first metres
         offset = own_d[i] * within(1.0 - (s[k] - own_s[i]) / MERGE, 0.0, 1.0)
         passing, half_width = abs(d[k] - offset), 0.5 * width[rows[i]]
         c = j - first[i]

@@ -1,4 +1,4 @@
-"""Vehicles that follow reference paths: what several rules ask of them, each answered once and for all of them."""
+"""Vehicles that follow reference paths, with the quantities that several rules need, each computed once for all."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from litsim_sim.maps.lane_map import LaneMap, LanePosition
 
 
 class PathFollowers:
-    """m of the n agents of a table, each with a path of its own. Arrays are (m,) unless said otherwise.
+    """m of the n agents of a table, each with its own path. Arrays are (m,) unless stated otherwise.
 
     Attributes:
         table: all agents.
         rows: of the followers in `table`.
         paths: m paths.
-        x, y, yaw, speed: of the followers [m], [rad], [m/s]; where `poses` are given, each follower is there, and all
-            others are where the table has them.
+        x, y, yaw, speed: of the followers [m], [rad], [m/s]. If `poses` are given, they replace the follower's own pose
+            in its view, while the other agents are at their poses in `table`.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class PathFollowers:
 
     @classmethod
     def of_takeovers(cls, lane_map: LaneMap, table: AgentTable, takeovers: Sequence[Takeover]) -> PathFollowers:
-        """Agents that were taken over, all of which are in `table`, on their reference paths."""
+        """The agents of `takeovers`, all of which must be in `table`, on their reference paths."""
         rows = table.rows(np.array([t.agent for t in takeovers], np.int64))
         return cls(lane_map, table, rows, PathBatch([t.reference_path for t in takeovers]))
 
@@ -45,7 +45,7 @@ class PathFollowers:
 
     @cached_property
     def view(self) -> AlongPath:
-        """All agents in their scenes as the followers see them, (m, w)."""
+        """All agents of the scenes relative to the followers, (m, w)."""
         return along_paths(self.paths, self.table, self.rows, poses=(self.x, self.y, self.yaw))
 
     @property
@@ -60,7 +60,7 @@ class PathFollowers:
 
     @cached_property
     def lane(self) -> LanePosition:
-        """The lanes that the followers are on."""
+        """Positions of the followers on their nearest lanes."""
         return self._lane_map.nearest(self.x, self.y, self.yaw)
 
     @cached_property
@@ -70,7 +70,7 @@ class PathFollowers:
 
     @cached_property
     def target(self) -> FloatArray:
-        """(m, 2) points that are pursued, frame map [m]."""
+        """Pursued points (m, 2) in frame map [m]."""
         return self.paths.point(self.s + self.reach)
 
     @cached_property
@@ -80,10 +80,10 @@ class PathFollowers:
 
     @cached_property
     def lane_yaw_rate(self) -> FloatArray:
-        """Yaw rate that turns the followers along their lanes, wherever in them they are [rad/s]."""
+        """Yaw rate that aligns the followers with their lanes, whatever their offset [rad/s]."""
         return 2.0 * self.speed / self.reach * np.sin(self.lane.heading - self.yaw)
 
     def to_goal(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Distance along the paths from the followers to places `x`, `y`, one for each [m]."""
+        """Distance along the paths from the followers to the positions `x`, `y`, one for each [m]."""
         x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
         return self.paths.project(np.arange(len(self)), x, y).s - self.s

@@ -1,4 +1,4 @@
-"""MOBIL (Kesting, Treiber, Helbing 2007): what a change of lane gains its driver and costs others, and if it is safe.
+"""MOBIL (Kesting, Treiber, Helbing 2007): gain of a lane change for its driver, loss of others, and safety.
 
 Accelerations are those of the Intelligent Driver Model, now and as if the change were made at once.
 """
@@ -18,22 +18,22 @@ from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 NOBODY = -1
-BRAKING_MAX = 8.0  # [m/s2] no harder than this, whatever the model says
-LEVEL_SPEED = 1.0  # [m/s] below which speeds are taken as this where one is divided by another
-SWING = 0.57  # share of a change of lane after which the side of a car is clear of the lane that it leaves
+BRAKING_MAX = 8.0  # [m/s2] limit on the model's braking
+LEVEL_SPEED = 1.0  # [m/s] lower bound on speeds in denominators
+SWING = 0.57  # share of a lane change after which a car is clear of the lane that it leaves
 
 
 @configuration
 class LaneChangeConfig:
-    """Which agents change lane.
+    """Criteria of lane changes.
 
     Attributes:
-        politeness: weight of what others gain and lose, against the own gain.
-        threshold: gain from which on a change is worth it.
+        politeness: weight of the gains and losses of others, relative to the agent's own.
+        threshold: least gain that is worth a change.
         braking_safe: most braking that the new follower, or the agent itself behind its new leader, may need.
-        gap_min: free road that is left at least before and behind, bumper to bumper.
-        headway, standstill_gap, acceleration, deceleration: T, s0, a_max and b of the car following; the headway is
-            the one that drivers accept while they change lane.
+        gap_min: least gap ahead and behind, bumper to bumper.
+        headway, standstill_gap, acceleration, deceleration: T, s0, a_max and b of the car following, with a headway
+            that drivers accept during a lane change.
     """
 
     politeness: Share = 0.2
@@ -49,13 +49,14 @@ class LaneChangeConfig:
 @quickly_made
 @dataclass(frozen=True)
 class LaneChanges:
-    """What k changes of lane would bring; arrays (k,).
+    """Consequences of k lane changes; arrays (k,).
 
     Attributes:
-        gain: of the driver, less what others lose, by `politeness` [m/s2].
-        safe: whether the model has no agent brake harder than is safe, and none is alongside.
-        room: whether a change that has begun can go on: no agent is alongside, and none approaches so fast that it
-            would have to brake harder than is safe.
+        gain: of the driver and, weighted by `politeness`, of others [m/s2].
+        safe: whether the change may begin: no agent has to brake harder than is safe, gaps are kept, and the agent's
+            leader can be passed in time.
+        room: whether a change that has begun can continue: no agent is alongside, or approaches so fast that it would
+            have to brake harder than is safe.
     """
 
     gain: FloatArray
@@ -72,17 +73,17 @@ def weigh_changes(
     claimed: BoolArray,
     reach: FloatArray,
 ) -> LaneChanges:
-    """What changes of lane would bring, one for each of k agents.
+    """Weigh one lane change for each of k agents.
 
     Args:
         config: criteria.
         table: all agents.
         rows: (k,) of the agents.
-        wanted: (k,) speeds that they would drive on a free road [m/s].
-        view: (2 k, w) the agents in their scenes: first as seen by each along the line of the lane that it is on, from
-            its middle; then along the lane that it would change to, as if it were there.
-        claimed: mask (k, w) of those that are changing to that lane, and count as if they were there.
-        reach: (k,) of road that the change takes [m].
+        wanted: (k,) their speeds on a free road [m/s].
+        view: (2 k, w) agents of the scenes: first relative to each agent on the centre line of its own lane, then
+            relative to it as if it were on that of the target lane.
+        claimed: mask (k, w) of agents that are changing to the target lane, and count as being in it.
+        reach: (k,) length of road that the change takes [m].
     """
     return LaneChanges(
         *_weigh(
@@ -122,7 +123,7 @@ def _behind(  # noqa: PLR0917 - a kernel takes arrays and numbers
     deceleration: float,
     braking_max: float,
 ) -> float:
-    """Acceleration [m/s2] behind one leader, by the model; an infinite gap is a free road."""
+    """Acceleration [m/s2] of the model behind one leader; an infinite gap means a free road."""
     gaps, speeds, leads = np.empty(1), np.empty(1), np.empty(1, np.bool_)
     gaps[0], speeds[0], leads[0] = gap, leader_speed, gap < np.inf
     return idm(
@@ -141,7 +142,7 @@ def _behind(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 @kernel(Tuple((int64, float64))(FLOATS, BOOLS, BOOLS, int64))
 def _leader(gap: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> tuple[int, float]:
-    """The first ahead in a lane, of w agents, and the gap to it [m]; NOBODY and infinity where there is none."""
+    """Column of the first of w agents ahead in a lane, and the gap to it [m]; NOBODY and infinity if there is none."""
     first, least = NOBODY, np.inf
     for j in range(len(gap)):
         if j != me and ahead[j] and in_lane[j] and gap[j] < least:
@@ -151,7 +152,7 @@ def _leader(gap: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> t
 
 @kernel(Tuple((int64, float64))(FLOATS, FLOATS, BOOLS, BOOLS, int64))
 def _follower(s: FloatArray, length: FloatArray, ahead: BoolArray, in_lane: BoolArray, me: int) -> tuple[int, float]:
-    """The first behind in a lane, likewise; its gap is negative where it is alongside."""
+    """Column of the first agent behind in a lane, likewise; the gap is negative if it is alongside."""
     first, least = NOBODY, np.inf
     for j in range(len(s)):
         if j == me or ahead[j] or not in_lane[j] or s[j] == -np.inf:
@@ -194,14 +195,15 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Return the fields of :class:`LaneChanges`.
 
-    Followers are assumed to want their present speeds.
+    The desired speed of a follower is assumed to be its present speed.
 
     Args:
         speed, length: (n,) of all agents [m/s], [m].
-        rows, wanted, reach: (k,) as :func:`weigh_changes` has them.
-        first: (2 k,) of :class:`AlongPath`; of each agent both are the same.
-        s, gap, along, ahead, in_lane: (2 k, w) of :class:`AlongPath`; `along` is the speed there.
-        claimed: (k, w) as :func:`weigh_changes` has them.
+        rows, wanted, reach: (k,) as in :func:`weigh_changes`.
+        first: (2 k,) as in :class:`AlongPath`; equal for both views of an agent.
+        s, gap, along, ahead, in_lane: (2 k, w) as in :class:`AlongPath`; `along` is its `speed`, `in_lane` its
+            `in_path`.
+        claimed: (k, w) as in :func:`weigh_changes`.
         politeness, braking_safe, gap_min: as in :class:`LaneChangeConfig`.
         headway, standstill_gap, acceleration, deceleration, braking_max: of the car following.
     """
@@ -237,7 +239,7 @@ def _weigh(  # noqa: PLR0917 - a kernel takes arrays and numbers
             others += _behind(its, its, old_back + lengths[me] + old_gap, old_speed, *model) - before
         gain[i] = then - now + politeness * others
         safe[i] = braking >= -braking_safe and then >= -braking_safe and new_gap >= gap_min and back >= gap_min
-        if old_leader >= 0:  # it must be passed to the side before it is reached
+        if old_leader >= 0:  # the agent must be clear of its lane before it reaches the leader
             share = within(old_speed / max(own, LEVEL_SPEED), 0.0, 1.0)
             safe[i] = safe[i] and old_gap >= SWING * reach[i] * (1.0 - share)
     return gain, safe, room

@@ -1,4 +1,4 @@
-"""The lines that lanes lead along, as paths of the agents on them; each is made on first use."""
+"""Centre lines of lanes as paths of the agents on them, made on first use."""
 
 from __future__ import annotations
 
@@ -14,25 +14,27 @@ from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 
 NO_LANE = -1  # in place of the position of a lane in `LaneMap.lanes`
-FAR = 1000.0  # [m] ahead, beyond which no caller needs the lanes
-BEFORE = 150.0  # [m] by which the line of a lane begins before it: agents coming from behind are on it, too
+FAR = 1000.0  # [m] distance ahead beyond which no caller needs the lanes
+BEFORE = 150.0  # [m] by which the line of a lane begins before the lane, to include agents that approach it
 
 
 class LaneLines:
-    """Centre lines of the lanes of a net, from before their beginnings on; holds nothing of a run."""
+    """Centre lines of the lanes of a net, from BEFORE their beginnings on; independent of runs.
+
+    Attributes:
+        made: the lines made so far; see :meth:`rows`.
+        left, right: (lanes,) row of the adjacent lane in the same edge; NO_LANE if there is none.
+        road: (lanes,) a number for the edge of each lane.
+    """
 
     def __init__(self, lane_map: LaneMap) -> None:
         self._lane_map = lane_map
         self._row: IntArray = np.full(len(lane_map.lanes), NO_LANE)  # in `made`, of lanes used so far
         self._points: list[FloatArray] = []
         self.made = PathBatch([])
-        """The lines that are made so far; see :meth:`rows`."""
         self.left = _neighbours(lane_map, (lane.left for lane in lane_map.lanes))
-        """(lanes,) position of the lane to the left in the same edge; NO_LANE where there is none."""
         self.right = _neighbours(lane_map, (lane.right for lane in lane_map.lanes))
-        """(lanes,) likewise to the right."""
         self.road = np.unique([lane.edge_id for lane in lane_map.lanes], return_inverse=True)[1]
-        """(lanes,) a number for the edge of each lane."""
 
     def rows(self, lanes: IntArray) -> IntArray:
         """Positions (k,) in `made` of the lines of `lanes` (k,), positions in `LaneMap.lanes`."""
@@ -45,10 +47,10 @@ class LaneLines:
         return self._row[lanes]
 
     def beside(self, lanes: IntArray, others: IntArray) -> FloatArray:
-        """How far [m] from their beginnings `lanes` (k,) have `others` (k,), their neighbours, beside them.
+        """Distance (k,) [m] from the beginnings of `lanes` (k,) over which `others` (k,) stay their neighbours.
 
-        Along the straightest way of both, over junctions, until one of them ends, or the road of the other is another
-        one; infinite where both leave the net side by side, or go on for FAR.
+        Both are followed along the straightest way, across junctions, until one ends or they part; infinite if both
+        leave the net side by side, or stay adjacent for FAR.
         """
         left = self.left[lanes] == others
         return np.where(left, self._left_beside[lanes], self._right_beside[lanes])
@@ -62,7 +64,7 @@ class LaneLines:
         return np.array([self._side_by_side(lane, other) for lane, other in enumerate(self.right.tolist())])
 
     def _side_by_side(self, lane: int, other: int) -> float:
-        """See :meth:`beside`, of one lane and its neighbour on either side."""
+        """See :meth:`beside`, for one lane and a neighbour."""
         if other == NO_LANE:
             return 0.0
         lanes, side = self._lane_map.lanes, self.left if self.left[lane] == other else self.right
@@ -86,7 +88,7 @@ class LaneLines:
 
     @cached_property
     def _predecessor(self) -> dict[int, int]:
-        """For each lane that others lead into, the first of them that leads there rather than elsewhere."""
+        """The first predecessor of each lane that has one, by row."""
         found: dict[int, int] = {}
         for row, lane in enumerate(self._lane_map.lanes):
             for name in lane.successors:
@@ -94,7 +96,7 @@ class LaneLines:
         return found
 
     def _line(self, lane: int) -> FloatArray:
-        """Points (m, 2) [m]: BEFORE before the lane, the lane, and BEYOND more of where it leads."""
+        """Points (m, 2) [m]: BEFORE of the predecessors, the lane, and BEYOND of its continuation."""
         parts, first, left = [], lane, BEFORE
         while left > 0.0 and first in self._predecessor:
             first = self._predecessor[first]
@@ -109,7 +111,7 @@ class LaneLines:
 
 
 def _neighbours(lane_map: LaneMap, names: Iterable[str | None]) -> IntArray:
-    """Positions of lanes `names`; NO_LANE for none and for lanes inside junctions, which have no lane changes."""
+    """Rows (lanes,) of the lanes called `names`; NO_LANE for None, and in junctions, which have no lane changes."""
     lanes: tuple[Lane, ...] = lane_map.lanes
     return np.array(
         [

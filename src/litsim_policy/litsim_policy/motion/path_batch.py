@@ -1,4 +1,4 @@
-"""Several reference paths as padded arrays, so that questions about all of them are answered at once."""
+"""Several reference paths as padded arrays, for vectorised queries."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from litsim_policy.motion.path_kernels import UNIT_X, UNIT_Y
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import FloatArray, IntArray
 
-PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of a path before and beyond an agent that a policy is given
+PATH_BEHIND, PATH_AHEAD = 5.0, 150.0  # [m] of an agent's path, behind and ahead of it, that a policy is given
 
 
 @quickly_made
 @dataclass(frozen=True)
 class Projection:
-    """Nearest points of paths to places; arrays (k,).
+    """Projections of k positions onto paths; arrays (k,).
 
     Attributes:
-        segment: of the path that the nearest point lies on.
-        s: arc length of it [m], negative before the path and more than its length beyond.
-        d: offset of the place from the line of the segment, positive to the left [m].
+        segment: index of the path's segment with the nearest point.
+        s: arc length of the nearest point [m], negative before the path and above its length beyond.
+        d: offset of the position from the line of the segment, positive to the left [m].
     """
 
     segment: IntArray
@@ -37,7 +37,7 @@ class PathBatch:
 
     Attributes:
         count: (m,) number of points of each, at least 2.
-        segments: (m, L, 5) points, arc lengths and directions, as :mod:`litsim_policy.motion.path_kernels` has them.
+        segments: (m, L, 5) points, arc lengths and directions, see :mod:`litsim_policy.motion.path_kernels`.
         circles: (m, C, 3) around chunks of segments, likewise.
     """
 
@@ -57,37 +57,37 @@ class PathBatch:
         return other
 
     def project(self, path: IntArray, x: FloatArray, y: FloatArray) -> Projection:
-        """Nearest point of the path at position `path` (k,) to each place `x`, `y` (k,) in frame map [m].
+        """Project positions `x`, `y` (k,) in frame map [m] onto the paths `path` (k,), given by their indices.
 
-        First and last segments are prolonged; of points that are equally near, the first along the path is taken.
+        First and last segments are prolonged; of equally near points, the first along the path is taken.
         """
         return Projection(*path_kernels.project(self.segments, self.circles, self.count, path, x, y))
 
     @cached_property
     def each(self) -> IntArray:
-        """(m,) positions of all paths."""
+        """Indices (m,) of all paths."""
         return np.arange(len(self))
 
     def segment(self, s: FloatArray, path: IntArray | None = None) -> IntArray:
-        """(m, k) segment of each path at arc lengths `s` (m, k) [m] of it; the ends count as prolonged.
+        """Segments (m, k) of the paths at arc lengths `s` (m, k) [m], with ends prolonged.
 
-        Where `path` (m,) is given, of the paths at these positions.
+        `path` (m,) selects paths by index; None for all paths in order.
         """
         return path_kernels.segments_at(self.segments, self.count, self.each if path is None else path, s)
 
     def window(self, s: FloatArray) -> tuple[IntArray, IntArray]:
-        """Which points of the paths are given to policies whose agents are at arc lengths `s` (m,) [m].
+        """Range of the path points that policies are given, for agents at arc lengths `s` (m,) [m].
 
         Returns:
-            the first (m,) and the one behind the last (m,): the points from PATH_BEHIND before the agents on, and those
-            of the segments up to PATH_AHEAD.
+            first (m,) and end (m,), exclusive: from PATH_BEHIND behind the agents to the end of the segment at
+            PATH_AHEAD.
         """
         return path_kernels.windows(self.segments, self.count, s, PATH_BEHIND, PATH_AHEAD)
 
     def heading(self, path: int | IntArray, segment: IntArray) -> FloatArray:
-        """(...) direction [rad] of segments, of paths at positions `path`; shapes broadcast."""
+        """Direction (...) [rad] of segments of the paths with indices `path`; shapes broadcast."""
         return np.arctan2(self.segments[path, segment, UNIT_Y], self.segments[path, segment, UNIT_X])
 
     def point(self, s: FloatArray, path: IntArray | None = None) -> FloatArray:
-        """(m, 2) point of each path at arc length `s` (m,) of it [m], ends prolonged; `path` as in :meth:`segment`."""
+        """Points (m, 2) of the paths at arc lengths `s` (m,) [m], with ends prolonged; `path` as in :meth:`segment`."""
         return path_kernels.points_at(self.segments, self.count, self.each if path is None else path, s)

@@ -1,12 +1,12 @@
-"""Compiled loops over polylines: how they are laid out, nearest points, and what lies at an arc length.
+"""Compiled loops over polylines: layout, nearest points, and points at arc lengths.
 
 The kernels take m polylines as one array (m, L, 5), `segments`. Row [p, k] is vertex k of path p and the segment that
 begins there: x, y [m], arc length from the first vertex [m], and the unit vector of the segment. Path p has `count[p]`
 vertices, at least 2; entries after them are meaningless, as is the unit vector of the last. First and last
 segments count as prolonged without end.
 
-Circles (m, C, 3) hold chunks of CHUNK segments each: centre x, y, which is a vertex, and radius [m]. They say which
-segments can be nearest to a place.
+Circles (m, C, 3) enclose chunks of CHUNK segments each: centre x, y, which is a vertex, and radius [m]. They bound the
+distance of the segments to a position.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from litsim_sim.core.compiled import (
 )
 from litsim_sim.core.scene import FloatArray, IntArray
 
-CHUNK = 8  # segments that are bounded together
-SLACK = 1e-6  # [m] by which bounds are widened, for rounding
+CHUNK = 8  # segments in a circle
+SLACK = 1e-6  # [m] by which circles are widened, for rounding
 X, Y, S, UNIT_X, UNIT_Y = range(5)  # columns of `segments`
 
 
@@ -78,7 +78,7 @@ def lay_out(points: FloatArray, count: IntArray) -> tuple[FloatArray, FloatArray
 
 @kernel(OUT_INTS(FLOATS2, float64))
 def thinned(points: FloatArray, spacing: float) -> IntArray:
-    """Return positions of the first of `points` (m, 2), and of all at least `spacing` [m] from the last one kept."""
+    """Return indices of the `points` (m, 2) to keep: the first, and each at least `spacing` [m] from the last kept."""
     kept, found, last = np.empty(len(points), np.int64), 1, 0
     kept[0] = 0
     for k in range(1, len(points)):
@@ -89,16 +89,16 @@ def thinned(points: FloatArray, spacing: float) -> IntArray:
 
 
 Found = types.Tuple((int64, float64, float64, float64))
-"""Segment, square of the distance [m2], how far along the segment [m], and offset from its line, to the left [m]."""
+"""Segment, squared distance [m2], length along the segment [m], and offset from its line, to the left [m]."""
 
 
 @kernel(Found(FLOATS2, int64, int64, int64, float64, float64, Found))
 def nearest_of(
     segments: FloatArray, n: int, begin: int, end: int, x: float, y: float, found: tuple[int, float, float, float]
 ) -> tuple[int, float, float, float]:
-    """Return the nearest of the segments from `begin` to `end` of a path (L, 5) to a place, or `found` if nearer.
+    """Return the segment from `begin` to `end` of a path (L, 5) that is nearest to a position, or `found` if nearer.
 
-    Of segments that are equally near, the first of the path, which has `n` vertices.
+    Of equally near segments, the first is taken. The path has `n` vertices.
     """
     nearest_k, best, forward, left = found
     for k in range(begin, end):
@@ -118,13 +118,14 @@ def nearest_of(
 
 @kernel(types.Tuple((int64, float64, float64))(FLOATS2, FLOATS2, int64, float64, float64))
 def nearest(segments: FloatArray, circles: FloatArray, n: int, x: float, y: float) -> tuple[int, float, float]:
-    """Return the nearest point of a path (L, 5), which has `n` vertices, to a place in frame map [m].
+    """Return the nearest point of a path (L, 5), which has `n` vertices, to a position in frame map [m].
 
-    Of points that are equally near, the first along the path is taken. Chunks are looked into from the one with the
-    nearest middle on, and only where their circles (C, 3) reach nearer than what is found.
+    Of equally near points, the first along the path is taken. The chunk with the nearest centre is searched first, and
+    others only if their circles (C, 3) reach nearer than the point found so far.
 
     Returns:
-        its segment, its arc length [m], and the offset of the place from the line of the segment, positive to the left.
+        segment and arc length [m] of the point, and the offset of the position from the segment's line, to the left
+        [m].
     """
     chunks = (n + CHUNK - 2) // CHUNK
     first, least = 0, math.inf
@@ -151,7 +152,7 @@ def nearest(segments: FloatArray, circles: FloatArray, n: int, x: float, y: floa
 def project(
     segments: FloatArray, circles: FloatArray, count: IntArray, path: IntArray, x: FloatArray, y: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return segment, arc length and offset (k,) of :func:`nearest` of the path in `path` (k,) to each of k places."""
+    """Return segments, arc lengths and offsets (k,) of :func:`nearest` for k positions on the paths `path` (k,)."""
     segment, s, d = np.empty(len(path), np.int64), np.empty(len(path)), np.empty(len(path))
     for k in range(len(path)):
         segment[k], s[k], d[k] = nearest(segments[path[k]], circles[path[k]], count[path[k]], x[k], y[k])
@@ -161,7 +162,7 @@ def project(
 @kernel(int64(FLOATS3, int64, int64, float64))
 def segment_at(segments: FloatArray, n: int, p: int, s: float) -> int:
     """Return the segment of path `p`, which has `n` vertices, at arc length `s` [m]."""
-    low, high = 0, n - 2  # vertices from `high` + 1 on are beyond s, or the segment before them is prolonged
+    low, high = 0, n - 2  # vertices after `high` are beyond s, or end the last segment, which is prolonged
     while low < high:
         middle = (low + high + 1) // 2
         if segments[p, middle, S] <= s:
@@ -173,7 +174,7 @@ def segment_at(segments: FloatArray, n: int, p: int, s: float) -> int:
 
 @kernel(OUT_INTS2(FLOATS3, INTS, INTS, FLOATS2))
 def segments_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatArray) -> IntArray:
-    """Return the segment (m, k) of each path in `path` (m,) at each of its arc lengths `s` (m, k) [m]."""
+    """Return the segments (m, k) of the paths `path` (m,) at arc lengths `s` (m, k) [m]."""
     found = np.empty(s.shape, np.int64)
     for i in range(s.shape[0]):
         for k in range(s.shape[1]):
@@ -183,7 +184,7 @@ def segments_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatA
 
 @kernel(OUT_FLOATS2(FLOATS3, INTS, INTS, FLOATS))
 def points_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatArray) -> FloatArray:
-    """Return the point (m, 2) of each path in `path` (m,) at arc length `s` (m,) of it [m]."""
+    """Return the points (m, 2) of the paths `path` (m,) at arc lengths `s` (m,) [m]."""
     found = np.empty((len(path), 2))
     for i in range(len(path)):
         p = path[i]
@@ -206,13 +207,13 @@ def points_at(segments: FloatArray, count: IntArray, path: IntArray, s: FloatArr
 def windows(
     segments: FloatArray, count: IntArray, s: FloatArray, behind: float, ahead: float
 ) -> tuple[IntArray, IntArray]:
-    """Return which vertices are the part of each path around its arc length in `s` (m,) [m]: two at least.
+    """Return the range of vertices, at least two, around arc length `s` (m,) [m] of each path.
 
-    They are those from `behind` [m] before it on, and all vertices of the segments that it and what is up to `ahead`
-    [m] beyond it lie on: a road may go straight on for longer than either.
+    It begins within `behind` [m] before `s`, or with the segment at `s` if that begins earlier, and ends with the
+    segment at `ahead` [m] beyond `s`.
 
     Returns:
-        the first (m,), and the one behind the last (m,).
+        first (m,) and end (m,), exclusive.
     """
     begin, end = np.zeros(len(count), np.int64), np.zeros(len(count), np.int64)
     for p in range(len(count)):

@@ -1,4 +1,4 @@
-"""Reference paths: polylines in frame map that a vehicle follows, and where things are along them."""
+"""Reference paths: polylines in frame map that vehicles follow, positions along them, and their pursuit."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.scenario.log import Log
 
 SPACING = 1.0  # [m] between points; recorded positions jitter at shorter distances
-LANE_LENGTH = 2000.0  # [m] of lane that a path along it covers: more than any run drives
-CHANGE_MIN = 10.0  # [m] that a change of lane takes at least, also for a vehicle that stands
-BEYOND = 300.0  # [m] by which a logged path goes on along its lane, for vehicles whose log ends
+LANE_LENGTH = 2000.0  # [m] length of a path along a lane: more than any run covers
+CHANGE_MIN = 10.0  # [m] least length of a lane change, also of a standing vehicle
+BEYOND = 300.0  # [m] length of a logged path along its lane beyond the end of the log
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,11 @@ class ReferencePath:
 
     @classmethod
     def through(cls, points: FloatArray) -> ReferencePath:
-        """Path through `points` (m, 2); points closer than half the spacing to their predecessor are dropped."""
+        """Path through `points` (m, 2); points closer than half the spacing to their predecessor are dropped.
+
+        Raises:
+            ValueError: fewer than two points are left.
+        """
         kept = thinned(points, 0.5 * SPACING)
         if len(kept) < 2:
             raise ValueError("a path needs two points that differ")
@@ -43,7 +47,7 @@ class ReferencePath:
 
     @classmethod
     def of(cls, points: FloatArray) -> ReferencePath:
-        """Path through `points` (m, 2) as they are; no two neighbours may be equal."""
+        """Path through exactly `points` (m, 2); no two neighbours may be equal."""
         return cls(points, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]))
 
     def project(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -55,15 +59,15 @@ class ReferencePath:
         return at.s, at.d
 
     def point(self, s: float) -> FloatArray:
-        """(2,) point at arc length `s`, ends prolonged."""
+        """Point (2,) at arc length `s` [m], with ends prolonged."""
         return self.batch.point(np.array([s]))[0]
 
     def heading(self, s: FloatArray) -> FloatArray:
-        """(n,) direction of the path at arc lengths `s` (n,) [rad]."""
+        """Directions (n,) [rad] of the path at arc lengths `s` (n,) [m]."""
         return self.batch.heading(0, self.batch.segment(s[None])[0])
 
     def followed_by(self, other: ReferencePath) -> ReferencePath:
-        """This path, and from its end on `other`, onto which it leads."""
+        """This path, continued from its end along `other`."""
         s, _ = other.project(self.points[-1:, 0], self.points[-1:, 1])
         return ReferencePath.of(np.concatenate([self.points, other.points[other.s > s[0] + 0.5 * SPACING]]))
 
@@ -74,7 +78,7 @@ class ReferencePath:
 
 
 def logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
-    """Where `agent` went in the recording, and then on along its last lane; made once for all runs of a log."""
+    """The recorded path of `agent`, continued along its last lane; cached for all runs of a log."""
     own, recorded = log.recorded(agent)
     made_of = id(lane_map), recorded
     if made_of not in own.paths:
@@ -97,14 +101,14 @@ def _logged_path(log: Log, lane_map: LaneMap, agent: int) -> ReferencePath:
 
 
 def onto_lane(lane_map: LaneMap, end: FloatArray, yaw: float) -> FloatArray:
-    """How a path that ends at `end` (2,) with heading `yaw` goes on: points (m, 2) that lead onto the centre line."""
+    """Points (m, 2) that continue a path from its `end` (2,) with heading `yaw` [rad] onto the lane's centre line."""
     at = lane_map.nearest(end[:1], end[1:], np.array([yaw]))
     beyond = lane_map.path_from(int(at.lane[0]), float(at.s[0]) + 3.0 * SPACING, BEYOND)
     return _shifted(beyond, float(at.d[0]))
 
 
 def lane_path(lane_map: LaneMap, x: float, y: float, yaw: float, length: float = LANE_LENGTH) -> ReferencePath:
-    """The centre line of the lane at a pose, from there on."""
+    """The centre line of the lane at the pose `x`, `y` [m], `yaw` [rad], over `length` [m] from there on."""
     at = lane_map.nearest(np.array([x]), np.array([y]), np.array([yaw]))
     return ReferencePath.through(lane_map.path_from(int(at.lane[0]), float(at.s[0]), length))
 
@@ -112,7 +116,7 @@ def lane_path(lane_map: LaneMap, x: float, y: float, yaw: float, length: float =
 def route_path(log: Log, lane_map: LaneMap, agent: int, pose: FloatArray) -> ReferencePath:
     """The centre line of the lane at `pose` (3,) x, y [m], yaw [rad], from there on, along the edges of the log.
 
-    It changes no lane: where the lane leads off those edges, it goes on straight.
+    It never changes lane; where the lane leaves those edges, it continues straight on.
     """
     row = int(np.searchsorted(log.ids, agent))
     valid = log.valid[row]
@@ -123,13 +127,13 @@ def route_path(log: Log, lane_map: LaneMap, agent: int, pose: FloatArray) -> Ref
 
 
 def lane_change_path(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -> ReferencePath:
-    """From `pose` (3,) onto the centre line of `lane`, beside it, within `reach` [m], and on along that lane."""
+    """Path from `pose` (3,) onto the centre line of the adjacent `lane` within `reach` [m], and on along that lane."""
     curve, beyond = lane_change(lane_map, pose, lane, reach)
     return ReferencePath.through(np.concatenate([bezier.points(curve, SPACING), beyond]))
 
 
 def lane_change(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -> tuple[FloatArray, FloatArray]:
-    """The curve of a :func:`lane_change_path`, control points (4, 2), and the points (m, 2) of the lane beyond it."""
+    """Control points (4, 2) of the curve of a :func:`lane_change_path`, and points (m, 2) of the lane beyond it."""
     beside, _ = ReferencePath.of(lane.centerline).project(pose[:1], pose[1:2])
     far = max(reach, CHANGE_MIN)
     guide = ReferencePath.through(lane_map.path_from(lane_map.row(lane.id), float(beside[0]), far + LANE_LENGTH))
@@ -138,7 +142,7 @@ def lane_change(lane_map: LaneMap, pose: FloatArray, lane: Lane, reach: float) -
 
 
 def _shifted(points: FloatArray, left: float) -> FloatArray:
-    """A polyline moved to the left, the shift fading out in proportion to the arc length: points lie unevenly."""
+    """A polyline moved to the left by `left` [m], which fades to zero in proportion to the arc length."""
     travelled = ReferencePath.of(points).s
     direction = np.gradient(points, axis=0)
     direction /= np.hypot(direction[:, 0], direction[:, 1])[:, None]
@@ -147,7 +151,7 @@ def _shifted(points: FloatArray, left: float) -> FloatArray:
 
 
 def pursuit_reach(speed: FloatArray) -> FloatArray:
-    """Distance (...) [m] to the point that is pursued at `speed` (...) [m/s]: a second ahead, but at least 4 m."""
+    """Distance (...) [m] to the pursued point at `speed` (...) [m/s]: one second ahead, but at least 4 m."""
     return np.maximum(4.0, speed)
 
 
@@ -166,7 +170,7 @@ def towards(target: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray, s
 
 
 def window(path: ReferencePath, x: float, y: float) -> ReferencePath:
-    """The part of `path` from a little behind a place on it, as takeovers carry it."""
+    """The part of `path` around a position in frame map [m] that takeovers contain (:meth:`.PathBatch.window`)."""
     s, _ = path.project(np.array([x]), np.array([y]))
     (begin,), (end,) = path.batch.window(s)
     return ReferencePath.of(path.points[begin:end])

@@ -1,4 +1,4 @@
-"""The way of an agent that is taken over to its goal: a graph search on the lanes, then Bezier curves along them."""
+"""Routes of agents under control to their goals: a graph search on the lanes, then Bezier curves along them."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from litsim_sim.core.dynamics import VehicleLimits
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.maps.lane_map import LaneMap
 
-CHANGE_COST = 20.0  # [m] of way that a change of lane is worth
-CHANGE_LENGTH = 60.0  # [m] of road that a change of lane takes at most
-KNOT_SPACING = 15.0  # [m] between poses on a centre line that the curves pass through
-KNOT_MIN = 6.0  # [m] a curve shorter than this may have to bend too much
-DETOUR = 2.0  # times the straight distance that a way may be long, beyond CHANGE_LENGTH
-MERGE_TIME = 2.0  # [s] within which the agent is to be on the centre line
-BESIDE_SHARES = (1.0, 1.5, 2.5)  # of the road that a change of lane is to take, tried in this order
-MERGE_SHARES = (1.0, 0.5, 1.5, 2.5, 4.0)  # of that, tried in this order
+CHANGE_COST = 20.0  # [m] cost of a lane change, as length of road
+CHANGE_LENGTH = 60.0  # [m] most road that a lane change takes
+KNOT_SPACING = 15.0  # [m] between the poses on a centre line through which the curves pass
+KNOT_MIN = 6.0  # [m] least distance of these, since shorter curves may bend too much
+DETOUR = 2.0  # largest ratio of a route's length, less CHANGE_LENGTH, to the straight distance
+MERGE_TIME = 2.0  # [s] within which the agent should reach the centre line
+BESIDE_SHARES = (1.0, 1.5, 2.5)  # factors on the length of a lane change, tried in this order
+MERGE_SHARES = (1.0, 0.5, 1.5, 2.5, 4.0)  # factors on MERGE_TIME, tried in this order
 
 
 class Router:
-    """Finds ways on a lane map.
+    """Finds routes on a lane map.
 
-    The graph's nodes are lanes. A lane leads to its successors, lanes inside junctions included, as the net's
-    connections say, at the cost of its length; and to its neighbours in the same edge, at CHANGE_COST.
+    The graph's nodes are lanes. A lane is linked to its successors, including lanes inside junctions, at the cost of
+    its length, and to its neighbours in the same edge at CHANGE_COST.
     """
 
     def __init__(self, lane_map: LaneMap, limits: VehicleLimits | None = None) -> None:
@@ -36,11 +36,7 @@ class Router:
         self._curvature_max = (limits or VehicleLimits()).curvature_max
 
     def lanes_between(self, start: int, goal: int) -> list[int] | None:
-        """Positions in `LaneMap.lanes` of the lanes of the shortest way, both ends included; None where there is none.
-
-        Args:
-            start, goal: positions of the first and the last lane.
-        """
+        """Rows in `LaneMap.lanes` of the shortest route from lane `start` to lane `goal`, both included, or None."""
         before = self._search(start, goal)
         if before is None:
             return None
@@ -50,16 +46,16 @@ class Router:
         return way[::-1]
 
     def path(self, pose: FloatArray, speed: float, goal: FloatArray) -> ReferencePath | None:
-        """Path from `pose` to `goal`, both (3,) x, y [m], yaw [rad] in frame map; None where none can be driven.
+        """Drivable path from `pose` to `goal`, both (3,) x, y [m], yaw [rad] in frame map, or None.
 
-        It starts at the pose and tangent to it, ends at the goal's position and tangent to the lane there, turns no
-        tighter than the vehicle limits allow, and stays on the road if it starts there. In between it follows the
-        centre lines of the lanes of :meth:`lanes_between`, which it reaches within about MERGE_TIME.
+        It starts at the pose and tangent to it, ends at the goal's position and tangent to the lane there, keeps the
+        vehicle's curvature limit, and stays on the road if it starts there. In between it follows the centre lines of
+        the lanes of :meth:`lanes_between`, which it reaches within about MERGE_TIME.
 
         Args:
-            pose: of the agent now.
-            speed: of the agent [m/s], which decides how soon it is to be on the centre line.
-            goal: of the agent when it reaches the goal; only its lane is looked up by the yaw.
+            pose: of the agent.
+            speed: of the agent [m/s], for MERGE_TIME.
+            goal: the pose to reach; its yaw only selects the lane.
         """
         ends = np.stack([pose, goal])
         at = self._lanes.nearest(ends[:, 0], ends[:, 1], ends[:, 2])
@@ -84,14 +80,14 @@ class Router:
         return None
 
     def beside(self, pose: FloatArray, reach: float, lane: int) -> ReferencePath | None:
-        """Path from `pose` (3,) onto the centre line of a lane beside, and on along it; None where none can be driven.
+        """Drivable path from `pose` (3,) onto the centre line of an adjacent lane and on along it, or None.
 
-        It turns no tighter than the vehicle limits allow, and stays on the road if it starts there.
+        It keeps the vehicle's curvature limit, and stays on the road if it starts there.
 
         Args:
-            pose: of the agent now.
-            reach: road that the change is to take [m]; more, where it would have to bend too much.
-            lane: position of the lane.
+            pose: of the agent.
+            reach: length of road for the lane change [m]; longer if it would have to bend too much.
+            lane: row of the lane.
         """
         on_road = bool(self._lanes.inside_road(pose[:1], pose[1:2])[0])
         for share in BESIDE_SHARES:
@@ -104,7 +100,7 @@ class Router:
         return None
 
     def _knots(self, way: list[int], s_start: float, s_goal: float) -> FloatArray:
-        """Poses (k, 3) on the centre lines of `way` between the start and the goal, both excluded."""
+        """Poses (k, 3) on the centre lines of the lanes `way`, between arc lengths `s_start` and `s_goal` [m]."""
         lanes, knots = self._lanes.lanes, []
         groups = [list(group) for _, group in groupby(way, key=lambda row: lanes[row].edge_id)]
         for number, group in enumerate(groups):
@@ -118,10 +114,10 @@ class Router:
         return np.concatenate(knots)
 
     def _search(self, start: int, goal: int) -> dict[int, int] | None:
-        """By Dijkstra: of lanes on shortest ways from `start`, `goal` among them, the one before; None without a way.
+        """Dijkstra's search: the predecessors of lanes on shortest routes from `start`; None if `goal` is not reached.
 
-        scipy finds the same (all pairs of lanes of the nets here were compared), but importing it takes longer than all
-        the ways of a run.
+        scipy gives the same routes (compared for all pairs of lanes of the packaged nets), but takes longer to import
+        than all searches of a run.
         """
         cost, before, settled = {start: 0.0}, dict[int, int](), set[int]()
         waiting = [(0.0, start)]
@@ -140,7 +136,7 @@ class Router:
 
     @cached_property
     def _links(self) -> list[list[tuple[int, float]]]:
-        """For each lane, by row, the rows of the lanes that it leads to, each with the cost of going there [m]."""
+        """For each lane, the rows of the lanes to which it is linked, each with its cost [m]."""
         row = self._lanes.row
         return [
             [(row(name), lane.length) for name in lane.successors]
@@ -150,7 +146,7 @@ class Router:
 
 
 def _thinned(start: FloatArray, knots: FloatArray, last: FloatArray, merge: float) -> FloatArray:
-    """`start`, the knots that are farther than `merge` [m] from it and not too close to each other, and `last`."""
+    """`start`, those of `knots` that are at least `merge` [m] from it and not too close to each other, and `last`."""
     kept = [start]
     for knot in knots:
         ahead = (knot[:2] - start[:2]) @ np.array([np.cos(start[2]), np.sin(start[2])])

@@ -1,6 +1,6 @@
-"""Where agents have to stop for signals: a red light is a leader that stands at the stop line.
+"""Stop lines at signals: a red light counts as a leader that stands at the stop line.
 
-Agents stop at red if the hardest braking of vehicles suffices, and at amber if comfortable braking does. Those too near
+Agents stop at red if the maximum braking suffices, and at amber if comfortable braking does. Agents that are too near
 when a light changes drive on, as people do.
 """
 
@@ -18,8 +18,8 @@ from litsim_sim.maps.signal_links import FACING, PASSED
 from litsim_sim.scenario.signals import LinkSignals
 
 AMBER = (SignalState.AMBER, SignalState.AMBER_PERMISSIVE)
-IS_RED, IS_AMBER = (np.isin(np.arange(256), states) for states in (STOP_STATES, AMBER))  # by state
-ON_WAY = 1.6  # [m] from the middle of a lane within which a path is on it: half the width of a narrow lane
+IS_RED, IS_AMBER = (np.isin(np.arange(256), states) for states in (STOP_STATES, AMBER))  # masks by state
+ON_WAY = 1.6  # [m] from a lane's centre line within which a path is on the lane: half the width of a narrow lane
 FREE = np.inf
 
 
@@ -28,8 +28,8 @@ class SignalConfig:
     """Which agents stop.
 
     Attributes:
-        red_braking: stop at red where no harder braking is needed.
-        amber_braking: stop at amber likewise.
+        red_braking: most braking for a stop at red.
+        amber_braking: most braking for a stop at amber.
     """
 
     red_braking: Positive[Acceleration] = 8.0
@@ -37,7 +37,7 @@ class SignalConfig:
 
 
 class StopLines:
-    """Answers how far agents on paths have to the stop lines at which they have to stop."""
+    """Distances of agents on paths to the stop lines at which they must stop."""
 
     def __init__(self, signals: LinkSignals | None, config: SignalConfig | None = None) -> None:
         self._signals = signals
@@ -53,13 +53,13 @@ class StopLines:
         return self._signals is not None
 
     def gaps(self, table: AgentTable, rows: IntArray, paths: PathBatch, s: FloatArray) -> FloatArray:
-        """Distances (m,) [m] from the agents' fronts to where they have to stop; infinite where they need not.
+        """Distances (m,) [m] from the agents' fronts to the lines at which they must stop; infinite without a stop.
 
         Args:
             table: all agents, at the step of the signals.
             rows: (m,) of the agents.
-            paths: m of them, which they follow.
-            s: (m,) arc length of their centres on them [m].
+            paths: m paths, one per agent.
+            s: (m,) arc lengths of the agents' centres on these [m].
         """
         found = np.full(len(paths), FREE)
         if self._signals is None or not len(paths):
@@ -78,13 +78,13 @@ class StopLines:
         return found
 
     def of(self, agents: PathFollowers) -> FloatArray:
-        """What :meth:`gaps` finds (m,) [m] for agents that follow paths, at the step of their table."""
+        """The :meth:`gaps` (m,) [m] of agents that follow paths, at the step of their table."""
         if self._signals is None:
             return np.full(len(agents), FREE)
         return self.gaps(agents.table, agents.rows, agents.paths, agents.s)
 
     def _lines_on(self, paths: PathBatch, path: IntArray, link: IntArray) -> tuple[FloatArray, BoolArray]:
-        """Arc lengths (k,) [m] of stop lines on paths, and whether the path takes that connection (k,)."""
+        """Arc lengths (k,) [m] of the links' stop lines on paths, and whether the paths take these links (k,)."""
         stop = paths.project(path, *np.ascontiguousarray(self._stop[link].T))
         leave = paths.project(path, *np.ascontiguousarray(self._exit[link].T))
         facing = np.cos(paths.heading(path, stop.segment) - self._heading[link]) >= FACING
@@ -95,13 +95,13 @@ class StopLines:
 def idm_at_signals(
     config: IdmConfig, speed: FloatArray, desired_speed: FloatArray, acceleration: FloatArray, gap: FloatArray
 ) -> FloatArray:
-    """`acceleration` (m,) [m/s2] of agents, or what stopping at a line `gap` (m,) [m] ahead asks for, if that is less.
+    """Acceleration (m,) [m/s2]: the lesser of `acceleration` and that of the model for a stop after `gap`.
 
     Args:
-        config: of the Intelligent Driver Model, as the agents follow vehicles by.
+        config: of the Intelligent Driver Model.
         speed, desired_speed: (m,) [m/s].
         acceleration: (m,) [m/s2] behind the agent ahead.
-        gap: (m,) infinite where there is no need to stop.
+        gap: (m,) to the stop line [m]; infinite without a stop.
     """
     at = (gap < FREE).nonzero()[0]
     if not len(at):
