@@ -30,7 +30,7 @@ def test_a_part_is_filled_again_and_again(tmp_path: Path) -> None:
 
 
 def test_a_page_without_the_marks(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no lines <!-- begin: paper times -->"):
+    with pytest.raises(InputError, match="expected lines <!-- begin: paper times -->"):
         fill(page(tmp_path), "times", ["x"])
 
 

@@ -170,9 +170,7 @@ def test_a_message_that_cannot_be_read_is_named(write: Any, run_id: str) -> None
             data = message.data if message.topic == topics.RUN_INFO.name else message.data[:9]
             writer.write(message.topic, data, message.log_time_ns)
     with (
-        pytest.raises(
-            InputError, match=r"/litsim/ego/control at 0\.0 s: no litsim_msgs/msg/EgoControl that can be read"
-        ),
+        pytest.raises(InputError, match=r"/litsim/ego/control at 0\.0 s: not a readable litsim_msgs/msg/EgoControl"),
         open_record(path),
     ):
         pass
@@ -181,7 +179,7 @@ def test_a_message_that_cannot_be_read_is_named(write: Any, run_id: str) -> None
 @pytest.mark.parametrize("name", ["scenario.yaml", "net.xml", "recording.parquet"])
 def test_a_bag_that_lacks_a_file_of_the_scenario_is_refused(write: Any, name: str) -> None:
     with (
-        pytest.raises(InputError, match=f"cannot be run again without attachment {name}$"),
+        pytest.raises(InputError, match=f"cannot be repeated without attachment {name}$"),
         open_record(write(without=name)),
     ):
         pass

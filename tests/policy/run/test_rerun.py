@@ -99,7 +99,7 @@ def test_every_stage_answers_as_recorded(write: Any) -> None:
         for stage in ("predictor", "conflict", "policy", "ego"):
             tally = rerun_stage(record, stage)
             assert (tally.compared, tally.different, tally.first) == (STEPS, 0, None), (stage, tally.first)
-    assert sum("taking the defaults" in note for note in record.notes) == 4
+    assert sum("the defaults are used" in note for note in record.notes) == 4
 
 
 def test_a_changed_forecast_is_found_at_its_step_and_agent(write: Any) -> None:

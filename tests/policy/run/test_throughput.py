@@ -60,7 +60,7 @@ def test_a_program_that_fails_ends_the_measurement() -> None:
 
 
 def test_what_is_no_checkout_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no checkout of LitSim"):
+    with pytest.raises(InputError, match="not a checkout of LitSim"):
         Side.beside(tmp_path)
 
 

@@ -1,1 +1,1 @@
-"""The paper's experiments: its tables, ablations and figures, each a campaign and what is made of its results."""
+"""The paper's experiments: tables, ablations and figures, each made from the results of a campaign."""

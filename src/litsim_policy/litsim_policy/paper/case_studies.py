@@ -1,8 +1,9 @@
 """The paper's two case studies: a lane change on US-101, and an unprotected left turn in a street.
 
-In each, an ego departs from its log and replay drives into it. The ego shown is found, not picked: the first candidate
-for which replay causes a contact and ours does not. At the left turn, the contact has to be with the other vehicle of
-the turn, which passes second in the log and meets the ego because that is late; other contacts on the way do not count.
+In each, an ego departs from its log and replayed traffic drives into it. The ego is not hand-picked, but the first
+candidate that has a contact under replay and none under LitSim. At the left turn, the contact must be with the other
+vehicle of the turn, which passes second in the log and meets the ego because the ego is late; other contacts do not
+count.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ STUDIES = {LANE_CHANGE: "Lane change, US-101", LEFT_TURN: "Unprotected left turn
 SEGMENTS = 60
 """Number of 28 s segments of generated street searched for left turns."""
 QUICK_TURNS = "small"
-"""Packaged suite whose scenarios with left turns stand in for them in a quick trial."""
+"""Packaged suite with the left turns of a quick trial."""
 EVENTS = {LEFT_TURN: EventKind.LEFT_TURN}
 """Kind of event that the contact under replay must belong to, by study; without one, the ego's first contact counts."""
 BEFORE_S = (-3.0, -2.0, -1.0, 0.0)
@@ -57,15 +58,15 @@ SHOWN = {Controller.EGO: "ego", Controller.POLICY: "driven", Controller.LOG: "lo
 
 
 def candidates(name: str, folder: Path, *, quick: bool) -> Suite:
-    """The runs among which the case study `name` is sought, in order of preference.
+    """The candidate runs for the case study `name`, in order of preference.
 
     Args:
         name: one of :data:`STUDIES`.
-        folder: where generated scenarios go.
-        quick: only a few of them.
+        folder: for generated scenarios.
+        quick: whether to use only a few candidates.
 
     Raises:
-        InputError: the real window is not there, or `folder` cannot be written.
+        InputError: the real window is missing, or `folder` cannot be written.
     """
     if name == LANE_CHANGE:
         changer = EgoSetup(name="lane_changer", kind="perturbed", parameters={"ego.kind": "lane_change"})
@@ -85,7 +86,7 @@ def _suite(name: str, cases: list[CaseEntry], egos: list[EgoSetup]) -> Suite:
 def left_turns(scenarios: Iterable[str]) -> list[CaseEntry]:
     """Unprotected left turns at which the ego passes first, by ascending post-encroachment time.
 
-    An ego that comes later than in its log meets the vehicle that passes second.
+    An ego that is later than in its log meets the vehicle that passes second.
     """
     found = [
         Found(name, event)
@@ -101,10 +102,10 @@ def left_turns(scenarios: Iterable[str]) -> list[CaseEntry]:
 
 @dataclass(frozen=True)
 class Study:
-    """A case under replay and under ours.
+    """A case under replay and under LitSim.
 
     Attributes:
-        replay, ours: its two cases.
+        replay, ours: the case with either policy.
         contact: step of the ego's first contact under replay.
     """
 
@@ -114,10 +115,10 @@ class Study:
 
 
 def chosen(campaign: Campaign, event: EventKind | None = None) -> Study | None:
-    """The first case of a campaign in which replay has a contact of the ego that is not in the log, and ours has none.
+    """The first case of a campaign with a contact of the ego, not in the log, under replay; and none under LitSim.
 
-    It has a takeover, too. With `event`, the ego's first contact is with the other vehicle of such an event.
-    None if there is no such case.
+    LitSim must also take over an agent. With `event`, the ego's first contact must be with the other vehicle of such an
+    event. None if there is no such case.
     """
     by_policy: dict[str, dict[object, RunResult]] = {REPLAY: {}, OURS: {}}
     for result in campaign.results:
@@ -144,10 +145,10 @@ def _ego_contact(result: RunResult, event: EventKind | None) -> int | None:
 
 
 def drawn(name: str, study: Study) -> Canvas:
-    """A picture of the study `name` at several times, replay above and ours below.
+    """A picture of the study `name` at several times, replay above and LitSim below.
 
     Raises:
-        InputError: a run cannot be run again, or its ego is not there at the contact.
+        InputError: a run cannot be repeated, or its ego is not there at the contact.
     """
     runs = [record(Runner(plan_of(case))) for case in (study.replay, study.ours)]
     lane_map = plan_of(study.ours).scenario.lane_map
@@ -179,7 +180,7 @@ def _table(run: Run, step: int) -> AgentTable | None:
 
 
 def _pose(run: Run, step: int) -> FloatArray | None:
-    """(3,) x, y [m] and yaw [rad] of the ego at `step`; None if it is gone."""
+    """Pose (3,) x, y [m], yaw [rad] of the ego at `step`; None if it is gone."""
     table = _table(run, step)
     row = -1 if table is None else table.row(run.info.ego_id)
     return None if table is None or row < 0 else np.array([table.x[row], table.y[row], table.yaw[row]])
@@ -201,7 +202,7 @@ def _draw(axes: Axes, run: Run, lane_map: LaneMap, step: int, view: tuple[FloatA
 
 
 def _outlines(centerline: FloatArray, width: float, seen: shapely.Polygon) -> list[FloatArray]:
-    """Outlines of the part of a lane that is `seen`, with a small gap to neighbours."""
+    """Outlines of the part of a lane within `seen`, with a small gap to neighbours."""
     part = shapely.LineString(centerline).intersection(seen.buffer(width))
     strip = part.buffer(0.48 * width, cap_style="flat").intersection(seen)
     parts = [each for each in shapely.get_parts(strip) if isinstance(each, shapely.Polygon) and not each.is_empty]

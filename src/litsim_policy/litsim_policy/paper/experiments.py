@@ -20,7 +20,7 @@ PAPER_EGO = "bat"
 EGOS = (PAPER_EGO, "idm", "perturbed")
 SANITY_S = 10.0
 FEW = 5
-"""Cases of each set in an experiment whose steps are expensive."""
+"""Number of cases of each set in an experiment with expensive steps."""
 JUDGED = Criteria.model_validate({"runs": [{"name": "reactive", "field": "reactive", "equals": True}]})
 
 Policy = str | PolicySetup
@@ -44,7 +44,7 @@ AT_ONCE |= {"conflict.release_speed": 1000.0, "conflict.release_yaw": 7.0}
 
 
 def oracles(happened: Path) -> tuple[Policy, ...]:
-    """Ours, and ours with one stage at a time made ideal; the folder `happened` tells what happened in its own runs."""
+    """LitSim, and LitSim with one stage at a time replaced by an oracle, from outcomes in the folder `happened`."""
     forecast = {"predictor.happened": str(happened), "conflict.intent.used": False, "conflict.closing_time": 0.0}
     conflicts = {"conflict.happened": str(happened)}
     return (
@@ -80,11 +80,11 @@ CHANGES = {
         "policy.crossing_horizon",
     ),
 }
-"""Parameters in which ours differs from the paper, by the name of the row that reverts them."""
+"""Parameters in which LitSim differs from the paper, by the name of the row that reverts them."""
 
 
 def changes() -> tuple[Policy, ...]:
-    """Ours, ours with one change at a time reverted to the paper's, and with all of them reverted."""
+    """LitSim, LitSim with one change at a time reverted to the paper, and with all of them reverted."""
     given = setup_of(PAPER_SETUP).parameters
     taken_back = (
         PolicySetup(name=name, kind=OURS, parameters={each: given[each] for each in names})
@@ -105,8 +105,8 @@ class Experiment:
         prepare: turns the cases of the roads into its own.
         own_egos: whether other egos cannot be requested.
         by_set: whether each set of roads has its own tables; otherwise they cover all sets together.
-        compared: whether differences from ours, and what others win, are reported too.
-        aimed: whether the goals are reported beside what was reached.
+        compared: whether differences from LitSim, and measures in which others are better, are reported too.
+        aimed: whether the goals are reported.
         published: the paper's figures, shown with the runs of its ego.
     """
 
@@ -170,7 +170,7 @@ CHANGED = Experiment(
     by_set=False,
     compared=True,
 )
-"""Without the paper's ego, beside which hardly any agent is taken over, so that changes would not show."""
+"""Without the paper's ego, which causes hardly any takeovers, so that changes would have no effect."""
 
 SANITY = Experiment(
     name="sanity",
@@ -186,7 +186,7 @@ ORACLES = "oracles"
 
 
 def of_oracles(ego: str, happened: Path) -> Experiment:
-    """Ours with one stage at a time made ideal, for one ego: what each stage loses."""
+    """LitSim with one stage at a time replaced by an oracle, for one ego, to see the loss in each stage."""
     return Experiment(f"{ORACLES}_{ego}", "What is lost in each stage.", oracles(happened), (ego,))
 
 

@@ -21,7 +21,7 @@ Key = tuple[str, int, str, int | None]
 """Identifies a case across policies: scenario, id of the ego, its driver, seed."""
 
 Whose = Literal["driven", "all"]
-"""Agents that ADE averages over: those that any method has driven by then in its run of the case, or all."""
+"""Agents over which ADE averages: those that any method has driven by then in its run of the case, or all."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Part:
 
     Attributes:
         draw: seed of the run; the spread of a measure is over draws.
-        above, below: what it adds to numerator and denominator.
+        above, below: addends to numerator and denominator.
     """
 
     draw: int
@@ -60,7 +60,7 @@ def key_of(case: Case) -> Key:
 
 
 def by_key(results: Sequence[RunResult]) -> dict[Key, Metrics | None]:
-    """Measures of the runs of a method, by case; None for a run that left none."""
+    """Metrics of the runs of a method, by case; None for a run without metrics."""
     return {key_of(result.case): result.metrics for result in results}
 
 
@@ -111,7 +111,7 @@ def count(runs: Mapping[Key, Metrics | None], name: str) -> int:
 
 
 def ade_parts(methods: Mapping[str, Mapping[Key, Metrics | None]], horizon: int, whose: Whose) -> dict[str, Parts]:
-    """Contributions of runs to ADE up to `horizon` [s], by method; cases that some method ran for less are left out."""
+    """Contributions of runs to ADE up to `horizon` [s], by method; only cases that all methods ran for so long."""
     found: dict[str, Parts] = {name: {} for name in methods}
     text = str(horizon)
     for key in dict.fromkeys(key for runs in methods.values() for key in runs):
@@ -148,7 +148,7 @@ def figure(parts: Parts) -> Figure | None:
 
 
 def interval(ours: Parts, theirs: Parts) -> tuple[float, float] | None:
-    """Bounds at :data:`LEVEL` of theirs minus ours, by the paired bootstrap over cases; None for fewer than two."""
+    """Interval at :data:`LEVEL` of theirs minus ours, by paired bootstrap over cases; None for fewer than two cases."""
     keys = [key for key in ours if key in theirs]
     if len(keys) < 2:
         return None

@@ -1,4 +1,4 @@
-"""docs/results.md: the parts between marks are generated, the rest is written by hand."""
+"""Generated parts of docs/results.md, between marks; the rest is written by hand."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def fill(path: Path, name: str, lines: Sequence[str]) -> None:
     text = read_text(path)
     pattern = re.compile(f"{re.escape(begin)}\n.*?{re.escape(end)}", re.DOTALL)
     if not pattern.search(text):
-        raise InputError(f"{path}: no lines {begin} and {end}, between which the results stand")
+        raise InputError(f"{path}: expected lines {begin} and {end} around the results")
     made = "\n".join([begin, *lines, end])
     with replacing(path) as new:
         new.write_text(pattern.sub(lambda _: made, text, count=1), encoding="utf-8")

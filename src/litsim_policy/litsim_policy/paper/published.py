@@ -1,4 +1,4 @@
-"""What the paper reports: of 28 s segments of complete NGSIM files, BAT as the ego, five runs averaged."""
+"""Figures reported in the paper: 28 s segments of complete NGSIM files, ego BAT, averages of five runs."""
 
 from __future__ import annotations
 

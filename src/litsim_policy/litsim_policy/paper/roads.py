@@ -1,8 +1,8 @@
 """Roads of the paper's experiments: a real window, generated motorway and generated street, in five draws each.
 
-The paper averages five runs, each of randomly chosen egos. Here a draw of the real window is a fifth of its usable
-egos, chosen at random; a draw of generated traffic has a traffic seed of its own. The number of the draw seeds
-everything random in its runs.
+The paper averages five runs, each with randomly chosen egos. Here a draw of the real window is a random fifth of its
+usable egos, and a draw of generated traffic has its own traffic seed. The number of the draw seeds everything random in
+its runs.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ WINDOW = "us101_0750"
 NETS = {HIGHWAY: "us101_like", URBAN: "urban_like"}
 DRAWS = len(PAPER)
 SEGMENTS = 3
-"""Segments of 28 s in a draw of generated traffic, at most; each with one ego."""
+"""Most segments of 28 s in a draw of generated traffic, each with one ego."""
 QUICK_S = 6.0
 QUICK = {HIGHWAY: "demo", URBAN: "small/street_train_14"}
-"""Packaged scenarios that stand in for the sets in a quick trial, for :data:`QUICK_S`."""
+"""Packaged scenarios of a quick trial by set, of :data:`QUICK_S`."""
 
 Roads = dict[str, list[CaseEntry]]
 
@@ -37,7 +37,7 @@ def roads(names: Sequence[str], folder: Path, *, quick: bool = False) -> Roads:
     """Cases of the sets called `names`, tagged with the set's name; scenarios generated for them go to `folder`.
 
     Raises:
-        InputError: the real window is not there, or `folder` cannot be written.
+        InputError: the real window is missing, or `folder` cannot be written.
     """
     makers: dict[str, Callable[[], list[CaseEntry]]] = {
         REAL: lambda: _real(quick),
@@ -48,7 +48,7 @@ def roads(names: Sequence[str], folder: Path, *, quick: bool = False) -> Roads:
 
 
 def shortened(entries: Sequence[CaseEntry], seconds: float, folder: Path) -> list[CaseEntry]:
-    """`entries` with scenarios of at most `seconds` after the history, whose files are written to `folder`."""
+    """`entries` with scenarios of at most `seconds` after the history, written to `folder`."""
     found = []
     for entry in entries:
         path = folder / f"{Path(entry.scenario).stem}_{seconds:g}s.yaml"

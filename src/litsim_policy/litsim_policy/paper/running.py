@@ -1,4 +1,4 @@
-"""Runs the campaigns of the paper's experiments, as far as they have not run yet, and reads them."""
+"""Runs or resumes the campaigns of the paper's experiments, and reads their results."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = Fa
     """Run, or resume, the campaign of `suite` in the folder `out`, and return it.
 
     Args:
-        suite: what is run.
+        suite: to run.
         out: folder of the campaign.
-        processes: runs at a time.
-        overwrite: remove a campaign there that was run with other sources; one run with these is always kept.
+        processes: number of runs at a time.
+        overwrite: whether to remove a campaign that was run with other sources; one with the same sources is kept.
 
     Raises:
-        InputError: a run cannot be set up, or another campaign lies there.
+        InputError: a run cannot be set up, or the folder contains another campaign.
     """
     versions = code_versions()
     cases = cases_of(suite, with_versions=versions)
@@ -56,10 +56,10 @@ def carried_out(suite: Suite, out: Path, processes: int, *, overwrite: bool = Fa
 
 
 def note_what_happened(suite: Suite, folder: Path, processes: int) -> None:
-    """Run the cases of `suite` with our default policy and write what happens to `folder`; existing files are kept.
+    """Run the cases of `suite` with policy litsim, and write the outcomes to `folder`; existing files are kept.
 
     Raises:
-        InputError: a case cannot be run, or `folder` not be written.
+        InputError: a case cannot be run, or `folder` cannot be written.
     """
     ours = suite.model_copy(update={"policies": [OURS]})
     missing = [case for case in cases_of(ours) if not file_of(folder, plan_of(case).scenario).is_file()]

@@ -25,7 +25,7 @@ from litsim_sim.scenario.run_info import BASELINES, REPLAY
 
 NOTHING = "-"
 CLEAR = "\\*"
-"""Marks a clear difference from ours: its interval excludes zero."""
+"""Marks a clear difference from LitSim: its interval excludes zero."""
 
 Methods = Mapping[str, Mapping[Key, Metrics | None]]
 
@@ -61,7 +61,7 @@ OF_THE_PAPER = (
     Measure("progress", "progress, m", None, digits=1),
     Measure("relevant", "relevant %", min, 100.0),
 )
-"""Columns of Table II, by the paper's reading."""
+"""Columns of Table II, by the paper's definitions."""
 
 BESIDE = (
     *(Measure(f"own_{h}", f"own ADE {h} s, m", None) for h in HORIZONS_S),
@@ -74,7 +74,7 @@ BESIDE = (
     Measure("off_road", "off road %, driven", min, 100.0),
     Measure("realism", "realism", max, digits=3),
 )
-"""Further columns, where our definitions differ from the paper's."""
+"""Further columns, by LitSim's definitions where they differ from the paper's."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ class Goal:
 
     Attributes:
         text: the goal in words.
-        measure: what it is about.
-        met: whether it is met, given our value and the best of the baselines.
+        measure: the measure concerned.
+        met: whether it is met, given LitSim's value and the best of the baselines.
     """
 
     text: str
@@ -112,7 +112,7 @@ COUNTED = {
 
 
 def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[Key, Metrics | None]]:
-    """Measures of the runs of each method with `ego` on the set `tag` (None: all sets), in the campaign's order."""
+    """Metrics of the runs of each method with `ego` on the set `tag` (None: all sets), in the campaign's order."""
     found: dict[str, list[RunResult]] = {}
     for result in campaign.results:
         if result.case.ego.name == ego and (tag is None or tag in result.case.tags):
@@ -121,7 +121,7 @@ def methods_of(campaign: Campaign, ego: str, tag: str | None) -> dict[str, dict[
 
 
 def parts_of(methods: Methods, measures: Sequence[Measure]) -> dict[str, dict[str, Parts]]:
-    """What each run adds to each measure, by the measure's key, then by method."""
+    """Contributions of the runs to each measure, by the measure's key, then by method."""
     found: dict[str, dict[str, Parts]] = {}
     for measure in measures:
         kind, _, horizon = measure.key.rpartition("_")
@@ -139,7 +139,7 @@ def parts_of(methods: Methods, measures: Sequence[Measure]) -> dict[str, dict[st
 def table(
     methods: Methods, measures: Sequence[Measure], published: Mapping[str, Mapping[str, float]] | None = None
 ) -> list[str]:
-    """Lines of a table of values with spreads over draws: column best in bold, clear differences from ours marked."""
+    """Lines of a table of values with spreads over draws: best in bold, clear differences from LitSim marked."""
     parts = parts_of(methods, measures)
     shown = [measure for measure in measures if any(figure(each) for each in parts[measure.key].values())]
     lines = [_line(["", "runs", *(measure.heading for measure in shown)]), _line(["---", *["---:"] * (len(shown) + 1)])]
@@ -154,7 +154,7 @@ def table(
 
 
 def differences(methods: Methods, measures: Sequence[Measure]) -> list[str]:
-    """Lines of a table of each other method minus ours, with the bounds of the paired bootstrap; none without ours."""
+    """Lines of a table of each method minus LitSim, with confidence intervals; none without LitSim."""
     parts = parts_of(methods, measures)
     if OURS not in methods:
         return []
@@ -180,7 +180,7 @@ def counts(methods: Methods) -> list[str]:
 
 
 def won(methods: Methods, measures: Sequence[Measure]) -> list[str]:
-    """A line for each measure in which another method beats ours; replay, which reacts to nothing, is left out."""
+    """A line for each measure in which another method beats LitSim; replay, which does not react, is left out."""
     parts = parts_of(methods, measures)
     found = []
     for measure in measures:
@@ -202,7 +202,7 @@ def won(methods: Methods, measures: Sequence[Measure]) -> list[str]:
 
 
 def goals(methods: Methods) -> list[str]:
-    """Lines of a table of goals: ours beside the best of the baselines, and whether each is met."""
+    """Lines of a table of goals: LitSim beside the best of the baselines, and whether each goal is met."""
     rivals = [name for name in BASELINES if name in methods]
     if OURS not in methods or not rivals:
         return []
@@ -237,7 +237,7 @@ def _runs(runs: Mapping[Key, Metrics | None]) -> str:
 
 
 def _best(measure: Measure, parts: Mapping[str, Parts]) -> str | None:
-    """Text of the best value of a column, replay aside; None if there is none."""
+    """Text of the best value of a column, without replay; None if there is none."""
     values = [found.value for name, each in parts.items() if name != REPLAY and (found := figure(each))]
     return measure.text(measure.better(values)) if measure.better and values else None
 

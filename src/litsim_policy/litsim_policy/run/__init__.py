@@ -1,1 +1,1 @@
-"""Runs in one process, many of them, runs of recorded stages again, and how long they take."""
+"""Runs in process, campaigns of runs, reruns from records, and benchmarks."""

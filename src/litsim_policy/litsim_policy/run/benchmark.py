@@ -1,7 +1,7 @@
-"""What a step costs and where it goes: each stage, SUMO, recording and transport, in process and over the graph.
+"""Benchmark of a step: the time of each stage, SUMO, recording and transport, in process and over the graph.
 
-Each repetition measures all shells one after the other, under the same conditions; compare the
-ratios within a repetition.
+Each repetition measures all of them one after the other, under the same conditions; compare the ratios within a
+repetition.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.sumo import SumoMirror
 
 EGO, POLICY = "idm", "litsim"
-LOOP = ("predictor", "conflict", "policy")  # stages that wait for each other; the ego answers meanwhile
+LOOP = ("predictor", "conflict", "policy")  # stages that wait for each other; the ego answers in parallel
 FREE_ROAD = 400.0  # [m] of road ahead of the foremost vehicle
-HISTORY_S = 3.0  # [s] in which no agent is driven
+HISTORY_S = 3.0  # [s] without driven agents
 
 IN_PROCESS, GRAPH, HIGHWAY_ENV = "in process", "graph with recording", "highway-env"
-WITHOUT_SUMO = "in process without SUMO"  # as `evaluate` and `train` step
+WITHOUT_SUMO = "in process without SUMO"  # as in `evaluate` and `train`
 WORLD, SUMO, EGO_STAGE, RECORDING, TRANSPORT = "world", "SUMO", "ego", "recording", "transport and waiting"
 PARTS = (WORLD, SUMO, *LOOP, EGO_STAGE, RECORDING, TRANSPORT)
 RATIOS = {
@@ -47,17 +47,17 @@ RATIOS = {
 }
 
 PATH = "graph: "
-"""Begins the names of the parts of a step's way through the graph, see :mod:`litsim_sim.analysis.step_path`."""
+"""Prefix of the parts of a step's way through the graph, see :mod:`litsim_sim.analysis.step_path`."""
 
 Sample = dict[str, float]
-"""Times of a step in one repetition [ms]: :data:`PARTS` (medians over the steps of the run, except transport, which is
-the rest of a step), the parts of its way through the graph (medians as well), and whole steps, from the wall time."""
+"""Times of a step in one repetition [ms], by name: :data:`PARTS` (medians over the steps of the run, except transport,
+which is the rest of a step), parts of its way through the graph (medians), and whole steps (means)."""
 
 
 def write_scenario(folder: Path, agents: int, seconds: float) -> Path:
-    """A scenario on :func:`columns_of_traffic`, on a straight road that is long enough; the ego is in the middle.
+    """Write a scenario of :func:`columns_of_traffic` on a straight road, with the ego in the middle.
 
-    An ego that keeps a longer headway falls back in it, and those behind it are taken over.
+    The ego keeps a longer headway than its log and falls back, so that agents behind it are taken over.
     """
     recording = columns_of_traffic(agents, seconds)
     recording.write(folder / f"{agents}.parquet")
@@ -100,7 +100,7 @@ def straight_road(length: float) -> str:
 
 
 class TimedMirror:
-    """SUMO, and the time that it takes in each step [s]."""
+    """SUMO with the time it takes in each step, `seconds` [s]."""
 
     def __init__(self, mirror: SumoMirror) -> None:
         self._mirror = mirror
@@ -125,7 +125,7 @@ class TimedMirror:
 
 
 def time_in_process(scenario_file: Path, *, sumo: bool) -> Sample:
-    """Run a scenario in this process, with SUMO by stage; the steps after the history, in which agents are driven."""
+    """Time the steps after the history in a run in this process; by stage with SUMO, as a whole without."""
     scenario = Scenario.load(scenario_file)
     mirror = TimedMirror(SumoMirror(scenario.net_path, scenario.seed, scenario.signals)) if sumo else None
     runner = Runner(RunPlan(scenario, EGO, POLICY), mirror)
@@ -148,9 +148,7 @@ def time_in_process(scenario_file: Path, *, sumo: bool) -> Sample:
 
 
 def time_graph(scenario_file: Path, bag: Path, options: Sequence[str] = ()) -> Sample:
-    """Run a scenario over DDS, recorded to `bag`; the steps after the history, as :func:`time_in_process`.
-
-    `options` are further ones of the launcher.
+    """Time the steps after the history in a run over DDS, recorded to `bag`, with further `options` of the launcher.
 
     Raises:
         InputError: the run failed.
@@ -161,7 +159,7 @@ def time_graph(scenario_file: Path, bag: Path, options: Sequence[str] = ()) -> S
 
 
 def graph_sample(run: Run) -> Sample:
-    """What the steps after the history took in a run over DDS, by the marks that bridge and stages have recorded."""
+    """Times of the steps after the history in a run over DDS, from the recorded marks of bridge and stages."""
     begins = {step: at["begin"] for step, at in run.marks[BRIDGE].items() if step >= run.info.history_steps}
     first, last = min(begins), max(begins)
     whole = 1e3 * (begins[last] - begins[first]) / (last - first)
@@ -175,7 +173,7 @@ def graph_sample(run: Run) -> Sample:
 
 
 def time_recording(bag: Path, folder: Path) -> Sample:
-    """Write the messages of `bag` again; what the recorder's process spends on a step, but for receiving them."""
+    """Time the writing of the messages of `bag`: the work of the recorder per step without receiving them."""
     reader = BagReader(bag)
     messages = list(reader.messages())
     steps = 1 + round(max(message.log_time_ns for message in messages) * 1e-9 / STEP_S)
@@ -189,7 +187,7 @@ def time_recording(bag: Path, folder: Path) -> Sample:
 
 
 def time_highway_env(python: Path, script: Path, agents: int, steps: int) -> Sample:
-    """Step highway-env with as many vehicles, at the same 10 Hz, by the interpreter of its own environment.
+    """Time highway-env with as many vehicles, at the same 10 Hz, with `python` of its own environment.
 
     Raises:
         InputError: it cannot be run.
@@ -206,9 +204,16 @@ def measure(
     done: Callable[[], object],
     options: Sequence[str] = (),
 ) -> list[Sample]:
-    """Repetitions of everything with one number of agents; `highway_env` is called with it, where it is given.
+    """Measure everything `repeats` times with one number of agents.
 
-    `options` are further ones of the launcher, for the runs over DDS.
+    Args:
+        folder: for the scenario and the records.
+        agents: number of agents.
+        seconds: simulated time of a run, history included [s].
+        repeats: number of repetitions.
+        highway_env: times highway-env with a number of agents; None to leave it out.
+        done: called after each repetition.
+        options: further ones of the launcher, for the runs over DDS.
 
     Raises:
         InputError: a run failed.
@@ -218,7 +223,7 @@ def measure(
     for _ in range(repeats):
         sample: Sample = {}
         for sumo in (True, False):
-            context = multiprocessing.get_context("spawn")  # libsumo holds one simulation per process
+            context = multiprocessing.get_context("spawn")  # libsumo allows one simulation per process
             with ProcessPoolExecutor(1, mp_context=context) as process:
                 sample |= process.submit(time_in_process, scenario, sumo=sumo).result()
         sample |= time_graph(scenario, folder / "bag", options)
@@ -230,13 +235,13 @@ def measure(
 
 
 def spread(samples: Sequence[Sample], name: str) -> str:
-    """A figure of the repetitions as `median (minimum to maximum)`."""
+    """The figure `name` over the repetitions, as `median (minimum to maximum)`."""
     values = [sample[name] for sample in samples]
     return f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
 
 
 def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
-    """Rows of the table: what, and its figure for each number of agents; a dash where it was not measured."""
+    """Rows of the table: name, and figure for each number of agents; a dash if it was not measured."""
     path = dict.fromkeys(name for each in by_agents.values() for name in each[0] if name.startswith(PATH))
     for name in (*PARTS, IN_PROCESS, WITHOUT_SUMO, GRAPH, *path, HIGHWAY_ENV, *RATIOS):
         if any(name in samples[0] for samples in by_agents.values()):
@@ -245,7 +250,7 @@ def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
 
 
 def execute(program: Path, *arguments: str, environment: Mapping[str, str] | None = None) -> str:
-    """What a program prints; `environment` takes the place of this process's.
+    """Run a program, outside of this process's ROS domain, and return its standard output.
 
     Raises:
         InputError: it cannot be run, or fails.

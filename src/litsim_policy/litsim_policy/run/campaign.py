@@ -1,4 +1,4 @@
-"""The runs of a campaign on this machine: several at a time, each judged and stored as soon as it is over."""
+"""The runs of a campaign on this machine, several at a time; each is judged and stored as soon as it ends."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class LocalRuns:
     """Runs cases in processes of this machine, and over DDS in domains of their own.
 
     Attributes:
-        folder: where results are stored.
+        folder: of the results.
         criteria: by which runs are judged.
-        processes: runs at a time.
+        processes: number of runs at a time.
         time_limit_s: after which a run over DDS has failed [s].
     """
 
@@ -40,13 +40,13 @@ class LocalRuns:
     _meeting: threading.Lock = field(default_factory=threading.Lock)
 
     def check(self, cases: Sequence[Case]) -> None:
-        """Any cases can be run here."""
+        """Do nothing, since any cases can be run on this machine; see :meth:`.ray_runs.RayRuns.check`."""
 
     def run(self, cases: Sequence[Case]) -> Generator[RunResult, None, None]:
-        """Run `cases`; the result of each as it comes, stored by then.
+        """Run `cases` and yield the result of each once it is stored.
 
-        Runs in process are stepped together where they can be, and are over together. Whatever ends it early, such as
-        Ctrl-C, ends the runs in progress first; nothing is stored of them.
+        Runs in process are stepped together where possible, and then end together. An interruption, such as Ctrl-C,
+        ends the runs in progress without storing them.
         """
         with Workers() as workers, ThreadPoolExecutor(self.processes) as threads:
             pending = [threads.submit(self._run, some, workers) for some in batches(cases, self.processes)]
@@ -59,15 +59,15 @@ class LocalRuns:
 
     def _stop(self, workers: Workers, threads: ThreadPoolExecutor) -> None:
         self._stopped.set()
-        threads.shutdown(wait=False, cancel_futures=True)  # what has not begun will not
+        threads.shutdown(wait=False, cancel_futures=True)  # pending runs never start
         workers.close()
         threads.shutdown()
 
     def _run(self, cases: Sequence[Case], workers: Workers) -> list[RunResult]:
-        """The results of `cases`, stored: one over DDS, or some in process.
+        """Run `cases`, one over DDS or several in process, and store and return their results.
 
         Raises:
-            RunStopped: the campaign has ended meanwhile.
+            RunStopped: the campaign was interrupted.
         """
         folders = [self.folder.clear(case) for case in cases]
         try:
@@ -77,7 +77,7 @@ class LocalRuns:
             raise
         except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
             outcomes = [RunOutcome(None, reason(error))] * len(cases)
-        if self._stopped.is_set():  # its process was ended: that says nothing about the runs
+        if self._stopped.is_set():  # the process was terminated, so its outcomes do not count
             raise RunStopped
         results = [outcome.judged(case, self.criteria) for case, outcome in zip(cases, outcomes, strict=True)]
         for result in results:
@@ -88,12 +88,12 @@ class LocalRuns:
         where = self.folder.run_folder(case)
         if not is_elsewhere(case):
             return run_over_graph(case, where, self._stopped.is_set, self.time_limit_s)
-        with self._meeting:  # there is one stack, in one domain
+        with self._meeting:  # the stack is in one domain, which takes one run at a time
             return run_over_graph(case, where, self._stopped.is_set, self.time_limit_s)
 
 
 def conclude(folder: CampaignFolder) -> Campaign:
-    """Write what the campaign in `folder` comes to, as far as it has come: results, JUnit and page. Returns it.
+    """Write results, JUnit file and page of the campaign in `folder`, finished or not, and return it.
 
     Raises:
         InputError: a file cannot be read or written.

@@ -1,4 +1,4 @@
-"""Cases of a campaign that a process runs in one go, as many of them stepped together as can be."""
+"""Batches of a campaign's cases, in which runs are stepped together where possible."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from litsim_sim.scenario.joined import kind
 from litsim_sim.scenario.run_info import REPLAY, RunPlan
 
 TOGETHER = 16
-"""Runs that are stepped together at most: each eight more hold 50 MB, and save less than those before."""
+"""Most runs that are stepped together: eight more take 50 MB, and save less than the previous eight."""
 STEPS = 6000
-"""Steps of all of them at most: the memory of long runs."""
+"""Most steps of such runs in total, which bounds the memory of long runs."""
 
 T = TypeVar("T")
 Found = dict[str, Any] | str
-"""Metrics of a run, or why there are none, in one line."""
+"""Metrics of a run, or the reason for their absence in one line."""
 
 
 def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
-    """`cases` in the portions in which processes are given them: what can be stepped together is not torn apart.
+    """Divide `cases` into batches for processes, of runs that may be stepped together.
 
-    Runs over DDS go alone. There are portions for all processes, and so many that a slow one is not waited for long;
-    those of pure replay, which are quick, come last.
+    Runs over DDS get batches of their own. There are at least two batches per process, if there are enough cases, so
+    that all processes end at about the same time; those of pure replay, which are fast, come last.
     """
     groups: dict[Hashable, list[Case]] = {}
     for case in sorted(cases, key=lambda case: case.policy == REPLAY):
@@ -37,9 +37,9 @@ def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
 
 
 def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
-    """What comes of `cases`, which are run in this process; pictures are left in their `folders`.
+    """Run `cases` in this process, and write their pictures to `folders`; a failure never affects other cases.
 
-    A run that fails ends no other: those that were stepped together with it are run alone.
+    Runs that were stepped together with a failing one are repeated one by one.
     """
     plans: dict[int, RunPlan] = {}
     found: dict[int, Found] = {}
@@ -57,7 +57,7 @@ def run_batch(cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Fou
 
 
 def _portions(of: Sequence[T], most: int) -> Iterator[tuple[T, ...]]:
-    """`of` in order, in portions of `most`; the last may be smaller."""
+    """`of` in order, in portions of `most` items; the last one may be smaller."""
     return (tuple(of[begin : begin + most]) for begin in range(0, len(of), most))
 
 
@@ -77,11 +77,11 @@ def _joinable(plans: dict[int, RunPlan]) -> Iterator[tuple[int, ...]]:
 
 
 def _run_joined(plans: dict[int, RunPlan], folders: Sequence[Path | None]) -> dict[int, Found]:
-    """What comes of the runs of `plans`, by their keys; nothing of any where one fails."""
+    """Results of the runs of `plans`, by their keys; empty if one of them fails."""
     try:
         runs = record_together(list(plans.values()))
         return {k: measured(run, folders[k]) for k, run in zip(plans, runs, strict=True)}
-    except Exception:  # noqa: BLE001 - run alone, each reports its own error
+    except Exception:  # noqa: BLE001 - on its own, each run reports its own error
         return {}
 
 

@@ -1,4 +1,4 @@
-"""Runs one case of a campaign, in this process or over DDS by the launcher; every outcome gives a result."""
+"""A run of one case of a campaign, in this process or over DDS by the launcher; every outcome gives a result."""
 
 from __future__ import annotations
 
@@ -33,30 +33,30 @@ from litsim_sim.report.thumbnails import write_thumbnail
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.scenario.scenario import Scenario
 
-RECORDING = "run"  # folder of a record below that of the run
-READY = f"{__package__}.ready"  # what a launcher is a copy of has imported this
+RECORDING = "run"  # folder of the record in the run's folder
+READY = f"{__package__}.ready"  # module imported by the process of which launchers are forks
 TICK_S = 0.2  # [s] between two looks at a launcher
-END_S = 30.0  # [s] that a launcher gets to end its graph in good order
-TIME_LIMIT_S = 1800.0  # [s] that a run over DDS may take by default
+END_S = 30.0  # [s] for a launcher to end its graph
+TIME_LIMIT_S = 1800.0  # [s] default time limit of a run over DDS
 
 
 class RunFailed(Exception):
-    """A run has left no measures; the message says why, in one line."""
+    """A run has no metrics; the message gives the reason in one line."""
 
 
 class RunStopped(Exception):
-    """A run was ended because the campaign is; nothing is known of it."""
+    """A run was ended with its campaign, and has no outcome."""
 
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """What a run has left.
+    """Outcome of a run.
 
     Attributes:
-        metrics: the tree of `metrics.json`, of a valid run or not; None where there is none.
-        failure: why there is none, in one line.
-        recording, report, log: folder and files, relative to the run's folder; None where there is none.
-        wall_s: that it took [s].
+        metrics: the content of `metrics.json`, of a valid or invalid run; None if there are none.
+        failure: why there are none, in one line.
+        recording, report, log: folder and files, relative to the run's folder; None if they do not exist.
+        wall_s: wall time of the run [s].
     """
 
     metrics: Mapping[str, Any] | None
@@ -67,7 +67,7 @@ class RunOutcome:
     wall_s: float | None = None
 
     def judged(self, case: Case, criteria: Criteria) -> RunResult:
-        """The result of `case` from its run."""
+        """The result of `case`, judged by `criteria`."""
         files: dict[str, Any] = {
             "recording": self.recording,
             "report": self.report,
@@ -80,10 +80,10 @@ class RunOutcome:
 
 
 def check_cases(cases: Iterable[Case]) -> None:
-    """Check, before the first run, what can be known of cases, once for each row.
+    """Check one case of each row before the first run.
 
     Raises:
-        InputError: see :func:`check_case`; it names the row.
+        InputError: see :func:`check_case`; the message names the row.
     """
     for case in {(each.row, each.shell): each for each in cases}.values():
         try:
@@ -93,10 +93,10 @@ def check_cases(cases: Iterable[Case]) -> None:
 
 
 def check_case(case: Case) -> None:
-    """Check, before the first run, what can be known of a case: its parameters, and the program of its stack.
+    """Check the parameters of a case, and the program of its stack.
 
     Raises:
-        InputError: a parameter is unknown to its stage or does not fit, or there is no such program.
+        InputError: a parameter is unknown to its stage or invalid, or there is no such program.
     """
     if case.shell != GRAPH:
         configured(case.ego.kind, case.policy, case.stage_parameters)
@@ -112,16 +112,16 @@ def run_in_process(case: Case, folder: Path | None = None) -> dict[str, Any]:
 
     Args:
         case: to run.
-        folder: where the picture of the run is left, for the page of the campaign.
+        folder: for a picture of the run, used by the campaign's page.
 
     Raises:
-        InputError: the run cannot be run, or `folder` not be written.
+        InputError: the case cannot be run, or `folder` cannot be written.
     """
     return measured(record(Runner(plan_of(case))), folder)
 
 
 def plan_of(case: Case) -> RunPlan:
-    """What a case runs, its scenario loaded.
+    """The plan of a case, with its scenario loaded.
 
     Raises:
         InputError: the scenario cannot be used.
@@ -131,10 +131,10 @@ def plan_of(case: Case) -> RunPlan:
 
 
 def measured(run: Run, folder: Path | None) -> dict[str, Any]:
-    """Metrics of a run; its picture is left in `folder`, where there is one.
+    """Metrics of a run; its picture is written to `folder` unless that is None.
 
     Raises:
-        InputError: the run has none, or `folder` cannot be written.
+        InputError: metrics cannot be computed, or `folder` cannot be written.
     """
     metrics = compute_metrics(run)
     if folder is not None:
@@ -145,18 +145,18 @@ def measured(run: Run, folder: Path | None) -> dict[str, Any]:
 def run_over_graph(
     case: Case, folder: Path, stopped: Callable[[], bool] = lambda: False, time_limit_s: float = TIME_LIMIT_S
 ) -> RunOutcome:
-    """Run a case over DDS, with the launcher, in a domain that is reserved for it.
+    """Run a case over DDS by the launcher, in a domain reserved for it.
 
-    A stack that was started elsewhere is met in the domain that it is in: that of the environment, else 0.
+    With a stack that was started elsewhere, the domain is that of the environment, or 0.
 
     Args:
         case: to run.
-        folder: of the run; the record is made in a folder within.
-        stopped: called now and then; True ends the run.
+        folder: of the run; the record gets a folder in it.
+        stopped: polled during the run; True ends the run.
         time_limit_s: after which a run has failed [s].
 
     Raises:
-        RunStopped: it was to end.
+        RunStopped: `stopped` returned True.
         InputError: there is no launcher.
     """
     out = folder / RECORDING
@@ -175,11 +175,11 @@ def run_over_graph(
             break
     if stopped():
         raise RunStopped
-    failure = f"not over within {time_limit_s:g} s" if late else said.reason(launcher.returncode)
+    failure = f"time limit of {time_limit_s:g} s exceeded" if late else said.reason(launcher.returncode)
     metrics = json.loads((out / METRICS_FILE).read_text()) if (out / METRICS_FILE).is_file() and not late else None
     log = out / LOG_FOLDER / f"{STACK}.log"
     recorded = any(out.glob("*.mcap"))
-    if late and recorded:  # the launcher knows no more than that it was ended
+    if late and recorded:  # the launcher itself only recorded that it was interrupted
         write_failure(out, failure)
         with suppress(InputError):
             write_report(out)
@@ -196,24 +196,24 @@ def run_over_graph(
 
 
 def _draw(recording: Path, metrics: dict[str, Any], folder: Path) -> None:
-    """Leave the picture of a recorded run in `folder`; one that cannot be made is no reason for a run to fail."""
+    """Write the picture of a recorded run to `folder`; a failure of this does not fail the run."""
     with suppress(InputError):
         write_thumbnail(read_run(recording), metrics, folder)
 
 
 def is_elsewhere(case: Case) -> bool:
-    """Whether the stack of a case is started by the user: its runs go one at a time, where the stack is."""
+    """Whether the user starts the stack of a case; its runs are made one at a time, in the stack's domain."""
     return case.ego.kind == EXTERNAL and not case.ego.command
 
 
 @lru_cache(maxsize=8)
 def _scenario(name: str) -> Scenario:
-    """A scenario, read once in a process for all its egos and policies."""
+    """The scenario called `name`, cached for all its egos and policies."""
     return Scenario.load(name)
 
 
 def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
-    """Parameters of the nodes; how long to wait for an external ego is the bridge's."""
+    """Parameters of the nodes, including the time for which the bridge waits for an external ego."""
     parameters = {stage: dict(values) for stage, values in case.stage_parameters.items()}
     if case.ego.ready_s is not None:
         parameters.setdefault("bridge", {})["external_timeout_s"] = case.ego.ready_s
@@ -221,7 +221,7 @@ def _graph_parameters(case: Case) -> dict[str, dict[str, Any]]:
 
 
 def _launch(case: Case, out: Path) -> list[str]:
-    """Words of the launcher's command line."""
+    """The launcher's command line."""
     words = [str(find_executable("litsim_sim", "launch")), "--quiet", "--overwrite", "--out", str(out)]
     words += ["--scenario", case.scenario, "--ego", case.ego.kind, "--policy", case.policy]
     words += ["--ego-id", str(case.ego_id), "--ego-interface", case.ego.interface]
@@ -237,7 +237,7 @@ def _launch(case: Case, out: Path) -> list[str]:
 
 
 class _Reader(threading.Thread):
-    """Reads what the launcher says on stderr, lest it wait for someone to read."""
+    """Reads the launcher's stderr, which would otherwise block once its pipe is full."""
 
     def __init__(self, launcher: ForkedProcess) -> None:
         super().__init__(daemon=True)
@@ -251,7 +251,7 @@ class _Reader(threading.Thread):
             self._said = self._stream.read()
 
     def reason(self, status: int) -> str:
-        """Why the launcher has failed: the last error that it told."""
+        """Why the launcher has failed: the last error on stderr, the last line, or its exit `status`."""
         self.join(TICK_S)
         lines = [line for line in self._said.splitlines() if line.strip()]
         errors = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
@@ -259,7 +259,7 @@ class _Reader(threading.Thread):
 
 
 def _end(launcher: ForkedProcess) -> None:
-    """End a launcher, which ends its graph; one that does not, by force."""
+    """Interrupt a launcher, so that it ends its graph; kill it after END_S."""
     with suppress(ProcessLookupError):
         os.kill(launcher.pid, signal.SIGINT)
         if launcher.wait(END_S) is None:

@@ -1,4 +1,4 @@
-"""How long conflict detection takes in dense traffic, with a given number of agents."""
+"""Benchmark of conflict detection in dense traffic, by number of agents."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from litsim_sim.scenario.log import Log
 
 HORIZON = 5.0  # [s], 50 steps
 ROI = 30.0  # [m]
-WARM = 10  # steps of motion before the clock starts, so that the predictor has a history
-EVERY = 10  # one agent in this many is off its log
+WARM = 10  # steps before the measurement, as history for the predictor
+EVERY = 10  # one in so many agents is off its log
 
 
 @dataclass(frozen=True)
 class Timing:
-    """What detection took with one number of agents.
+    """Times of detection with one number of agents.
 
     Attributes:
-        agents: on the road.
-        off_log: of them, the ego included.
-        pairs: of an agent on its log and one off it, within the region of interest.
-        conflicts: found.
-        wall, cpu: of each repetition [ms]; on a busy machine, the latter tells what it would take alone.
+        agents: number on the road.
+        off_log: number off their logs, the ego included.
+        pairs: number of pairs of an agent on its log and one off it, within the region of interest.
+        conflicts: number found.
+        wall, cpu: wall and CPU time of each repetition [ms].
     """
 
     agents: int
@@ -41,10 +41,10 @@ class Timing:
 
 
 def measure_detection(agents: int, repeats: int) -> Timing:
-    """Time `repeats` whole detections of a step: both futures over 50 steps, and every pair of them.
+    """Time `repeats` detections of a step: both futures over 50 steps, and all pairs of them.
 
-    Columns of traffic 10 m apart in five lanes drive at 8 m/s in the log; every tenth agent is off its log and has
-    braked to 4 m/s, so that its follower is in conflict with it and those beside it are not.
+    In the log, columns of traffic in five lanes drive 10 m apart at 8 m/s. Every tenth agent is off its log and has
+    braked to 4 m/s, so that it is in conflict with its follower, but not with agents beside it.
     """
     recording = columns_of_traffic(agents, WARM * STEP_S + HORIZON)
     log = Log.from_recording(recording, 0, WARM + round(HORIZON / STEP_S) + 1)
@@ -65,7 +65,7 @@ def measure_detection(agents: int, repeats: int) -> Timing:
 
 
 def detection_rows(timing: Timing) -> Iterator[str]:
-    """The cells of the row of `timing` in the printed table."""
+    """Cells of the table's row for `timing`."""
     yield from map(str, (timing.agents, timing.off_log, timing.pairs, timing.conflicts))
     for values in (timing.wall, timing.cpu):
         yield f"{statistics.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
@@ -77,7 +77,7 @@ def _detect(detector: ConflictDetector, table: AgentTable, forecast: Forecast, o
 
 
 def _slowed(table: AgentTable, off: BoolArray) -> AgentTable:
-    """`table` with the agents of the mask off their logs, at half their speed."""
+    """`table`, changed in place: agents in the mask `off` (n,) are off their logs, at half their speed."""
     table.speed[off] *= 0.5
     table.controller[off] = Controller.POLICY
     return table

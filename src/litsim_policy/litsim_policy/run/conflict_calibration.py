@@ -1,4 +1,4 @@
-"""What thresholds of detection come to: precision and recall of conflicts ahead, and what runs cost."""
+"""Calibration of detection thresholds: precision and recall of future conflicts, and the cost to runs."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ COSTS = {
     "hard brakes": lambda m: m["comfort"]["controlled"]["hard_brakes"],
     "time under control, s": lambda m: sum(each["held_s"] for each in m["ledger"]),
 }
-"""What a run costs, by name: a function of its metrics."""
+"""The costs of a run by name, each a function of its metrics."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Precision and recall, each (t,), by `thresholds` (t,), under a name; NaN where there is nothing to measure."""
+    """Precision and recall (t,) by `thresholds` (t,); NaN if there is nothing to measure."""
 
     name: str
     thresholds: FloatArray
@@ -42,7 +42,7 @@ class Curve:
 
 
 def tuning_of(scenario: Scenario) -> tuple[int, ...]:
-    """The egos that may be looked at: those for tuning; of a scenario without any, such as a segment, its ego."""
+    """The egos used for calibration: the tuning egos, or the ego of a scenario without any, such as a segment."""
     return scenario.tuning_egos or (scenario.ego_id,)
 
 
@@ -56,14 +56,14 @@ def recall_curve(
     thresholds: FloatArray,
     done: Callable[[], object] = lambda: None,
 ) -> Curve:
-    """Precision and recall of what detection says of deviating egos; see :mod:`.conflict_recall`.
+    """Precision and recall of detection for deviating egos; see :mod:`.conflict_recall`.
 
     Args:
         name: of the curve.
-        scenarios: passed to :func:`tuning_of`.
-        model: that forecasts.
-        modes: which manoeuvres it forecasts.
-        config: of detection, but for the threshold.
+        scenarios: with the egos of :func:`tuning_of`.
+        model: the predictor.
+        modes: manoeuvres that it forecasts.
+        config: of detection; its threshold is not used.
         second: horizon [s].
         thresholds: (t,).
         done: called after each ego.
@@ -85,12 +85,12 @@ def costs(
     parameters: dict[str, dict[str, Any]],
     done: Callable[[], object] = lambda: None,
 ) -> dict[str, float]:
-    """Sums of :data:`COSTS` over a run of each of :func:`tuning_of` every scenario.
+    """Sums of :data:`COSTS` over one run for each ego of :func:`tuning_of`, of all `scenarios`.
 
     Args:
         scenarios: to run.
-        ego: kind of the driver.
-        policy: what moves the background.
+        ego: name of the ego driver.
+        policy: of the background.
         parameters: by stage.
         done: called after each run.
     """
@@ -110,7 +110,7 @@ def draw_calibration(curves: Sequence[Curve], found: dict[float, dict[str, float
 
     Args:
         curves: at least one.
-        found: costs by threshold; there may be none.
+        found: costs by threshold; may be empty.
         path: of the picture.
     """
     mpl.use("Agg")
@@ -140,7 +140,7 @@ def draw_calibration(curves: Sequence[Curve], found: dict[float, dict[str, float
 
 
 def threshold_for(curve: Curve, precision: float) -> tuple[float, float] | None:
-    """The threshold with the largest recall at `precision` or more, and that recall; None where there is none."""
+    """The threshold with the largest recall at `precision` or more, and that recall; None if there is none."""
     reached = np.flatnonzero(curve.precision >= precision)
     if not len(reached):
         return None

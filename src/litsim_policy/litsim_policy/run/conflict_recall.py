@@ -1,9 +1,9 @@
-"""How well detection sees conflicts ahead: what it says of every pair of a step, beside what happened.
+"""Precision and recall of conflict detection: predicted overlaps of pairs, compared with the actual ones.
 
-An ego leaves its log on its logged path, once at a constant speed and twice braking
-(:mod:`litsim_predictor.learned.evaluation.drives`); all others follow their logs. At every step the detector's
-probability of an overlap with each agent near the ego is noted, and whether the ego really meets it then. A pair counts
-until it first meets.
+An ego deviates from its log along its logged path, once at constant speed and twice braking
+(:mod:`litsim_predictor.learned.evaluation.drives`), while all others follow their logs. At every second step, the
+detector's probability of an overlap with each agent near the ego is recorded, and whether the two overlap later. A pair
+counts until its first overlap.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from litsim_sim.core.geometry import boxes_overlap
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, Controller, FloatArray
 from litsim_sim.scenario.scenario import Scenario
 
-EVERY = 2  # steps between two that are looked at: the rate of the models
+EVERY = 2  # steps between two evaluations, as between two points of the models' forecasts
 SECONDS = (1, 2, 3)
-"""Horizons for which pairs are judged [s]; detection compares no farther futures by default."""
-LEAST = 0.01  # probability below which values are not distinguished
+"""Horizons for which pairs are judged [s], up to the default horizon of detection."""
+LEAST = 0.01  # least probability that is computed; lower ones count as 0
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class PairScores:
 
     Attributes:
         chance: largest probability of an overlap up to the horizon; 0 below :data:`LEAST`.
-        real: whether the boxes meet by then.
-        known: whether the drive goes on as long.
+        real: whether the boxes overlap by then.
+        known: whether the drive lasts until then.
     """
 
     chance: FloatArray
@@ -42,7 +42,7 @@ class PairScores:
 
     @classmethod
     def joined(cls, parts: Sequence[PairScores]) -> PairScores:
-        """The pairs of all `parts`."""
+        """Return `parts` concatenated."""
         empty = {"chance": np.empty((0, len(SECONDS)))}
         flags = np.empty((0, len(SECONDS)), np.bool_)
         return cls(
@@ -50,11 +50,11 @@ class PairScores:
         )
 
     def curve(self, second: int, thresholds: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Precision and recall, each (t,), by threshold of the probability, for a horizon; NaN where there is nothing.
+        """Precision and recall (t,) for a horizon; NaN if there is nothing to measure.
 
         Args:
-            second: one of :data:`SECONDS`.
-            thresholds: (t,).
+            second: horizon, one of :data:`SECONDS`.
+            thresholds: (t,) probabilities from which on an overlap counts as predicted.
         """
         at = SECONDS.index(second)
         known = self.known[:, at]
@@ -74,13 +74,13 @@ def score_drives(
     detector: ConflictDetector,
     seed: int = 0,
 ) -> PairScores:
-    """What `detector` says of the drives of `egos`, and what came of it.
+    """Predicted and actual overlaps in the drives of `egos`.
 
     Args:
-        scenario: its log is driven in.
+        scenario: with the log of all other agents.
         egos: ids.
-        predictor: makes a fresh predictor for an ego.
-        detector: compares futures.
+        predictor: makes a new predictor for an ego.
+        detector: to evaluate.
         seed: of the times at which egos brake.
     """
     parts = []
@@ -91,7 +91,7 @@ def score_drives(
 
 
 def _scores(scenario: Scenario, drive: Drive, predictor: Predictor, detector: ConflictDetector) -> Iterator[PairScores]:
-    """Scores of the pairs of a drive, at every `EVERY`-th step after the history."""
+    """Scores of the pairs of a drive, at every step number EVERY after the history."""
     tables = [_driven(scenario, drive, step) for step in range(len(drive.x))]
     meets = [_meeting(table, drive.ego) for table in tables]
     met: set[int] = set()
@@ -113,7 +113,7 @@ def _judged(
     met: set[int],
     ego: int,
 ) -> PairScores:
-    """The pairs of one step; `meets` has the ids that the ego meets at each step, `met` those until now."""
+    """Scores of the pairs of one step; `meets` are the ids that overlap the ego at each step, `met` all until now."""
     off = table.id == ego
     pairs = detector.near(table, ~off & ~np.isin(table.id, list(met)), off)
     chance = detector.chances(table, detector.logged_future(table), forecast, pairs, LEAST)
@@ -129,7 +129,7 @@ def _judged(
 
 
 def _driven(scenario: Scenario, drive: Drive, step: int) -> AgentTable:
-    """The log at `step`, with the ego where it drives."""
+    """The log at `step`, with the ego as it drives."""
     table = scenario.log.table(step)
     row = table.row(drive.ego)
     changed = {name: getattr(table, name).copy() for name in ("x", "y", "yaw", "speed", "acceleration", "controller")}

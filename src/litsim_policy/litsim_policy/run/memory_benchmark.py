@@ -1,4 +1,4 @@
-"""How much memory a long run takes, in process and each process of the graph, and whether it grows."""
+"""Memory of a long run and its growth, in process and in each process of the graph."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ from litsim_sim.scenario.run_info import RunPlan
 from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.sumo import SumoMirror
 
-PERIOD_S = 0.5  # between two looks at the processes of a graph
-EVERY = 50  # steps between two looks in process
-SETTLED = 0.25  # share of a run after which memory should not grow any more
+PERIOD_S = 0.5  # [s] between two samples of a graph's processes
+EVERY = 50  # steps between two samples in process
+SETTLED = 0.25  # share of a run after which memory should no longer grow
 LAUNCHER = "launch"
-NODES = "/lib/litsim_"  # in the path of every executable of ours
+NODES = "/lib/litsim_"  # part of the path of every LitSim executable
 
 
 @dataclass
 class Memory:
-    """Resident memory [MB] of a process, and the share of the run that was over at each look."""
+    """Samples of a process: share of the run done, and resident memory [MB]."""
 
     share: list[float] = field(default_factory=list)
     resident: list[float] = field(default_factory=list)
 
     def at(self, share: float) -> float:
-        """Resident memory [MB] when `share` of the run was over."""
+        """Resident memory [MB] after `share` of the run."""
         return float(np.interp(share, self.share, self.resident))
 
     def slope(self, minutes: float) -> float:
-        """Growth [MB per simulated minute] once the run of so many `minutes` has settled; a fitted line's."""
+        """Growth [MB per simulated minute] after SETTLED in a run of `minutes`, by a fitted line."""
         share, resident = np.array(self.share), np.array(self.resident)
         settled = share >= SETTLED
         return float(np.polyfit(share[settled] * minutes, resident[settled], 1)[0])
 
 
 def measure_memory(agents: int, minutes: float) -> dict[str, Memory]:
-    """Run benchmark traffic for so long in process, nothing kept, then over the graph with recording.
+    """Run benchmark traffic for `minutes` in process, keeping no results, then over the graph with recording.
 
     Returns:
         memory by process.
@@ -58,14 +58,14 @@ def measure_memory(agents: int, minutes: float) -> dict[str, Memory]:
     """
     with tempfile.TemporaryDirectory() as folder:
         scenario = write_scenario(Path(folder), agents, 60.0 * minutes)
-        context = multiprocessing.get_context("spawn")  # a process of its own: only its memory is looked at
+        context = multiprocessing.get_context("spawn")  # a process of its own, to measure its memory alone
         with ProcessPoolExecutor(1, mp_context=context) as process:
             in_process = process.submit(memory_in_process, scenario).result()
         return {IN_PROCESS: in_process} | memory_of_graph(scenario, Path(folder) / "bag")
 
 
 def memory_in_process(scenario_file: Path) -> Memory:
-    """Memory of this process while it runs a scenario and keeps nothing of it."""
+    """Memory of this process while it runs a scenario and keeps no results."""
     scenario = Scenario.load(scenario_file)
     memory = Memory()
     for now in Runner(
@@ -78,7 +78,7 @@ def memory_in_process(scenario_file: Path) -> Memory:
 
 
 def memory_of_graph(scenario_file: Path, bag: Path) -> dict[str, Memory]:
-    """Memory of each process of a graph while it runs a scenario, recorded to `bag`; time counts from its step 0 on.
+    """Memory of each process of a graph from step 0 of a run on, recorded to `bag`.
 
     Raises:
         InputError: the run failed.
@@ -110,7 +110,7 @@ def memory_of_graph(scenario_file: Path, bag: Path) -> dict[str, Memory]:
 
 
 def children(parent: int) -> dict[str, int]:
-    """Process ids of the nodes that the process `parent` has started, by the name of their executable."""
+    """Ids of the LitSim processes that the process `parent` has started, by the name of their executable."""
     found = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -125,7 +125,7 @@ def children(parent: int) -> dict[str, int]:
 
 
 def resident_mb(process: int) -> float:
-    """Resident memory of a process [MB]; 0 of one that has ended."""
+    """Resident memory of a process [MB]; 0 if it has ended."""
     try:
         pages = int((Path("/proc") / str(process) / "statm").read_text().split()[1])
     except (OSError, IndexError):

@@ -1,4 +1,4 @@
-"""Whether two messages are equal, bit by bit, and if not, where they differ first and by how much."""
+"""Comparison of two messages bit by bit: where they differ first, and by how much."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 AGENT_FIELDS = ("id", "agent")
-"""Fields that name agents: of parallel arrays, and of records in a list."""
+"""Fields with ids of agents: in messages of parallel arrays, and in records of a list."""
 
 LENGTH = "length of "
 
@@ -18,13 +18,13 @@ Value = str | float | int | bool | None
 
 @dataclass(frozen=True)
 class Difference:
-    """Where two messages of a step part.
+    """A difference between two messages of a step.
 
     Attributes:
         topic, step: of the messages.
-        field: its name; fields of a record in a list as `takeovers.goal_pose.x`.
-        agent: the agent concerned; None if it is not about one.
-        recorded, computed: the values; None where there is none.
+        field: its name; of a record in a list, such as `takeovers.goal_pose.x`.
+        agent: id of the agent concerned; None if there is none.
+        recorded, computed: the values.
     """
 
     topic: str
@@ -52,12 +52,12 @@ class Difference:
 
 @dataclass
 class DiffSummary:
-    """What comparing the messages of a run has found so far.
+    """Summary of the differences between the messages of a run.
 
     Attributes:
         compared, different: numbers of pairs of messages.
-        first: the first difference; in its message, the first that is about an agent.
-        largest: largest absolute difference of every numeric field that differs, as `topic field`.
+        first: the first difference; within its message, the first that concerns an agent.
+        largest: largest absolute difference of each numeric field that differs, by `topic field`.
     """
 
     compared: int = 0
@@ -80,7 +80,7 @@ class DiffSummary:
 
 
 def differences(topic: str, step: int, recorded: Any, computed: Any) -> list[Difference]:
-    """All fields that differ in two messages of one type, in their order; of an array, first and largest difference.
+    """All fields that differ in two messages of one type, in order; of an array, the first and the largest difference.
 
     Floats are compared by their bits: 0.0 and -0.0 differ, and a NaN equals itself.
     """
@@ -105,7 +105,7 @@ class _Place:
 def _differences(recorded: Any, computed: Any, place: _Place) -> list[Difference]:
     ids = tuple(_ids(message) for message in (recorded, computed))
     if ids[0] is not None and ids[1] is not None and not np.array_equal(ids[0], ids[1]):
-        return _one_sided("id", ids[0].tolist(), ids[1].tolist(), place)  # the other arrays are parallel to this one
+        return _one_sided("id", ids[0].tolist(), ids[1].tolist(), place)  # the other arrays are parallel to the ids
     found: list[Difference] = []
     for name in recorded.get_fields_and_field_types():
         a, b = getattr(recorded, name), getattr(computed, name)
@@ -142,7 +142,7 @@ def _arrays(name: str, a: np.ndarray, b: np.ndarray, ids: np.ndarray | None, pla
 
 
 def _records(name: str, a: list[Any], b: list[Any], place: _Place) -> list[Difference]:
-    """Lists of messages, matched by agent where they name one."""
+    """Differences between two lists of messages, matched by agent if they have one, else by index."""
     keys_a, keys_b = _keys(a), _keys(b)
     if keys_a != keys_b:
         return _one_sided(name, keys_a, keys_b, place)
@@ -158,7 +158,7 @@ def _keys(records: list[Any]) -> list[int]:
 
 
 def _one_sided(name: str, a: list[int], b: list[int], place: _Place) -> list[Difference]:
-    """Differences of two unequal lists of agents: those in only one of them, or else that the order differs."""
+    """Differences of two unequal lists of agents: those in only one of them, or the order if there are none."""
     alone = sorted(set(a) ^ set(b))
     if not alone:
         return [place.at(f"order of {name}", str(a), str(b))]

@@ -1,4 +1,4 @@
-"""The runs of a campaign on a Ray cluster: one task a run. Ray is an optional requirement (requirements/ray.txt)."""
+"""The runs of a campaign on a Ray cluster, one task per run; Ray is an optional requirement (requirements/ray.txt)."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.errors import InputError, reason
 
 LOCAL = "local"  # address of a cluster of this machine alone, which ends with the campaign
-RETRIES = 3  # how often a run is repeated if its worker is lost
-WAITING_MAX = 500  # tasks submitted to the cluster at a time
-SOURCES = "sources"  # of the versions: a digest of the installed packages
-LEAVING_S = 30.0  # [s] for what a lost worker had started to be gone
+RETRIES = 3  # most repetitions of a run after its worker was lost
+WAITING_MAX = 500  # most tasks submitted to the cluster at a time
+SOURCES = "sources"  # key of the versions: a digest of the installed packages
+LEAVING_S = 30.0  # [s] within which the child processes of a lost worker end
 
 
 @dataclass
 class RayRuns:
-    """Runs cases on the nodes of a cluster; each node has LitSim's environment, and the same packages.
+    """Runs cases on the nodes of a cluster, all of which must have LitSim's environment and the same packages.
 
-    A run whose worker is lost is repeated on any node; a finished one is stored here, and never repeated.
+    If a worker is lost, its run is repeated on any node; a finished run is stored here, and never repeated.
 
     Attributes:
-        folder: where results are stored; recordings too, where the nodes share its file system.
+        folder: of the results, and of recordings if the nodes share its file system.
         criteria: by which runs are judged.
-        address: of the cluster as :func:`ray.init` takes it, or :data:`LOCAL`.
-        processes: runs at a time, of a :data:`LOCAL` cluster; others know how many processors they have.
+        address: of the cluster for :func:`ray.init`, or :data:`LOCAL`.
+        processes: number of runs at a time on a :data:`LOCAL` cluster; others use all their processors.
         time_limit_s: after which a run over DDS has failed [s].
     """
 
@@ -46,20 +46,20 @@ class RayRuns:
     time_limit_s: float = TIME_LIMIT_S
 
     def check(self, cases: Sequence[Case]) -> None:
-        """Check, before anything is begun, that `cases` can be run on a cluster.
+        """Check that `cases` can be run on a cluster.
 
         Raises:
-            InputError: Ray is not installed, or a stack runs already, where no node would meet it.
+            InputError: Ray is not installed, or a stack is started by the user, where no node can reach it.
         """
         _ray()
         if elsewhere := [case.ego.name for case in cases if is_elsewhere(case)]:
             raise InputError(f"--ray: ego {elsewhere[0]} has no command; nodes of a cluster start their own stacks")
 
     def run(self, cases: Sequence[Case]) -> Generator[RunResult, None, None]:
-        """Run `cases`; the result of each as it comes, stored by then.
+        """Run `cases` and yield the result of each once it is stored.
 
         Raises:
-            InputError: there is no such cluster.
+            InputError: the cluster cannot be reached.
         """
         ray = _ray()
         self._connect(ray)
@@ -68,7 +68,7 @@ class RayRuns:
                 result = self._present(case, outcome).judged(case, self.criteria)
                 self.folder.store(result)
                 yield result
-        finally:  # what still runs ends with its driver
+        finally:  # ends the tasks that still run
             ray.shutdown()
 
     def _connect(self, ray: Any) -> None:
@@ -79,10 +79,10 @@ class RayRuns:
         try:
             ray.init(address=self.address, log_to_driver=False, logging_level="error", **given)
         except (ConnectionError, RuntimeError, ValueError, OSError) as error:
-            raise InputError(f"--ray {self.address}: cannot be connected to: {reason(error)}") from error
+            raise InputError(f"--ray {self.address}: no connection: {reason(error)}") from error
 
     def _outcomes(self, ray: Any, cases: Sequence[Case]) -> Iterator[tuple[Case, RunOutcome]]:
-        """Outcomes as they come; never more than :data:`WAITING_MAX` tasks are with the cluster."""
+        """Outcomes in order of completion; at most :data:`WAITING_MAX` tasks are submitted at a time."""
         task = ray.remote(max_retries=RETRIES, num_cpus=1)(run_task)
         sources, folder = code_versions()[SOURCES], str(self.folder.path.resolve())
         left = iter(cases)
@@ -97,11 +97,11 @@ class RayRuns:
             case = pending.pop(ready)
             try:
                 yield case, ray.get(ready)
-            except ray.exceptions.RayError as error:  # its worker was lost each time
-                yield case, RunOutcome(None, f"its worker was lost {RETRIES + 1} times: {reason(error)}")
+            except ray.exceptions.RayError as error:  # raised after all retries
+                yield case, RunOutcome(None, f"the worker was lost {RETRIES + 1} times: {reason(error)}")
 
     def _present(self, case: Case, outcome: RunOutcome) -> RunOutcome:
-        """`outcome` without the files that lie on another node's disk."""
+        """`outcome` without files that are only on another node's disk."""
         where = self.folder.run_folder(case)
         files = {name: getattr(outcome, name) for name in ("recording", "report", "log")}
         absent = [name for name, file in files.items() if file is not None and not (where / file).exists()]
@@ -110,14 +110,14 @@ class RayRuns:
 
 
 def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: float, cwd: str) -> RunOutcome:
-    """One task: run a case on this node; errors become results.
+    """The task of one run: run a case on this node; an error becomes an outcome.
 
     Args:
-        case: as :meth:`Case.to_json` has it.
-        folder: of the campaign; what runs leave lies in it.
-        sources: digest of the packages that are to run it.
+        case: by :meth:`Case.to_json`.
+        folder: of the campaign, with the folders of its runs.
+        sources: expected digest of the packages.
         time_limit_s: after which a run over DDS has failed [s].
-        cwd: the folder that the campaign was begun in; words of a stack's command may be relative to it.
+        cwd: working directory of the campaign, to which a stack's command may be relative.
     """
     begin = time.monotonic()
     failure = ""
@@ -137,7 +137,7 @@ def run_task(case: Mapping[str, Any], folder: str, sources: str, time_limit_s: f
 
 
 def _cleared(folder: CampaignFolder, case: Case) -> Path:
-    """The empty folder of a run; a lost worker's launcher may be closing its record there."""
+    """Empty the folder of a run, possibly after the launcher of a lost worker has closed its record there."""
     until = time.monotonic() + LEAVING_S
     while True:
         try:
@@ -149,7 +149,7 @@ def _cleared(folder: CampaignFolder, case: Case) -> Path:
 
 
 def _ray() -> Any:
-    """The package.
+    """Import Ray.
 
     Raises:
         InputError: it is not installed.

@@ -1,4 +1,4 @@
-"""What a policy answers to a step: the stages from forecast to controls, one after the other."""
+"""The reaction of the background to a step: predictor, conflict and policy, one after the other."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from litsim_sim.scenario.setting import Setting
 
 
 class Reaction:
-    """Predictor, conflict and policy of one scene, or of several that are joined.
+    """Predictor, conflict and policy stages of one scene or of several joined ones.
 
     Attributes:
         manager: of the takeovers.
@@ -23,9 +23,9 @@ class Reaction:
         """Build the stages.
 
         Args:
-            stages: what builds each of them, by stage.
-            policy: that they are to make up.
-            scenario: that they move.
+            stages: constructors by stage.
+            policy: name of the policy.
+            scenario: of the run, or the joined one.
         """
         self._history_steps = scenario.history_steps
         self._predictor = stages["predictor"](policy, scenario)
@@ -33,7 +33,7 @@ class Reaction:
         self._policy = stages["policy"](policy, scenario)
 
     def to(self, table: AgentTable, marks: dict[str, float]) -> tuple[TakeoverTable, ControlTable]:
-        """Takeovers and controls in answer to a step; notes wall times of the stages [s] in `marks`."""
+        """Takeovers and controls for the step of `table`; adds the stages' wall times [s] to `marks`."""
         begin = time.perf_counter()
         forecast = self._forecast(table)
         forecast_at = time.perf_counter()
@@ -45,7 +45,7 @@ class Reaction:
         return takeovers, controls
 
     def _forecast(self, table: AgentTable) -> Forecast:
-        """The forecast of a step; no agent is driven in the history, so none is needed there."""
+        """The forecast of a step; an empty one in the history, in which no agent is driven."""
         if table.step >= self._history_steps:
             return self._predictor.forecast(table)
         self._predictor.see(table)

@@ -1,11 +1,11 @@
-"""Importing this makes a process ready to be copied for runs over DDS: launchers, their nodes, measures and reports.
+"""Imports for a process from which runs over DDS are forked: those of launcher, nodes, metrics and reports.
 
-See :func:`litsim_sim.launch.forked.keep_ready`: a campaign has one such process, and imports nothing anew in any run.
+A campaign has one such process, so that no run imports them again; see :func:`litsim_sim.launch.forked.keep_ready`.
 """
 
 from __future__ import annotations
 
-import libsumo  # noqa: F401 - of the bridge
+import libsumo  # noqa: F401 - used by the bridge
 
 import litsim_sim.analysis.analyze
 import litsim_sim.analysis.plots

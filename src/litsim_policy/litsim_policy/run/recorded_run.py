@@ -1,4 +1,4 @@
-"""A recorded run with what running it, or one stage of it, again needs: messages, scenario, parameters."""
+"""A recorded run with the messages, scenario and parameters needed to repeat it, or one of its stages."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.scenario_file import ScenarioFile
 
 ATTACHED = {"recording": RECORDING_FILE, "net": NET_FILE}
-"""Field of the scenario, and the attachment that takes its place."""
+"""Attachments by the field of the scenario that they replace."""
 
 PER_STEP = (AGENTS, FORECASTS, TAKEOVERS, CONTROLS, EGO_CONTROL)
 
 
 @dataclass(frozen=True)
 class Record:
-    """A recorded run that can be run again.
+    """A recorded run that can be repeated.
 
     Attributes:
         path: of the MCAP file.
         info: the recorded ``RunInfo``.
         scenario: rebuilt from the attachments.
-        messages: by topic and step; of a step that comes twice, the first.
-        parameters: of each stage that has told them, flat, by name.
-        notes: what keeps a re-run from coming out equal, or may.
+        messages: by topic and step; the first one of each step.
+        parameters: by stage and dotted name, of the stages that have reported them.
+        notes: reasons why a repetition may differ.
     """
 
     path: Path
@@ -53,10 +53,10 @@ class Record:
 
 @contextmanager
 def open_record(bag: Path) -> Iterator[Record]:
-    """Read a bag; its scenario lies in a temporary folder meanwhile.
+    """Read a bag; the files of its scenario are in a temporary folder until the context is left.
 
     Raises:
-        InputError: not a bag, no LitSim run, no attachments to build the scenario from, or messages of another version.
+        InputError: it is not a bag or not a LitSim run, lacks attachments, or has messages of another version.
     """
     reader = BagReader(bag)
     found = _decoded(reader)
@@ -76,7 +76,7 @@ def open_record(bag: Path) -> Iterator[Record]:
 
 
 def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
-    """Messages by topic and step; run information as step 0, stage states numbered as they come."""
+    """Messages by topic and step; run information as step 0, stage states numbered in order."""
     wanted = {topic.name: topic for topic in (RUN_INFO, STATUS, *PER_STEP, EGO_APPLIED)}
     for name, topic in wanted.items():
         here, there = type_hash(type_name(topic.type)), reader.topics[name].type_hash if name in reader.topics else ""
@@ -87,25 +87,25 @@ def _decoded(reader: BagReader) -> dict[str, dict[int, Any]]:
         kept = found[message.topic]
         try:
             decoded = deserialize_message(message.data, wanted[message.topic].type)
-        except Exception as error:  # rclpy exports no class of what the middleware raises
+        except Exception as error:  # rclpy exports no class of the middleware's exceptions
             where = f"{reader.path}: {message.topic} at {message.log_time_ns * 1e-9:.1f} s"
             what = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            raise InputError(f"{where}: no {type_name(wanted[message.topic].type)} that can be read: {what}") from error
+            raise InputError(f"{where}: not a readable {type_name(wanted[message.topic].type)}: {what}") from error
         info = found[RUN_INFO.name].get(0)
         if message.topic in (RUN_INFO.name, STATUS.name):
             kept.setdefault(0 if message.topic == RUN_INFO.name else len(kept), decoded)
         elif info is None or decoded.run_id == info.run_id:
             kept.setdefault(decoded.step, decoded)
-    if applied := found.pop(EGO_APPLIED.name):  # of an external ego counts what the bridge made of its answers
+    if applied := found.pop(EGO_APPLIED.name):  # for an external ego, the commands that the bridge has applied
         found[EGO_CONTROL.name] = applied
     return found
 
 
 def _scenario(reader: BagReader, folder: Path) -> Scenario:
-    """The scenario with recording and net from the bag; the recording is cropped already."""
+    """The scenario with recording and net from the bag; the attached recording is already cropped."""
     lacking = [name for name in (SCENARIO_FILE, *ATTACHED.values()) if name not in reader.attachments]
     if lacking:
-        raise InputError(f"{reader.path}: cannot be run again without attachment {', '.join(lacking)}")
+        raise InputError(f"{reader.path}: cannot be repeated without attachment {', '.join(lacking)}")
     for name in ATTACHED.values():
         (folder / name).write_bytes(reader.attachments[name])
     where = f"{reader.path}: attachment {SCENARIO_FILE}"
@@ -115,7 +115,7 @@ def _scenario(reader: BagReader, folder: Path) -> Scenario:
 
 
 def _parameters(info: Any, statuses: dict[int, Any]) -> dict[str, dict[str, Any]]:
-    """What the stages have told of their parameters: in the run's configuration, or when they were ready."""
+    """Parameters by stage, from the run's configuration and from the stages' status when ready."""
     told = {name: _flat(values) for name, values in _mapping(info.configuration).items() if isinstance(values, dict)}
     for status in statuses.values():
         if status.state == StageStatus.READY and (values := _mapping(status.text)):
@@ -141,7 +141,7 @@ def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def _note(record: Record, reader: BagReader) -> None:
     if not reader.complete:
-        record.notes.append(f"the recording is not complete ({reader.problem}): as far as it goes")
+        record.notes.append(f"the recording is not complete ({reader.problem}); its readable part is used")
     if record.scenario.total_steps != record.info.total_steps:
         record.notes.append(f"{record.info.total_steps} steps were run, {record.scenario.total_steps} are attached")
     then, now = _mapping(record.info.versions).get("commit"), versions()["commit"]

@@ -1,7 +1,7 @@
-"""Stages and whole runs once more, from nothing but a record: do they come out as they did?
+"""Repetition of a stage or a whole run from its record, and comparison with the record.
 
-Messages are decoded and converted as the nodes do it, and answers are turned into messages again, so that a comparison
-sees what subscribers would have seen.
+Messages are decoded and converted as in the nodes, and answers are converted back to messages, so that the comparison
+covers exactly what subscribers receive.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ def rerun_stage(record: Record, name: str) -> DiffSummary:
     """Feed a stage its recorded inputs, step by step, and compare its answers with the recorded ones.
 
     Raises:
-        InputError: there is no stage `name`, it took no part in the run, or it fails.
+        InputError: the stage `name` does not exist, took no part in the run, is external, or fails.
     """
     if name not in STAGES:
         raise InputError(f"there is no stage {name!r}, expected one of {', '.join(STAGES)}")
     stage, info = STAGES[name], record.info
     answers = record.messages[stage.output.name]
     if not answers:
-        raise InputError(f"{record.path}: stage {name} has left no answers (ego {info.ego}, policy {info.policy})")
+        raise InputError(f"{record.path}: no answers of stage {name} (ego {info.ego}, policy {info.policy})")
     if name == EGO and info.ego == EXTERNAL:
-        raise InputError(f"{record.path}: the ego is external: its stage is not here to be run again")
+        raise InputError(f"{record.path}: the ego is external, and its stage cannot be repeated")
     if name not in record.parameters:
-        record.notes.append(f"the record does not tell the parameters of {name}: taking the defaults")
+        record.notes.append(f"the record lacks the parameters of {name}; the defaults are used")
     core, tally = stage.make(record), DiffSummary()
     inputs = [record.messages[topic.name] for topic in stage.inputs]
     for step in sorted(set.intersection(*(set(messages) for messages in inputs))):
@@ -64,12 +64,12 @@ def rerun_stage(record: Record, name: str) -> DiffSummary:
 
 @dataclass
 class Resimulated:
-    """A run and its record side by side.
+    """Comparison of a repeated run with its record.
 
     Attributes:
-        tally: of agents, takeovers, controls and ego commands, step by step.
-        steps: number of steps that both hold.
-        recorded, computed: digests over those.
+        tally: differences of agents, takeovers, controls and ego commands.
+        steps: number of steps in both.
+        recorded, computed: digests over these steps.
     """
 
     tally: DiffSummary
@@ -79,17 +79,17 @@ class Resimulated:
 
 
 def resimulate(record: Record) -> Resimulated:
-    """Run everything again in this process, as far as the record goes; an external ego answers as recorded.
+    """Repeat the run in this process, as far as the record goes; an external ego answers as recorded.
 
     Raises:
-        InputError: the record cannot be run again.
+        InputError: the record cannot be used.
     """
     info, messages, tally = record.info, record.messages, DiffSummary()
     if info.ego == EXTERNAL:
         record.notes.append("the ego is external: it answers as recorded")
     run_id, ego_id = info.run_id, info.ego_id
     compared = [messages[topic.name] for topic in (AGENTS, TAKEOVERS, CONTROLS, EGO_CONTROL)]
-    last = min((max(found) for found in compared if found), default=-1)  # a bag that is cut short may end amid a step
+    last = min((max(found) for found in compared if found), default=-1)  # a truncated bag may end within a step
     digests = RunDigest(), RunDigest()
     steps = 0
     for now in _again(record).steps():
@@ -112,19 +112,19 @@ def resimulate(record: Record) -> Resimulated:
 
 
 def _again(record: Record) -> Runner:
-    """A runner of the recorded plan, its stages configured as they were."""
+    """A runner of the recorded plan, with the recorded parameters."""
     info = record.info
     external = info.ego == EXTERNAL
     silent = [name for name in STAGES if name in info.stages and name not in record.parameters]
     if silent:
-        record.notes.append(f"the record does not tell the parameters of {', '.join(silent)}: taking defaults")
+        record.notes.append(f"the record lacks the parameters of {', '.join(silent)}; the defaults are used")
     ego = _RecordedEgo(record.messages[EGO_CONTROL.name]) if external else None
     parameters = {name: values for name, values in record.parameters.items() if name in STAGES}
     return Runner(RunPlan(record.scenario, info.ego, info.policy, parameters), ego=ego)
 
 
 class _RecordedEgo:
-    """An ego that answers every step as recorded, and where no answer is recorded, as at the step before."""
+    """An ego that answers each step as recorded, or repeats the previous answer if there is none."""
 
     def __init__(self, commands: dict[int, Any]) -> None:
         self._commands, self._last = commands, EgoCommand(0)
@@ -138,11 +138,11 @@ class _RecordedEgo:
 
 @dataclass(frozen=True)
 class Stage:
-    """What a stage reads and publishes, and how its core answers a record.
+    """Topics of a stage, and its core.
 
     Attributes:
         inputs, output: topics.
-        make: its core for a record, from input messages to the answer.
+        make: makes, for a record, the function from input messages to the answer.
     """
 
     inputs: tuple[Topic, ...]
@@ -151,7 +151,7 @@ class Stage:
 
 
 def _core(record: Record, stage: str) -> Any:
-    """The core of a stage, made from the record by the function that its package registers."""
+    """The core of a stage, made by the function that its package registers, with the recorded parameters."""
     made = configured({stage: registered_name(stage, record.info.ego)}, {stage: record.parameters.get(stage, {})})
     of_run = () if stage == EGO else (record.info.policy,)
     return made[stage](*of_run, record.scenario)

@@ -1,4 +1,4 @@
-"""The in-process shell: the cores of the graph composed without ROS, bit-identical to the graph."""
+"""Runs in process: the cores of the graph's nodes composed without ROS, with bit-identical results."""
 
 from __future__ import annotations
 
@@ -28,10 +28,12 @@ from litsim_sim.world.world import Mirror, World, WorldConfig
 
 @dataclass(frozen=True)
 class StepResult:
-    """One step and the answers to it.
+    """A step and the answers to it.
 
     Attributes:
-        takeovers, controls: None where the policy is replay.
+        table: all agents.
+        takeovers, controls: None with policy replay.
+        ego: the ego's command.
         stage_s: wall time of each stage [s].
     """
 
@@ -43,11 +45,11 @@ class StepResult:
 
 
 def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str, Callable[..., Any]]:
-    """Return what builds the stages of runs with this ego, or one from elsewhere, and this policy, by stage.
+    """Return the constructors of the stages of runs with this policy and this ego, by stage; no ego stage for None.
 
     Raises:
-        InputError: a stage takes no part in such a run, a parameter is unknown to its stage, or does not fit; or there
-            is no such ego.
+        InputError: there are parameters of a stage that takes no part, a parameter is unknown to its stage or invalid,
+            or the ego is unknown.
     """
     taking_part = () if policy == REPLAY else POLICY_STAGES
     stages = {stage: stage for stage in taking_part} | ({} if ego is None else {EGO: registered_name(EGO, ego)})
@@ -55,12 +57,12 @@ def configured(ego: str | None, policy: str, parameters: Parameters) -> dict[str
 
 
 class Runner:
-    """Runs a plan in this process; with a mirror (libsumo: one per process) or without.
+    """Runs a plan in this process, with or without a mirror (libsumo, of which a process can have one).
 
-    `ego` drives in place of the one that the plan names.
+    `ego`, if given, replaces the ego of the plan.
 
     Raises:
-        InputError: a parameter is unknown to its stage or does not fit, or a stage cannot be built.
+        InputError: a parameter is unknown to its stage or invalid, or a stage cannot be built.
     """
 
     def __init__(
@@ -79,7 +81,7 @@ class Runner:
         load_kernels()
 
     def steps(self) -> Iterator[StepResult]:
-        """Every step of the run with its answers, in order: all of the scenario, or fewer if the ego leaves."""
+        """Yield each step with its answers: all steps of the scenario, or fewer if the run ends early."""
         with spared_from_collection():
             yield from self._steps()
 
@@ -108,11 +110,11 @@ class Runner:
 
 
 def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> RecordedRun:
-    """Run to the end and return what a recording of the same run would be read as.
+    """Run to the end and return the run as if read from a recording.
 
     Args:
-        runner: fresh.
-        progress: called after every step.
+        runner: not yet run.
+        progress: called after each step.
     """
     begin = time.perf_counter()
     results = []
@@ -123,13 +125,13 @@ def record(runner: Runner, progress: Callable[[], object] = lambda: None) -> Rec
 
 
 def as_recorded(plan: RunPlan, results: Sequence[StepResult], summary: Mapping[str, Any], wall_s: float) -> RecordedRun:
-    """What a recording of a run of `plan` would be read as.
+    """A run of `plan` as if read from a recording.
 
     Args:
-        plan: that was run.
-        results: of every step.
+        plan: of the run.
+        results: of all steps.
         summary: of the world.
-        wall_s: that it took [s].
+        wall_s: wall time of the run [s].
     """
     scenario = plan.scenario
     info = RunInfo(**plan.facts(), mode="in-process", topics=(), configuration="", versions="")

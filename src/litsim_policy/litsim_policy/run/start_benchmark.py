@@ -1,4 +1,4 @@
-"""How long a run takes from its launcher to its first step, beside importing the libraries that its nodes use."""
+"""Benchmark of the start: from the launcher to the first step, compared with the imports of the nodes' libraries."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from litsim_sim.launch.executables import find_executable
 from litsim_sim.record.run import Run, read_run
 
 LIBRARIES = ("numpy", "shapely", "pyarrow", "pydantic", "numba", "libsumo", "rclpy.node")
-"""What the processes of this run import, one or all of them, with what these import; none that no process imports."""
+"""Slow imports of the processes of this run, each with its own dependencies."""
 FIRST_STEP, SLOWEST, RATIO = "launcher to first step", "slowest import", "first step / slowest import"
-SECONDS = 4.0  # simulated, 3 s of history included
+SECONDS = 4.0  # [s] simulated time, 3 s of history included
 
 Start = dict[str, float]
-"""Of one repetition: :data:`FIRST_STEP` [s], and the import of each of :data:`LIBRARIES` on its own [s]."""
+"""Times of one repetition [s]: :data:`FIRST_STEP`, and the import of each of :data:`LIBRARIES` on its own."""
 
 
 def measure_start(folder: Path, agents: int, repeats: int, advance: Callable[[], object]) -> list[Start]:
-    """Import the libraries, each in a process of its own, and launch a run of benchmark traffic, in turns.
+    """Time, `repeats` times, the import of each library in a new process, and the launch of a run.
 
     Raises:
         InputError: a run failed, or a library cannot be imported.
@@ -39,7 +39,7 @@ def measure_start(folder: Path, agents: int, repeats: int, advance: Callable[[],
 
 
 def time_to_first_step(scenario_file: Path, bag: Path) -> float:
-    """Seconds from the start of the launcher to when the bridge has published step 0.
+    """Time [s] from the start of the launcher until the bridge has published step 0.
 
     Raises:
         InputError: the run failed.
@@ -52,12 +52,12 @@ def time_to_first_step(scenario_file: Path, bag: Path) -> float:
 
 
 def first_step(run: Run) -> float:
-    """When step 0 of a recorded run was published, on the clock of the performance counter [s]."""
+    """Time at which step 0 of a recorded run was published, by the clock of ``time.perf_counter`` [s]."""
     return run.marks[BRIDGE][0]["shown"]
 
 
 def start_rows(found: Sequence[Mapping[str, float]]) -> Iterator[list[str]]:
-    """Rows of the table: what, and median, least and most of the repetitions; the ratios are of each repetition."""
+    """Rows of the table: name, and median (minimum to maximum) of the repetitions; ratios are within repetitions."""
     names = [*sorted(LIBRARIES, key=lambda name: -statistics.median(each[name] for each in found))]
     for name in names:
         yield [f"import {name}, s", _spread([each[name] for each in found])]
@@ -69,7 +69,7 @@ def start_rows(found: Sequence[Mapping[str, float]]) -> Iterator[list[str]]:
 
 
 def _import_time(library: str) -> float:
-    """Seconds of a process that imports `library` and ends."""
+    """Duration [s] of a process that imports `library` and ends."""
     begin = time.perf_counter()
     execute(Path(sys.executable), "-c", f"import {library}")
     return time.perf_counter() - begin

@@ -1,4 +1,4 @@
-"""The table of a campaign on a terminal: measures below each other, rows of runs side by side, whatever the width."""
+"""The table of a campaign on a terminal of any width: a line per measure, a column per row of runs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ MEASURES = {
     "max residual at release m": "max_residual_m",
 }
 OF_ALL_RUNS = ("runs", "passed", "not_passed", "errors", "reactive")
-"""Measures in which runs that left none count; `reactive` is of runs known to be so."""
+"""Measures that also count runs without metrics; `reactive` is over runs of which it is known."""
 
 OF_CONTROL = (
     "rate_controlled",
@@ -65,7 +65,7 @@ OF_CONTROL = (
     "max_residual_m",
     "ade_controlled_m",
 )
-"""Measures of agents under control, which say nothing where no policy can take any."""
+"""Measures of agents under control, which are meaningless under replay."""
 
 MARK = "*"
 PERCENT = ("rate_all", "rate_controlled", "reactive", "relevant_ratio", "guarded", "off_road")
@@ -77,14 +77,14 @@ def print_summary(
 ) -> None:
     """Print rows of runs side by side.
 
-    Where their names do not fit into the width, they are numbered and listed below; where they do not even so, they are
-    spread over tables. Figures measured on only some of the runs are marked.
+    If their names are too wide, they are numbered and listed below; if that is still too wide, the rows are divided
+    over several tables. Figures measured on only some of the runs are marked.
 
     Args:
         title: above the table.
-        summary: by name of the row, what :func:`litsim_sim.analysis.summary.summarise` says of it, and verdicts.
+        summary: by name of the row, the result of :func:`litsim_sim.analysis.summary.summarise`, and verdicts.
         console: to print to.
-        replayed: whether the log moves the background in all rows: measures of agents under control are left out.
+        replayed: whether the background is replayed in all rows; measures of agents under control are left out.
     """
     rows = list(summary)
     left_out = OF_CONTROL if replayed else ()
@@ -102,7 +102,7 @@ def print_summary(
 
 
 def _numbered(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], console: Console) -> list[Table]:
-    """Tables of as many rows each as fit, at least one."""
+    """Tables with as many rows of runs as fit, but at least one each."""
     count = len(numbers)
     while count > 1 and not all(_fits(table, console) for table in _spread(numbers, summary, count)):
         count -= 1
@@ -110,7 +110,7 @@ def _numbered(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any
 
 
 def _spread(numbers: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]], most: int) -> list[Table]:
-    """As few tables as hold `most` rows each at most, of about as many rows each."""
+    """As few tables as possible with at most `most` rows of runs, evenly distributed."""
     rows, tables = list(numbers), -(-len(numbers) // most)
     parts = [rows[len(rows) * i // tables : len(rows) * (i + 1) // tables] for i in range(tables)]
     return [_table({row: numbers[row] for row in part}, summary) for part in parts]
@@ -121,7 +121,7 @@ def _fits(table: Table, console: Console) -> bool:
 
 
 def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Measures of some rows; `headings` names the columns by row."""
+    """The table of some rows of runs; `headings` are the names of the columns by row."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
     for heading in headings.values():
@@ -139,7 +139,7 @@ def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]
 
 
 def _mark(key: str, row: Mapping[str, Any]) -> str:
-    """What follows a figure that leaves runs out: all do where runs have failed, but for those that count them."""
+    """The mark of a figure over fewer than all runs: any but OF_ALL_RUNS in a row with failed runs."""
     return MARK if row["failed"] and key not in OF_ALL_RUNS else ""
 
 

@@ -1,6 +1,6 @@
-"""How much gets done in a second: scenario-seconds of `evaluate`, agent-steps of `train`; beside another checkout.
+"""Benchmark of throughput: scenario-seconds of `evaluate` and agent-steps of `train` per second, also of two checkouts.
 
-Both are timed as whole processes, the same way on both sides, in turns; compare the ratios within a pair.
+Both checkouts are timed alternately, as whole processes; compare the ratios within a pair.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ TRAINING = {
         ]
     },
 }
-"""Configuration of the training that is timed: a sixth of that of `policy_c.yaml`, without its real windows."""
+"""Configuration of the timed training: a sixth of that of `policy_c.yaml`, without its real windows."""
 
 TIMED = """
 import resource, subprocess, sys, time
@@ -51,12 +51,13 @@ wall, used = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHI
 print(wall, used.ru_utime + used.ru_stime)
 sys.exit(0 if str(ended) in sys.argv[1].split() else ended)
 """
-"""Runs its arguments and prints how long that took, of the clock and of the processor [s]; first are statuses that do.
+"""Program that runs a command and prints its wall time and its CPU time [s].
 
-Setting up the environment of a checkout does not count.
+Its first argument lists the exit statuses of success. It runs within the checkout's environment, so that setting this
+up does not count.
 """
 OF_A_CHECKOUT = ("PYTHONPATH", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH")
-"""Variables of the environment that say where a checkout lies."""
+"""Environment variables that point to a checkout."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class Side:
     Attributes:
         python: command that runs Python in its environment.
         train: module of its training.
-        environment: variables to run it with.
+        environment: environment variables.
     """
 
     python: tuple[str, ...]
@@ -75,32 +76,35 @@ class Side:
 
     @classmethod
     def here(cls) -> Side:
-        """The checkout that this process runs."""
+        """The checkout of this process."""
         return cls((sys.executable,), "litsim_policy.learning.train", os.environ)
 
     @classmethod
     def beside(cls, checkout: Path) -> Side:
-        """Another one, which is built.
+        """Another checkout, which must be built.
 
         Raises:
-            InputError: it is no checkout of LitSim.
+            InputError: it is not a checkout of LitSim.
         """
         if not (checkout / "litsim").is_file():
-            raise InputError(f"{checkout}: no checkout of LitSim, expected a folder with its ./litsim")
+            raise InputError(f"{checkout}: not a checkout of LitSim, expected a folder with the script litsim")
         environment = {key: value for key, value in os.environ.items() if key not in OF_A_CHECKOUT}
         moved = (checkout / "src/litsim_policy/litsim_policy/learning").is_dir()
         train = "litsim_policy.learning.train" if moved else "litsim_policy.train"
         return cls((str(checkout.absolute() / "litsim"), "exec", "python"), train, environment)
 
     def rates(self, module: str, *arguments: str, answers_no: bool = False) -> Callable[[str, float], Sample]:
-        """Run a program of the checkout; returns what makes a figure's rates of an amount that it got done.
+        """Run and time a program of the checkout.
 
         Args:
             module, arguments: the program.
-            answers_no: whether exit status 1 is an answer, as that of `evaluate` is where runs have not passed.
+            answers_no: whether exit status 1 is a success, as of `evaluate` with runs that have not passed.
+
+        Returns:
+            a function from the name of a figure and the amount of work done to the rates per second of both clocks.
 
         Raises:
-            InputError: it fails.
+            InputError: the program fails.
         """
         run, *given = self.python
         words = ("0 1" if answers_no else "0", "python" if given else run, "-m", module, *arguments)
@@ -110,7 +114,7 @@ class Side:
 
 
 def time_evaluation(side: Side, scenarios: Sequence[str], egos: str, processes: int, out: Path) -> Sample:
-    """Time `evaluate` of the policies :data:`POLICIES` on `egos` of `scenarios`, in process.
+    """Time `evaluate` with :data:`POLICIES` on `egos` of `scenarios`, in process.
 
     Raises:
         InputError: it fails.
@@ -122,7 +126,7 @@ def time_evaluation(side: Side, scenarios: Sequence[str], egos: str, processes: 
 
 
 def _steps(out: Path) -> list[int]:
-    """Steps of each run that `evaluate` has made; a checkout of before there were campaigns tells them by row."""
+    """Steps of each run of `evaluate`, also from the file of checkouts older than campaigns."""
     if (results := out / RESULTS_FILE).is_file():
         return [run["metrics"]["steps"] for run in json.loads(results.read_text())["runs"]]
     rows = json.loads((out / "evaluation.json").read_text())["runs"].values()
@@ -130,7 +134,7 @@ def _steps(out: Path) -> list[int]:
 
 
 def generated_data(side: Side, out: Path) -> Path:
-    """The folder of generated segments that `train` leaves in `out` where there are none: each checkout reads its own.
+    """Let `train` generate its segments, and return their folder; each checkout reads its own.
 
     Raises:
         InputError: it fails.
@@ -140,7 +144,7 @@ def generated_data(side: Side, out: Path) -> Path:
 
 
 def _train(side: Side, out: Path) -> Callable[[str, float], Sample]:
-    """Run `train`; returns what makes a figure's rates of an amount that it got done."""
+    """Run and time `train`; see :meth:`Side.rates`."""
     out.mkdir(parents=True, exist_ok=True)
     config = out / "config.yaml"
     config.write_text(yaml.safe_dump(TRAINING))
@@ -148,7 +152,7 @@ def _train(side: Side, out: Path) -> Callable[[str, float], Sample]:
 
 
 def time_training(side: Side, data: Path, out: Path) -> Sample:
-    """Time `train` on generated segments that lie in `data` already, its start and its warm start included.
+    """Time `train` on the generated segments in `data`, including its start-up and its warm start.
 
     Raises:
         InputError: it fails.
@@ -170,18 +174,18 @@ def measure_throughput(
     pairs: int,
     done: Callable[[], object],
 ) -> dict[str, list[Sample]]:
-    """Time this checkout and the one `beside` in turns.
+    """Time this checkout and the one `beside` alternately.
 
     Args:
-        folder: for what the programs write.
-        beside: the other checkout; None times this one alone.
-        scenarios, egos: to evaluate; egos as the option of `evaluate` has them.
+        folder: for the output of the programs.
+        beside: the other checkout; None to time this one alone.
+        scenarios, egos: to evaluate; egos as in the option of `evaluate`.
         processes: of an evaluation.
-        pairs: times that each side is timed.
+        pairs: number of measurements of each side.
         done: called after each pair.
 
     Returns:
-        samples by side, and where there are two, ratios.
+        samples by side, and ratios if there are two.
 
     Raises:
         InputError: a program fails.
@@ -190,7 +194,7 @@ def measure_throughput(
     data = {name: generated_data(side, folder / f"generated by {name}") for name, side in sides.items()}
     found: dict[str, list[Sample]] = {name: [] for name in sides}
     for pair in range(pairs):
-        for name, side in list(sides.items())[:: 1 if pair % 2 else -1]:  # neither always meets the warmer machine
+        for name, side in list(sides.items())[:: 1 if pair % 2 else -1]:  # neither side always comes second
             sample = time_evaluation(side, scenarios, egos, processes, folder / "evaluation")
             found[name].append(sample | time_training(side, data[name], folder / "training"))
         done()
@@ -201,6 +205,6 @@ def measure_throughput(
 
 
 def throughput_rows(found: Mapping[str, Sequence[Sample]]) -> Iterator[list[str]]:
-    """Rows of the table: what, and its figure for each side, median (minimum to maximum); at last the ratio."""
+    """Rows of the table: name, and median (minimum to maximum) for each side and for the ratio."""
     for figure in FIGURES:
         yield [figure, *(spread(samples, figure) for samples in found.values())]

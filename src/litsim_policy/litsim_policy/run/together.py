@@ -1,7 +1,7 @@
-"""Many runs at once: their scenes are stepped together in the same array programs, each as if it were alone.
+"""Several runs at once: their scenes are stepped together in the same arrays, without influence on each other.
 
-What a step costs is mostly the number of calls that it takes, not the number of agents; so several scenes cost little
-more than one. Scenes are joined where what the stages ask of a scenario is the same for all of them; egos may differ.
+The cost of a step is mostly that of its calls, rather than of its agents, so that several scenes cost little more than
+one. Scenes can be joined if the stages need the same of all their scenarios; egos may differ.
 """
 
 from __future__ import annotations
@@ -27,9 +27,13 @@ from litsim_sim.world.world import World, WorldConfig
 class JoinedRunner:
     """Runs S plans together in this process, without SUMO.
 
+    Attributes:
+        plans: the plans.
+        summaries: the world's summary of each run that is over, by number of the plan; see :meth:`World.summary`.
+
     Raises:
-        ValueError: the plans differ in policy or in parameters but for the ego's, or their scenarios in kind; see
-            :func:`litsim_sim.scenario.joined.kind`.
+        ValueError: the plans differ in policy or in parameters other than the ego's, or their scenarios in kind
+            (:func:`litsim_sim.scenario.joined.kind`).
         InputError: as :class:`litsim_policy.run.runner.Runner`.
     """
 
@@ -47,13 +51,12 @@ class JoinedRunner:
         stages = configured(None, first.policy, common)
         self._reaction = Reaction(stages, first.policy, self._joined) if reacts else None
         self.summaries: dict[int, dict[str, Any]] = {}
-        """The world's summary of each run that is over; see :meth:`World.summary`."""
         load_kernels()
 
     def steps(self) -> Iterator[dict[int, StepResult]]:
-        """Every step of the runs that are not over yet, with its answers; each by the number of its plan.
+        """Yield each step of the runs that are not over, with its answers, by number of the plan.
 
-        Wall times of stages are those of all scenes, shared out equally.
+        Wall times of stages are divided equally among the runs.
         """
         begin = time.perf_counter()
         table, joined = self._world.reset(), self._joined
@@ -82,7 +85,7 @@ class JoinedRunner:
                 table = self._world.step_together(together, commands)
 
     def _apart(self, takeovers: TakeoverTable, reaction: Reaction) -> list[TakeoverTable]:
-        """The takeovers of each scene."""
+        """The takeovers by scene."""
         rounds = reaction.manager.iterations.tolist(), reaction.manager.converged.tolist()
         return [
             TakeoverTable(takeovers.step, own, iterations, converged)
@@ -91,12 +94,12 @@ class JoinedRunner:
 
 
 def common_parameters(plan: RunPlan) -> Parameters:
-    """Parameters of the stages that all runs share: of all but the ego."""
+    """Parameters of the stages that joined runs share: all but the ego."""
     return {stage: values for stage, values in plan.parameters.items() if stage != EGO}
 
 
 def record_together(plans: Sequence[RunPlan]) -> list[RecordedRun]:
-    """Run `plans` together and return what recordings of the same runs would be read as.
+    """Run `plans` together and return the runs as if read from recordings.
 
     Raises:
         ValueError, InputError: as :class:`JoinedRunner`.

@@ -1,4 +1,4 @@
-"""Processes that run cases, a batch after the other: a crash of one run, in native code too, ends no other."""
+"""Processes that run batches of cases, so that a crash of one run, also in native code, ends no other."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from litsim_sim.launch.child import end_with_parent, how_it_ended
 
 
 class Workers:
-    """A process for each thread that runs cases: libsumo holds one simulation a process, and a crash ends no other."""
+    """One process for each thread that runs cases; a context manager."""
 
     def __init__(self) -> None:
         self._context = multiprocessing.get_context("spawn")
@@ -35,22 +35,22 @@ class Workers:
         self.close()
 
     def close(self) -> None:
-        """End all of them at once; none is started any more."""
+        """Terminate all processes, and start no further ones."""
         with self._starting:
             self._closed = True
             for process in self._all:
                 process.terminate()
 
     def run(self, case: Case, folder: Path | None = None) -> RunOutcome:
-        """Run a case in this thread's process; its picture is left in `folder`."""
+        """Run a case in this thread's process; its picture is written to `folder`."""
         (outcome,) = self.run_batch([case], [folder])
         return outcome
 
     def run_batch(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[RunOutcome]:
-        """Run cases in this thread's process, together where they can be; their pictures are left in their folders.
+        """Run cases in this thread's process, together where possible; their pictures are written to their `folders`.
 
-        The wall time of each is its share. Where the process ends, each of them is run alone, so that it is known
-        which of them ends it.
+        The wall time is divided equally among the cases. If the process ends, the cases are repeated one by one to find
+        the one that ends it.
         """
         begin = time.monotonic()
         try:
@@ -66,10 +66,10 @@ class Workers:
         ]
 
     def _ask(self, cases: Sequence[Case], folders: Sequence[Path | None]) -> list[Found]:
-        """Metrics of cases from this thread's process, or why there are none.
+        """Metrics of cases from this thread's process, or the reasons for their absence.
 
         Raises:
-            RunFailed: its process has ended, or all have been closed.
+            RunFailed: the process has ended, or the workers are closed.
         """
         if not hasattr(self._mine, "process"):
             with self._starting:
@@ -91,11 +91,11 @@ class Workers:
         self._mine.process = self._context.Process(target=_serve, args=(theirs,), daemon=True)
         self._mine.process.start()
         self._all.append(self._mine.process)
-        theirs.close()  # else its end would not be noticed
+        theirs.close()  # so that the end of the process closes the pipe
 
 
 def _serve(pipe: Connection) -> None:
-    """The process of a worker: what comes of all cases that are sent."""
+    """Main function of a worker's process: run the batches received, and send their results."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent ends this one
     end_with_parent()
     with suppress(EOFError, ConnectionError):  # the parent is gone
