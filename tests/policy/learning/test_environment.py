@@ -10,7 +10,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from litsim_policy.driving.observation import ObservationConfig
-from litsim_policy.learning.environment import NOBODY, EnvironmentConfig, PolicyEnvironment
+from litsim_policy.learning.environment import EMPTY, EnvironmentConfig, PolicyEnvironment
 from litsim_policy.learning.episodes import Course, Episodes, Outcome
 from litsim_policy.learning.expert import ExpertConfig, expert_pairs
 from litsim_policy.learning.reward import PenaltyConfig, penalties
@@ -85,7 +85,7 @@ def test_who_makes_others_brake_shares_their_penalties(make_scenario, track, lan
 def test_slots_say_whose_they_are(environment) -> None:
     observation, info = environment.reset(seed=0)
     agents = info["agents"]
-    taken = agents != NOBODY
+    taken = agents != EMPTY
     assert taken.sum() >= 2 and (np.diff(agents[taken]) > 0).all()
     assert (observation[~taken] == 0.0).all() and (np.abs(observation[taken]).sum(axis=1) > 0).all()
     assert environment.scenario.ego_id not in agents

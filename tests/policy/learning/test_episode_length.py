@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from litsim_policy.learning.environment import NOBODY, EnvironmentConfig, PolicyEnvironment
+from litsim_policy.learning.environment import EMPTY, EnvironmentConfig, PolicyEnvironment
 
 
 @pytest.mark.parametrize("steps_max", [7, 12])
@@ -14,7 +14,7 @@ def test_an_episode_is_as_long_as_it_is_told_to_be(make_scenario, track, lane_ce
     scenario = make_scenario(*tracks)
     environment = PolicyEnvironment([scenario], EnvironmentConfig(steps_max=steps_max, slots=2, drafted=3))
     _, info = environment.reset(seed=0)
-    assert 0 < (info["agents"] != NOBODY).sum() <= 2
+    assert 0 < (info["agents"] != EMPTY).sum() <= 2
     truncated = False
     while not truncated:
         _, _, terminated, truncated, info = environment.step(np.zeros((2, 3)))

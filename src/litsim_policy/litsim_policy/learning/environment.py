@@ -21,7 +21,7 @@ from litsim_sim.core.scene import IntArray
 from litsim_sim.scenario.scenario import Scenario
 
 Array = np.ndarray
-NOBODY = -1
+EMPTY = -1  # id in an empty slot
 
 
 class PolicyEnvironment(gymnasium.Env[Array, Array]):
@@ -63,7 +63,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
 
         Returns:
             observation (slots, size), mean penalty of the driven agents, terminated, truncated, and info: `agents`
-            (slots,), -1 in empty slots, `step`, `scenario` and `outcome` (:class:`.episodes.Outcome`).
+            (slots,), EMPTY in empty slots, `step`, `scenario` and `outcome` (:class:`.episodes.Outcome`).
         """
         outcome = self._episodes.step(np.asarray(action, np.float64)[: len(self._episodes.driven)])
         terminated = bool(outcome.terminated.any())
@@ -89,7 +89,7 @@ class PolicyEnvironment(gymnasium.Env[Array, Array]):
         return observation
 
     def _info(self) -> dict[str, Any]:
-        agents = np.full(self.config.slots, NOBODY, np.int64)
+        agents = np.full(self.config.slots, EMPTY, np.int64)
         driven = self._own(self._episodes.driven)
         agents[: len(driven)] = driven
         return {"agents": agents, "step": self._episodes.step_number, "scenario": self.scenario.name}

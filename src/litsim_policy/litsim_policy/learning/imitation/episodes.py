@@ -10,7 +10,7 @@ import numpy as np
 from litsim_policy.driving.imitation_policy import BOUNDS, commanded
 from litsim_policy.driving.traffic_observation import TrafficObserver
 from litsim_policy.learning.draw import STAYS
-from litsim_policy.learning.reward import edge_clearance, others_near, ramp
+from litsim_policy.learning.reward import EDGE_FROM, EDGE_FULL, edge_clearance, others_near, ramp
 from litsim_policy.motion.followers import PathFollowers
 from litsim_policy.motion.path_batch import PathBatch
 from litsim_policy.motion.reference_path import ReferencePath, route_path
@@ -28,7 +28,6 @@ from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.world.world import World
 
 BRAKE = 2.0, 3.0  # [m/s2] braking at which RAIL's penalty begins and is full
-EDGE = 0.5, -0.1  # [m] likewise, from the agent's side to the edge of the road; negative is outside
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,7 @@ class TrafficEpisodes:
         executed[here] = np.column_stack([after.acceleration[on], after.yaw_rate[on]]) / BOUNDS
         touching, _ = others_near(after, on)
         contact[here] = touching.any(axis=1)
-        off[here] = ramp(edge_clearance(after, on, self.joined.lane_map), *EDGE)
+        off[here] = ramp(edge_clearance(after, on, self.joined.lane_map), EDGE_FROM, EDGE_FULL)
         brake[here] = ramp(-after.acceleration[on], *BRAKE)
         log, at = self.joined.log, np.searchsorted(self.joined.log.ids, agents)
         known = here & (log.last_step[at] >= after.step)
