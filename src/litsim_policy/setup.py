@@ -5,7 +5,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "litsim_policy"
-# Files that code opens with importlib.resources; configurations, scenarios, nets and what they embed.
+# Package data: files opened with importlib.resources, such as configurations, scenarios and nets.
 ENDINGS = ("css", "html", "js", "json", "parquet", "pt", "safetensors", "xml", "xml.gz", "yaml")
 DATA = [f"**/*.{ending}" for ending in ENDINGS]
 # Folders beside the package that are installed into its share folder, where `ros2 launch` and --params-file look.
@@ -48,7 +48,7 @@ setup(
             "check_ads = litsim_policy.cli.check_ads:main",
             "security = litsim_policy.cli.security:main",
         ],
-        "litsim.stages": [  # what reads the parameters of each, see litsim_sim.core.stage_registry
+        "litsim.stages": [  # functions that read the parameters of each stage, see litsim_sim.core.stage_registry
             "conflict = litsim_policy.conflict.registry:conflict_stage",
             "policy = litsim_policy.driving.registry:policy_stage",
             "ego_bat = litsim_policy.ego.registry:bat_stage",

@@ -1,1 +1,1 @@
-"""The conflict stage: which boxes will overlap, which agents are taken over, and when each is handed back."""
+"""The conflict stage: predicted overlaps of boxes, takeovers of agents, and their hand-back."""

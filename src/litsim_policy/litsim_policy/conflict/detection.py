@@ -1,4 +1,4 @@
-"""Conflict detection: boxes that will overlap in time and space, off the log by forecast, on it by the log."""
+"""Conflict detection: predicted overlaps of agents on their logs, by the log, with agents off theirs, by forecast."""
 
 from __future__ import annotations
 
@@ -37,30 +37,30 @@ class ConflictConfig:
     A forecast is a Gaussian around its mean, so two boxes overlap at an instant with a probability. The mean alone is
     the special case `sigma_scale` = 0: the probability is then 1 or 0, and any threshold gives the same. With the
     forecast's spread, threshold 0.5 is nearly the same where only one coordinate is uncertain, as in a lane: the
-    probability is a half where the mean boxes touch. Lower thresholds see a conflict sooner.
+    probability is a half where the mean boxes touch. Lower thresholds detect a conflict sooner.
 
     Attributes:
-        horizon: of the future that is compared; a forecast is trusted no longer.
-        margin: by which boxes are lengthened; positive takes over earlier.
-        probability_threshold: of an overlap at some instant, from which on it is a conflict.
-        probability_clear: below which, at every instant, there is none any more; for agents that are off their log
-            already. Lower than the threshold, it keeps takeovers from flickering.
+        horizon: of the futures that are compared.
+        margin: added to the length of boxes; positive values lead to earlier takeovers.
+        probability_threshold: least probability of an overlap at some instant that counts as a conflict.
+        probability_clear: likewise for agents that are already off their logs; lower than the threshold, it keeps
+            takeovers from flickering.
         sigma_scale: factor on the standard deviations of the forecast.
         braking_time: time for which a hard braking agent is assumed to keep braking, where its forecast expects less;
             0 leaves forecasts unchanged.
         braking_hard: deceleration from which an ego's braking is hard.
         emergency: deceleration from which any agent's braking is hard. No forecast knows the reason for it, and
             agents behind need longer to stop.
-        roi_m: radius around an agent off its log within which others are looked at; 0 takes the scenario's.
+        roi_m: radius around an agent off its log within which others are compared; 0 for the scenario's.
         approach_time: others that would reach that radius within this time, at their present rate of approach, are
-            looked at as well; 0 takes the radius alone. Stopping behind a standing agent can take more than 30 m.
+            compared as well; 0 for the radius alone. Stopping behind a standing agent can take more than 30 m.
         region: off_log: around every agent off its log; ego: the same, but agents are taken over only within `roi_m`
             of the ego.
-        closing_time: a conflict within this time is certain and urgent, whatever the forecast says, if it results
-            from an agent off its log keeping its acceleration and heading; twice that in an emergency; 0 relies on
-            the forecast alone.
+        closing_time: a conflict within this time is certain and urgent, regardless of the forecast, if it results from
+            an agent off its log keeping its acceleration and heading; twice that in an emergency; 0 for the forecast
+            alone.
         intent: how agents under control are assumed to continue.
-        happened: folder of what happened in earlier runs, whose contacts are taken as the conflicts: an oracle, for
+        happened: folder of the outcomes of earlier runs, with contacts that replace detection as an oracle, for
             experiments; empty for none.
     """
 
@@ -107,11 +107,10 @@ class Conflict:
 
 
 class ConflictDetector:
-    """Compares the futures of agents on their log with those of agents off it.
+    """Compares the futures of agents on their logs with those of agents off theirs.
 
-    Background agents outside of the region of interest of an agent off its log are not looked at. Where two background
-    agents overlap in the log itself, and the one that is off its log is where its log has it then, their overlap is
-    none to be resolved.
+    Only background agents in the region of interest of an agent off its log are compared. If two background agents
+    overlap in the log itself, and the one off its log is at its logged position then, the overlap is ignored.
     """
 
     def __init__(self, log: Log, roi_m: float, config: ConflictConfig, overlaps: LogOverlaps | None = None) -> None:
@@ -120,13 +119,13 @@ class ConflictDetector:
         self._steps = int(config.horizon / STEP_S + 1e-9)
 
     def logged_future(self, table: AgentTable, lag: IntArray | None = None) -> PredictedMotion:
-        """Every agent as its log goes on.
+        """The future of all agents by their logs.
 
-        An agent on its log keeps the residual that it has now, if any; one off its log is put back onto it at once.
+        An agent on its log keeps its present residual, if any; an agent off its log is put back onto it at once.
 
         Args:
             table: n agents.
-            lag: (n,) steps by which the replay of each log lags; None is not at all.
+            lag: (n,) steps by which the replay of each log lags; None for no lag.
         """
         log, rows = self._log, self._log.ids.searchsorted(table.id)
         now = np.full(len(table), table.step) if lag is None else table.step - lag
@@ -135,7 +134,7 @@ class ConflictDetector:
         )
 
     def forecast_future(self, table: AgentTable, forecast: Forecast) -> PredictedMotion:
-        """The forecast motion of every agent, for any `dt` of the forecast; agents without a forecast are nowhere.
+        """The forecast motion of all agents, for any `dt` of the forecast; not valid for agents without a forecast.
 
         Between the instants of the forecast, and from the present pose to the first of them, centres, headings and
         covariances are interpolated linearly; now, the covariance is zero. Nothing is valid beyond its last instant.
@@ -150,7 +149,7 @@ class ConflictDetector:
     def expected_future(
         self, table: AgentTable, forecast: Forecast, of: BoolArray, intents: Intents | None = None
     ) -> PredictedMotion:
-        """The motion of some agents: as forecast, or, under control, as their policies drive; others are nowhere.
+        """The motion of some agents, as forecast, or as intended under control; not valid for all others.
 
         Args:
             table: n agents.
@@ -169,11 +168,11 @@ class ConflictDetector:
             at = intents.rows
             forecasts = PredictedMotion(states[at], valid[at])
             motion = intended_motion(config.intent, intents, table, forecasts, config.sigma_scale)
-            states[at], valid[at], rows[at] = motion.states, motion.valid, -1  # which is all that they may do
+            states[at], valid[at], rows[at] = motion.states, motion.valid, -1  # no other manoeuvres
         return PredictedMotion(states, valid, self._others(table, forecast, rows, hard))
 
     def _others(self, table: AgentTable, forecast: Forecast, rows: IntArray, hard: BoolArray) -> OtherMotions:
-        """What agents may do instead, by `forecast`.
+        """Other manoeuvres of the agents, by `forecast`.
 
         Args:
             table: n agents.
@@ -223,12 +222,12 @@ class ConflictDetector:
         )
 
     def _brakes_hard(self, table: AgentTable) -> BoolArray:
-        """(n,) whether an agent brakes so hard that it is assumed to go on; see `ConflictConfig.braking_time`."""
+        """Mask (n,) of agents that are assumed to keep braking hard; see `ConflictConfig.braking_time`."""
         config = self._config
         return -table.acceleration >= np.where(table.of_ego, config.braking_hard, config.emergency)
 
     def _hold_back(self, states: FloatArray, table: AgentTable, row: int) -> None:
-        """Move a motion `states` (T, 6) of the agent in `row` back to where its braking leads, in place."""
+        """Hold the motion `states` (T, 6) of the agent in `row` back in place, as its braking requires."""
         speed, braking = table.speed[row], -table.acceleration[row]
         hold_back(states, table.x[row], table.y[row], speed, braking, self._config.braking_time)
 
@@ -258,11 +257,11 @@ class ConflictDetector:
         return self.overlap_probability(table, logged, expected, pairs, least)
 
     def around(self, table: AgentTable, agents: BoolArray) -> BoolArray:
-        """(n,) those no farther than the ROI's radius from one of `agents` (n,), and these themselves."""
+        """Mask (n,) of all agents within the ROI's radius of one of `agents` (n,), these included."""
         return around(table, agents, self._roi_m)
 
     def near_any(self, table: AgentTable, agents: BoolArray) -> BoolArray:
-        """(n,) mask of `agents` (n,) and of those in the ROI of one of them, or approaching it."""
+        """Mask (n,) of `agents` (n,), and of all agents in the ROI of one of them or approaching it."""
         time = self._config.approach_time
         return near_any(table.scene, table.x, table.y, table.yaw, table.speed, agents, self._roi_m, time)
 
@@ -282,10 +281,10 @@ class ConflictDetector:
     ) -> list[Conflict]:
         """Conflicts of agents `on_log` with agents `off_log` (masks (n,)), soonest first, one for each agent.
 
-        `lag` (n,) are the steps by which the logs in `logged` lag; None is not at all.
+        `lag` (n,) are the steps by which the logs in `logged` lag; None for no lag.
 
-        An agent that the other one merely follows is not in conflict: a follower that hits its leader's rear could
-        have kept its distance, and the leader cannot prevent it by yielding.
+        An agent is not in conflict with one that merely follows it: the follower could have kept its distance, and the
+        leader cannot prevent the collision by yielding.
         """
         threshold = self._config.probability_threshold
         goes_on = self._closing_time(table)
@@ -321,7 +320,7 @@ class ConflictDetector:
         expected: PredictedMotion,
         lag: IntArray | None = None,
     ) -> BoolArray:
-        """(n,) which of `agents` would be in conflict on their log, by the lower of both thresholds.
+        """Mask (n,) of those of `agents` that would be in conflict on their logs, by the lower of both thresholds.
 
         `lag` as in :meth:`detect`.
         """
@@ -351,7 +350,7 @@ class ConflictDetector:
         least: float,
         goes_on: FloatArray,
     ) -> IntArray:
-        """Those of `pairs` (m, 2) that can overlap at all, with a probability of `least` or closing fast.
+        """The `pairs` (m, 2) that can overlap, with a probability of at least `least` or closing fast.
 
         For `goes_on` (n,) see :meth:`_closing_time`.
         """
@@ -362,18 +361,18 @@ class ConflictDetector:
         return pairs[within_bounds(pairs, logged.bounds, anywhere, length, table.width, tail)]
 
     def _closing(self, table: AgentTable, logged: PredictedMotion, pairs: IntArray, goes_on: FloatArray) -> FloatArray:
-        """(m, T) 1 where the first of `pairs` (m, 2), on its log, meets the second going on as it does now; else 0."""
+        """1 where the first of `pairs` (m, 2), by its log, meets the second, which continues as now; else 0. (m, T)."""
         length = table.length + self._config.margin
         now = table.x, table.y, table.yaw, table.speed, table.acceleration
         return closing_chances(pairs, logged.states, logged.valid, *now, length, table.width, goes_on)
 
     def _closing_time(self, table: AgentTable) -> FloatArray:
-        """(n,) times [s] for which agents are assumed to go on as now; see `ConflictConfig.closing_time`."""
+        """Times (n,) [s] for which agents are assumed to continue as now; see `ConflictConfig.closing_time`."""
         emergency = -table.acceleration >= self._config.emergency
         return np.where(emergency, 2.0, 1.0) * self._config.closing_time
 
     def _overlap_in_log(self, table: AgentTable, pairs: IntArray) -> BoolArray:
-        """(m,) whether `pairs` (m, 2) of rows overlap at some step of the log; False for pairs with the ego."""
+        """Mask (m,) of `pairs` (m, 2) of rows that overlap at some step of the log; False for pairs with the ego."""
         if not len(pairs):
             return np.zeros(0, np.bool_)
         found: BoolArray = np.asarray(~table.of_ego[pairs].any(axis=1))

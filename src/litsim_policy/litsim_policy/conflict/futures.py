@@ -1,4 +1,4 @@
-"""Where agents will be: as their logs go on, or as they are forecast; compiled loops over agents and steps."""
+"""Futures of agents, by their logs or by forecast; compiled loops over agents and steps."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ _SINGLES2, _SINGLES3 = read_array(types.float32, 2), read_array(types.float32, 3
 @quickly_made
 @dataclass(frozen=True)
 class OtherMotions:
-    """What some of n agents may do instead: q further motions.
+    """q alternative motions of some of n agents.
 
     Attributes:
         row: (q,) of the agent.
-        weight: (q,) of the motion; 1 less those of an agent is what its first motion weighs.
+        weight: (q,) probability of the motion; the first motion of an agent has the remainder to 1.
         states, valid: (q, T, 6), (q, T), as in :class:`PredictedMotion`.
     """
 
@@ -73,8 +73,8 @@ class PredictedMotion:
 
     Attributes:
         states: (n, T, 6) x, y [m], yaw [rad] and covariance xx, yy, xy [m2] of the centre, frame map.
-        valid: (n, T) whether the agent is on the road then, as far as is known.
-        others: what agents may do instead.
+        valid: (n, T) whether the agent is known to be on the road then.
+        others: alternative motions.
     """
 
     states: FloatArray
@@ -110,7 +110,7 @@ class PredictedMotion:
         return bounds(self.states, self.valid)
 
     def put(self, rows: BoolArray, other: PredictedMotion) -> None:
-        """Give agents of the mask `rows` (n,) that have no motion yet that of `other`, in place.
+        """Copy the motions of agents in the mask `rows` (n,), which have none yet, from `other`, in place.
 
         Call it before bounds are read.
         """
@@ -146,7 +146,7 @@ def widest(
     acceleration: FloatArray,
     time: FloatArray,
 ) -> FloatArray:
-    """Return bounds (n, 5) of all that agents may do: move as forecast, otherwise, or straight on for some time.
+    """Return bounds (n, 5) of all possible motions: first, alternative, and straight on for some time.
 
     Args:
         bounds: (n, 5) of their first motions.
@@ -183,15 +183,15 @@ def follow_logs(  # noqa: PLR0917 - a kernel takes arrays and numbers
     y: FloatArray,
     on_log: BoolArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Return `states` (n, T, 6) and `valid` (n, T) of agents as their logs go on.
+    """Return `states` (n, T, 6) and `valid` (n, T) of agents by their logs.
 
     Args:
         log_x, log_y, log_yaw, log_valid: (N, S) of the log [m], [rad].
         rows: (n,) of the agents in the log.
-        now: (n,) step of the log at which each of them is.
+        now: (n,) present step of each agent's log.
         count: number T of steps.
         x, y: (n,) of the agents now [m].
-        on_log: (n,) whether each follows its log, so that it keeps its residual from it.
+        on_log: (n,) whether the agent follows its log, and keeps its residual.
     """
     last = log_x.shape[1] - 1
     states, valid = np.zeros((len(rows), count, 6)), np.zeros((len(rows), count), np.bool_)
@@ -226,14 +226,14 @@ def interpolate(  # noqa: PLR0917 - a kernel takes arrays and numbers
     y_now: FloatArray,
     yaw_now: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Return `states` (n, T, 6) and `valid` (n, T) of agents as they are forecast, linear between the instants.
+    """Return `states` (n, T, 6) and `valid` (n, T) of agents by forecast, linear between its instants.
 
     Args:
         mean, yaw, sigmas: (N, F, 2), (N, F), (N, F, 3) as in :class:`litsim_predictor.forecast.Forecast`.
         dt: between instants of the forecast [s].
-        rows: (n,) of the agents in the forecast, -1 for those that it knows nothing of.
+        rows: (n,) of the agents in the forecast, -1 for agents without one.
         count: number T of steps.
-        sigma_scale: by which standard deviations are multiplied.
+        sigma_scale: factor on the standard deviations.
         x_now, y_now, yaw_now: (n,) of the agents now [m], [rad].
     """
     instants = mean.shape[1]
@@ -266,7 +266,7 @@ def interpolate(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 @kernel(float64(float64, float64, float64))
 def gone_straight_on(speed: float, acceleration: float, time: float) -> float:
-    """Return how far [m] an agent gets in `time` [s] that keeps its acceleration [m/s2] until it stands."""
+    """Distance [m] of an agent after `time` [s] that keeps its acceleration [m/s2] until it stands."""
     if acceleration < 0.0:
         time = min(time, -speed / acceleration)
     return speed * time + 0.5 * acceleration * time**2
@@ -274,14 +274,14 @@ def gone_straight_on(speed: float, acceleration: float, time: float) -> float:
 
 @kernel(void(OUT_FLOATS2, float64, float64, float64, float64, float64))
 def hold_back(states: FloatArray, x: float, y: float, speed: float, braking: float, braking_time: float) -> None:
-    """Move a forecast back along itself, to where a vehicle gets that goes on braking; in place.
+    """Limit a forecast, in place, to the distance that a vehicle covers if it continues to brake.
 
     Args:
         states: (T, 6) of one agent.
-        x, y: where it is [m].
-        speed: at which it goes [m/s].
+        x, y: present position [m].
+        speed: present speed [m/s].
         braking: deceleration [m/s2].
-        braking_time: for which it goes on [s], unless it stands sooner.
+        braking_time: for which it continues [s], unless it stands sooner.
     """
     count = len(states)
     places, travelled = np.empty((count + 1, 2)), np.zeros(count + 1)
@@ -301,6 +301,6 @@ def hold_back(states: FloatArray, x: float, y: float, speed: float, braking: flo
         while travelled[at + 1] < reach:  # reach grows from step to step
             at += 1
         way = travelled[at + 1] - travelled[at]
-        share = (reach - travelled[at]) / way if way > 0.0 else 0.0  # none where it stands, and is expected to stand on
+        share = (reach - travelled[at]) / way if way > 0.0 else 0.0  # 0 if it is forecast to stand
         states[t, X] = places[at, 0] + share * (places[at + 1, 0] - places[at, 0])
         states[t, Y] = places[at, 1] + share * (places[at + 1, 1] - places[at, 1])

@@ -1,4 +1,4 @@
-"""Conflicts by hindsight: agents whose logs met an agent off its log in an earlier run of the same case, and when."""
+"""Conflicts by hindsight: overlaps of logs with agents off their logs, in an earlier run of the same case."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from litsim_sim.scenario.setting import Setting
 
 
 class Hindsight:
-    """Reports every contact that a log would have had, as soon as it lies within the horizon."""
+    """Reports each contact that a log would have had, as soon as it is within the horizon."""
 
     def __init__(self, scenario: Setting, folder: Path, horizon: float) -> None:
-        """Read what happened to the agents of `scenario` from `folder`; `horizon` [s].
+        """Read the outcomes of `scenario` from `folder`; `horizon` [s].
 
         Raises:
             InputError: see :meth:`Happened.read`.

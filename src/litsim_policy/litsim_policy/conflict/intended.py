@@ -1,7 +1,7 @@
-"""Where agents under control will be: along the paths that they were given, by what their policies are doing.
+"""Futures of agents under control, along the paths that they were given.
 
-For other agents, a predictor estimates path and speed. For an agent under control the path is known, and so is what its
-policy has just begun to do. How far it gets after that is left to the forecast, which sees the agents ahead.
+For other agents, a predictor estimates path and speed. For an agent under control, the path and the current command of
+its policy are known. Its later progress along the path is left to the forecast, which considers the agents ahead.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, Int
 
 @configuration
 class IntentConfig:
-    """How an agent under control is assumed to go on.
+    """How an agent under control is assumed to continue.
 
     Attributes:
-        used: whether it is; else it is forecast as anybody else.
-        hold: for which it keeps its acceleration, and then its speed.
-        fade: from `hold` on, the time in which the forecast's progress along the path takes over from this.
-        settle: time constant with which it comes to its path.
+        used: whether it is expected on its path; otherwise it is forecast as other agents.
+        hold: time for which it keeps its acceleration; after that, it keeps its speed.
+        fade: time, after `hold`, within which the forecast's progress along the path takes over.
+        settle: time constant of its return to the path.
         sigma_along, sigma_across: growth of the standard deviations, linear and quadratic terms.
         sigma_start: standard deviation at the start.
     """
@@ -50,7 +50,7 @@ class Intents:
     Attributes:
         rows: (r,) in the table.
         paths: of these agents.
-        fresh: (r,) whether each was taken over in this very step, so that its policy has done nothing yet.
+        fresh: (r,) whether the agent was taken over in this very step, so that its policy has not acted yet.
     """
 
     rows: IntArray
@@ -58,7 +58,7 @@ class Intents:
     fresh: BoolArray
 
     def among(self, agents: BoolArray) -> Intents:
-        """Those whose rows are in the mask `agents` (n,)."""
+        """The intents of the agents in the mask `agents` (n,)."""
         mine = agents[self.rows]
         if mine.all():
             return self
@@ -66,7 +66,7 @@ class Intents:
         return Intents(self.rows[kept], self.paths.take(kept), self.fresh[kept])
 
     def moved_to(self, rows: IntArray) -> Intents:
-        """The same of a table that is made of the `rows` (k,), ascending, which hold all of them."""
+        """The same for a table made of the `rows` (k,), ascending, which include all of these agents."""
         return Intents(rows.searchsorted(self.rows), self.paths, self.fresh)
 
 
@@ -79,9 +79,9 @@ def intended_motion(
         config: how they are assumed to continue.
         intents: the agents under control, and their paths.
         table: all agents.
-        forecast: of the agents (r,), by a predictor; ignored where it is not valid, and an agent whose policy has not
-            acted yet is nowhere.
-        sigma_scale: by which standard deviations are multiplied.
+        forecast: of the agents (r,), by a predictor; ignored where it is not valid. The motion of a fresh agent is
+            valid only where its forecast is.
+        sigma_scale: factor on the standard deviations.
     """
     rows = intents.rows
     states = _along(
@@ -108,7 +108,7 @@ def intended_motion(
 
 @kernel(float64(*[float64] * 4))
 def _gone(speed: float, acceleration: float, hold: float, time: float) -> float:
-    """Return how far [m] an agent gets in `time` [s] that keeps its acceleration for `hold` [s], and then its speed."""
+    """Distance [m] of an agent after `time` [s] that keeps its acceleration for `hold` [s], and then its speed."""
     until = min(hold, time)
     if acceleration < 0.0:
         until = min(until, -speed / acceleration)
@@ -142,7 +142,7 @@ def _along(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         segments, circles, count: of the paths; see :mod:`litsim_policy.motion.path_kernels`.
         x, y, speed, acceleration: (r,) of the agents now.
-        forecast, valid: (r, T, 6), (r, T) of the agents as a predictor has them, which says how far they get.
+        forecast, valid: (r, T, 6), (r, T) of the agents by a predictor, for their progress.
         hold, fade: (r,) as in :class:`IntentConfig`.
         settle, sigma_start: likewise.
         along_1, along_2, across_1, across_2: terms of the standard deviations.

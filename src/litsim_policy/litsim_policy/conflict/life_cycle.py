@@ -1,4 +1,4 @@
-"""How agents that are off their logs go through the states of a takeover: HELD, HANDBACK, RELEASED."""
+"""Transitions of agents off their logs between the states of a takeover: HELD, HANDBACK, RELEASED."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ OBSTACLE_SIGHT = 30.0  # [m] beyond the place in the log: range of the centres o
 @quickly_made
 @dataclass(frozen=True)
 class Residuals:
-    """How far r agents are from where their logs, lags included, have them at a step; arrays (r,).
+    """Residuals of r agents from their logs, lags included, at a step; arrays (r,).
 
     Attributes:
-        known: whether the log has the agent at that time; the other fields mean nothing where it has not.
+        known: whether the log contains the agent at that time; otherwise the other fields are meaningless.
         x, y: of the log [m].
         position: distance [m].
-        speed: faster than the log by this [m/s].
-        yaw: to the left of the log's heading [rad].
+        speed: of the agent less that of the log [m/s].
+        yaw: of the agent relative to the log, to the left [rad].
     """
 
     known: BoolArray
@@ -80,11 +80,11 @@ class Residuals:
 
     @property
     def reported(self) -> tuple[FloatArray, FloatArray]:
-        """Residuals (r,) of position [m] and speed [m/s] as published; -1 and 0 of those without a log to return to."""
+        """Residuals (r,) of position [m] and speed [m/s] as published; -1 and 0 for agents without a log."""
         return np.where(self.known, self.position, -1.0), np.where(self.known, self.speed, 0.0)
 
     def take(self, which: BoolArray) -> Residuals:
-        """Those of the agents of the mask `which` (r,)."""
+        """The residuals of the agents in the mask `which` (r,)."""
         return self if which.all() else Residuals(*(getattr(self, field.name)[which] for field in fields(self)))
 
 
@@ -137,7 +137,7 @@ def obstructed(
     residuals: Residuals,
     excuse: Excuse = nobody_is_excused,
 ) -> BoolArray:
-    """Whether an agent's way to its place in the log is blocked, other than by agents standing there in the log too.
+    """Whether other agents block the way to the place in the log, except for those that overlap it in the log itself.
 
     Args:
         off: agents off their logs.
@@ -186,7 +186,7 @@ def review(
         residuals: of the agents.
         in_conflict: (r,) whether its log leads into a conflict.
         excuse: for agents that overlap in the log itself.
-        unneeded: (r,) whether its log is over and no agent near reacts to it; None for none.
+        unneeded: (r,) whether its log is over and no nearby agent needs it; None for none.
     """
     off.in_conflict[:] = in_conflict
     free = residuals.known & ~in_conflict

@@ -32,7 +32,7 @@ _FINITE = (
     "conflict_pose",
     "goal_pose",
 )
-"""What has to be numbers of a takeover, beside its path."""
+"""Fields of a takeover that must be finite, besides its path."""
 
 
 def takeovers_to_message(table: TakeoverTable, run_id: str) -> Takeovers:
@@ -80,11 +80,11 @@ def takeovers_from_message(message: Takeovers) -> TakeoverTable:
 
 
 def received_takeovers(message: Takeovers) -> TakeoverTable:
-    """Table of a ``Takeovers`` that has come to a stage.
+    """Table of a ``Takeovers`` received by a stage.
 
     Raises:
-        InputError: no conflict stage would send it: agents that do not ascend, non-finite numbers, half a point of a
-            path, or an unknown state, reason or path source.
+        InputError: the message is invalid: agents do not ascend, numbers are not finite, a path has an odd number of
+            coordinates, or a state, reason or path source is unknown.
     """
     with refused(topic_names.TAKEOVERS):
         for takeover in message.takeovers:

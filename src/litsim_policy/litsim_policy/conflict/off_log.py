@@ -1,4 +1,4 @@
-"""The agents that are off their logs, as one table: why, since when, where they are going, and how far they are."""
+"""The agents off their logs as a table: reason and time of the takeover, goal, path and state."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ STATES, REASONS, SOURCES = tuple(TakeoverState), tuple(TakeoverReason), tuple(Pa
 @quickly_made
 @dataclass(frozen=True, eq=False)
 class OffLog:
-    """r agents off their logs, ids ascending; arrays (r,) unless said otherwise.
+    """r agents off their logs, ids ascending; arrays (r,) unless stated otherwise.
 
-    States, counts and paths change from step to step, in place (:meth:`return_to_log`); when agents come or go, it is
-    another table.
+    States, counts and paths change from step to step, in place (:meth:`return_to_log`); a change of the set of agents
+    makes another table.
 
     Attributes:
         agent, opponent: ids.
@@ -41,13 +41,13 @@ class OffLog:
         pose: (r, 3) x, y [m], yaw [rad] of the agent at the predicted overlap: its goal.
         in_conflict: whether its log leads into a conflict at this step.
         clear: steps in a row without conflict.
-        path: :class:`ReferencePath` that it follows: to its goal and on while it is HELD, later `logged`.
-        logged: :class:`ReferencePath` where it went in the recording.
+        path: :class:`ReferencePath` that it follows: to its goal and beyond while HELD, later `logged`.
+        logged: :class:`ReferencePath` in the recording.
         source: :class:`PathSource` of `path`.
         goal_s: arc length of the goal on `path` [m].
         slowed: steps in a row for which it has been slower than its log.
-        beside: position in `LaneMap.lanes` of the lane that it has taken to pass; NO_LANE for none.
-        changed_step: at which it changed lane last; -1 if it has not.
+        beside: row in `LaneMap.lanes` of the lane that it has taken to pass; NO_LANE for none.
+        changed_step: of its last lane change; -1 for none.
     """
 
     agent: IntArray
@@ -114,7 +114,7 @@ class OffLog:
         )
 
     def take(self, which: BoolArray) -> OffLog:
-        """The agents of the mask `which` (r,)."""
+        """The agents in the mask `which` (r,)."""
         if which.all():
             return self
         kept = which.nonzero()[0]
@@ -131,12 +131,12 @@ class OffLog:
 
     @cached_property
     def paths(self) -> PathBatch:
-        """What the agents follow."""
+        """The paths that the agents follow."""
         return PathBatch([path.points for path in self.path])
 
     @cached_property
     def logged_paths(self) -> PathBatch:
-        """Where the agents went in the recording."""
+        """The paths of the agents in the recording."""
         return PathBatch([path.points for path in self.logged])
 
     def return_to_log(self, which: BoolArray) -> None:

@@ -1,4 +1,4 @@
-"""Passing: an agent held behind a permanently slow one moves to the lane beside, and comes back from there."""
+"""Passing: an agent held behind a permanently slow one changes to an adjacent lane, and returns from there."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class PassingConfig:
     """Which agents pass, and how.
 
     Attributes:
-        slower: than its log was here, from which on an agent is held back.
+        slower: an agent is held back if it is slower than its log was at this place, by this much or more.
         patience: steps in a row for which it is held back before it looks for another lane.
-        again: steps from one change of lane to the next, at least.
-        change_time: that a change of lane takes.
-        look: ahead, over which both lanes have to lead the same way: enough to change, to pass, and to change back.
-        mobil: criteria.
+        again: least number of steps from one lane change to the next.
+        change_time: duration of a lane change.
+        look: distance ahead over which both lanes must lead the same way: enough to change, pass, and change back.
+        mobil: criteria of lane changes.
     """
 
     slower: Positive[Speed] = 0.5
@@ -55,7 +55,7 @@ class PassingConfig:
 
 
 class Passing:
-    """Looks at the agents off their logs once a step; holds nothing but the lines of the lanes."""
+    """Lets agents off their logs pass; its only state is the lines of the lanes."""
 
     def __init__(self, lane_map: LaneMap, log: Log, router: Router, config: PassingConfig) -> None:
         self._lane_map, self._log, self._router, self._config = lane_map, log, router, config
@@ -141,7 +141,7 @@ class Passing:
             off.pass_along(at, path, lane, table.step)
 
     def _give_up(self, table: AgentTable, off: OffLog, rows: IntArray, wanted: FloatArray) -> None:
-        """Let agents go back to their logged paths that are not in their new lanes yet, and cannot change any more."""
+        """Return agents to their logged paths that are not in their new lanes yet and can no longer change."""
         at = (off.beside != NO_LANE).nonzero()[0]
         if not len(at):
             return
@@ -155,7 +155,7 @@ class Passing:
         off.give_up(at[~self._weighed(table, off, rows, wanted, at, here, there).room], table.step)
 
     def _stay_beside(self, table: AgentTable, off: OffLog, rows: IntArray) -> None:
-        """Keep agents in their lanes that were on their way back into those of their logs, and are held again."""
+        """Keep agents in their present lanes that were returning to those of their logs and are held again."""
         at = ((off.changed_step >= 0) & (off.state == HELD) & (off.source == LOGGED)).nonzero()[0]
         if not len(at):
             return
@@ -167,7 +167,7 @@ class Passing:
             self._change(table, off, k, row, lane)
 
     def _wanted(self, off: OffLog, table: AgentTable, lag: IntArray) -> FloatArray:
-        """(r,) speeds [m/s] at which the logs of agents went where the agents are."""
+        """Speeds (r,) [m/s] of the agents' logs at the agents' positions."""
         log_rows = self._log.ids.searchsorted(off.agent)
         return self._log.speed[log_rows, self._clipped(table.step - lag)]
 
@@ -204,7 +204,7 @@ class Passing:
     def _claims(
         self, table: AgentTable, off: OffLog, rows: IntArray, line: IntArray, there: IntArray, view: AlongPath
     ) -> BoolArray:
-        """(k, w) whether others' own paths lead into the lanes `there` (k,), whose lines are `line`.
+        """Mask (k, w) of other agents with paths that lead into the lanes `there` (k,), which have the lines `line`.
 
         Covers agents in the scenes of those that have the `view`; its first k rows are theirs.
         """

@@ -1,4 +1,4 @@
-"""Takeovers for baselines: agents that come near the ego are driven from then on, as long as they are there."""
+"""Takeovers for baselines: agents are driven from when they come near the ego until they leave the net."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from litsim_sim.scenario.setting import Setting
 
 
 class RegionManager:
-    """Takes over all agents whose centres are within the scenario's `roi_m` of the ego's, and gives none back.
+    """Takes over all agents with their centres within the scenario's `roi_m` of the ego's, and hands none back.
 
-    The paper's baselines drive so: they know neither conflicts nor logs to go back to. Each agent keeps the lane that
-    it was on, along the route of its log; pedestrians and cyclists follow theirs. An agent that enters late, as its log
-    began where the road was not free, is driven at once.
+    The paper's baselines know neither conflicts nor a return to logs. Each agent keeps its lane, along the route of its
+    log; pedestrians and cyclists follow their logs. An agent that enters late, because its log began where the road was
+    not free, is driven at once.
 
     Attributes:
-        iterations, converged: (scenes,) as :class:`.takeover.TakeoverManager` has them: nothing is iterated.
+        iterations, converged: (scenes,) as in :class:`.takeover.TakeoverManager`, but without any iteration.
     """
 
     def __init__(self, scenario: Setting, roi_m: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""The conflict stage by policy, which decides which agents are off their logs at each step."""
+"""The conflict stage by policy: conflict detection, or the region of the baselines."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from litsim_sim.scenario.setting import Setting
 
 
 class TakeoverStage(Protocol):
-    """Called once a step, in order.
+    """Decides which agents are off their logs.
 
     Attributes:
-        iterations, converged: (scenes,) of the last update, as :class:`TakeoverTable` has them.
+        iterations, converged: (scenes,) of the last update, as in :class:`TakeoverTable`.
     """
 
     iterations: IntArray
     converged: BoolArray
 
     def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
-        """The agents off their logs at this step, and why."""
+        """The agents off their logs at this step, and why; called once per step, in order."""
 
 
 def conflict_stage(read: ParameterReader) -> Callable[[str, Setting], TakeoverStage]:
-    """Read the parameters of the conflict stage; the result builds its core for a policy and a scenario."""
+    """Read the parameters of the conflict stage; the result makes its core for a policy and a scenario."""
     conflict, takeover = read(ConflictConfig()), read(TakeoverConfig())
 
     def build(policy: str, scenario: Setting) -> TakeoverStage:

@@ -1,4 +1,4 @@
-"""The agents that detection looks at in one step, and their futures: only those near an agent off its log."""
+"""The agents that are compared in one step, and their futures: only those near an agent off its log."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from litsim_sim.core.scene import AgentTable, BoolArray, IntArray
 
 
 class ConflictScene:
-    """One step as detection sees it. Masks are (n,), of all agents of the step.
+    """One step of detection. Masks are (n,), of all agents of the step.
 
-    Futures are made only within the ROI of agents whose conflicts are wanted. The answers are the same as if they were
-    made for all; agents far from every agent off its log cost next to nothing.
+    Futures are computed only within the ROI of agents for which conflicts are requested; the results are the same as
+    with the futures of all agents.
     """
 
     def __init__(
@@ -28,15 +28,15 @@ class ConflictScene:
         lagged: BoolArray,
         intents: Callable[[], Intents] | None = None,
     ) -> None:
-        """Make no futures yet.
+        """Prepare the step; futures are computed when they are needed.
 
         Args:
             detector: compares futures.
             table: all n agents.
             forecast: of the same step.
             lag: (n,) steps by which the replay of each log lags.
-            lagged: mask of those expected to follow their log, lag included: those whose log lags, or that follow it
-                whatever happens.
+            lagged: mask of agents that are expected to follow their logs, lag included: those on lagged logs, and
+                pedestrians and cyclists.
             intents: the agents under control by now, rows ascending, and their paths; None for none.
         """
         self._detector, self._table, self._forecast = detector, table, forecast

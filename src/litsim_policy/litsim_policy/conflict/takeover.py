@@ -41,19 +41,19 @@ class TakeoverConfig:
     """When an agent is taken over, handed back and released.
 
     Attributes:
-        confirm_steps: steps in a row that predict a conflict before it is believed.
-        urgent_time: to a conflict within which it is believed at once.
-        held_steps_min: steps for which an agent is held at least.
+        confirm_steps: steps in a row that must predict a conflict before a takeover.
+        urgent_time: time to a conflict within which the takeover is immediate.
+        held_steps_min: least number of steps for which an agent is held.
         clear_steps: steps in a row without conflict before the hand-back begins, once the goal is passed; twice as
             many before.
         iterations_max: bound on the iterations of detection within a step.
-        release_position: residual within which the hand-back is over.
+        release_position: residual below which the hand-back ends.
         release_speed: residual likewise.
         release_yaw: residual likewise.
-        handback: how an agent comes back: catch_up, to where its log has it at the time; or time_shift, to where its
-            log was nearest to it, the log being replayed with that lag from then on.
-        passing: whether agents that are held back for good pass.
-        lane_change: when, and how.
+        handback: catch_up, to the present position of the log; or time_shift, to the position of the log that is
+            nearest to the agent, after which the log is replayed with that lag.
+        passing: whether agents behind a permanently slow one pass.
+        lane_change: conditions and execution of passing.
     """
 
     confirm_steps: Positive[Steps] = 3
@@ -74,9 +74,9 @@ class TakeoverManager:
     """The conflict stage: :meth:`update` is called once a step, in order.
 
     Attributes:
-        scenario: of the run; of joined ones, each scene is looked at as if it were alone.
+        scenario: of the run; joined scenes do not influence each other.
         conflict_config, config: parameters.
-        iterations, converged: (scenes,) of the last update, as :class:`TakeoverTable` has them.
+        iterations, converged: (scenes,) of the last update, as in :class:`TakeoverTable`.
     """
 
     scenario: Setting
@@ -143,11 +143,11 @@ class TakeoverManager:
             self._lag[log_rows] = 0
 
     def _unneeded(self, table: AgentTable, rows: IntArray) -> BoolArray:
-        """Agents whose log is over, and near which no agent off its log still has a log, or a driver, to go on with.
+        """Agents with a log that is over, and neither the ego nor an agent off its log with a continuing log nearby.
 
         Args:
             table: all agents.
-            rows: (r,) of all that are off their logs in `table`.
+            rows: (r,) in `table` of all agents off their logs.
 
         Returns:
             mask (r,); a log that lasts until the end of the recording does not count as over.
@@ -163,7 +163,7 @@ class TakeoverManager:
         return over
 
     def _excuse(self, table: AgentTable) -> Excuse:
-        """For background agents that, on the way to their places in the log, meet agents that overlap them there."""
+        """The excuse for pairs of background agents that overlap in the log at their places."""
 
         def excuse(row: int, other: int) -> bool:
             if table.of_ego[other]:
@@ -178,7 +178,7 @@ class TakeoverManager:
         return table.rows(off.agent), self.scenario.log.ids.searchsorted(off.agent)
 
     def _is_off(self, table: AgentTable) -> BoolArray:
-        """(n,) the ego, and those that are driven."""
+        """Mask (n,) of the ego and of driven agents."""
         off = table.mask(self._ego_ids)
         off[table.rows(self._off.agent)] = True
         return off
@@ -186,20 +186,20 @@ class TakeoverManager:
     def _take_over(
         self, table: AgentTable, scene: ConflictScene, was_off: BoolArray, lagged: BoolArray, walking: BoolArray
     ) -> BoolArray:
-        """Add the agents whose conflict is confirmed; notes the iterations needed, and whether none were left.
+        """Take over agents with confirmed conflicts; record the number of iterations and whether they converged.
 
-        Each iteration looks at the agents that the one before has put off their logs; the first, at all that were.
-        Pedestrians and cyclists are never added; agents that follow a log that lags have to yield to them.
+        The first iteration compares with all agents off their logs, each further one with those that the previous one
+        has taken over. Pedestrians and cyclists are never taken over; agents on a lagged log must yield to them.
 
         Args:
             table: all agents.
             scene: of the step.
-            was_off: mask (n,) of those that are off their logs, the ego included.
-            lagged: mask (n,) of those that follow a log that lags.
+            was_off: mask (n,) of agents off their logs, the ego included.
+            lagged: mask (n,) of agents that follow a lagged log.
             walking: mask (n,) of pedestrians and cyclists.
 
         Returns:
-            mask of those that are off their logs now.
+            mask (n,) of agents off their logs now.
         """
         suspected: dict[int, int] = {}
         off, fresh, done = was_off, was_off | lagged, 0
@@ -240,14 +240,14 @@ class TakeoverManager:
         self._off = self._off.joined(opened)
 
     def _adopt(self, table: AgentTable, rows: IntArray, was_off: BoolArray) -> None:
-        """Take over agents that entered late: their logs began where the road was not free.
+        """Take over agents that entered late, because their logs began where the road was not free.
 
-        The opponent of each is the nearest agent off its log, those before it included.
+        The opponent of each is the nearest agent off its log, including those just adopted.
 
         Args:
             table: all agents.
             rows: (k,) of the agents.
-            was_off: mask (n,) of those that are off their logs already.
+            was_off: mask (n,) of agents that are already off their logs.
         """
         off, (begin, end), opened = was_off.copy(), within_scenes(table.scene, rows), []
         for row, first, last in zip(rows.tolist(), begin.tolist(), end.tolist(), strict=True):
@@ -262,7 +262,7 @@ class TakeoverManager:
         self._off = self._off.joined(*opened)
 
     def _logged_path(self, agent: int) -> ReferencePath:
-        """Where `agent` went in the recording; made once."""
+        """The recorded path of `agent`."""
         if agent not in self._logged:
             self._logged[agent] = logged_path(self.scenario.log, self.scenario.lane_map, agent)
         return self._logged[agent]
@@ -282,11 +282,12 @@ class TakeoverManager:
         Args:
             table: all agents.
             scene: of the step.
-            known: mask (r,) of them.
-            rows: (r,) of all that are off their logs in `table`.
+            known: mask (r,) of these agents.
+            rows: (r,) in `table` of all agents off their logs.
             lags: (r,) steps by which their logs lag.
             residuals: of these.
-            off_log: mask (n,) of those whose forecasts count, and of those that follow a log that lags.
+            off_log: mask (n,) of the agents that may be in conflict with these: off their logs, on lagged logs, or
+                walking.
         """
         if not known.any():
             return
@@ -304,7 +305,7 @@ class TakeoverManager:
 
 
 def _soonest(some: list[Conflict], more: list[Conflict]) -> list[Conflict]:
-    """The conflicts of both lists, of each agent the one that comes first; in the order of time."""
+    """The first conflict of each agent in both lists, in the order of time."""
     found: dict[int, Conflict] = {}
     for conflict in sorted((*some, *more), key=lambda each: each.time_to_conflict):
         found.setdefault(conflict.agent, conflict)

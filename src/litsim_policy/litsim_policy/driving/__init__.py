@@ -1,1 +1,1 @@
-"""The policy stage: how agents that are off their log drive."""
+"""The policy stage: policies that drive the agents off their logs."""

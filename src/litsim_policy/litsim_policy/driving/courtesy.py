@@ -1,6 +1,6 @@
-"""What drivers do for others in time, so that no guard has to: keep distance, make room, wait for crossing traffic.
+"""Courtesy rules, which act earlier than guards: keep distance, make room, wait for crossing traffic.
 
-Policy `yield` stays in its lane where the side is taken; policy `litsim` holds its network to all of it.
+Policy `yield` only stays in its lane if the side is taken; policy `litsim` applies all rules to its network.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from litsim_sim.core.compiled import (
 from litsim_sim.core.pair_geometry import overlap, within_scenes
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
-FOLLOWING_TIME = 0.5  # [s] time constant with which a leader's speed is taken on, nearer to him than vehicles stand
+FOLLOWING_TIME = 0.5  # [s] time constant of matching a leader's speed, nearer than the standstill gap
 PEDALS = 3  # strengths of braking, up to the hardest, that are tried to let an agent cross
-TURNING_MIN = 1.0  # [m/s] from which on a yaw rate tells on which arc an agent is
-SAME_WAY = math.cos(math.pi / 4)  # cosine of the angle between headings up to which agents do not cross
+TURNING_MIN = 1.0  # [m/s] least speed at which the yaw rate defines the arc of an agent
+SAME_WAY = math.cos(math.pi / 4)  # cosine of the largest angle between headings of agents that do not cross
 
 
 @kernel(OUT_FLOATS(FLOATS, FLOATS, FLOATS, FLOATS2, FLOATS2, BOOLS2, INTS, FLOATS, *[float64] * 6))
@@ -53,9 +53,9 @@ def distance_kept(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> FloatArray:
     """Accelerations (m,) [m/s2] with which agents keep their distance to leaders, if less than they want.
 
-    They drive no faster than is safe behind him, and come down to that no harder than comfortably.
+    They drive no faster than is safe behind the leader, and slow down to that speed by at most comfortable braking.
 
-    Once keeping `standstill_gap` takes more than comfortable braking, they brake by what it takes, constantly: harder
+    Once keeping `standstill_gap` takes more than comfortable braking, they brake constantly as that requires: harder
     than by `courtesy` only for half of that gap. Nearer than `standstill_gap` they slow down to the leader's speed.
 
     Args:
@@ -67,8 +67,8 @@ def distance_kept(  # noqa: PLR0917 - a kernel takes arrays and numbers
         acceleration: (n,) of all agents [m/s2].
         standstill_gap: kept behind a leader that stands [m].
         comfortable, courtesy: braking [m/s2].
-        own_braking, leader_braking: that a safe speed relies on, and that the leader may begin at any time [m/s2].
-        relax: time constant with which a safe speed is taken on [s].
+        own_braking, leader_braking: of the safe speed (:func:`litsim_policy.motion.car_following.safe_speed`) [m/s2].
+        relax: time constant of the approach to the safe speed [s].
     """
     kept = wanted.copy()
     for i in range(len(speed)):
@@ -160,18 +160,18 @@ def room_made(  # noqa: PLR0917 - a kernel takes arrays and numbers
     horizon: float,
     courtesy: float,
 ) -> FloatArray:
-    """Accelerations (m,) [m/s2] with which agents make room for others that come over, if less than they want.
+    """Accelerations (m,) [m/s2] with which agents make room for merging ones, if less than they want.
 
-    An agent that comes over, and would then be alongside with its middle ahead, is let in: they brake so as to be
-    behind it by then, no harder than by `courtesy`.
+    A merging agent that would be alongside with its centre ahead is let in: they brake so as to be behind it by then,
+    no harder than by `courtesy`.
 
     Args:
         wanted: (m,) accelerations [m/s2].
         scene, x, y, yaw, speed, acceleration, length, width: (n,) of all agents.
         rows: (m,) of the agents.
         lane_heading: (m,) of their lanes [rad].
-        side_gap: free road that is left between both [m].
-        horizon: time for which all are assumed to continue, with the braking of those that brake [s].
+        side_gap: gap between both [m].
+        horizon: time for which all are assumed to continue, including their braking [s].
         courtesy: braking [m/s2].
     """
     made, (begin, end) = wanted.copy(), within_scenes(scene, rows)
@@ -267,14 +267,14 @@ def crossing_awaited(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> FloatArray:
     """Accelerations (m,) [m/s2] with which agents wait for others that cross their paths, if less than they want.
 
-    Others are assumed to continue along their arcs with their present change of speed. An agent that would run into
-    the side of one brakes by as little as it takes: by a third of `courtesy`, two thirds, or all of it.
+    Others are assumed to continue along their arcs with their present acceleration. An agent that would run into the
+    side of one brakes as little as necessary: by a third of `courtesy`, two thirds, or all of it.
 
     Args:
         wanted: (m,) accelerations [m/s2].
         segments, count, own_s: (m, L, 5), (m,), (m,) paths, and where on them the agents are [m].
         scene, x, y, yaw, speed, acceleration, yaw_rate, length, width: (n,) of all agents.
-        off_log: (n,) whether an agent is off its log; for the others the conflict stage knows where they go.
+        off_log: (n,) whether an agent is off its log; the others are the conflict stage's concern.
         rows: (m,) of the agents.
         margin: kept around others [m].
         horizon: time for which others are assumed to continue so [s].

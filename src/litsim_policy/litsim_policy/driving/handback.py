@@ -1,10 +1,10 @@
 """Hand-back: driving an agent that is free of conflict back to its log, within comfort bounds.
 
-Two ways, told apart by the lag of the log that it goes back to (`Takeover.time_shift`):
+The lag of that log (`Takeover.time_shift`) distinguishes two ways:
 
-- catch_up: the log as it is at the time, without any lag. The agent makes up for what it has lost.
-- time_shift: the log as it was where the agent is now. Only speed, offset and heading are left to meet, and the log is
-  replayed with that lag from the release on.
+- catch_up: no lag; the agent makes up for the time that it has lost.
+- time_shift: the lag with which the log is nearest to the agent. Only speed, offset and heading remain to be matched,
+  and the log is replayed with that lag from the release on.
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ class HandbackConfig:
 
     Attributes:
         acceleration_max, deceleration_max: comfort bounds; those of nuPlan are 2.40 and 4.05.
-        speed_excess: faster than the log by no more than this.
-        position_gain: of the acceleration on the distance to make up for.
-        speed_gain: of the acceleration on the difference in speed; critically damped at twice the root of
-            `position_gain`.
+        speed_excess: most by which an agent drives faster than the log.
+        position_gain: gain on the distance to the log.
+        speed_gain: gain on the difference in speed; twice the root of `position_gain` for critical damping.
     """
 
     acceleration_max: Positive[Acceleration] = 2.0
@@ -41,11 +40,11 @@ def catch_up(
     log_speed: float | FloatArray,
     log_acceleration: float | FloatArray,
 ) -> FloatArray:
-    """Accelerations (...) [m/s2] that close the distance `behind` (...) by which the log is ahead along the path.
+    """Accelerations (...) [m/s2] with which agents catch up with their logs.
 
     Args:
         config: bounds and gains.
-        behind: distance along the path to where the log is [m].
+        behind: distance along the path to the log's position [m].
         speed: of the agents [m/s].
         log_speed, log_acceleration: of their logs [m/s], [m/s2].
     """

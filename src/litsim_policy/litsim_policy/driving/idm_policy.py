@@ -21,12 +21,12 @@ PUBLISHED = IdmConfig()
 
 @configuration
 class IdmPolicyConfig:
-    """The drivers.
+    """Parameters of the drivers.
 
     Attributes:
         drivers: `medians` of all drivers that were calibrated on NGSIM; `drawn`, for each agent one of those drivers;
             or `published`, the values of sisl/ngsim_env.
-        braking_max: no harder than this, whatever the model says.
+        braking_max: limit on the model's braking.
     """
 
     drivers: Literal["medians", "drawn", "published"] = "medians"
@@ -36,7 +36,7 @@ class IdmPolicyConfig:
 class IdmPolicy:
     """Drives agents off their logs along their reference paths, behind others on them; stops at red.
 
-    It neither changes lanes nor gives way to agents beside its path, and ignores where others will be.
+    It neither changes lanes nor gives way to agents beside the path, and uses no forecasts.
     """
 
     def __init__(self, scenario: Setting, config: IdmPolicyConfig) -> None:
@@ -66,7 +66,7 @@ class IdmPolicy:
 
 
 def _drawn(identities: IntArray, drivers: int) -> IntArray:
-    """(N,) row of the driver of each agent, of `drivers`, by its seed and id (N, 2), whatever others there are."""
+    """Rows (N,) of the agents' drivers, drawn from `drivers` by seed and id (N, 2), independently of other agents."""
     if drivers == 1:
         return np.zeros(len(identities), np.int64)
     return np.array([np.random.default_rng(identity).integers(drivers) for identity in identities.tolist()], np.int64)

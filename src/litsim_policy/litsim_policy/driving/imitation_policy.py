@@ -26,7 +26,7 @@ IMITATIONS = ("gail", "rail")
 
 HIDDEN = (128, 128, 64)
 LAYERS = ("hidden0", "hidden1", "hidden2", "mean")
-BOUNDS = np.array([4.0, 0.15])  # [m/s2] of acceleration and [rad/s] of turning that actions +-1 stand for
+BOUNDS = np.array([4.0, 0.15])  # [m/s2], [rad/s] acceleration and yaw rate of action 1
 FORMAT = "litsim traffic policy, 1"
 
 
@@ -59,7 +59,7 @@ class ImitationNetwork:
         return cls(weights, biases, np.exp(spread))
 
     def mean(self, observation: FloatArray) -> FloatArray:
-        """Mean actions (m, 2) for observations (m, SIZE), before they are cut to [-1, 1]."""
+        """Mean actions (m, 2) for observations (m, SIZE), before clipping to [-1, 1]."""
         return perceptron(observation, self.weights, self.biases)
 
 
@@ -68,8 +68,8 @@ class ImitationConfig:
     """Parameters of :class:`ImitationPolicy`.
 
     Attributes:
-        weights: file of the network, as ``litsim_policy train_imitation`` writes it; empty for the one that comes with
-            LitSim under the policy's name.
+        weights: file of the network, written by ``litsim_policy train_imitation``; empty for the packaged one of the
+            policy's name.
         actions: `mean` of the Gaussian, or `drawn` from it, by the scenario's seed, the agent's id and the step.
     """
 
@@ -77,7 +77,7 @@ class ImitationConfig:
     actions: Literal["mean", "drawn"] = "mean"
 
     def network(self, name: str) -> ImitationNetwork:
-        """The network that `weights` says, or else the one that is shipped for the policy called `name`.
+        """The network from the file `weights`, or the packaged one of the policy called `name`.
 
         Raises:
             InputError: it cannot be used.
@@ -87,7 +87,7 @@ class ImitationConfig:
 
 
 class ImitationPolicy:
-    """Drives all agents off their logs. No rule and no guard stands between the network and the vehicle."""
+    """Drives all agents off their logs by the network alone, without rules or guards."""
 
     def __init__(self, scenario: Setting, network: ImitationNetwork, config: ImitationConfig) -> None:
         self._lane_map, self._network = scenario.lane_map, network
@@ -114,7 +114,7 @@ class ImitationPolicy:
 
 
 def commanded(agents: PathFollowers, action: FloatArray) -> ControlTable:
-    """Controls of `agents` from actions (m, 2), which are cut to [-1, 1]."""
+    """Controls of `agents` from actions (m, 2), clipped to [-1, 1]."""
     wanted = np.minimum(np.maximum(action, -1.0), 1.0) * BOUNDS
     acceleration, yaw_rate = np.ascontiguousarray(wanted[:, 0]), np.ascontiguousarray(wanted[:, 1])
     return ControlTable.of_policy(agents.table, agents.rows, acceleration, yaw_rate)

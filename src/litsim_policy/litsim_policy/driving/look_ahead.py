@@ -1,7 +1,7 @@
-"""The outcome of commands over the next seconds: where agents go, when they touch others, whether they leave the road.
+"""Outcome of commands over the next seconds: future poses, time of the first contact, and whether agents stay on road.
 
-Agents keep the acceleration that is commanded and end their turn; all others go straight on, and those that brake go on
-braking.
+Agents keep the commanded acceleration, and their turns end with a time constant; all others drive straight on, and keep
+braking if they brake.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def steps_of(seconds: float) -> int:
 
 
 def rolled_out(table: AgentTable, rows: IntArray, commands: FloatArray, settle: float, instants: int) -> FloatArray:
-    """Where commands lead to.
+    """Future poses of agents under commands.
 
     Args:
         table: all agents.
@@ -61,12 +61,12 @@ def _turned(settle: float, instants: int) -> FloatArray:
 
 
 def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: int, margin: float) -> FloatArray:
-    """When agents' boxes first touch another's; those that touch already and followers do not count.
+    """Times at which agents' boxes first touch another's; existing contacts and followers do not count.
 
-    Of boxes that are nearer than the margin already, the boxes themselves count.
+    The margin is left out for boxes that are already nearer than that.
 
     Args:
-        table: all agents; those not looked at go straight on, and those that brake go on braking.
+        table: all agents; those not in `rows` drive straight on, and keep braking if they brake.
         rows: (m,) of the agents.
         poses: (3, m, c, T) x, y [m] and yaw [rad] of the agents at T instants of 0.1 s, under c commands each.
         instants: how many of them count.
@@ -80,7 +80,7 @@ def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: 
 
 
 def stay_on_road(lane_map: LaneMap, table: AgentTable, rows: IntArray, poses: FloatArray, instant: int) -> BoolArray:
-    """(m, c) whether both sides of agents are on the road at an instant; one that is off it now may be.
+    """Mask (m, c) of agents with both sides on the road at an instant; those off it now always count.
 
     Args:
         lane_map: the road.

@@ -1,14 +1,15 @@
-"""What policy C sees: the features of the paper's Table I, and where the agent is on the way to its goal.
+"""Observations of policy C: the features of the paper's Table I, and the way to the agent's goal.
 
-Everything is seen from the agents' box centres, divided by fixed scales and cut to +-LIMIT, float64. The groups:
+All features are relative to the agents' box centres, divided by fixed scales and clipped to +-LIMIT, float64. The
+groups:
 
 - core (4): length, width, speed, acceleration. The paper's table has "height" for the second extent of the box.
 - surrounding (7 per slot): present, distance of the front ends, speed, sine and cosine of the bearing, sine and cosine
   of the relative heading. A slot without an agent is all zeros.
 - road (7): left and right lane marking, left and right road edge, lane offset, curvature, heading to the lane.
-- ahead (6, optional): what those on the path are about to do, see :data:`AHEAD_FEATURES`.
-- way (14): see :data:`WAY_FEATURES`; the paper has the policy drive along the reference path to the goal, but does not
-  say how it is told.
+- ahead (6, optional): agents ahead on the path, see :data:`AHEAD_FEATURES`.
+- way (14): see :data:`WAY_FEATURES`; in the paper the policy drives along the reference path to the goal, but the
+  paper does not describe these features.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ from litsim_sim.core.quantities import Flag, Length, Positive, Whole, configurat
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
-LIMIT = 3.0  # features are cut to +-LIMIT after scaling
+LIMIT = 3.0  # features are clipped to +-LIMIT after scaling
 LENGTH, WIDTH = 5.0, 2.0  # [m]
 SPEED = 15.0  # [m/s]
 ACCELERATION = 3.0  # [m/s2]
@@ -58,7 +59,7 @@ HEADING = 0.2  # [rad] to lane and path
 YAW_RATE = 0.2  # [rad/s]
 TIME = 5.0  # [s]
 FORESEEN = SafetyConfig(own_braking=4.0, leader_braking=5.0, imminent=1.0)
-"""With what of braking the acceleration is seen that those on the path allow: as much as the network may command."""
+"""Parameters of the feature "acceleration that those on the path allow": braking that the network may command."""
 CURVE_LENGTH = 10.0  # [m] of lane around the agent over which its curvature is taken
 
 CORE, SLOT, ROAD, AHEAD, WAY = 4, 7, 7, 6, 14
@@ -93,11 +94,11 @@ class ObservationConfig:
     """How surrounding agents are chosen.
 
     Attributes:
-        arrange: `sector` sees the nearest agent in each of `slots` equal sectors, the first centred ahead, then
-            counter-clockwise; `distance` sees the `slots` nearest agents, nearest first.
-        slots: k.
-        sight: range beyond which no agent is seen.
-        ahead: whether the braking of agents on the path, and the second of them, are seen.
+        arrange: `sector` for the nearest agent in each of `slots` equal sectors, the first centred ahead, then
+            counter-clockwise; `distance` for the `slots` nearest agents, nearest first.
+        slots: number of observed agents.
+        sight: range beyond which agents are ignored.
+        ahead: whether the features "ahead" are included.
     """
 
     arrange: Literal["sector", "distance"] = "sector"
@@ -112,7 +113,7 @@ class ObservationConfig:
 
     @property
     def ahead_at(self) -> int:
-        """Position of the first of :data:`AHEAD_FEATURES`, where they are."""
+        """Position of the first of :data:`AHEAD_FEATURES`, if they are included."""
         return CORE + SLOT * self.slots + ROAD
 
 
@@ -144,7 +145,7 @@ class Observer:
     def observe(self, table: AgentTable, tasks: Sequence[DrivingTask], poses: Poses | None = None) -> FloatArray:
         """Features (m, size) of the agents with `tasks` (m), all of which are in `table`.
 
-        Where `poses` are given, each agent is seen as it would be if it alone were displaced to its pose.
+        If `poses` are given, each agent is observed as if it alone were displaced to its pose.
         """
         return self.features(DrivingScene.of(self._lane_map, table, tasks, poses))
 

@@ -1,7 +1,7 @@
-"""Policy C: a network says how the agents that are held drive, a safety layer what of it is done.
+"""Policy C: a network drives the agents that are held, within the limits and guards of a safety layer.
 
 The network is a small MLP, so the weights are read from a safetensors file and applied with numpy: the policy node
-needs no torch. :mod:`litsim_policy.learning.network` is the same network as torch trains it.
+needs no torch. :mod:`litsim_policy.learning.network` is the same network for training in torch.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class PolicyNetwork:
     Attributes:
         weights: (inputs, outputs) of each layer.
         biases: (outputs,) of each layer.
-        observation: what the network was trained to see.
+        observation: with which the network was trained.
     """
 
     weights: tuple[FloatArray, ...]
@@ -65,7 +65,7 @@ class PolicyNetwork:
         return np.tanh(self.before_tanh(observation))
 
     def before_tanh(self, observation: FloatArray) -> FloatArray:
-        """The same (m, 3) before the last tanh; an agent's values do not depend on the others."""
+        """The same (m, 3) before the last tanh; a row's values do not depend on the others."""
         return perceptron(observation, self.weights, self.biases)
 
 
@@ -79,7 +79,7 @@ class PolicyCConfig:
     """Parameters of :class:`PolicyC`.
 
     Attributes:
-        weights: file of the network, as ``litsim_policy train`` writes it; empty for the one that comes with LitSim.
+        weights: file of the network, written by ``litsim_policy train``; empty for the packaged one.
         safety: limits and guards.
     """
 
@@ -87,7 +87,7 @@ class PolicyCConfig:
     safety: SafetyConfig = SafetyConfig()
 
     def network(self) -> PolicyNetwork:
-        """The network that `weights` says.
+        """The network from the file `weights`, or the packaged one.
 
         Raises:
             InputError: it cannot be used.
@@ -96,7 +96,7 @@ class PolicyCConfig:
 
 
 class Driver:
-    """The network and the layer, without anything of a run."""
+    """The network and the safety layer, independent of runs."""
 
     def __init__(
         self,
@@ -110,46 +110,45 @@ class Driver:
         self._network, self._lane_map = network, lane_map
 
     def drive(self, table: AgentTable, tasks: list[DrivingTask]) -> ControlTable:
-        """Controls of the agents with `tasks`, whose ids ascend."""
+        """Controls of the agents with `tasks`, ids ascending."""
         return self.drive_scene(DrivingScene.of(self._lane_map, table, tasks))
 
     def drive_scene(self, scene: DrivingScene) -> ControlTable:
-        """Controls of the agents of `scene`, whose ids ascend."""
+        """Controls of the agents of `scene`, ids ascending."""
         if not len(scene):
             return ControlTable.empty(scene.agents.table.step)
         return guarded(scene, *self.asked(scene), self.safety)
 
     def asked(self, scene: DrivingScene) -> tuple[FloatArray, FloatArray]:
-        """What the network asks of the agents of `scene`: accelerations [m/s2] and yaw rates [rad/s] (m,)."""
+        """Commands of the network for the agents of `scene`: accelerations [m/s2] and yaw rates [rad/s] (m,)."""
         return executed(scene, self._network.mean(self.observer.features(scene)))
 
 
 def commanded(scene: DrivingScene, action: FloatArray, safety: SafetyLayer) -> ControlTable:
-    """Controls of the m agents of `scene` from actions (m, 3) in [-1, 1]: what training and driving have in common."""
+    """Controls of the m agents of `scene` from actions (m, 3) in [-1, 1], in training and driving."""
     return guarded(scene, *executed(scene, action), safety)
 
 
 def executed(scene: DrivingScene, action: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Accelerations [m/s2] and yaw rates [rad/s] (m,) that actions (m, 3) in [-1, 1] ask of the agents of `scene`."""
+    """Accelerations [m/s2] and yaw rates [rad/s] (m,) of the agents of `scene` for actions (m, 3) in [-1, 1]."""
     wanted = physical(action)
     return wanted[:, 0], executed_yaw_rate(wanted, scene.agents.speed)
 
 
 def guarded(scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray, safety: SafetyLayer) -> ControlTable:
-    """Controls of the m agents of `scene` that ask for accelerations [m/s2] and yaw rates [rad/s] (m,)."""
+    """Controls of the m agents of `scene` from requested accelerations [m/s2] and yaw rates [rad/s] (m,)."""
     agents, safe = scene.agents, safety.guard(scene, acceleration, yaw_rate)
     source = np.where(safe.guarded, GUARDED, POLICY).astype(np.uint8)
     return ControlTable.without_slip(agents.table, agents.rows, safe.acceleration, safe.yaw_rate, source)
 
 
 class PolicyC:
-    """The policy called `litsim`: the network drives agents that are held, rules those that return or pass.
+    """The policy called `litsim`: the network drives agents that are held, rules drive those that return or pass.
 
-    The network has learned to drive along its log among others; passing agents are driven by the rules of policy
-    `yield`, behind the same safety layer. The network is subject to rules, too, those of :mod:`.courtesy`: an agent
-    stays in its lane instead of moving to a side where another is, keeps its distance to the agent ahead and to red,
-    waits for crossing agents, and makes room for those that come over. In training the network saw few standing or
-    crossing agents, and no signals.
+    The network was trained to drive along logs; passing agents are driven by the rules of policy `yield`, behind the
+    same safety layer. The network is also subject to the rules of :mod:`.courtesy`, since its training contained few
+    standing or crossing agents, and no signals: an agent stays in its lane if the side is taken, keeps its distance to
+    the agent ahead and to red lights, waits for crossing agents, and makes room for merging ones.
     """
 
     def __init__(
@@ -182,9 +181,9 @@ class PolicyC:
         return guarded(scene, acceleration, yaw_rate, self.driver.safety)
 
     def _pass(self, table: AgentTable, passing: Sequence[Takeover]) -> ControlTable:
-        """Controls of agents that pass: they brake no harder than is comfortable, unless the layer makes them.
+        """Controls of passing agents, which brake no harder than is comfortable unless the safety layer demands it.
 
-        The car following would have them brake hard for the one whose lane they are leaving.
+        Plain car following would brake hard for the leader in the lane that they are leaving.
         """
         asked = self._rules.act(table, TakeoverTable(table.step, tuple(passing)))
         scene = DrivingScene.of_takeovers(self._lane_map, table, passing)
@@ -206,9 +205,9 @@ def merged(first: ControlTable, second: ControlTable) -> ControlTable:
 
 
 def _observation(metadata: dict[str, str], path: Path) -> ObservationConfig:
-    """The observation that a file's metadata names."""
+    """The observation in a file's metadata."""
     arrange, slots, sight = (metadata.get(f"observation.{field}", "") for field in ("arrange", "slots", "sight"))
-    ahead = metadata.get("observation.ahead", "False")  # files from before it could be seen do not say
+    ahead = metadata.get("observation.ahead", "False")  # missing in older files
     try:
         if arrange in ("sector", "distance") and ahead in ("True", "False"):
             arranged = cast(Literal["sector", "distance"], arrange)

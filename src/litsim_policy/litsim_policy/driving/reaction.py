@@ -1,12 +1,11 @@
-"""What people can do: they react after a time, and build up their braking. A layer around any policy.
+"""Human reaction, a layer around any policy: agents react after a time, and braking builds up.
 
-An agent taken over drives on as its log did until its reaction time is over; the conflict is visible from the step in
-which it was detected, since detection knows no more than what has been seen until then. After that, and as long as it
-is under control, it brakes no harder than people do, and not fully from one step to the next.
+An agent that is taken over drives on as its log did until its reaction time, from the step of the detection on, is
+over. After that, as long as it is under control, its braking and the growth of its braking are limited.
 
 The careful and competent driver of UN Regulation 157 takes 0.75 s, brakes up to 0.774 g, and builds that up with
-12.65 m/s3. Published reaction times lie around 0.70 to 0.75 s where an event is expected, and around 1.25 s where it is
-not (Green 2000); that they are spread log-normally is an assumption.
+12.65 m/s3. Published reaction times are around 0.70 to 0.75 s for expected events, and around 1.25 s for unexpected
+ones (Green 2000); their log-normal distribution is an assumption.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
 
 LATE = int(ControlSource.LATE)
-DRAW = 715  # tells these draws from others by the same seeds and ids
+DRAW = 715  # distinguishes these draws from others with the same seeds and ids
 
 
 @configuration
@@ -32,10 +31,10 @@ class ReactionConfig:
     """How people react.
 
     Attributes:
-        time: median reaction time of agents taken over; 0 is at once.
-        spread: standard deviation of its logarithm, over agents; 0 is the same for all.
+        time: median time until an agent reacts to its takeover; 0 for at once.
+        spread: standard deviation of its logarithm over agents; 0 for the same time for all.
         braking_max: hardest braking of agents under control.
-        braking_jerk: with which it is built up; 0 is at once.
+        braking_jerk: jerk with which braking builds up; 0 for at once.
     """
 
     time: NonNegative[Duration] = 0.0
@@ -52,7 +51,7 @@ class Drives(Protocol):
 
 
 class HumanReaction:
-    """What `policy` commands, but no sooner and no harder than people could do it."""
+    """The commands of `policy`, delayed and limited as for human drivers."""
 
     def __init__(self, policy: Drives, scenario: Setting, config: ReactionConfig) -> None:
         self.policy, self._config, self._log = policy, config, scenario.log

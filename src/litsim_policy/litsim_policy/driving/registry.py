@@ -23,10 +23,10 @@ DRIVING = tuple(name for name in POLICIES if name != REPLAY)
 
 
 class Policy(Protocol):
-    """Called once a step, in order."""
+    """Drives the agents off their logs."""
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of the agents that are off their log."""
+        """Controls of the agents off their logs; called once per step, in order."""
 
 
 def make_policy(
@@ -43,10 +43,10 @@ def make_policy(
 ) -> Policy:
     """The policy called `name`, for a run of `scenario`: `litsim` is policy C, `yield` the rules, others are baselines.
 
-    Baselines drive as their papers have them; the others react as people do, by `reaction`; None is at once.
+    `reaction` limits `litsim` and `yield` to human reactions, and does not apply to baselines; None for no limits.
 
     Raises:
-        InputError: there is none of that name, or its weights cannot be used.
+        InputError: the name is unknown, or the weights cannot be used.
     """
     if name not in DRIVING:
         raise InputError(f"policy: {name!r} is unknown, expected one of {', '.join(DRIVING)}")
@@ -67,7 +67,7 @@ def make_policy(
 
 
 def policy_stage(read: ParameterReader) -> Callable[[str, Setting], Policy]:
-    """Read the parameters of the policy stage; the result builds the policy of a name once the run is known."""
+    """Read the parameters of the policy stage; the result makes a policy from its name and a scenario."""
     rules, handback, policy_c = read(YieldConfig()), read(HandbackConfig(), "handback."), read(PolicyCConfig())
     idm, simnet = read(IdmPolicyConfig(), "baseline."), read(SimnetConfig(), "simnet.")
     reaction, imitation = read(ReactionConfig(), "reaction."), read(ImitationConfig(), "imitation.")

@@ -1,8 +1,8 @@
-"""The layer between policy C's network and the vehicle: limits that always hold, and guards that can be switched.
+"""The safety layer between policy C's network and the vehicle: limits that always hold, and optional guards.
 
-Whatever the network says, commands keep comfort bounds, do not run into the agent ahead, do not touch agents beside,
-and stay on the road, as far as a look ahead can tell. Only a guard may brake harder than is comfortable. Every
-intervention is counted.
+For any command of the network, an agent keeps comfort bounds, does not run into the agent ahead, touches no other, and
+stays on the road, as far as the look-ahead can tell. Only a guard may brake harder than is comfortable. All
+interventions are counted.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from litsim_sim.scenario.signals import LinkSignals
 
 GUARDS = ("limits", "following", "contact", "road")
 SAME = 1e-9  # [m/s2], [rad/s] up to which a command counts as unchanged
-BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] that the guard for contact tries before the hardest
+BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] braking that the guard for contact tries before the hardest
 
 
 @configuration
@@ -67,26 +67,26 @@ class SafetyConfig:
         following: brake for the agent ahead on the path, and for red, when braking can no longer wait.
         contact: brake or steer where the command leads into another box within `horizon`.
         road: do not steer off the road.
-        acceleration_max, deceleration_max: of what the network commands.
-        jerk_max: growth of the network's acceleration, and with which its braking is eased.
-        braking_jerk_max: growth of its braking. nuPlan's comfortable 4.13 m/s3 need a second for what people do in a
-            quarter of one; this is nuPlan's bound on jerk as a whole, along and across. The careful and competent
-            driver of UN Regulation 157 takes 12.65.
+        acceleration_max, deceleration_max: of the network's commands.
+        jerk_max: of the network, upwards.
+        braking_jerk_max: of the network, downwards. With nuPlan's longitudinal 4.13 m/s3, hard braking takes a second
+            to build up, of which people take a quarter; this is nuPlan's bound on the whole jerk. The careful and
+            competent driver of UN Regulation 157 has 12.65.
         lateral_acceleration_max: of the network's turns.
         yaw_rate_max: of the network's turns.
         yaw_acceleration_max: change of the network's yaw rate.
-        braking_max: of the guards in an emergency; what the vehicle can do.
-        leader_braking: hardest braking that the agent ahead may start at any time.
-        own_braking: braking that is relied on then.
+        braking_max: of the guards in an emergency, the most that the vehicle can do.
+        leader_braking: hardest braking that the agent ahead may begin at any time.
+        own_braking: own braking assumed in reply.
         standstill_gap: kept behind the agent ahead.
-        relax: time constant with which a gap that is too short is widened.
+        relax: time constant of widening a gap that is too short.
         widening: hardest braking for that alone, outside emergencies.
-        imminent: braking from which on an approach counts as an emergency: more than the network itself may do.
-        leader_brakes: braking from which on a leader is assumed to stop.
-        horizon: of the look ahead for other boxes.
-        settle: time constant with which a turn is expected to end.
+        imminent: an approach that needs harder braking is an emergency; by default more than the network may command.
+        leader_brakes: a leader that brakes harder is assumed to stop.
+        horizon: of the look-ahead for other boxes.
+        settle: time constant with which turns are expected to end.
         margin: distance kept to other boxes.
-        road_horizon: of the look ahead for the road, which goes along the same prediction.
+        road_horizon: of the look-ahead for the road, at most `horizon`.
     """
 
     following: Flag = True
@@ -119,7 +119,7 @@ class SafetyConfig:
 
 
 LIMITS_ONLY = SafetyConfig(following=False, contact=False, road=False)
-"""What training drives with: the guards only tell what they would have changed, and that costs."""
+"""The layer in training: limits without guards; need of a guard is penalised instead."""
 
 
 @quickly_made
@@ -144,7 +144,11 @@ class SafeCommands:
 
 
 class SafetyLayer:
-    """Applies to agents on one net; :attr:`interventions` counts agent-steps by guard since it was made."""
+    """The safety layer on one net.
+
+    Attributes:
+        interventions: number of agent-steps in which each guard has intervened.
+    """
 
     def __init__(
         self, lane_map: LaneMap, config: SafetyConfig | None = None, signals: LinkSignals | None = None
@@ -162,7 +166,7 @@ class SafetyLayer:
         return self.guard(DrivingScene.of(self.lane_map, table, tasks), acceleration, yaw_rate)
 
     def guard(self, scene: DrivingScene, acceleration: FloatArray, yaw_rate: FloatArray) -> SafeCommands:
-        """The commands of the m agents of `scene`, changed as little as safety needs.
+        """The commands of the m agents of `scene`, with the least changes needed.
 
         Args:
             scene: the agents, their paths, and all other agents.

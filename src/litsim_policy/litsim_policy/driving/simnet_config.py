@@ -1,4 +1,4 @@
-"""Which network drives as `simnet`; apart from the code that runs it, which runs with other policies do not need."""
+"""Parameters of the policy `simnet`, without the imports of its code, which runs with other policies do not need."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ class SimnetConfig:
     """Which network drives.
 
     Attributes:
-        backbone: `small`, which comes with LitSim, on a raster of 96 x 48 cells of 1 m; or the paper's `resnet50`, on
-            224 x 224 cells of 0.5 m, whose weights ``litsim_policy train_simnet`` makes.
-        weights: file of the network; empty for the one that comes with LitSim.
+        backbone: `small`, which is packaged, on a raster of 96 x 48 cells of 1 m; or the paper's `resnet50`, on 224 x
+            224 cells of 0.5 m, with weights from ``litsim_policy train_simnet``.
+        weights: file of the network; empty for the packaged one.
     """
 
     backbone: Literal["small", "resnet50"] = "small"
     weights: str = ""
 
     def file(self) -> Path:
-        """The file of the network that is meant.
+        """The file of the network.
 
         Raises:
-            InputError: the one that is named is none for this backbone.
+            InputError: `weights` is not a file for this backbone.
         """
         if not self.weights and self.backbone != "small":
             raise InputError(
@@ -45,5 +45,5 @@ class SimnetConfig:
 
 
 def shipped_weights() -> Path:
-    """The weights that come with this package: of the small backbone."""
+    """The packaged weights, of the small backbone."""
     return Path(str(resources.files("litsim_policy").joinpath("weights/simnet.safetensors")))

@@ -1,4 +1,4 @@
-"""What a SimNet says of an agent: where it will be, in its own frame."""
+"""Outputs of SimNet: future poses of an agent in its own frame."""
 
 FUTURE = 12
 """Steps of 0.1 s that are predicted; the first is executed."""

@@ -1,6 +1,7 @@
-"""The baseline called `simnet`: a network says from a raster where an agent will be, and it drives there.
+"""The baseline called `simnet`: a network predicts an agent's next poses from a raster, and the agent drives there.
 
-SimNet (Bergamini et al. 2021): every agent is rasterised anew at each step, and only the first predicted step is done.
+SimNet (Bergamini et al. 2021): each agent is rasterised anew at each step, and only the first predicted step is
+executed.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ POSE = ("x", "y", "yaw")
 class SimnetPolicy:
     """Drives all agents off their logs as the network predicts their motion.
 
-    It knows neither routes nor goals, follows no lane but the one that it sees, and keeps no distance but the one that
-    people keep: nothing guards what it does.
+    It knows neither routes nor goals; lanes and distances are kept only as far as the network has learned to, without
+    rules or guards.
 
     Args:
         scenario: of the run.
-        network: that drives.
+        network: predicts the motion.
     """
 
     def __init__(self, scenario: Setting, network: SimnetNetwork) -> None:

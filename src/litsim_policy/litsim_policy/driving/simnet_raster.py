@@ -1,7 +1,7 @@
-"""What SimNet sees: the road and the last half second of all agents, drawn around each agent that is driven.
+"""Rasters for SimNet: the road and the last half second of all agents, drawn around each driven agent.
 
-After Bergamini et al. 2021: each agent lies at [0.25, 0.5] of a raster of its own and looks along its first axis; all
-agents of a step are drawn by one call. Boxes have soft edges, so that a raster shows more than whole cells.
+After Bergamini et al. 2021: each agent is at [0.25, 0.5] of its own raster and heads along its first axis; one call
+draws all agents of a step. Boxes have soft edges, so that a raster resolves positions within a cell.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ CHANNELS = OTHERS + FRAMES
 All are within [-1, 1], and 0 where there is nothing.
 """
 FROM_BEHIND, FROM_RIGHT = 0.25, 0.5
-"""Where the agent lies, in shares of the raster's length and width."""
+"""Position of the agent, as shares of the raster's length and width."""
 STOP_DEPTH = 1.0  # [m] of a stop line, along the lane
 
 BYTES2, OUT_SINGLES4 = read_array(uint8, 2), written_array(float32, 4)

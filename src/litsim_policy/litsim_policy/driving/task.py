@@ -1,4 +1,4 @@
-"""What an agent under policy C is to do, and all of them together on one table."""
+"""Tasks of agents under policy C, and the scene of all agents with tasks."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ NOBODY = -1  # in place of an opponent's id
 
 @dataclass(frozen=True)
 class DrivingTask:
-    """Where an agent under policy C is going.
+    """The task of an agent under policy C.
 
     Attributes:
         agent: id.
         path: reference path.
         goal: (2,) the conflict's crossing point, x and y in frame map [m].
         due_step: step at which the agent, had it followed its log, was expected there.
-        opponent: id of the agent that it is in conflict with; NOBODY where there is none.
+        opponent: id of the agent with which it is in conflict; NOBODY for none.
     """
 
     agent: int
@@ -123,7 +123,7 @@ def due_step(takeover: Takeover) -> int:
 
 
 def opponent_of(takeover: Takeover) -> int:
-    """Id of the other agent of the conflict; NOBODY where an agent has entered late and alone, or is passing."""
+    """Id of the other agent of the conflict; NOBODY if the agent has entered late and alone, or is passing."""
     if takeover.path_source == PathSource.LANE or takeover.opponent == takeover.agent:
         return NOBODY
     return takeover.opponent

@@ -1,17 +1,17 @@
-"""What the baselines `gail` and `rail` see: the own vehicle, the lane, the way ahead, and beams to the boxes around.
+"""Observations of the baselines `gail` and `rail`: own vehicle, lane, route, and beams to the surrounding boxes.
 
-After Kuefler 2017 and Bhattacharyya 2019 (sisl/ngsim_env), as far as a scene here has it. Of their features those are
-left out that never differ here (going backwards) or that others imply (collision, off the road). To them come the
-distances to the edges of the road, and where the route turns, since not every road here is a highway. There is nothing
-of a log in it, nor of a conflict.
+After Kuefler 2017 and Bhattacharyya 2019 (sisl/ngsim_env), without features that are constant here (driving backwards)
+or implied by others (collision, off the road), but with distances to the edges of the road and the direction of the
+route, since not every road here is a highway. Neither logs nor conflicts are part of it.
 
-Everything is seen from the agents' box centres, divided by fixed scales and cut to +-LIMIT, float64. The groups:
+All features are relative to the agents' box centres, divided by fixed scales and clipped to +-LIMIT, float64. The
+groups:
 
 - own (3): length, width, speed.
 - road (7): as policy C has them, see :mod:`.observation`.
 - way (2): heading of the reference path half a pursuit reach ahead, and one and a half.
-- beams (2 for each): distance to the nearest box in that direction, 1 where there is none within BEAM, and how fast it
-  comes nearer or goes away along the beam; the first beam points ahead, then counter-clockwise.
+- beams (2 for each): distance to the nearest box in that direction, 1 if there is none within BEAM, and its rate of
+  change; the first beam points ahead, the others follow counter-clockwise.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ SIZE = OWN + ROAD + WAY + 2 * BEAMS
 
 
 class TrafficObserver:
-    """Observes agents on a net; holds nothing of a run."""
+    """Observes agents on a net; independent of runs."""
 
     def __init__(self, lane_map: LaneMap) -> None:
         self._road = LaneFeatures(lane_map)
 
     def observe(self, agents: PathFollowers) -> FloatArray:
-        """Features (m, SIZE) of `agents`, whose paths tell where their routes lead."""
+        """Features (m, SIZE) of `agents`, with paths along their routes."""
         features = np.zeros((len(agents), SIZE))
         if not len(agents):
             return features

@@ -1,4 +1,4 @@
-"""The rule-based policy: an agent in conflict yields along its reference path, and catches up once it is free."""
+"""The rule-based policy `yield`: an agent in conflict yields along its reference path, and returns to its log later."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from litsim_sim.core.takeover import Takeover, TakeoverState, TakeoverTable
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.setting import Setting
 
-CLOSE_UP = 5.0  # [m] to the agent ahead, below which it matters whether the log itself runs into it
+CLOSE_UP = 5.0  # [m] gap to the agent ahead, below which overlaps in the log itself are considered
 SOURCES = {
     TakeoverState.HELD: int(ControlSource.POLICY),
     TakeoverState.HANDBACK: int(ControlSource.HANDBACK),
@@ -57,14 +57,14 @@ class YieldConfig:
         idm: car following behind agents on the path.
         courtesy_deceleration: hardest braking for an opponent that is ahead but not yet on the path, or
             alongside without being in the way.
-        speed_reserve: faster than the agent's own log by this much at most while it is held.
-        speed_min: that an agent may always drive on a free path, though it stood there in the log.
-        side_gap: free road behind and ahead that a move to the side needs.
+        speed_reserve: most by which a held agent drives faster than its log.
+        speed_min: speed that is always allowed on a free path, even if the log stood there.
+        side_gap: least gap behind and ahead for a lateral move.
         side_horizon: time for which approaching agents are expected to continue.
-        side_margin: distance to the side that is kept to others.
-        side_drift: distance to the side that counts as no move.
-        room_horizon: time for which agents that come over are expected to go on; policy litsim makes room for them.
-        crossing_horizon: time for which crossing agents are expected to go on; policy litsim waits for them.
+        side_margin: lateral distance kept to others.
+        side_drift: lateral distance that does not count as a move.
+        room_horizon: time for which merging agents are expected to continue; policy litsim makes room for them.
+        crossing_horizon: time for which crossing agents are expected to continue; policy litsim waits for them.
         crossing_margin: distance kept to crossing agents.
     """
 
@@ -100,7 +100,7 @@ class YieldPolicy:
         return self._config.idm.deceleration
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of every agent that is held, handed back, or released to a log that lags."""
+        """Controls of all agents that are held, handed back, or released to a lagged log."""
         listed = [t for t in takeovers.takeovers if t.state != TakeoverState.RELEASED or t.time_shift > 0.0]
         if not listed:
             return ControlTable.empty(table.step)
@@ -198,10 +198,10 @@ class YieldPolicy:
         )
 
     def hold_to_rules(self, agents: PathFollowers, wanted: FloatArray, safe: SafetyConfig) -> FloatArray:
-        """Accelerations (m,) [m/s2] of agents that drive as they want to, `wanted` (m,), but are considerate.
+        """Limit accelerations `wanted` (m,) [m/s2] by the rules of :mod:`.courtesy` and red lights.
 
-        They keep their distance, to leaders as `safe` says, wait for crossing agents, make room for those that come
-        over (see :mod:`.courtesy`), and stop at red.
+        Agents keep their distance to leaders, with the parameters `safe`, wait for crossing agents, make room for
+        merging ones, and stop at red.
         """
         view, table, config = agents.view, agents.table, self._config
         kept = distance_kept(
@@ -262,10 +262,7 @@ class YieldPolicy:
         return idm_at_signals(config.idm, agents.speed, self._wanted_speed(agents), kept, line)
 
     def _wanted_speed(self, agents: PathFollowers) -> FloatArray:
-        """(m,) speeds [m/s] of the agents' own logs where they are now and at this time.
-
-        Of both, the faster, and a reserve.
-        """
+        """Desired speeds (m,) [m/s]: the greater of the log's speeds at the agent's position and now, and a reserve."""
         log, rows = self._log, self._log_rows(agents)
         distance = np.hypot(log.x[rows] - agents.x[:, None], log.y[rows] - agents.y[:, None])
         here = np.argmin(np.where(log.valid[rows], distance, np.inf), axis=1)
@@ -279,9 +276,9 @@ class YieldPolicy:
 
 
 def braking_needed(agents: PathFollowers, leads: BoolArray) -> FloatArray:
-    """Constant braking (m,) [m/s2] with which agents do not reach their leaders (m, w), whether these go on or stop.
+    """Constant braking (m,) [m/s2] with which agents do not reach their leaders (m, w).
 
-    The model brakes as hard for a gap that is merely shorter than it likes; a leader that brakes is assumed to stop.
+    Unlike the car following, it does not react to gaps that are merely short. A leader that brakes is assumed to stop.
     """
     view = agents.view
     return _braking_needed(agents.speed, view.gap, view.speed, leads, view.first, agents.table.acceleration)
@@ -316,9 +313,9 @@ def _braking_needed(
 
 @kernel(boolean(FLOATS, FLOATS, FLOATS, INTS, int64, int64))
 def _goes_first(x: FloatArray, y: FloatArray, yaw: FloatArray, ids: IntArray, j: int, own: int) -> bool:
-    """Whether the agent in row `j` goes before that in row `own` where both are alongside; never each before the other.
+    """Whether the agent in row `j` has priority over that in row `own` when both are alongside; never mutual.
 
-    Where paths cross, each agent can be ahead on the other's: along the direction between both headings only one is.
+    Where paths cross, each agent can be ahead on the other's; along the mean direction of both headings only one is.
     """
     along = (x[j] - x[own]) * (math.cos(yaw[j]) + math.cos(yaw[own]))
     along += (y[j] - y[own]) * (math.sin(yaw[j]) + math.sin(yaw[own]))
