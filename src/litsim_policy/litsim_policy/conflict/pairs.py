@@ -1,4 +1,4 @@
-"""Compiled loops over pairs of agents: which are near, which follow each other, which boxes may overlap, and when."""
+"""Compiled loops over pairs of agents: nearby pairs, followers, and overlaps of boxes over time."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def near_any(
     radius: float,
     time: float,
 ) -> BoolArray:
-    """Return the mask (n,) of those that are :func:`near` one of the mask `of` (n,), these themselves included."""
+    """Return the mask (n,) of agents that are :func:`near` one in the mask `of` (n,), these included."""
     found, begin, end = of.copy(), 0, 0
     vx, vy = speed * np.cos(yaw), speed * np.sin(yaw)
     for i in range(len(x)):
@@ -127,8 +127,8 @@ def followed(
 ) -> BoolArray:
     """Return for each of `pairs` (m, 2) whether the second follows the first.
 
-    The first is ahead in the strip that the second sweeps straight on, and heads the same way: by less than a quarter
-    turn. An oncoming agent is no leader.
+    The first is ahead in the strip that the second sweeps straight on, with headings within a quarter turn: an oncoming
+    agent is not a leader.
 
     Args:
         pairs: positions of agents.
@@ -149,7 +149,7 @@ def followed(
 
 @kernel(float64(*[float64] * 4))
 def touching(length_a: float, width_a: float, length_b: float, width_b: float) -> float:
-    """Distance [m] of the centres of two boxes from which on they cannot overlap, however they are turned."""
+    """Distance [m] of the centres of two boxes beyond which they cannot overlap, whatever their headings."""
     return 0.5 * (math.hypot(length_a, width_a) + math.hypot(length_b, width_b))
 
 
@@ -173,7 +173,7 @@ def within_bounds(
 
     Args:
         pairs: positions of an agent in futures a and of one in futures b.
-        bounds_a, bounds_b: (n, 5) as :class:`litsim_policy.conflict.futures.PredictedMotion` has them.
+        bounds_a, bounds_b: (n, 5) as in :class:`litsim_policy.conflict.futures.PredictedMotion`.
         length, width: (n,) of the boxes [m].
         tail: spreads of each by which it may be off.
     """

@@ -233,7 +233,7 @@ def _in_lanes(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Return (k, w) which agents are in k lanes.
 
     Args:
-        segments, circles, count: of lines, as :mod:`litsim_policy.motion.path_kernels` has them.
+        segments, circles, count: of lines, see :mod:`litsim_policy.motion.path_kernels`.
         line, half_width: (k,) position of the line of each lane, and half the width of the lane [m].
         rows, x, y: (r,) of the agents that are looked at, rows ascending, and where each is assumed to be [m].
         first, most: of each lane (k,), the row that column 0 stands for; number w of columns.

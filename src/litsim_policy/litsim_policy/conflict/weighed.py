@@ -1,4 +1,4 @@
-"""Overlap of agents that may do several things: the probabilities of all their motions, weighed."""
+"""Overlap with agents that have several possible motions: the weighted mean of the probabilities."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def weighed_chances(
 ) -> FloatArray:
     """Probability (m, T) that the boxes of each pair overlap, over all motions of b; 0 where it does not reach `least`.
 
-    A weighed mean reaches `least` only where one of its terms does. So every motion is looked at by that bound, which
-    is cheap; and only of pairs that one of them brings to it, all are integrated.
+    A weighted mean reaches `least` only where one of its terms does. So each motion is first compared with that bound,
+    which is cheap, and all motions are integrated only for pairs of which one reaches it.
 
     Args:
         pairs: (m, 2) of rows: an agent in `a`, with one known motion, and one in `b`.

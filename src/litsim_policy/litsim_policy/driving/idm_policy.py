@@ -93,7 +93,7 @@ def _accelerations(
 
     Args:
         speed: (m,) [m/s].
-        driver: (m, 5) as :func:`_drivers` has them.
+        driver: (m, 5) as in :func:`_drivers`.
         gap, along: (m, n) to all agents and their speed along the path [m], [m/s]; a stop line counts as standing.
         leads: (m, n) whether an agent is on the path ahead.
         braking_max: as in :class:`IdmPolicyConfig`.

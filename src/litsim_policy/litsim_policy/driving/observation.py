@@ -186,7 +186,7 @@ class Observer:
         )
 
     def _see_ahead(self, agents: PathFollowers, features: FloatArray) -> None:
-        """Write what those on the paths are about to do, in the order of AHEAD_FEATURES."""
+        """Write the features of agents ahead on the paths, in the order of AHEAD_FEATURES."""
         view, sight = agents.view, self.config.sight
         features[:, self.config.ahead_at + 1] = following_cap(FORESEEN, agents) / ACCELERATION
         _see_ahead(
@@ -240,7 +240,7 @@ def _see_core(
     rows: IntArray,
     features: FloatArray,
 ) -> None:
-    """Write what the agents in `rows` (m,) of a table are themselves into `features` (m, size)."""
+    """Write the core features of the agents in `rows` (m,) of a table into `features` (m, size)."""
     for i in range(len(rows)):
         own = rows[i]
         features[i, 0], features[i, 1] = length[own] / LENGTH, width[own] / WIDTH
@@ -260,18 +260,18 @@ def _seen(
     own_yaw: FloatArray,
     sight: float,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Which agents each viewer sees, and where.
+    """Pairs of observing agents and agents within their sight.
 
     Args:
-        scene: (n,) scene of each agent; none sees into another.
+        scene: (n,) scene of each agent; only agents of one scene form pairs.
         x, y: (n,) of all agents [m].
-        rows: (m,) of those that look.
-        own_x, own_y, own_yaw: (m,) where they look from [m], [rad].
-        sight: how far [m].
+        rows: (m,) of the observers.
+        own_x, own_y, own_yaw: (m,) poses of the observers [m], [rad].
+        sight: range of sight [m].
 
     Returns:
-        k pairs, those of the first viewer first: position among the viewers and row of whom it sees, both (k,), and
-        where that is, ahead and to the left (k,) [m].
+        k pairs, ordered by the observer: position of the observer in `rows` and row of the other agent, both (k,), and
+        the distances of the latter ahead and to the left (k,) [m].
     """
     begin, end = within_scenes(scene, rows)
     most = (end - begin).sum()
@@ -307,9 +307,9 @@ def _see_surrounding(  # noqa: PLR0917 - a kernel takes arrays and numbers
     """Write the agents around: the nearest per sector, or the nearest of all; the lower row if equally near.
 
     Args:
-        viewer, agent, ahead, left: k pairs as :func:`_seen` gives them.
-        bearing: (k,) of the agents from the viewers' headings [rad].
-        rows, own_yaw: (m,) of the viewers, and their headings [rad].
+        viewer, agent, ahead, left: k pairs from :func:`_seen`.
+        bearing: (k,) of the agents relative to the observers' headings [rad].
+        rows, own_yaw: (m,) of the observers, and their headings [rad].
         yaw, speed, length: (n,) of all agents [rad], [m/s], [m].
         by_sector: whether each slot is a sector.
         slots: how many there are.
@@ -392,7 +392,7 @@ def _directions(
     """Directions of m paths where the agents are, and half a reach and one and a half ahead.
 
     Args:
-        segments, count: of the paths, as :mod:`litsim_policy.motion.path_kernels` has them.
+        segments, count: of the paths, see :mod:`litsim_policy.motion.path_kernels`.
         s, reach: (m,) arc lengths of the agents and their pursuit reaches [m].
 
     Returns:
@@ -416,11 +416,11 @@ def _see_path(
     steps_left: IntArray,
     features: FloatArray,
 ) -> None:
-    """Write where m agents are on their ways to their goals.
+    """Write the features of m agents on the way to their goals.
 
     Args:
         d: (m,) offsets from the paths [m].
-        heading: (m, 3) of the paths, as :func:`_directions` has them [rad].
+        heading: (m, 3) of the paths, at the positions of :func:`_directions` [rad].
         yaw: (m,) of the agents [rad].
         yaw_rate: (m,) of a pure pursuit of the paths [rad/s].
         to_goal: (m,) distance along the paths [m].

@@ -61,7 +61,7 @@ BRAKING = np.array([2.0, 3.0, 4.0, 6.0])  # [m/s2] braking that the guard for co
 
 @configuration
 class SafetyConfig:
-    """Limits, which always hold, and guards. Bounds are those of nuPlan's comfort measure unless said otherwise.
+    """Limits, which always hold, and guards. Bounds are those of nuPlan's comfort measure unless stated otherwise.
 
     Attributes:
         following: brake for the agent ahead on the path, and for red, when braking can no longer wait.
@@ -210,7 +210,7 @@ class SafetyLayer:
     ) -> tuple[FloatArray, BoolArray, BoolArray]:
         """The least changes to `commands` (m, 2) with which agents touch no other and stay on the road.
 
-        Where there is none, the one that touches latest, and of those the one that brakes hardest.
+        If no choice does, the one that touches latest, and of these the one that brakes hardest.
 
         Args:
             agents: m agents.
@@ -251,7 +251,7 @@ class SafetyLayer:
         return chosen, moved & touches, moved & leaves
 
     def _look_ahead(self, table: AgentTable, rows: IntArray, commands: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """What commands (m, c, 2) of the agents in `rows` (m,) lead to.
+        """Outcome of commands (m, c, 2) of the agents in `rows` (m,).
 
         Returns:
             time of the first touch (m, c) [s], infinite where there is none, and whether the agent stays on the road
@@ -265,16 +265,16 @@ class SafetyLayer:
 
 
 def stopping(speed: FloatArray) -> FloatArray:
-    """Accelerations (m,) [m/s2] with which agents at `speed` (m,) [m/s] stand within a step; harder is the same."""
+    """Accelerations (m,) [m/s2] with which agents at `speed` (m,) [m/s] stop within a step; harder has no effect."""
     return -speed / STEP_S
 
 
 def following_cap(config: SafetyConfig, agents: PathFollowers) -> FloatArray:
     """Accelerations (m,) [m/s2] above which agents could not stop behind the agent ahead on the path.
 
-    The safe speed is that of Krauss (1997): should the leader brake as hard as it can, braking at `own_braking`
-    suffices. It is approached with `relax`, by no more than `widening`. What the approach needs, the leader going on as
-    it does now, is braked for at once where it is more than `imminent`.
+    The safe speed is that of Krauss (1997), at which `own_braking` suffices if the leader brakes by `leader_braking`.
+    It is approached with `relax`, by no more than `widening`. If the approach to the leader, which is assumed to
+    continue as now, needs more than `imminent`, the agent brakes accordingly at once.
     """
     view = agents.view
     leads = view.ahead & view.in_path
@@ -335,7 +335,7 @@ def _limited(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> tuple[FloatArray, BoolArray]:
     """Commands within the comfort bounds, those on the rates of change included.
 
-    What the agent did in the last step may itself be out of bounds; it comes back at the bound of the rate.
+    If the motion in the last step was out of bounds, it returns at the largest rate of change.
 
     Args:
         asked_acceleration, asked_yaw_rate: (m,) requested [m/s2], [rad/s].
@@ -417,13 +417,13 @@ def _choices(  # noqa: PLR0917 - a kernel takes arrays and numbers
     acceleration_max: float,
     braking_max: float,
 ) -> FloatArray:
-    """What agents could do instead of what they are commanded to, nearest to the commanded acceleration first.
+    """Alternatives to the commands, nearest to the commanded acceleration first.
 
-    An agent that is cut in on from behind is best off driving on.
+    Acceleration is among them, since it may be best for an agent that another cuts in on from behind.
 
     Args:
         commands: (k, 2) accelerations [m/s2] and yaw rates [rad/s].
-        cap: (k,) accelerations that those ahead allow [m/s2].
+        cap: (k,) accelerations that the agents ahead allow [m/s2].
         speed, yaw_rate: (k,) now [m/s], [rad/s].
         path_yaw_rate, lane_yaw_rate: (k,) that lead along the path and along the lane [rad/s].
         twist: by which a yaw rate may change in a step [rad/s].
@@ -456,8 +456,8 @@ def _choices(  # noqa: PLR0917 - a kernel takes arrays and numbers
 def _best(choices: FloatArray, touch: FloatArray, stays: BoolArray) -> IntArray:
     """Positions (k,) of the choices to take.
 
-    The first that touches no agent and stays on the road; if there is none, of those that stay and touch latest the
-    one that brakes hardest.
+    The first that touches no agent and stays on the road; if there is none, of those that stay on the road and touch
+    latest, the one that brakes hardest.
 
     Args:
         choices: (k, c, 2) accelerations [m/s2] and yaw rates [rad/s].

@@ -77,10 +77,10 @@ class Motions:
     """The last FRAMES steps of n agents, the present one last.
 
     Attributes:
-        pose: (n, FRAMES, 3) box centre x, y [m] and yaw [rad]; anything where an agent was not there.
-        there: (n, FRAMES) whether it was.
+        pose: (n, FRAMES, 3) box centre x, y [m] and yaw [rad]; arbitrary if the agent was not on the road.
+        there: (n, FRAMES) whether the agent was on the road.
         size: (n, 2) length and width [m].
-        scene: (n,) agents of different scenes do not see each other.
+        scene: (n,) scene; only agents of one scene are drawn together.
     """
 
     pose: FloatArray
@@ -108,14 +108,14 @@ class Painter:
     def draw(self, step: int, everybody: Motions, rows: IntArray, own: FloatArray | None = None) -> Rasters:
         """Rasters (m, CHANNELS, rows, columns) of the agents in `rows` (m,) of `everybody` at `step`.
 
-        They overwrite those of the call before: fresh memory costs more than drawing.
+        They overwrite those of the previous call, since allocating memory costs more than drawing.
 
         Args:
-            step: at which the signals are looked at.
+            step: of the signals.
             everybody: all agents at that step.
-            rows: ascending or not.
-            own: (m, FRAMES, 3) poses of these agents where they are to be drawn elsewhere than they are; around the
-                last of them each raster lies.
+            rows: in any order.
+            own: (m, FRAMES, 3) assumed poses of these agents, the last of which is the origin of the raster; None for
+                their actual ones.
         """
         shape, net = self._shape, self._net
         if len(rows) > len(self._rasters):
@@ -139,10 +139,10 @@ class Painter:
         return rasters
 
     def _closed_lines(self, step: int) -> tuple[FloatArray, IntArray]:
-        """The stop lines at which agents have to stop.
+        """The stop lines at which agents must stop.
 
         Returns:
-            middle [m], heading [rad] and width [m] of each (k, 4), and in which scene that is (k,).
+            centre [m], heading [rad] and width [m] of each (k, 4), and its scene (k,).
         """
         if self._signals is None:
             return self._lines, np.empty(0, np.int64)
@@ -234,11 +234,11 @@ def draw_rasters(  # noqa: PLR0917 - a kernel takes arrays and numbers
     sizes: FloatArray,
     rasters: Rasters,
 ) -> None:
-    """Draw into `rasters` (m, CHANNELS, rows, columns), which are empty, what :meth:`Painter.draw` says.
+    """Draw into `rasters` (m, CHANNELS, rows, columns), which are empty; see :meth:`Painter.draw`.
 
     Args:
         own, rows: as there.
-        pose, there, size, scene: as :class:`Motions` has them.
+        pose, there, size, scene: as in :class:`Motions`.
         lines, line_scene: as :meth:`Painter._closed_lines` returns them.
         closeness, angle: as :class:`DrawnNet` has them.
         sizes: the net's origin x and y [m], its cells and those of the rasters [m].

@@ -8,7 +8,7 @@ All features are relative to the agents' box centres, divided by fixed scales an
 groups:
 
 - own (3): length, width, speed.
-- road (7): as policy C has them, see :mod:`.observation`.
+- road (7): as for policy C, see :mod:`.observation`.
 - way (2): heading of the reference path half a pursuit reach ahead, and one and a half.
 - beams (2 for each): distance to the nearest box in that direction, 1 if there is none within BEAM, and its rate of
   change; the first beam points ahead, the others follow counter-clockwise.
@@ -84,11 +84,11 @@ def _beams(  # noqa: PLR0917 - a kernel takes arrays and numbers
     own_y: FloatArray,
     own_yaw: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """What the beams of the agents in `rows` (m,) of a table (n,) meet, as seen from their `own` poses (m,).
+    """Beams of the agents in `rows` (m,) of a table (n,), from their `own` poses (m,).
 
     Returns:
-        distances (m, BEAMS) [m] from the box centres, BEAM where nothing is met, and how they change (m, BEAMS) [m/s],
-        negative where what is met comes nearer, 0 where nothing is met.
+        distances (m, BEAMS) [m] from the box centres to the nearest boxes, BEAM for none; and their rates of change
+        (m, BEAMS) [m/s], 0 for none.
     """
     distance, rate = np.full((len(rows), BEAMS), BEAM), np.zeros((len(rows), BEAMS))
     begin, end = within_scenes(scene, rows)

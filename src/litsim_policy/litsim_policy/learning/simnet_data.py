@@ -151,19 +151,19 @@ class Moments:
         chosen = np.sort(random.permutation(usable)[:agents])
         here = np.flatnonzero(log.valid[:, step])
         past = np.arange(step + 1 - FRAMES, step + 1)
-        everybody = Motions(
+        motions = Motions(
             _poses(source.scenario, here, np.maximum(past, 0)),
             log.valid[here][:, np.maximum(past, 0)] & (past >= 0),
             np.stack([log.length[here], log.width[here]], axis=-1),
             np.zeros(len(here), np.int64),
         )
         rows = np.searchsorted(here, chosen)
-        own, future = everybody.pose[rows], _poses(source.scenario, chosen, step + np.arange(1, FUTURE + 1))
+        own, future = motions.pose[rows], _poses(source.scenario, chosen, step + np.arange(1, FUTURE + 1))
         if self._perturbation is not None:
             own, future = perturbed(own, future, log.speed[chosen, step], self._perturbation, random)
-        known = everybody.there[rows][:, -2]
+        known = motions.there[rows][:, -2]
         way = np.where(known, np.hypot(*(own[:, -1, :2] - own[:, -2, :2]).T), 0.0)
-        return Samples(source.painter.draw(step, everybody, rows, own).copy(), relative(own[:, -1], future), way, known)
+        return Samples(source.painter.draw(step, motions, rows, own).copy(), relative(own[:, -1], future), way, known)
 
 
 def relative(present: FloatArray, future: FloatArray) -> FloatArray:

@@ -42,10 +42,10 @@ class Difference:
         return None
 
     def __str__(self) -> str:
-        whom = "" if self.agent is None else f", agent {self.agent}"
+        about = "" if self.agent is None else f", agent {self.agent}"
         by = "" if not self.amount else f", off by {self.amount:.3g}"
         return (
-            f"step {self.step}, {self.topic}{whom}, field {self.field}: recorded {_text(self.recorded)}, "
+            f"step {self.step}, {self.topic}{about}, field {self.field}: recorded {_text(self.recorded)}, "
             f"now {_text(self.computed)}{by}"
         )
 
@@ -95,8 +95,8 @@ class _Place:
     agent: int | None = None
 
     def at(self, name: str, recorded: Any, computed: Any, agent: int | None = None) -> Difference:
-        whom = self.agent if agent is None else agent
-        return Difference(self.topic, self.step, self.prefix + name, whom, _plain(recorded), _plain(computed))
+        about = self.agent if agent is None else agent
+        return Difference(self.topic, self.step, self.prefix + name, about, _plain(recorded), _plain(computed))
 
     def within(self, name: str, agent: int | None = None) -> _Place:
         return _Place(self.topic, self.step, f"{self.prefix}{name}.", self.agent if agent is None else agent)

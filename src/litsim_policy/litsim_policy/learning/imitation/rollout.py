@@ -20,7 +20,7 @@ from litsim_sim.scenario.joined import kind
 from litsim_sim.scenario.scenario import Scenario
 
 VALIDATION_SEED = 10_000_019
-EVERYBODY = 1000  # for all agents of a scene: more than there are
+ALL_AGENTS = 1000  # more than a scene has
 EMPTY_SCENES_MAX = 100  # scenes in a row without an agent to drive, after which training gives up
 
 
@@ -113,7 +113,7 @@ def validate(scenarios: Sequence[Scenario], policy: TrafficPolicy, config: Imita
     """
     random = np.random.default_rng(VALIDATION_SEED)
     drawn = [with_ego(scenarios[k % len(scenarios)], random) for k in range(config.validation_scenes)]
-    found = [drive(scenes, policy, EVERYBODY, config.radius, config.horizon, None) for scenes in _by_kind(drawn)]
+    found = [drive(scenes, policy, ALL_AGENTS, config.radius, config.horizon, None) for scenes in _by_kind(drawn)]
     rated = rates(found)
     if not rated["transitions"]:
         raise _nobody_driven(f"the {config.validation_scenes} scenes of validation", config)
