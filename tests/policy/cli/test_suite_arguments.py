@@ -127,6 +127,6 @@ def test_two_stacks_that_run_already_cannot_be_told_apart(tmp_path: Path) -> Non
     path = tmp_path / "two.yaml"
     both = [{"name": name, "kind": "external"} for name in ("a", "b")]
     path.write_text(yaml.safe_dump(FILE | {"egos": both}))
-    with pytest.raises(InputError, match="a, b: started elsewhere"):
+    with pytest.raises(InputError, match="a, b: external egos without a command"):
         suite("--suite", path)
     assert [ego.name for ego in suite("--suite", path, "--ego", "b").egos] == ["b"]
