@@ -1,1 +1,1 @@
-"""Measures of a recorded run, from its MCAP file alone: one family of measures a file."""
+"""Measures of a recorded run, computed from its MCAP file alone; one module per family of measures."""

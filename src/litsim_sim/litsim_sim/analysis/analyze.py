@@ -1,4 +1,4 @@
-"""The measures of a recorded run as files beside its bag."""
+"""Analyze a recorded run: write its measures to files beside its bag."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
     """Measure the run in `bag` (folder or MCAP file); write :data:`FILES` beside it, each whole or not at all.
 
     Args:
-        bag: of the run.
-        out: folder of the files instead; made where it is missing.
+        bag: the run's bag.
+        out: folder for the files; created if missing. Default: the folder of the MCAP file.
 
     Returns:
-        the tree of `metrics.json`.
+        The contents of `metrics.json`.
 
     Raises:
-        InputError: `bag` is no LitSim run, or the results cannot be written.
+        InputError: `bag` is not a LitSim run, or the results cannot be written.
     """
     run = read_run(bag)
     return measure(run, out or run.path.parent)
 
 
 def measure(run: Run, folder: Path) -> dict[str, Any]:
-    """As :func:`analyze`, of a run that has been read, to `folder`."""
+    """Like :func:`analyze`, for a run already read; writes to `folder`."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,9 +1,9 @@
-"""The careful and competent human driver of UN Regulation 157: would he have avoided a contact, in either place?
+"""The careful and competent human driver model of UN Regulation 157: would it have avoided a contact?
 
-The regulation gives the driver's numbers: he sees the risk once a vehicle of the next lane has wandered 0.375 m from
-its centre towards him, or once the time to collision is 2 s; reacts after 0.75 s; and brakes up to 0.774 g, building it
-up with 12.65 m/s3. The 0.4 s in which he evaluates the risk before he reacts are left out, so that the verdict is
-stricter than the regulation's.
+The parameters are the regulation's: the driver perceives a risk once a vehicle in the next lane has wandered 0.375 m
+from the centre of that lane towards it, or once the time to collision is 2 s; reacts after 0.75 s; and brakes at up to
+0.774 g, reached with a jerk of 12.65 m/s3. The regulation's risk evaluation time of 0.4 s is omitted, which makes the
+verdict stricter.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ REACTION_S = 0.75
 BRAKE_MAX = 0.774 * 9.81  # [m/s2]
 BRAKE_JERK = 12.65  # [m/s3]
 WANDERING = 0.375  # [m]
-NEXT_LANE = 1.5  # widths of the agent's lane, from its centre: whoever is nearer drives beside it
+NEXT_LANE = 1.5  # lane widths from the centre of the agent's lane within which a vehicle drives next to that lane
 TTC_S = 2.0
-LOOK_BACK_S = 5.0  # before the contact, from which on a risk is looked for
-LOOK_ON_S = 3.0  # after it, in which the driver must stay free
+LOOK_BACK_S = 5.0  # time before the contact in which a risk is searched for
+LOOK_ON_S = 3.0  # time after the contact in which the driver must stay clear of the other vehicle
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class CarefulDriver:
     """Verdict on one contact.
 
     Attributes:
-        agent: whom the driver would have to stay free of.
-        contact_step: of the real contact.
-        perceived_step: at which the driver sees the risk; the contact step where nothing announces it.
-        avoided: whether he stays free of the agent, braking on the path that his vehicle took.
-        speed_at_contact: the driver's speed where he does not [m/s]; 0 where he does.
+        agent: id of the other vehicle.
+        contact_step: step of the actual contact.
+        perceived_step: step at which the driver perceives the risk; the contact step if nothing announces it.
+        avoided: whether the driver avoids the contact by braking on the path that the replaced vehicle took.
+        speed_at_contact: the driver's speed at the contact [m/s]; 0 if it is avoided.
     """
 
     agent: int
@@ -51,19 +51,19 @@ class CarefulDriver:
 def careful_driver(
     tables: Sequence[AgentTable], driven: int, agent: int, contact_step: int, dt: float, lane_map: LaneMap | None
 ) -> CarefulDriver:
-    """Put the driver into the seat of `driven` before its contact with `agent`.
+    """Replace the driver of `driven` by the careful driver before its contact with `agent`.
 
-    The regulation asks this of the vehicle under test; of a background agent it is asked in the same way. The other
-    vehicle keeps to what it did in the run, whatever the driver does. Where the run is over before the driver has
-    stayed free for long enough, both vehicles go straight on at their last speeds.
+    The regulation defines this for the vehicle under test; here it applies to background agents as well. The other
+    vehicle moves as in the run, whatever the driver does. Where the run ends before the driver has stayed free for long
+    enough, both vehicles go straight on at their last speeds.
 
     Args:
         tables: steps of the run, ascending.
-        driven: id of the vehicle that the driver takes the seat of.
-        agent: id of the other one.
-        contact_step: first step of contact.
-        dt: of a step [s].
-        lane_map: for the wandering; without it only the time to collision counts.
+        driven: id of the vehicle whose driver is replaced.
+        agent: id of the other vehicle.
+        contact_step: first step of the contact.
+        dt: duration of a step [s].
+        lane_map: lanes, for the wandering criterion; without them only the time to collision counts.
     """
     steps = Steps.of(tables)
     rows, since = steps.rows_of(np.array([driven, agent])), steps.step - contact_step
@@ -95,21 +95,21 @@ def _straight_on(table: AgentTable, rows: IntArray, later: IntArray, dt: float) 
 
 
 def speed_lost(time: float) -> float:
-    """Speed [m/s] that the driver has braked away `time` [s] after he saw the risk, unless he stands by then.
+    """Speed [m/s] lost to braking `time` [s] after the risk is perceived, for a driver that does not come to rest.
 
-    Nothing while he reacts; then his braking grows with BRAKE_JERK up to BRAKE_MAX, and stays there.
+    0 during the reaction time; then the deceleration grows with BRAKE_JERK up to BRAKE_MAX, and stays there.
     """
     braked, build_up = max(time - REACTION_S, 0.0), BRAKE_MAX / BRAKE_JERK
     return 0.5 * BRAKE_JERK * min(braked, build_up) ** 2 + BRAKE_MAX * max(braked - build_up, 0.0)
 
 
 def _braked(real: list[float], path: list[float], time: list[float]) -> tuple[list[float], list[float]]:
-    """How far along the path of his vehicle the driver is at each step [m], and how fast [m/s].
+    """The driver's position [m] along the path of the replaced vehicle and its speed [m/s], at each step.
 
     Args:
-        real: speeds of the vehicle [m/s].
-        path: how far along its path it was [m].
-        time: since he saw the risk [s], ascending from 0.
+        real: speeds of the replaced vehicle [m/s].
+        path: positions of the replaced vehicle along its path [m].
+        time: time since the risk was perceived [s], ascending from 0.
     """
     s, speed = [0.0], [real[0]]
     for k in range(1, len(real)):
@@ -117,12 +117,12 @@ def _braked(real: list[float], path: list[float], time: list[float]) -> tuple[li
         most = real[k] if time[k] <= REACTION_S else speed[-1]
         speed.append(max(0.0, min(speed[-1] - lost, most)))
         way = 0.5 * (speed[-2] + speed[-1]) * (time[k] - time[k - 1])
-        s.append(min(s[-1] + way, path[k]))  # he is never ahead of where the vehicle was
+        s.append(min(s[-1] + way, path[k]))  # never ahead of the replaced vehicle
     return s, speed
 
 
 def _risky(table: AgentTable, own: IntArray, other: IntArray, lane_map: LaneMap | None) -> BoolArray:
-    """Whether the driver sees that the other is a risk (k,); each in rows (k,) of `table`, which are one step each."""
+    """Whether the driver perceives the other as a risk (k,); `own`, `other` (k,) are rows of `table`, one step each."""
     pairs = table.take(np.sort([own, other], axis=0).ravel("F"))
     e, a = 2 * np.arange(len(own)) + [own > other, own < other]
     risky = times_to_collision(pairs, e) <= TTC_S
@@ -131,6 +131,6 @@ def _risky(table: AgentTable, own: IntArray, other: IntArray, lane_map: LaneMap 
     at = lane_map.nearest(pairs.x, pairs.y, pairs.yaw)
     _, left = to_body(pairs.x[e] - pairs.x[a], pairs.y[e] - pairs.y[a], at.heading[a])
     towards = np.sign(left) * at.d[a]
-    across = np.abs(left + at.d[a])  # from the centre of the other's lane
+    across = np.abs(left + at.d[a])  # distance from the centre of the other vehicle's lane [m]
     width = np.array([lane.width for lane in lane_map.lanes])[at.lane[a]]
     return risky | ((at.lane[e] != at.lane[a]) & (towards > WANDERING) & (across < NEXT_LANE * width))

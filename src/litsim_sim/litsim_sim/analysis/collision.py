@@ -1,4 +1,4 @@
-"""Collisions: who touched whom, what the log itself contains of it, and whose fault the ego's contacts were."""
+"""Collisions of a run: contacts between agents, which of them the log contains too, and fault in the ego's contacts."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from litsim_sim.core.steps import Steps
 from litsim_sim.record.run import Run
 
 STOPPED_SPEED = 0.05  # [m/s] up to which a vehicle counts as stopped (nuPlan)
-BEHIND_ANGLE = np.deg2rad(150.0)  # from the ego's heading, beyond which a track is behind it (nuPlan)
+BEHIND_ANGLE = np.deg2rad(150.0)  # bearing from the ego's heading beyond which a track is behind the ego (nuPlan)
 
 InLane = Callable[[AgentTable, int], bool]
 """Whether the box of the agent in a row of a table lies wholly inside one lane."""
 
 
 class Verdict(StrEnum):
-    """nuPlan's kinds of contact of the ego, in the order in which they are asked."""
+    """nuPlan's kinds of ego contact, in the order in which they are tested."""
 
     STOPPED_EGO = "stopped_ego"
     STOPPED_TRACK = "stopped_track"
@@ -35,14 +35,14 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class EgoContact:
-    """First contact of the ego with one agent: of those that the log has not, if there are any.
+    """First contact of the ego with one agent; contacts that are not in the log take precedence.
 
     Attributes:
-        agent: the other one.
-        step: at which it begins.
+        agent: id of the other agent.
+        step: first step of the contact.
         verdict: kind of contact.
-        ego_at_fault: nuPlan's attribution.
-        delta_v: change of the ego's velocity in a plastic impact of equal masses [m/s].
+        ego_at_fault: whether nuPlan's metric attributes the contact to the ego.
+        delta_v: change of the ego's velocity in a perfectly inelastic impact of equal masses [m/s].
     """
 
     agent: int
@@ -57,13 +57,13 @@ class Collisions:
     """Collisions over the steps after the history.
 
     Attributes:
-        contacts: in ascending order of their first steps.
-        in_log: for each of them, whether the log has it as well.
+        contacts: all contacts, by first step.
+        in_log: for each contact, whether the log contains it too.
         log: step of the first contact of each pair of logged agents, the ego's logged trajectory included.
-        agents: all agents that were on the road, and those that the log has there: who is held back at its entry, or
-            never enters, is one of them.
-        controlled: those that were ever under POLICY or BASELINE control.
-        ego: contacts of the ego.
+        agents: ids of all agents on the road in the run or in the log; includes agents that are held back at their
+            entry or never enter.
+        controlled: ids of the agents that were ever under POLICY or BASELINE control.
+        ego: contacts of the ego, by step.
     """
 
     contacts: tuple[Contact, ...]
@@ -75,27 +75,27 @@ class Collisions:
 
     @property
     def first(self) -> dict[Pair, int]:
-        """Step of the first contact of each pair, in ascending order of steps."""
+        """Step of the first contact of each pair, in ascending order."""
         return _first(self.contacts)
 
     @property
     def excess(self) -> dict[Pair, int]:
-        """The pairs of ids with a contact that the log has not, and the first step of the first such contact."""
+        """Step of the first contact that is not in the log, of each pair that has one."""
         return _first(each for each, logged in zip(self.contacts, self.in_log, strict=True) if not logged)
 
     @property
     def colliding(self) -> frozenset[int]:
-        """The ids of all agents that touch any other in the run."""
+        """Ids of all agents with a contact."""
         return frozenset(agent for pair in self.first for agent in pair)
 
     @property
     def colliding_beyond_log(self) -> frozenset[int]:
-        """The ids of all agents with a contact that the log has not."""
+        """Ids of all agents with a contact that is not in the log."""
         return frozenset(agent for pair in self.excess for agent in pair)
 
 
 def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
-    """Collisions of a run; without `in_lane` the ego counts as outside its lane in lateral contacts."""
+    """The collisions of a run; without `in_lane` the ego counts as outside its lane in lateral contacts."""
     tables, ego = run.simulated, run.info.ego_id
     found, logged = tuple(contacts(tables, run.info.dt)), LogContacts(run)
     in_log = tuple(map(logged.excuse, found))
@@ -113,7 +113,7 @@ def collisions(run: Run, in_lane: InLane | None = None) -> Collisions:
 
 
 def _first(found: Iterable[Contact]) -> dict[Pair, int]:
-    """First step by pair, of the first contact of each in `found`."""
+    """First step of the first contact of each pair in `found`."""
     first: dict[Pair, int] = {}
     for each in found:
         first.setdefault(each.pair, each.first)
@@ -138,9 +138,9 @@ def controlled_agents(tables: Iterable[AgentTable]) -> frozenset[int]:
 def judge(table: AgentTable, ego: int, agent: int, in_lane: InLane | None = None) -> EgoContact:
     """Kind and attribution of the contact between `ego` and `agent` in `table`.
 
-    The order of the questions, the thresholds and the attribution are those of nuPlan's no-at-fault-collision metric
-    (Caesar et al. 2021, nuplan-devkit): at fault are contacts with a stopped track, those of the ego's front bumper,
-    and lateral ones while the ego is not inside one lane.
+    Order of tests, thresholds and attribution are those of nuPlan's no-at-fault-collision metric (Caesar et al. 2021,
+    nuplan-devkit): the ego is at fault in contacts with a stopped track, in contacts of its front bumper, and in
+    lateral contacts while its box is not inside one lane.
     """
     e, a = table.row(ego), table.row(agent)
     verdict = _verdict(table, e, a)
@@ -165,7 +165,7 @@ def _verdict(table: AgentTable, e: int, a: int) -> Verdict:
 
 
 def _delta_v(table: AgentTable, e: int, a: int) -> float:
-    """Half the difference of the velocities: equal masses that stick together [m/s]."""
+    """Half the relative velocity [m/s]: a perfectly inelastic impact of equal masses."""
     yaw, speed = table.yaw[[e, a]], table.speed[[e, a]]
     difference = np.diff(np.stack([speed * np.cos(yaw), speed * np.sin(yaw)], axis=1), axis=0)
     return 0.5 * float(np.hypot(*difference[0]))

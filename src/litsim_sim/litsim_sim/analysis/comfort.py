@@ -1,4 +1,4 @@
-"""Comfort: which of nuPlan's bounds an agent keeps, and how often it brakes hard."""
+"""Comfort: how often an agent stays within nuPlan's bounds, and how often it brakes hard."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ BOUNDS: dict[str, tuple[float, float]] = {
 """nuPlan's bounds of a comfortable ride (Caesar et al. 2021)."""
 
 HARD_BRAKE = -3.0  # [m/s2]
-BRAKE_OVER = -1.0  # [m/s2] at which a manoeuvre is over: until then, braking hard again is the same one
-ROUNDING = 1e-6  # [m/s2] beyond 3 m/s2 that is not harder: who brakes by just that does so but for the last digits
+BRAKE_OVER = -1.0  # [m/s2] above which a hard brake is over; braking hard again before that continues it
+ROUNDING = 1e-6  # [m/s2] tolerance on HARD_BRAKE: a command of exactly that deceleration is not a hard brake
 
 
 @dataclass(frozen=True)
 class Comfort:
-    """How an agent's motion felt.
+    """Comfort of one agent's motion.
 
     Attributes:
-        agent: whose.
+        agent: its id.
         within: share of steps within each of :data:`BOUNDS`.
-        hard_brakes: manoeuvres in which it braked harder than 3 m/s2.
-        hard_brakes_driven: of them those in which it first did so off its log, driven by a policy or a stack.
+        hard_brakes: number of manoeuvres that brake harder than 3 m/s2.
+        hard_brakes_driven: how many of them begin to do so off the log, driven by a policy or a stack.
     """
 
     agent: int
@@ -70,9 +70,9 @@ def comfort(tables: Sequence[AgentTable], agent: int, dt: float) -> Comfort | No
 
 
 def hard_brakes_begin(acceleration: FloatArray) -> BoolArray:
-    """(n,) at which of consecutive steps a manoeuvre first brakes harder than 3 m/s2, of accelerations (n,) [m/s2].
+    """(n,) consecutive steps at which a hard brake begins: a deceleration above 3 m/s2; `acceleration` (n,) [m/s2].
 
-    A manoeuvre is over once it brakes by less than 1 m/s2, so that braking around 3 m/s2 is counted once.
+    It is over once the deceleration is below 1 m/s2, so that a deceleration around 3 m/s2 counts once.
     """
     hard, over = acceleration < HARD_BRAKE - ROUNDING, acceleration > BRAKE_OVER
     begins, braking = np.zeros(len(acceleration), np.bool_), False
@@ -83,12 +83,12 @@ def hard_brakes_begin(acceleration: FloatArray) -> BoolArray:
 
 
 def hard_brakes_in_log(tables: Sequence[AgentTable], log: Sequence[AgentTable], agent: int) -> int:
-    """Hard brakes that the log of `agent` begins at steps at which `tables` have it off its log.
+    """Number of hard brakes that begin in the log of `agent` at steps at which the run has it off its log.
 
     Args:
-        tables: of a run.
-        log: of the recording, at the same steps.
-        agent: whose.
+        tables: steps of the run.
+        log: the same steps of the recording.
+        agent: its id.
     """
     steps, logged = Steps.of(tables), Steps.of(log)
     rows = steps.track(agent)
@@ -101,9 +101,9 @@ def hard_brakes_in_log(tables: Sequence[AgentTable], log: Sequence[AgentTable], 
 def motion_values(
     speed: FloatArray, acceleration: FloatArray, yaw_rate: FloatArray, dt: float
 ) -> dict[str, FloatArray]:
-    """The bounded quantities from speed [m/s], acceleration [m/s2] and yaw rate [rad/s] (n,); units of BOUNDS.
+    """The quantities of BOUNDS from speed [m/s], acceleration [m/s2] and yaw rate [rad/s], each (n,).
 
-    Differences over a step stand for derivatives, so these have n - 1 values.
+    Derivatives are differences over a step, so they have n - 1 values.
     """
     lateral = speed * yaw_rate
     jerk_along, jerk_across = np.diff(acceleration) / dt, np.diff(lateral) / dt

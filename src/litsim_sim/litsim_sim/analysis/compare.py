@@ -13,10 +13,10 @@ from litsim_sim.record.bag import find_mcap
 from litsim_sim.record.run import read_run
 
 SAME_RELATIVE = 1e-12
-"""Numbers that differ by less are called the same: sums in another order, no other behaviour."""
+"""Relative difference up to which numbers count as equal: rounding of sums in another order."""
 
 OF_AN_EXECUTION = ("run_id", "timing")
-"""Branches of the measures that differ between equal runs: under which name it went, and how long it took."""
+"""Branches of the measures that differ between equal runs."""
 
 _SUFFIX = ".json"
 
@@ -26,9 +26,9 @@ class Row:
     """One measure of all runs.
 
     Attributes:
-        name: path in `metrics.json`, joined by dots; of a list, the number of its entries.
-        values: of each run; None where it has none.
-        differs: whether any differs from the first; of lists, in any entry.
+        name: path in `metrics.json`, joined by dots.
+        values: its value in each run; None where a run has none; the length of a list.
+        differs: whether any value differs from the first; lists are compared entry by entry.
     """
 
     name: str
@@ -37,12 +37,12 @@ class Row:
 
     @property
     def of_the_run(self) -> bool:
-        """Whether equal runs agree on it: everything but the execution's name and wall times."""
+        """Whether equal runs agree on it: false for the run id and wall times."""
         return self.name.split(".")[0] not in OF_AN_EXECUTION
 
     @property
     def changes(self) -> tuple[float | None, ...]:
-        """The difference of each value from that of the first run; None where either is no number."""
+        """Difference of each value from that of the first run; None where either is not a number."""
         return tuple(_minus(value, self.values[0]) for value in self.values)
 
 
@@ -51,7 +51,7 @@ class Comparison:
     """Runs side by side.
 
     Attributes:
-        names: of the runs, unique.
+        names: unique names of the runs.
         rows: measures in the order of `metrics.json`.
     """
 
@@ -60,17 +60,17 @@ class Comparison:
 
     @property
     def equal(self) -> bool:
-        """Whether nothing differs but the execution's name and wall times."""
+        """Whether only the run id and wall times differ."""
         return not any(row.differs for row in self.rows if row.of_the_run)
 
     def to_json(self) -> dict[str, Any]:
-        """Names of the runs, whether they are equal, and every row, as plain values for JSON."""
+        """Names of the runs, whether they are equal, and all rows, as values for JSON."""
         rows = [{"name": row.name, "values": list(row.values), "differs": row.differs} for row in self.rows]
         return {"runs": list(self.names), "equal": self.equal, "rows": rows}
 
 
 def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
-    """Put trees of :func:`litsim_sim.analysis.metrics.compute_metrics` side by side, by name of the run."""
+    """Compare trees of :func:`litsim_sim.analysis.metrics.compute_metrics`, keyed by name of the run."""
     columns = [dict(leaves(tree)) for tree in metrics.values()]
     names = list(dict.fromkeys(name for column in columns for name in column))
     rows = []
@@ -82,7 +82,7 @@ def compare(metrics: dict[str, dict[str, Any]]) -> Comparison:
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Measures of a run: from its bag, whatever a `metrics.json` beside it says, or from a file of measures.
+    """Measures of a run, read from a JSON file or computed from a bag (a `metrics.json` beside it is ignored).
 
     Raises:
         InputError: `path` is neither.
@@ -99,7 +99,7 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def names_of(paths: list[Path]) -> list[str]:
-    """Short unique names: the last parts of the paths, as many as it takes."""
+    """Short unique names: as many of the last parts of the paths as it takes."""
     parts = [path.resolve().with_suffix("").parts for path in paths]
     for count in range(1, max(map(len, parts)) + 1):
         names = ["/".join(p[-count:]) for p in parts]
@@ -109,7 +109,7 @@ def names_of(paths: list[Path]) -> list[str]:
 
 
 def leaves(tree: Any, name: str = "") -> list[tuple[str, Any]]:
-    """What is at the ends of a tree, lists included, each with its path joined by dots."""
+    """The leaves of a tree, each with its path joined by dots; a list is a leaf."""
     if isinstance(tree, dict):
         return [leaf for key, below in tree.items() for leaf in leaves(below, f"{name}.{key}" if name else str(key))]
     return [(name, tree)]

@@ -1,4 +1,4 @@
-"""Contacts as stretches of time: whose boxes overlapped from when to when, and which of that the log has as well."""
+"""Contacts as intervals: which pairs of boxes overlap, from which step to which, and whether the log excuses it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from litsim_sim.core.steps import Steps
 from litsim_sim.record.run import Run
 
 TOLERANCE_S = 1.0
-"""[s] by which contacts of a pair may be apart and still be one, and a contact from one of the log that excuses it."""
+"""Time [s] between overlaps of a pair up to which they are one contact, or up to which one in the log excuses one."""
 
 Pair = tuple[int, int]
 """Ids of two agents, the smaller one first."""
@@ -18,11 +18,11 @@ Pair = tuple[int, int]
 
 @dataclass(frozen=True)
 class Contact:
-    """Two boxes overlap; interruptions of up to TOLERANCE_S are part of it.
+    """An overlap of two boxes; interruptions of up to TOLERANCE_S do not end it.
 
     Attributes:
-        pair: the agents.
-        first, last: steps, both included.
+        pair: ids of the agents.
+        first, last: first and last step of the overlap.
     """
 
     pair: Pair
@@ -31,19 +31,19 @@ class Contact:
 
 
 def contacts(tables: Iterable[AgentTable], dt: float) -> list[Contact]:
-    """The contacts in `tables`, steps ascending and `dt` [s] long, by first step; touching edges do not count.
+    """The contacts in `tables`, ascending steps of `dt` [s], sorted by first step.
 
-    Nor do contacts among pedestrians and cyclists, who walk side by side as recorded whatever happens.
+    Touching edges do not count, nor do contacts among pedestrians and cyclists, which always follow the recording.
     """
     return list(Steps.of(tables).once(_contacts_in, dt))
 
 
 class LogContacts:
-    """The contacts that the log of a run has, history included, and which contacts of the run they excuse.
+    """The contacts in the log of a run, history included; they excuse contacts of the run.
 
     Attributes:
-        first: step after the history at which the boxes of each pair of logged agents overlap for the first time, the
-            ego's logged trajectory included.
+        first: first step after the history at which the boxes of each pair of logged agents overlap, the ego's logged
+            trajectory included.
     """
 
     def __init__(self, run: Run) -> None:
@@ -55,25 +55,25 @@ class LogContacts:
         self._by_pair: dict[Pair, list[Contact]] = {}
         for contact in contacts(run.logged, run.info.dt):
             self._by_pair.setdefault(contact.pair, []).append(contact)
-        self._lags: dict[int, list[tuple[int, int]]] = {}  # of agents that have any: steps, and lags from then on
+        self._lags: dict[int, list[tuple[int, int]]] = {}  # by agent: (step, lag from then on)
         for step in sorted(run.takeovers):
             for each in run.takeovers[step]:
                 self._lags.setdefault(each.agent, []).append((step, round(each.time_shift / run.info.dt)))
 
     def excuse(self, contact: Contact) -> bool:
-        """Whether the log has a contact of the same pair at about that time, by the clock or by a log that lags."""
+        """Whether the log has a contact of the pair at about that time, with or without the lag of either log."""
         shifts = {0, *(self._lag(agent, contact.first) for agent in contact.pair)}
         logged: Sequence[Contact] = self._by_pair.get(contact.pair, ())
         first, last = contact.first - self._tolerance, contact.last + self._tolerance
         return any(each.first <= last - shift and first - shift <= each.last for shift in shifts for each in logged)
 
     def _lag(self, agent: int, step: int) -> int:
-        """Steps by which the log of `agent` lags at `step`: as its last takeover up to there has left it."""
+        """Lag [steps] of the log of `agent` at `step`, as left by its last takeover until then."""
         return next((lag for at, lag in reversed(self._lags.get(agent, [])) if at <= step), 0)
 
 
 def _overlaps(steps: Steps) -> list[tuple[int, Pair]]:
-    """Step and ids of each two boxes that overlap and are not both of pedestrians or cyclists."""
+    """Step and ids of each pair of overlapping boxes, except where both are pedestrians or cyclists."""
     table, pairs = steps.stacked, steps.overlaps
     pairs = pairs[~table.obstacle[pairs].all(axis=1)]
     at = steps.step[table.number[pairs[:, 0]]].tolist()

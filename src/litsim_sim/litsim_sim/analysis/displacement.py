@@ -1,8 +1,8 @@
-"""How far the agents are from where the recording had them.
+"""Displacement of the agents from their recorded positions.
 
-Agents of the log that the run has not on the road count as well, as long as the log has them: who is held back where it
-would enter waits at the first pose of its log, and who has left the net before its log did stays where it was last. So
-the displacements of two runs of one case are of the same agents at the same steps, whatever moved them.
+Every agent counts at every step of its log, on the road or not: an agent that is held back at its entry counts at the
+first pose of its log, and one that has left the net early at its last pose. The displacements of two runs of one case
+are thus over the same agents and steps.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 from litsim_sim.record.run import Run
 
-HORIZONS_S = (5, 10, 15, 20, 25)  # of simulation, as in the LitSim paper's table II
+HORIZONS_S = (5, 10, 15, 20, 25)  # simulated time after the history, as in table II of the LitSim paper
 
 
 @dataclass(frozen=True)
 class AgentDisplacement:
-    """How far one agent was from its log.
+    """Displacement of one agent from its log.
 
     Attributes:
         agent: its id.
-        controlled_s: time after the history of the first step under control [s]; None where there is none.
-        steps: by horizon [s], of its log up to there.
-        ade: by horizon [s], mean distance over these steps [m]; None without any.
+        controlled_s: time after the history of the first step under control [s]; None if never under control.
+        steps: number of steps of its log, by horizon [s].
+        ade: mean distance over these steps [m], by horizon [s]; None without steps.
     """
 
     agent: int
@@ -47,7 +47,7 @@ class Displacements:
         controlled: (m,) whether the agent is under POLICY or BASELINE control at this step.
         present: (m,) whether the run has the agent on the road at this step.
         history_steps: last step of the history.
-        last_step: last step of the run that was recorded.
+        last_step: last recorded step of the run.
         dt: duration of a step [s].
         ego_id: the ego.
     """
@@ -64,18 +64,15 @@ class Displacements:
 
     @property
     def horizons(self) -> tuple[int, ...]:
-        """The horizons [s] of HORIZONS_S that the run is long enough for."""
+        """Those of HORIZONS_S [s] that the run reaches."""
         return tuple(h for h in HORIZONS_S if self._last(h) <= self.last_step)
 
     def ade_all(self, horizon: int) -> float | None:
-        """ADE [m] up to `horizon` [s] over all agents but the ego; None where there is none."""
+        """ADE [m] up to `horizon` [s] over all agents but the ego; None without agents."""
         return self._mean(horizon, lambda ids, _: ids != self.ego_id)
 
     def ade_controlled(self, horizon: int) -> float | None:
-        """ADE [m] up to `horizon` [s] over the agents that were under control at some step up to there.
-
-        All their steps count, those on the log included.
-        """
+        """ADE [m] up to `horizon` [s] over the agents under control at any step until then; all their steps count."""
         return self._mean(horizon, lambda ids, controlled: np.isin(ids, ids[controlled]))
 
     def ade_ego(self, horizon: int) -> float | None:
@@ -83,11 +80,11 @@ class Displacements:
         return self._mean(horizon, lambda ids, _: ids == self.ego_id)
 
     def agent_steps(self, horizon: int) -> int:
-        """Steps of all agents but the ego up to `horizon` [s]: the denominator of :meth:`ade_all`."""
+        """Agent-steps up to `horizon` [s] without the ego's: the denominator of :meth:`ade_all`."""
         return int(np.count_nonzero((self.step <= self._last(horizon)) & (self.id != self.ego_id)))
 
     def apart(self) -> list[AgentDisplacement]:
-        """Every agent but the ego that was ever under control or ever off its log, ids ascending."""
+        """The agents ever under control or displaced from their logs, the ego excluded, ids ascending."""
         off = (self.controlled | (self.distance > 0.0)) & (self.id != self.ego_id)
         return [self._of(agent) for agent in np.unique(self.id[off]).tolist()]
 
@@ -120,7 +117,7 @@ class Displacements:
 
 
 def displacements(run: Run) -> Displacements:
-    """Distances to the log over the steps after the history, of all agents; empty where the bag holds no log."""
+    """Distances of all agents to their logs over the steps after the history; empty if the bag holds no log."""
     info, steps, logged = run.info, run.steps, run.logged
     history_steps, last = info.history_steps, run.tables[-1].step
     found = _columns(steps, logged, history_steps, info.ego_id) if len(logged) else _NOTHING
@@ -139,10 +136,10 @@ _NOTHING: Columns = (
 
 
 def _columns(steps: Steps, logged: Steps, history_steps: int, ego_id: int) -> Columns:
-    """The first five attributes of :class:`Displacements`; the ego counts only where it is on the road.
+    """The first five attributes of :class:`Displacements`; the ego counts only while it is on the road.
 
     Raises:
-        ValueError: the run and its log are not of as many steps.
+        ValueError: the run and its log differ in length.
     """
     if len(steps) != len(logged):
         raise ValueError(f"a run of {len(steps)} steps has a log of {len(logged)}")
@@ -151,7 +148,7 @@ def _columns(steps: Steps, logged: Steps, history_steps: int, ego_id: int) -> Co
     present = rows >= 0
     counts = (then >= 0) & (present | (logged.ids != ego_id)) & (steps.step > history_steps)[:, None]
     number, agent = np.nonzero(counts)
-    # where each is now or was last; before it has been there, the first pose of its log
+    # current or last pose of each agent in the run; the first pose of its log before it has entered
     last = np.maximum.accumulate(np.where(present, np.arange(len(steps))[:, None], -1), axis=0)[number, agent]
     at, start = rows[last, agent], then[np.argmax(then >= 0, axis=0), np.arange(len(logged.ids))][agent]
     was, now = last >= 0, then[number, agent]

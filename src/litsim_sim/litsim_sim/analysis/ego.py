@@ -1,4 +1,4 @@
-"""How the ego drove, beside how the vehicle in its place drove in the recording."""
+"""How the ego drove, compared with the vehicle that it replaces in the recording."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from litsim_sim.core.steps import Steps
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.record.run import Run
 
-PROGRESS_LEAST_M = 0.1  # of both in the ratio: who stands where the recorded vehicle stood keeps up (nuPlan)
+PROGRESS_LEAST_M = 0.1  # lower bound on both distances of the ratio: 1 where neither vehicle moves (nuPlan)
 
 
 def ego_motion(run: Run) -> EgoMetrics:
     """Measures of the ego after the history; `log` holds those of the recorded vehicle. None: nothing to measure.
 
-    - `off_road`, `over_edge`: shares of its steps at which its centre, or a corner of its box, is on no lane;
-    - `hard_brakes`: times that it began to brake harder than 3 m/s2;
-    - `progress_m`: distance that it travelled; `progress_ratio`, of the ego alone: that over its log's, as long as the
-      log has it.
+    - `off_road`, `over_edge`: shares of steps at which its centre, or a corner of its box, is on no lane;
+    - `hard_brakes`: number of manoeuvres that brake harder than 3 m/s2;
+    - `progress_m`: distance travelled; `progress_ratio` (ego only): the ego's distance up to the end of its log over
+      that of the log.
     """
     ego, lane_map = run.info.ego_id, lane_map_of(run)
     way, log_way = (steps.after(run.info.history_steps - 1) for steps in (run.steps, run.logged))  # from where it ends

@@ -1,4 +1,4 @@
-"""Post-encroachment time: who uses a place that another used before, and how soon (Allen et al. 1978)."""
+"""Post-encroachment time: how soon one agent uses a place that another has used before (Allen et al. 1978)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from litsim_sim.core.pair_geometry import overlap
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, IntArray
 from litsim_sim.core.steps import Steps
 
-PET_HORIZON_S = 5.0  # between leaving and entering; longer is no encounter
-PET_HORIZON = round(PET_HORIZON_S / STEP_S)  # the same in steps
+PET_HORIZON_S = 5.0  # longest time between leaving and entering that counts as an encounter
+PET_HORIZON = round(PET_HORIZON_S / STEP_S)  # [steps]
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,10 @@ class Encroachment:
     """Two agents that use the same place one after the other, in crossing or merging.
 
     Attributes:
-        agent: the other one.
-        pet: time between the first leaving and the second entering a place that both sweep, the shortest [s].
-        first: id of the one that was there first.
-        step: at which the second entered.
+        agent: id of the other agent.
+        pet: shortest time between the first leaving and the second entering a place that both sweep [s].
+        first: id of the agent that was there first.
+        step: step at which the second entered.
     """
 
     agent: int
@@ -36,10 +36,11 @@ class Encroachment:
 
 
 def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment]:
-    """Post-encroachment times of up to 5 s of `agent` with every other, shortest first (Allen 1978).
+    """Post-encroachment times of up to 5 s of `agent` with every other agent, shortest first.
 
-    Times between boxes that overlap in space at different steps, to the resolution of a step; the two may never be on
-    the road together. Whoever follows in the same lane encroaches too: its time is the headway to the leader's rear.
+    Each is the time between two steps at which their boxes overlap in space, to the resolution of a step; the two need
+    not be on the road at the same time. Following in the same lane counts too: the time is the headway to the rear of
+    the leader.
     """
     steps = Steps.of(tables)
     table, own_rows = steps.stacked, steps.track(agent)
@@ -63,15 +64,15 @@ def encroachments(tables: Sequence[AgentTable], agent: int) -> list[Encroachment
 
 
 def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray) -> tuple[int, int, int] | None:
-    """The uses of one place by two tracks that are closest in time.
+    """The two uses of one place by two tracks that are closest in time.
 
     Args:
         step_a, step_b: (n,), (m,) steps of the tracks.
-        a, b: (n, 5), (m, 5) boxes then: x, y, yaw, length, width.
+        a, b: (n, 5), (m, 5) boxes at these steps: x, y, yaw, length, width.
 
     Returns:
-        Index into the first track, index into the second, and the steps between; None where no place is used by both
-        within 5 s.
+        Index into the first track, index into the second, and the number of steps between; None if the tracks use no
+        common place within 5 s.
     """
     if not (len(a) and len(b)):
         return None
@@ -85,7 +86,7 @@ def closest_use(step_a: IntArray, a: FloatArray, step_b: IntArray, b: FloatArray
 def _closest_use(
     step_a: IntArray, step_b: IntArray, a: FloatArray, b: FloatArray, reach: float
 ) -> tuple[int, int, int]:
-    """See :func:`closest_use`: of equally close ones the first, -1 where there are none; centres are in `reach` [m]."""
+    """See :func:`closest_use`; the first of equally close uses, -1 for none; `reach` bounds the centre distance [m]."""
     best = -1, -1, PET_HORIZON + 1
     for i in range(len(a)):
         for j in range(len(b)):
@@ -101,13 +102,12 @@ def _closest_use(
 
 
 def times_since_others(tables: Sequence[AgentTable]) -> tuple[FloatArray, IntArray]:
-    """For every agent at every step, how long ago another agent's box covered a place that its own box covers now.
+    """For every agent at every step, the time since another agent's box covered a place that its box covers now.
 
     Returns:
-        time (m,) [s], 0 in contact and inf beyond :data:`PET_HORIZON_S`, and id (m,) of that other agent, the lowest of
-        several, -1 where there is none, for the rows of :attr:`litsim_sim.core.steps.Steps.stacked`. The smallest time
-        of an agent is the shortest post-encroachment time as in :func:`encroachments` among the pairs in which it came
-        second.
+        Time (m,) [s], 0 in contact and inf beyond :data:`PET_HORIZON_S`, and id (m,) of the other agent, the lowest of
+        several, -1 for none; one entry per row of :attr:`litsim_sim.core.steps.Steps.stacked`. An agent's smallest time
+        is its shortest post-encroachment time, see :func:`encroachments`, among the pairs in which it came second.
     """
     steps = Steps.of(tables)
     table = steps.stacked
@@ -128,14 +128,14 @@ def times_since_others(tables: Sequence[AgentTable]) -> tuple[FloatArray, IntArr
 def _since_others(
     step: IntArray, begin: IntArray, agent: IntArray, place: FloatArray, boxes: FloatArray, reach: float
 ) -> tuple[FloatArray, IntArray]:
-    """See :func:`times_since_others`; of those who are somewhere, (m,), each step's in the order of their places.
+    """See :func:`times_since_others`; rows (m,) have finite positions and are sorted by step, then by `place`.
 
     Args:
-        step, begin: (S,) the steps, and (S + 1,) row at which each begins.
+        step, begin: (S,) steps, and (S + 1,) row at which each begins.
         agent: (m,) ids.
-        place: (m,) along one axis [m], ascending in each step.
+        place: (m,) coordinate along one axis [m].
         boxes: (5, m) x, y, yaw, length, width.
-        reach: within which the centres of two boxes are that overlap [m].
+        reach: largest distance between the centres of two overlapping boxes [m].
     """
     x, y, yaw, length, width = boxes
     since, other = np.full(len(agent), math.inf), np.full(len(agent), -1, np.int64)

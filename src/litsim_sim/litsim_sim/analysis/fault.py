@@ -1,4 +1,4 @@
-"""Contacts by fault: who caused them, and whether a careful driver in the ego's or in the other's place helps it."""
+"""Contacts by fault: which agent is at fault, and whether a careful driver in place of either would have avoided it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from litsim_sim.record.run import Run
 
 @dataclass(frozen=True)
 class ContactVerdict:
-    """One contact of the ego, with the careful driver in both places, one after the other.
+    """One contact of the ego, with the verdicts of the careful driver in place of the ego and of the other agent.
 
     Attributes:
-        contact: with nuPlan's attribution.
-        in_log: whether the log has it as well, so that nobody in the run is to blame.
-        own: the driver in the ego's place.
-        other: the driver in the other's place; None where that is a pedestrian or a cyclist, whom nobody drives.
+        contact: the contact, with nuPlan's attribution.
+        in_log: whether the log contains it too; then no agent of the run is at fault.
+        own: verdict on the driver in place of the ego.
+        other: verdict on the driver in place of the other agent; None if that is a pedestrian or a cyclist.
     """
 
     contact: EgoContact
@@ -29,12 +29,12 @@ class ContactVerdict:
 
 @dataclass(frozen=True)
 class FaultCounts:
-    """Pairs of agents with contacts that the log has not, by who could have helped them.
+    """Numbers of pairs of agents with contacts that are not in the log, by fault.
 
     Attributes:
-        background: a background agent is at fault: it ran into the ego, or into another background agent.
-        ego_avoidable: the ego is at fault, and the careful driver in the other's place would have stayed free of it.
-        ego_unavoidable: the ego is at fault, and that driver could not have helped it either.
+        background: a background agent is at fault: it hit the ego or another background agent.
+        ego_avoidable: the ego is at fault, and the careful driver in place of the other agent would have avoided it.
+        ego_unavoidable: the ego is at fault, and that driver would not have avoided it either.
     """
 
     background: int
@@ -43,7 +43,7 @@ class FaultCounts:
 
 
 def contact_verdicts(run: Run, hits: Collisions) -> list[ContactVerdict]:
-    """The contacts of the ego in the order of `hits`, the collisions of `run`, each with its verdicts."""
+    """Verdicts on the ego's contacts, in the order of `hits`, the collisions of `run`."""
     ego = run.info.ego_id
     return [
         ContactVerdict(
@@ -57,9 +57,9 @@ def contact_verdicts(run: Run, hits: Collisions) -> list[ContactVerdict]:
 
 
 def count_faults(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> FaultCounts:
-    """Count the contacts in `hits` that the log has not, by fault; `verdicts` as :func:`contact_verdicts` gives them.
+    """Count the contacts of `hits` that are not in the log, by fault; `verdicts` are those of :func:`contact_verdicts`.
 
-    Contacts between two background agents are always the background's.
+    A contact between two background agents is always the fault of the background.
     """
     among = sum(run.info.ego_id not in pair for pair in hits.excess)
     new = [each for each in verdicts if not each.in_log]

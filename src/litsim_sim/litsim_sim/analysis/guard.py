@@ -1,4 +1,4 @@
-"""How often the safety layer of the policy changed what the policy wanted."""
+"""How often the safety layer of the policy changed a command."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from litsim_sim.record.run import Run
 
 @dataclass(frozen=True)
 class Guarded:
-    """Commands of the policy over the steps after the history, one an agent and step.
+    """Numbers of policy commands over the steps after the history, one per agent and step.
 
     Attributes:
-        commands: that a policy drove an agent by: POLICY or GUARDED. Those of hand-backs and baselines have no guard.
-        changed: of these, which a guard changed: GUARDED.
+        commands: commands with source POLICY or GUARDED; hand-backs and baselines have no guard.
+        changed: those with source GUARDED.
     """
 
     commands: int
@@ -24,12 +24,12 @@ class Guarded:
 
     @property
     def share(self) -> float | None:
-        """Share of the commands that were changed, from 0 to 1; None where there were no commands."""
+        """Share of changed commands, from 0 to 1; None without commands."""
         return self.changed / self.commands if self.commands else None
 
 
 def guarded(run: Run) -> Guarded:
-    """Guarded commands among those that moved somebody: the answers to all steps but the last."""
+    """Count the commands that were applied: the answers to all steps but the last."""
     last = run.tables[-1].step
     answers = [c.source for step, c in run.controls.items() if run.info.history_steps <= step < last]
     source = np.concatenate(answers) if answers else np.empty(0, np.uint8)

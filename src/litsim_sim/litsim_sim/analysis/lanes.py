@@ -1,4 +1,4 @@
-"""The road of a run, from the net that its bag holds."""
+"""The lanes of a run, from the SUMO net attached to its bag."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from litsim_sim.record.run import NET_FILE, Run
 
 
 def lane_map_of(run: Run) -> LaneMap | None:
-    """Lanes of the attached net, or None where there is none.
+    """Lanes of the attached net; None without a net.
 
     Raises:
-        InputError: the attachment is no SUMO net.
+        InputError: the attachment is not a SUMO net.
     """
     try:
         return _read(run.net_xml) if run.net_xml else None
@@ -28,7 +28,7 @@ def lane_map_of(run: Run) -> LaneMap | None:
 
 
 def in_lane_of(run: Run) -> InLane | None:
-    """Whether a box lies wholly inside one lane of the attached net, which is read at the first question."""
+    """The test whether a box lies inside one lane of the attached net, read at the first call; None without a net."""
 
     def in_lane(table: AgentTable, row: int) -> bool:
         lane_map, one = lane_map_of(run), table.take(table.id == table.id[row])
@@ -38,7 +38,7 @@ def in_lane_of(run: Run) -> InLane | None:
 
 
 def off_road_controlled(run: Run) -> float | None:
-    """Share of the agent-steps under control at which the box centre is on no lane; None without any, or a net."""
+    """Share of agent-steps under control at which the box centre is on no lane; None without such steps or a net."""
     lane_map = lane_map_of(run)
     table = run.simulated.stacked
     x, y = table.x[table.under_control], table.y[table.under_control]

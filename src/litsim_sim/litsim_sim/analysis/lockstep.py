@@ -1,4 +1,4 @@
-"""Whether every stage answered every step, and whether the record holds it."""
+"""Whether every stage answered every step, and whether the recording is complete."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ class Lockstep:
     """Completeness of a run.
 
     Attributes:
-        missed: number of steps at which the bridge held an answer of before, by topic.
+        missed: number of steps at which the bridge held the previous answer, by topic.
         gaps: topics with missing, duplicated or unordered steps.
-        problems: everything that makes the run invalid, in words; empty for a valid one.
-        port: what became of the messages of the ego, by :data:`litsim_sim.ego_port.port.COUNTS`, and their `interface`;
-            empty where the ego was not driven over topics.
+        problems: descriptions of all that makes the run invalid; empty for a valid run.
+        port: counts of the ego's messages, see :data:`litsim_sim.ego_port.port.COUNTS`, and their `interface`; empty if
+            the ego was not driven over topics.
     """
 
     missed: dict[str, int]
@@ -29,7 +29,7 @@ class Lockstep:
 
 
 def lockstep(run: Run) -> Lockstep:
-    """Check a run for missing answers, gaps in the record, and its end."""
+    """Check a run for missing answers, gaps in the recording, and an early end."""
     missed = {str(topic): int(n) for topic, n in (run.summary.get("missed") or {}).items()}
     gaps = {topic: found for topic, found in run.gaps.items() if found}
     problems = _problems(run, missed, gaps)
@@ -41,7 +41,7 @@ def lockstep(run: Run) -> Lockstep:
 
 def _problems(run: Run, missed: dict[str, int], gaps: dict[str, TopicGaps]) -> list[str]:
     failed = [(s.stage, s.text.strip()) for s in run.statuses if s.state == StageState.FAILED]
-    if run.failure:  # by which stages were ended, or what one of them has said and more
+    if run.failure:  # it ended other stages, and may repeat the text of the one that failed
         failed = [(stage, text) for stage, text in failed if text != INTERRUPTED and text not in run.failure]
     problems = [run.failure] if run.failure else []
     problems += [] if run.complete else [f"the recording is {run.problem}"]
@@ -55,6 +55,6 @@ def _problems(run: Run, missed: dict[str, int], gaps: dict[str, TopicGaps]) -> l
 
 
 def describe(gaps: TopicGaps) -> str:
-    """A topic's gaps in words."""
+    """The gaps of a topic as text."""
     kinds = (("missing", gaps.missing), ("duplicated", gaps.duplicated), ("out of order", gaps.unordered))
     return ", ".join(f"{len(steps)} steps {kind} (first {steps[0]})" for kind, steps in kinds if steps)

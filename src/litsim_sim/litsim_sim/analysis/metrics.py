@@ -1,4 +1,4 @@
-"""All measures of a run as one tree: `metrics.json`."""
+"""All measures of a run as one tree, written to `metrics.json`."""
 
 from __future__ import annotations
 
@@ -48,15 +48,14 @@ from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import LOST_ATTACHMENTS, Run
 
 METRICS_FILE = "metrics.json"
-ROI_M = 30.0  # [m] of a scenario that does not say
+ROI_M = 30.0  # [m] default of a scenario without `roi_m`
 
 
 def compute_metrics(run: Run) -> dict[str, Any]:
     """Every measure of a run: the tree of :class:`litsim_sim.analysis.metrics_tree.Metrics`.
 
-    Measures cover the steps after the history. Rates are shares between 0 and 1; a measure without anything to measure
-    is None. Agents are the background, without the ego, except in `collision` and in progress, where the ego is one of
-    them.
+    Measures cover the steps after the history. Rates are shares between 0 and 1; a measure with nothing to measure is
+    None. Agents exclude the ego, except in `collision` and in progress.
     """
     hits, far, back = collisions(run, in_lane_of(run)), displacements(run), handbacks(run)
     entries, lock = ledger(run), lockstep(run)
@@ -122,7 +121,7 @@ def compute_metrics(run: Run) -> dict[str, Any]:
 
 
 def roi_of(run: Run) -> float:
-    """Region of interest of the scenario of a run, a radius [m]."""
+    """Radius [m] of the region of interest of the run's scenario."""
     return _roi_in(run.scenario_yaml or run.info.scenario_yaml)
 
 
@@ -133,7 +132,7 @@ def _roi_in(scenario_yaml: str) -> float:
 
 
 def digest(run: Run) -> str:
-    """Digest of a run; that of the in-process runner is the same for an equal run."""
+    """Digest of a run; equals the in-process runner's for an equal run."""
     total = RunDigest()
     for table in run.tables:
         total.update(table, run.controls.get(table.step), run.ego_commands.get(table.step))
@@ -144,12 +143,12 @@ def write_metrics(metrics: dict[str, Any], path: Path) -> None:
     """Write `metrics` as JSON.
 
     Raises:
-        InputError: `path` cannot be written, or a measure is not finite, which the values of a run do not give.
+        InputError: `path` cannot be written, or a measure is not finite, as only a corrupt recording yields.
     """
     try:
         text = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
     except ValueError as error:
-        raise InputError(f"{path}: a measure is not finite, of values that no run has: {error}") from error
+        raise InputError(f"{path}: a measure is not finite, the recording is corrupt: {error}") from error
     with replacing(path) as new:
         new.write_text(text)
 
@@ -167,7 +166,7 @@ def _unusable(run: Run) -> list[str]:
 
 
 def _ended(run: Run) -> EndMetrics | None:
-    """Why and when the run was over; None where the record does not say."""
+    """Why and when the run ended; None if the recording does not say."""
     found = run.ended
     if found is None:
         return None
@@ -227,7 +226,7 @@ def _collision(run: Run, hits: Collisions, verdicts: list[ContactVerdict]) -> Co
 
 
 def _displacement(far: Displacements) -> DisplacementMetrics:
-    """What pairs of runs are compared by, agent by agent; of those that never left their logs only the steps."""
+    """Displacements that pairs of runs are compared by; agents never off their logs count only in `agent_steps`."""
     return {
         "agent_steps": {str(horizon): far.agent_steps(horizon) for horizon in far.horizons},
         "agents": [
@@ -270,14 +269,14 @@ def _safety(run: Run, verdicts: list[ContactVerdict]) -> SafetyMetrics:
 
 
 def _own_ttc(run: Run, verdicts: list[ContactVerdict], shortest: float) -> float | None:
-    """Shortest time to collision of the ego's own making [s]: 0 in a contact at its fault; others count until contact.
+    """Shortest time to collision [s] that the ego causes: 0 if a contact is its fault; others count until contact.
 
     Whom the ego touches in the log as well does not count: the boxes are too large there, or too near each other.
 
     Args:
-        run: whose tables are looked at again where there were contacts.
-        verdicts: on its contacts.
-        shortest: time to collision with anybody [s], inf where there is none.
+        run: the run.
+        verdicts: on the ego's contacts.
+        shortest: shortest time to collision with any agent [s]; inf for none.
     """
     if any(each.contact.ego_at_fault and not each.in_log for each in verdicts):
         return 0.0
@@ -286,9 +285,9 @@ def _own_ttc(run: Run, verdicts: list[ContactVerdict], shortest: float) -> float
 
 
 def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:
-    """Bounds of nuPlan for the ego and, as means and sums, for the agents ever under control; their guarded steps.
+    """Comfort of the ego and, summarised, of the agents ever under control, with their guarded commands.
 
-    Of hard brakes of the agents count those that began under control; those on the log are the recording's.
+    Of the agents' hard brakes only those begun under control count; the others are the recording's.
     """
     tables, dt = run.simulated, run.info.dt
     ego = comfort(tables, run.info.ego_id, dt)
@@ -306,13 +305,13 @@ def _comfort(run: Run, hits: Collisions) -> ComfortMetrics:
 
 
 def _naturalness(run: Run, agents: Set[int]) -> Naturalness:
-    """How natural `agents` drive, by the log's histograms."""
+    """The judge of `agents` under the histograms of the log."""
     lines = run_passages(run) or (), log_passages(run)
     return Naturalness(run.simulated, run.simulated_log, agents, lane_map_of(run), run.info.dt, *lines)
 
 
 def _realism(natural: Naturalness, controlled: Set[int], *, signals: bool) -> RealismMetrics | None:
-    """Likelihood of the agents ever under control under the log's histograms."""
+    """Likelihood of the agents ever under control, under the histograms of the log."""
     found = natural.of(controlled)
     if found is None:
         return None
@@ -326,7 +325,7 @@ def _realism(natural: Naturalness, controlled: Set[int], *, signals: bool) -> Re
 
 
 def _near_ego_in_log(run: Run) -> set[int]:
-    """The agents whose logs come within the region of interest of the ego's log: the same for every policy."""
+    """Agents whose logs enter the region of interest around the ego's log; the same for every policy."""
     logged = run.simulated_log
     table = logged.stacked
     ego = logged.rows_of(np.array([run.info.ego_id]))[table.number, 0]
@@ -336,7 +335,7 @@ def _near_ego_in_log(run: Run) -> set[int]:
 
 
 def _signals(run: Run) -> SignalMetrics | None:
-    """Stop lines passed by everybody, and at red by the ego, by agents under control, and by all in the recording."""
+    """Stop lines passed by all agents, and passed at red by the ego, by agents under control, and in the recording."""
     passed = run_passages(run)
     if passed is None:
         return None

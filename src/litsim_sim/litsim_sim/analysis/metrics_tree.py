@@ -1,7 +1,6 @@
-"""The fields of `metrics.json` as types: what :func:`litsim_sim.analysis.metrics.compute_metrics` returns, and which
-fields there are before anything has been run.
+"""The fields of `metrics.json` as types, as returned by :func:`litsim_sim.analysis.metrics.compute_metrics`.
 
-Numbers with ``| None`` are missing where there is nothing to measure. docs/metrics.md says what each is.
+A value of None means that there was nothing to measure. docs/metrics.md defines every field.
 """
 
 from __future__ import annotations
@@ -24,19 +23,19 @@ from litsim_sim.ego_port.port import COUNTS
 
 NEAR_MAX = 5
 ANY_KEY = "*"
-"""Stands in the name of a field for a key that only a run knows, such as a stage or a topic."""
+"""Placeholder in the name of a field for a key that depends on the run, such as a stage or a topic."""
 
 
 @dataclass(frozen=True)
 class Keys:
-    """The keys of a dictionary, as part of its type; one without has keys that only a run knows."""
+    """Annotation of a dictionary type with its keys; without it, they depend on the run."""
 
     names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Between:
-    """The least and the greatest that a number can be, as part of its type."""
+    """Annotation of a number type with its smallest and largest value."""
 
     low: float
     high: float
@@ -44,15 +43,15 @@ class Between:
 
 SHARE = Between(0.0, 1.0)
 COUNT = Between(0.0, inf)
-"""Of whole numbers and lengths of lists; all in the tree are counts, steps, or seeds."""
+"""Range of integers and of lengths of lists: all integers in the tree are counts, ids, steps or seeds."""
 Share = Annotated[float, SHARE]
 
 Horizons = Annotated[dict[str, float | None], Keys(tuple(map(str, HORIZONS_S)))]
-"""By horizon [s]; a run that is shorter lacks it."""
+"""Values by horizon [s]; horizons beyond the end of the run are absent."""
 
 
 class EndMetrics(TypedDict):
-    """Why and when the run was over."""
+    """Why and when the run ended."""
 
     reason: str
     step: int
@@ -61,7 +60,7 @@ class EndMetrics(TypedDict):
 
 
 class FaultMetrics(TypedDict):
-    """Contacts that the log has not, by who could have helped them."""
+    """Pairs with contacts that are not in the log, by fault."""
 
     background: int
     ego_avoidable: int
@@ -69,14 +68,14 @@ class FaultMetrics(TypedDict):
 
 
 class DisplacementMetrics(TypedDict):
-    """How far each agent was from its log."""
+    """Displacement of each agent from its log."""
 
     agent_steps: Annotated[dict[str, int], Keys(tuple(map(str, HORIZONS_S)))]
     agents: list[dict[str, Any]]
 
 
 class CollisionMetrics(TypedDict):
-    """Contacts."""
+    """Contacts between agents."""
 
     agents: int
     pairs: int
@@ -105,21 +104,21 @@ class DrivenMetrics(TypedDict):
 
 
 class EgoMetrics(DrivenMetrics):
-    """How the ego drove, and how the vehicle in its place did in the recording."""
+    """How the ego drove, and how the vehicle that it replaces drove in the recording."""
 
     progress_ratio: float | None
     log: DrivenMetrics
 
 
 class DetectionMetrics(TypedDict):
-    """How often the detection of conflicts looked again within a step."""
+    """How often the detection of conflicts iterated within a step."""
 
     max_rounds: int
     bound_hits: int
 
 
 class HandbackMetrics(TypedDict):
-    """Agents that were handed back to their log."""
+    """Handbacks of agents to their logs."""
 
     count: int
     max_position_jump_m: float
@@ -133,7 +132,7 @@ class HandbackMetrics(TypedDict):
 
 
 class SafetyMetrics(TypedDict):
-    """Surrogate measures of the ego."""
+    """Surrogate safety measures of the ego."""
 
     min_ttc_s: float | None
     min_own_ttc_s: float | None
@@ -146,7 +145,7 @@ class SafetyMetrics(TypedDict):
 
 
 class EgoComfort(TypedDict):
-    """Comfort in the ego."""
+    """Comfort of the ego."""
 
     within: Annotated[dict[str, Share], Keys(tuple(BOUNDS))]
     hard_brakes: int
@@ -161,7 +160,7 @@ class Guard(TypedDict):
 
 
 class ControlledComfort(TypedDict):
-    """Comfort in the agents ever under control; hard brakes are those begun under control, and the log's meanwhile."""
+    """Comfort of the agents ever under control; hard brakes begun under control, and those of the log meanwhile."""
 
     comfortable: Share | None
     hard_brakes: int
@@ -170,7 +169,7 @@ class ControlledComfort(TypedDict):
 
 
 class ComfortMetrics(TypedDict):
-    """Comfort."""
+    """Comfort of the ego and of the agents under control."""
 
     ego: EgoComfort | None
     controlled: ControlledComfort
@@ -195,7 +194,7 @@ class LockstepMetrics(TypedDict):
 
 
 class Spread(TypedDict):
-    """Least, median and greatest of some compute times [ms]."""
+    """Smallest, median and largest of some compute times [ms]."""
 
     min: float
     median: float
@@ -212,7 +211,7 @@ class TimingMetrics(TypedDict):
 
 
 class SignalMetrics(TypedDict):
-    """Stop lines that were passed, and how many of them at red."""
+    """Passages of stop lines, and how many of them at red."""
 
     passed: int
     red_ego: int
@@ -222,7 +221,7 @@ class SignalMetrics(TypedDict):
 
 
 class WorldMetrics(TypedDict):
-    """What the world did on its own."""
+    """Entries that the world delayed or omitted, and its deviation from SUMO."""
 
     late_entries: list[Any] | None
     never_entered: list[Any] | None
@@ -280,9 +279,9 @@ class MetricField:
     """A field of `metrics.json`.
 
     Attributes:
-        name: its path, joined by dots; :data:`ANY_KEY` stands for a key that only a run knows.
-        kinds: what it may be: `int`, `float`, `bool`, `str` or `list`.
-        between: what it may be as a number; None where that is not known.
+        name: its path, joined by dots; :data:`ANY_KEY` stands for a key that depends on the run.
+        kinds: possible types: `int`, `float`, `bool`, `str` or `list`.
+        between: range of its value, or of its length as a list; None if unknown.
     """
 
     name: str
@@ -291,11 +290,11 @@ class MetricField:
 
     @property
     def counts(self) -> bool:
-        """Whether it has a size that bounds can be set to: it is a number, or a list that has a length."""
+        """Whether bounds can be set on it: it is a number, or a list, by its length."""
         return bool(self.kinds & {int, float, list})
 
     def covers(self, name: str) -> bool:
-        """Whether `name` is this field."""
+        """Whether `name` names this field."""
         before, star, after = self.name.partition(ANY_KEY)
         if not star:
             return name == self.name
@@ -312,7 +311,7 @@ def find_field(name: str) -> MetricField:
     """The field called `name`.
 
     Raises:
-        ValueError: there is none; the text names those that are called nearly so.
+        ValueError: there is none; the message suggests similar names.
     """
     for field in metric_fields():
         if field.covers(name):
@@ -331,7 +330,7 @@ def _near(name: str) -> str:
 
 
 def _fields(annotation: Any, name: str) -> Iterator[MetricField]:
-    """The leaves of a type; of a dictionary whose keys nobody knows, one for all of them."""
+    """The leaves of a type; a dictionary with unknown keys has one leaf."""
     kind: Any = annotation
     keys: tuple[str, ...] = (ANY_KEY,)
     between = None

@@ -1,4 +1,4 @@
-"""An intersection in one picture: who went where, seen from above, and what the signals showed meanwhile."""
+"""Plan view of an intersection: lanes, stop lines, paths of the agents, and a diagram of the signals."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from litsim_sim.maps.lane_crossings import lane_crossings
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.signals import Signals
 
-NEAR = 15.0  # [m] from a crossing of lanes within which a path goes over it
-ROOM = 12.0  # [m] around what has to be seen
-SIDE_MIN = 60.0  # [m] that a view is wide and high at least
-ISLAND = 200.0  # [m2] between lanes that is no road; what is less is inside a junction
-GROUPS_MAX = 12  # rows of signals; the ego's come first
+NEAR = 15.0  # [m] distance from a crossing of lanes within which a path goes over it
+ROOM = 12.0  # [m] margin of the view
+SIDE_MIN = 60.0  # [m] smallest width and height of the view
+ISLAND = 200.0  # [m2] smallest hole between lanes that is no road; smaller ones are inside a junction
+GROUPS_MAX = 12  # rows of the diagram of the signals
 GROUND = "#ffffff"
 
 LIGHTS = {
@@ -44,25 +44,25 @@ LIGHTS = {
 
 @dataclass(frozen=True)
 class Area:
-    """What a plan view shows, frame map [m]."""
+    """Extent of a plan view in the map frame [m]."""
 
     low: FloatArray
     high: FloatArray
 
     @classmethod
     def around(cls, points: FloatArray) -> Area:
-        """The rectangle around `points` (n, 2), with some room, and not too small."""
+        """The rectangle around `points` (n, 2), with a margin and at least SIDE_MIN wide and high."""
         low, high = points.min(axis=0) - ROOM, points.max(axis=0) + ROOM
         more = np.maximum(0.0, SIDE_MIN - (high - low)) / 2
         return cls(low - more, high + more)
 
     def holds(self, points: FloatArray) -> np.ndarray:
-        """(...) which of `points` (..., 2) lie in it."""
+        """(...) whether each of `points` (..., 2) lies in the area."""
         return np.asarray(((points >= self.low) & (points <= self.high)).all(axis=-1))
 
 
 def crossed(lane_map: LaneMap | None, path: FloatArray) -> FloatArray:
-    """(k, 2) crossings of lanes that a path (n, 2) goes over; none on a motorway, or without a map."""
+    """(k, 2) crossings of lanes that a path (n, 2) goes over; none without a map."""
     if lane_map is None or not len(path):
         return np.empty((0, 2))
     points = lane_crossings(lane_map.lanes)
@@ -84,7 +84,7 @@ def draw_lanes(axes: Axes, lane_map: LaneMap) -> None:
 
 
 def draw_stop_lines(axes: Axes, signals: Signals, step: int) -> None:
-    """Draw the stop lines, each connection's part in the colour of what it shows at `step`."""
+    """Draw the stop lines, the part of each connection in the colour of its signal at `step`."""
     by_lane: dict[str, list[int]] = {}
     for k, link in enumerate(signals.links):
         by_lane.setdefault(link.from_lane, []).append(k)
@@ -101,7 +101,7 @@ def draw_stop_lines(axes: Axes, signals: Signals, step: int) -> None:
 
 
 def paths(steps: Steps, area: Area) -> dict[Controller, list[FloatArray]]:
-    """Pieces (k, 2) of everybody's path in `area`, by who moved the agent."""
+    """Pieces (k, 2) of the paths of all agents in `area`, by controller."""
     table = steps.stacked
     points = np.stack([table.x, table.y], axis=-1)
     order, follows = tracks(steps)
@@ -112,10 +112,10 @@ def paths(steps: Steps, area: Area) -> dict[Controller, list[FloatArray]]:
 
 
 def tracks(steps: Steps) -> tuple[IntArray, BoolArray]:
-    """The rows (m,) of :attr:`Steps.stacked`, those of an agent one after the other.
+    """The rows of :attr:`Steps.stacked`, sorted by agent and step.
 
     Returns:
-        the rows, and (m,) which of them go on from the one before: of the same agent, at the next step.
+        The rows (m,), and whether each continues the one before (m,): the same agent at the next step.
     """
     number = steps.stacked.number
     order = np.lexsort((number, steps.agent))
@@ -125,9 +125,9 @@ def tracks(steps: Steps) -> tuple[IntArray, BoolArray]:
 
 
 def pieces(points: FloatArray, follows: BoolArray, kind: IntArray) -> dict[int, list[FloatArray]]:
-    """Lines (k, 2) through `points` (m, 2), by the `kind` (m,) of the points to which they lead.
+    """Lines (k, 2) through `points` (m, 2), by `kind` (m,): a segment is of the kind of its end point.
 
-    A line goes on as long as each point `follows` (m,) the one before and is of the same kind.
+    A line continues as long as each point `follows` (m,) the one before and is of the same kind.
     """
     begins = follows.copy()
     begins[1:] &= ~follows[:-1] | (np.diff(kind) != 0)
@@ -140,7 +140,7 @@ def pieces(points: FloatArray, follows: BoolArray, kind: IntArray) -> dict[int, 
 
 
 def draw_boxes(axes: Axes, table: AgentTable, colours: list[str], **style: Any) -> None:
-    """Draw the boxes of `table`, and a bar at the front of each."""
+    """Draw the boxes of `table`, each with a bar at its front."""
     corners = box_corners(table.x, table.y, table.yaw, table.length, table.width)
     style = {"facecolors": colours, "edgecolors": INK, "linewidths": 0.7, "zorder": 6} | style
     axes.add_collection(PolyCollection(list(corners), **style))
@@ -148,20 +148,20 @@ def draw_boxes(axes: Axes, table: AgentTable, colours: list[str], **style: Any) 
 
 
 def frame(axes: Axes, area: Area) -> None:
-    """Show `area` in true proportions."""
+    """Limit `axes` to `area`, with equal aspect."""
     axes.set(xlim=(area.low[0], area.high[0]), ylim=(area.low[1], area.high[1]), aspect="equal")
     axes.set(xlabel="x [m]", ylabel="y [m]")
 
 
 def groups_in(signals: Signals, area: Area, first: list[str]) -> list[int]:
-    """Positions of the groups that have a stop line in `area`: those named `first`, then by name."""
+    """Indices of the signal groups named `first`, then of others with a stop line in `area`; at most GROUPS_MAX."""
     inside = {int(g) for g, link in zip(signals.link_group, signals.links, strict=True) if area.holds(link.stop)}
     order = [signals.groups.index(name) for name in dict.fromkeys(first) if name in signals.groups]
     return [*order, *sorted(inside - set(order))][:GROUPS_MAX]
 
 
 def draw_signals(axes: Axes, signals: Signals, groups: list[int], steps: int) -> None:
-    """Draw what `groups` show from step 0 to `steps`, a bar for each, the first at the top."""
+    """Draw the states of `groups` from step 0 to `steps`, one bar per group, the first at the top."""
     used: set[SignalState] = set()
     for row, group in enumerate(groups):
         shown = signals.states[group, : steps + 1]

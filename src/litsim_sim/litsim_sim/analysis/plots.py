@@ -1,4 +1,4 @@
-"""One picture of a run that says more than its table of numbers."""
+"""The overview picture of a run."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ from litsim_sim.record.run import Run
 
 SIZE_PX, DPI = (1600, 1120), 100
 AHEAD, BEHIND = 70.0, 70.0  # [m] of road around the ego in the bird's-eye view
-SAME_LANE, BESIDE = 1.8, 5.5  # [m] to either side of the ego: its lane, and those beside it
-LATER = 5  # steps after a contact, for it to be seen
+SAME_LANE, BESIDE = 1.8, 5.5  # [m] lateral distance up to which an agent is in the ego's lane, or in an adjacent one
+LATER = 5  # steps after a contact at which it is shown
 ROUTE_MAX = 3000.0  # [m]
-LOG_BESIDE = -1  # as a controller: the log, beside the ego's lane
+LOG_BESIDE = -1  # kind of line next to those of the controllers: log replay in an adjacent lane
 
 NAMES = {
     Controller.EGO: "ego",
@@ -59,14 +59,14 @@ PAINT = "#ffffff"
 
 
 def overview(run: Run, path: Path) -> None:
-    """Draw a run as a PNG of 1600 x 1120 px: the scene at a telling moment, the ego's speed against its log, and the
-    number of agents off their log.
+    """Draw a run as a PNG of 1600 x 1120 px: the scene at a telling moment, the ego's speed and its logged speed, and
+    the number of agents off their logs.
 
-    Where the ego goes over an intersection, the scene is that, seen from above with everybody's path, and below it what
-    its signals showed; else it is the road around the ego, and below it a space-time diagram of the traffic there.
+    If the ego crosses an intersection, the scene is a plan view of it with the paths of all agents, above a diagram of
+    its signals; else it is the road around the ego, above a space-time diagram of the traffic there.
 
     Raises:
-        InputError: the attached net is no SUMO net.
+        InputError: the attached net is not a SUMO net.
         OSError: `path` cannot be written.
     """
     figure = Figure(figsize=(SIZE_PX[0] / DPI, SIZE_PX[1] / DPI), dpi=DPI, layout="constrained", facecolor="white")
@@ -89,7 +89,7 @@ def overview(run: Run, path: Path) -> None:
 
 
 def _way(run: Run) -> FloatArray:
-    """(k, 2) where the ego went [m]."""
+    """(k, 2) positions of the ego [m]."""
     rows = [(table, table.row(run.info.ego_id)) for table in run.tables]
     return np.array([(table.x[row], table.y[row]) for table, row in rows if row >= 0]).reshape(-1, 2)
 
@@ -97,7 +97,7 @@ def _way(run: Run) -> FloatArray:
 def _intersection(
     figure: Figure, run: Run, moment: Moment, lane_map: LaneMap, crossings: FloatArray
 ) -> tuple[Axes, Axes]:
-    """Draw the intersection and its signals over time; returns axes for the ego's speed and for who is off its log."""
+    """Draw the intersection and its signals; return axes for the ego's speed and for the agents off their logs."""
     area = Area.around(np.concatenate([_way(run), crossings]))
     signals = run.signals
     passed = [each for each in run_passages(run) or [] if each.agent == run.info.ego_id]
@@ -122,7 +122,7 @@ def _intersection(
 
 
 def _plan(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap, area: Area) -> None:
-    """Everybody's path over the intersection, and the boxes at the moment."""
+    """Draw the paths of all agents over the intersection, and their boxes at `moment`."""
     table, _ = _at(run, moment.step)
     draw_lanes(axes, lane_map)
     if run.signals is not None:
@@ -157,13 +157,13 @@ class Moment:
 
 
 def telling_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
-    """Where pure replay would have run into somebody, else the first takeover, else the first contact or the middle."""
+    """The first contact that pure replay would have had, else the first takeover, the first contact, or the middle."""
     dt = run.info.dt
     for entry in entries:
         if entry.replay is not None and entry.replay.step <= entry.detected_step + entry.held_s / dt:
-            who = "the ego" if entry.replay.opponent == run.info.ego_id else f"agent {entry.replay.opponent}"
+            other = "the ego" if entry.replay.opponent == run.info.ego_id else f"agent {entry.replay.opponent}"
             step = min(entry.replay.step + LATER, run.tables[-1].step)
-            return Moment(step, f"the log of agent {entry.agent} has run into {who}, the agent itself is taken over")
+            return Moment(step, f"the log of agent {entry.agent} has run into {other}; the agent itself is taken over")
     if entries:
         entry = entries[0]
         middle = entry.detected_step + round(0.5 * entry.held_s / dt)
@@ -176,18 +176,18 @@ def telling_moment(run: Run, entries: list[LedgerEntry]) -> Moment:
 
 def _title(run: Run, entries: list[LedgerEntry]) -> str:
     info, hits = run.info, collisions(run)
-    who = f"{info.scenario}   ego {info.ego_id} by {info.ego}, background by {info.policy}, seed {info.seed}"
-    return f"{who}   takeovers: {len(entries)}, collisions that are not in the log: {len(hits.excess)}"
+    what = f"{info.scenario}   ego {info.ego_id} by {info.ego}, background by {info.policy}, seed {info.seed}"
+    return f"{what}   takeovers: {len(entries)}, collisions that are not in the log: {len(hits.excess)}"
 
 
 def _at(run: Run, step: int) -> tuple[AgentTable, AgentTable | None]:
-    """Agents at the recorded step nearest to `step`, and those of the log."""
+    """The agents at the recorded step nearest to `step`, and those of the log."""
     index = int(np.argmin([abs(table.step - step) for table in run.tables]))
     return run.tables[index], run.log[index] if run.log else None
 
 
 def _bird_view(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
-    """Boxes around the ego in a frame that looks along the road, so that any road lies across the page."""
+    """Draw the boxes around the ego in a frame whose x axis points along its lane."""
     table, logged = _at(run, moment.step)
     row = table.row(run.info.ego_id)
     x, y, yaw = (
@@ -233,7 +233,7 @@ def _fill(axes: Axes, boxes: FloatArray, **style: Any) -> None:
 
 
 def _draw_road(axes: Axes, lane_map: LaneMap, to_view: Any) -> tuple[float, float]:
-    """Lanes as a surface with painted borders; returns the extent to the right and left that is worth showing."""
+    """Draw the lanes with painted borders; return the lower and upper limit of the view's y axis [m]."""
     window = shapely.box(-BEHIND, -60.0, AHEAD, 60.0)
     low, high = -6.0, 6.0
     for lane in lane_map.lanes:
@@ -256,12 +256,12 @@ def _boxes(table: AgentTable) -> FloatArray:
 
 
 def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) -> None:
-    """Paths of the agents in and beside the ego's lane, coloured by who moves them."""
+    """Draw the paths of the agents in the ego's lane and beside it over time, coloured by controller."""
     steps, route = run.steps, _route(run, lane_map)
     table = steps.stacked
     s, d = _along(route, table.x, table.y)
     ego = steps.rows_of(np.array([run.info.ego_id]))[:, 0]
-    until = int(np.argmin(ego >= 0)) if (ego < 0).any() else len(ego)  # from then on the ego is gone
+    until = int(np.argmin(ego >= 0)) if (ego < 0).any() else len(ego)  # step from which on the ego is gone
     aside = np.abs(d - d[ego[table.number]])
     near = (aside < BESIDE) & (table.number < until)
     order, follows = tracks(steps)
@@ -291,7 +291,7 @@ def _space_time(axes: Axes, run: Run, moment: Moment, lane_map: LaneMap | None) 
 
 
 def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
-    """The line along which positions are measured: the lane from where the ego starts, or straight ahead of it."""
+    """The line along which positions are measured: from the ego's first pose along its lane, or straight ahead."""
     table = next((t for t in run.tables if t.row(run.info.ego_id) >= 0), run.tables[0])
     row = max(0, table.row(run.info.ego_id))
     x, y, yaw = (values[row : row + 1] for values in (table.x, table.y, table.yaw))
@@ -303,7 +303,7 @@ def _route(run: Run, lane_map: LaneMap | None) -> shapely.LineString:
 
 
 def _along(route: shapely.LineString, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How far points lie along `route` from its start, and how far to its left [m]."""
+    """Positions of points along `route`, and their distances to its left [m]."""
     points = shapely.points(x, y)
     s = shapely.line_locate_point(route, points)
     foot, ahead = shapely.line_interpolate_point(route, s), shapely.line_interpolate_point(route, s + 1.0)
@@ -352,12 +352,12 @@ def _off_log(axes: Axes, run: Run, step: int) -> None:
 
 
 def _end(run: Run) -> float:
-    """Time [s] of the last recorded step, at least that of step 1: an axis has a length."""
+    """Time [s] of the last recorded step, at least that of step 1, so that the time axis is never empty."""
     return max(run.tables[-1].step, 1) * run.info.dt
 
 
 def _mark(axes: Axes, run: Run, step: int) -> None:
-    """The end of the history, and the moment of the bird's-eye view."""
+    """Mark the history, and the moment of the scene."""
     axes.axvspan(0.0, run.info.history_steps * run.info.dt, color="#f4f5f7", zorder=0)
     axes.axvline(step * run.info.dt, color=INK, lw=0.9, ls=":")
 

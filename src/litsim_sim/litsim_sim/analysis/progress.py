@@ -1,4 +1,4 @@
-"""How far the agents travel."""
+"""Progress: distances travelled by the agents."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from litsim_sim.core.steps import Steps
 
 
 def distance_of(tables: Sequence[AgentTable], agent: int, last: int | None = None) -> float | None:
-    """Length [m] of the path of an agent's box centre through consecutive steps; None where it is never there.
+    """Distance [m] that an agent's box centre travels between consecutive steps; None if it is never on the road.
 
-    Steps count up to `last`, or all of them.
+    Only steps up to `last` count, if given.
     """
     steps = Steps.of(tables)
     rows, table = steps.track(agent), steps.stacked
@@ -26,14 +26,14 @@ def distance_of(tables: Sequence[AgentTable], agent: int, last: int | None = Non
 def mean_progress(
     tables: Sequence[AgentTable], log: Sequence[AgentTable], agents: Collection[int] | None = None
 ) -> float | None:
-    """Mean distance [m] travelled by the agents of `log`, or by those of `agents`; None where there are none.
+    """Mean distance [m] travelled by the agents of `log`, or those of them in `agents`; None without agents.
 
-    Only steps count from and to which the log of an agent knows it: who drives on when its log has ended makes no
-    progress by that. Who is not on the road then, such as who is held back where he would enter, makes none either.
+    Only the time in which its log has an agent on the road counts. An agent that is not on the road then, such as one
+    held back at its entry, makes no progress.
 
     Args:
-        tables: of consecutive steps.
-        log: of the same steps, `tables` itself for the progress of the log.
+        tables: consecutive steps of the run.
+        log: the same steps of the log; also given as `tables` for the progress of the log.
         agents: ids.
     """
     logged = Steps.of(log)
@@ -44,7 +44,7 @@ def mean_progress(
 
 
 def _lengths(steps: Steps, log: Steps) -> FloatArray:
-    """Distance (n,) [m] travelled by each of the agents of `log`; see :func:`mean_progress`."""
+    """Distance (n,) [m] travelled by each agent of `log`; see :func:`mean_progress`."""
     common = min(len(steps), len(log))
     rows, known = steps.rows_of(log.ids)[:common], log.rows[:common] >= 0
     there = (rows >= 0) & known
@@ -58,5 +58,5 @@ def _lengths(steps: Steps, log: Steps) -> FloatArray:
 
 
 def _added_up(parts: FloatArray) -> FloatArray:
-    """The sum of `parts` (k, ...) over the first axis, from the first to the last of them: sums are rounded."""
+    """Sum of `parts` (k, ...) over the first axis, added in order so that rounding is reproducible."""
     return np.cumsum(parts, axis=0)[-1] if len(parts) else np.zeros(parts.shape[1:])

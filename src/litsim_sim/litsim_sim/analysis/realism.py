@@ -1,9 +1,8 @@
-"""Realism of the agents that were under control: how likely their motion is under the histograms of the log.
+"""Realism of the agents under control: the likelihood of their motion under the histograms of the log.
 
-After the Waymo Open Sim Agents Challenge (Montali et al. 2023), the other way round: there the log is judged under many
-rollouts, here one run is judged under the log, which is what a single deterministic run allows. Weights are the
-challenge's, renormalised over the features that can be judged: what signals show is one where the scenario knows of
-signals and an agent that is judged has passed a stop line.
+Follows the Waymo Open Sim Agents Challenge (Montali et al. 2023) with the roles swapped: the challenge judges the log
+under many rollouts; here one deterministic run is judged under the log. The weights are the challenge's, renormalised
+over the features that can be judged: that of traffic lights needs signals and a judged agent that passed a stop line.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from litsim_sim.maps.lane_map import LaneMap
 
 @dataclass(frozen=True)
 class Feature:
-    """A quantity whose distribution is compared.
+    """A quantity with the histogram that it is compared by.
 
     Attributes:
         weight: share of the score, before renormalisation.
@@ -49,18 +48,18 @@ FEATURES: dict[str, Feature] = {
     "time_to_collision": Feature(0.10, 0.0, TTC_HORIZON_S, 10),  # [s]
     "traffic_light_violation": Feature(0.05, 0.0, 1.0, 2),  # of each stop line passed, whether it was at red
 }
-SMOOTHING = 0.1  # pseudo-count of a bin, so that nothing is impossible
-SAMPLE = 5  # steps between those that are looked at
+SMOOTHING = 0.1  # pseudo-count of a bin, so that no likelihood is 0
+SAMPLE = 5  # every fifth step is judged
 
 
 @dataclass(frozen=True)
 class Realism:
-    """Likelihoods relative to what the log reaches under its own histograms, each in (0, 1].
+    """Likelihoods relative to those of the log under its own histograms, each in (0, 1].
 
     Attributes:
         score: weighted mean.
-        features: by name.
-        steps: agent steps that were judged.
+        features: likelihood by feature.
+        steps: number of judged agent-steps.
     """
 
     score: float
@@ -81,14 +80,14 @@ class Naturalness:
         passed: Sequence[Passage] = (),
         passed_in_log: Sequence[Passage] = (),
     ) -> None:
-        """Get ready to judge `agents` or some of them.
+        """Prepare to judge `agents` or subsets of them.
 
         Args:
             tables, log: the same steps of the run and of the log.
             agents: ids.
-            lane_map: for the road edge; without it the two features of the road are left out.
-            dt: of a step [s].
-            passed, passed_in_log: stop lines that were passed in the run and in the log, by anybody.
+            lane_map: lanes; without them the two features of the road edge are left out.
+            dt: duration of a step [s].
+            passed, passed_in_log: passages of stop lines by all agents, in the run and in the log.
         """
         self._ids, self._judged = _values(Steps.of(tables), frozenset(agents), lane_map, dt)
         self._logged = dict(Steps.of(log).once(_histograms, lane_map, dt))
@@ -96,7 +95,7 @@ class Naturalness:
         self._passed = passed
 
     def of(self, agents: Set[int]) -> Realism | None:
-        """Realism of `agents`, of those that are judged; None where nothing can be."""
+        """Realism of `agents`, a subset of the agents prepared; None if nothing can be judged."""
         whose = np.isin(self._ids, sorted(agents))
         judged = {name: values[whose] if len(values) else values for name, values in self._judged.items()}
         judged["traffic_light_violation"] = _at_red(each for each in self._passed if each.agent in agents)
@@ -110,19 +109,19 @@ class Naturalness:
 
 
 def _at_red(passed: Iterable[Passage]) -> FloatArray:
-    """(m,) 1 for each stop line that was passed at red, 0 for each other."""
+    """(m,) 1 for each passage at red, 0 for each other."""
     return np.array([each.at_red for each in passed], np.float64)
 
 
 @dataclass(frozen=True)
 class _Histogram:
-    """How a feature is distributed in the log.
+    """Distribution of a feature in the log.
 
     Attributes:
-        edges: (bins - 1,) between bins.
-        log_likelihood: (bins,) of a value in each.
-        mean: of that of the log's own values.
-        count: how many of these there are.
+        edges: (bins - 1,) inner edges of the bins.
+        log_likelihood: (bins,) log-likelihood of a value in each bin.
+        mean: mean log-likelihood of the logged values.
+        count: number of logged values.
     """
 
     edges: FloatArray
@@ -132,7 +131,7 @@ class _Histogram:
 
     @classmethod
     def of(cls, name: str, logged: FloatArray) -> _Histogram:
-        """That of `logged` values (m,) of the feature called `name`."""
+        """The histogram of the values `logged` (m,) of the feature `name`."""
         feature = FEATURES[name]
         edges = np.linspace(feature.low, feature.high, feature.bins + 1)[1:-1]
         own = np.digitize(logged, edges)
@@ -141,13 +140,13 @@ class _Histogram:
         return cls(edges, log_likelihood, log_likelihood[own].mean() if len(own) else 0.0, len(own))
 
     def relative_likelihood(self, judged: FloatArray) -> float:
-        """Geometric mean of the likelihood of `judged` (m,), over that of the log's own values, at most 1."""
+        """Geometric mean likelihood of `judged` (m,) over that of the logged values, at most 1."""
         excess = self.log_likelihood[np.digitize(judged, self.edges)].mean() - self.mean
         return float(min(1.0, np.exp(excess)))
 
 
 def _histograms(log: Steps, lane_map: LaneMap | None, dt: float) -> dict[str, _Histogram]:
-    """Those of every feature, of all agents of the log."""
+    """The histogram of every feature over all agents of the log."""
     _, logged = _values(log, None, lane_map, dt)
     return {name: _Histogram.of(name, values) for name, values in logged.items()}
 
@@ -155,7 +154,7 @@ def _histograms(log: Steps, lane_map: LaneMap | None, dt: float) -> dict[str, _H
 def _values(
     steps: Steps, agents: frozenset[int] | None, lane_map: LaneMap | None, dt: float
 ) -> tuple[IntArray, dict[str, FloatArray]]:
-    """Every feature of `agents` (None: all) at every fifth of `steps`, concatenated; before them, whose they are."""
+    """The ids (m,) and features (m,) by name of `agents` (None: all) at every fifth of `steps`."""
     table, number = steps.stacked, steps.stacked.number
     looked_at = (number % SAMPLE == 0) & steps.follows[number]
     if agents is not None:
@@ -183,7 +182,7 @@ def _values(
 
 
 def _turn(table: AgentTable, rows: IntArray, before: IntArray, dt: float) -> FloatArray:
-    """Angular speed [rad/s] of the agents in `rows` (m,) since the steps of the rows `before` (m,)."""
+    """Angular speed (m,) [rad/s] of agents from the rows `before` (m,) to the rows `rows` (m,) a step later."""
     return np.angle(np.exp(1j * (table.yaw[rows] - table.yaw[before]))) / dt
 
 
@@ -196,7 +195,7 @@ def _distances_to_nearest(steps: Steps, rows: IntArray) -> FloatArray:
 
 
 def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:
-    """Distances (m,) [m] to the nearest: between centres, less half of both lengths; 40 m where an agent is alone."""
+    """Distances (m,) [m] to the nearest agent: between centres, minus half of both lengths; 40 m without others."""
     if len(table) < 2:
         return np.full(len(rows), 40.0)
     distance = np.hypot(table.x[rows, None] - table.x, table.y[rows, None] - table.y)
@@ -206,10 +205,9 @@ def _distance_to_nearest(table: AgentTable, rows: np.ndarray) -> FloatArray:
 
 
 def _distance_to_edge(table: AgentTable, rows: np.ndarray, lane_map: LaneMap) -> FloatArray:
-    """Distances (m,) [m] from the edge of the lanes to the corner that is farthest out; negative off the road.
+    """Distances (m,) [m] of the outermost corner of each box from the edge of the road; negative off the road.
 
-    On the road it is what is left of the lane that the corner is in, so neighbouring lanes count as edges only where
-    there is none.
+    A border of the lane nearest to the corner is an edge if no lane adjoins it; else it counts as 20 m away.
     """
     corners = box_corners(table.x[rows], table.y[rows], table.yaw[rows], table.length[rows], table.width[rows])
     x, y = corners[..., 0].ravel(), corners[..., 1].ravel()

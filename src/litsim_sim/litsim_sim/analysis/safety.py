@@ -1,4 +1,4 @@
-"""Surrogate safety measures of single steps: time to collision, headway, deceleration to avoid a crash."""
+"""Surrogate safety measures by step: time to collision, headway, and deceleration rate to avoid a crash."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from litsim_sim.core.steps import Steps
 TTC_HORIZON_S = 3.0  # nuPlan
 TTC_STEP_S = 0.1
 TTC_CRITICAL_S = (0.95, 1.5)  # nuPlan, and the common value of the literature
-SIGHT_M = 100.0  # ahead, for the leader
+SIGHT_M = 100.0  # gap beyond which a vehicle is not a leader
 
 
 @dataclass(frozen=True)
 class Following:
     """How agents follow their leaders; arrays of one shape.
 
-    Whoever makes one says who the leader is: :func:`following`, of m agents at one step, by the strip that their boxes
-    sweep straight on; :func:`litsim_sim.mining.leaders.leaders`, of all agents at all steps, by lanes.
+    Leaders are defined by the caller: :func:`following` takes the strip that the own box sweeps straight ahead, for m
+    agents at one step; :func:`litsim_sim.mining.leaders.leaders` takes lanes, for all agents at all steps.
 
     Attributes:
-        leader: row of the leader in the table, -1 where there is none.
-        gap: from bumper to bumper along the own heading [m]; 0 in contact, inf without leader.
-        closing: own speed minus the leader's, along the own heading or along lanes [m/s]; 0 without leader.
+        leader: row of the leader in the table, -1 for none.
+        gap: bumper-to-bumper distance along the own heading [m]; 0 in contact, inf without leader.
+        closing: own speed minus the leader's, along the own heading or the lane [m/s]; 0 without leader.
         headway: gap over own speed [s]; inf without leader or at rest.
         drac: deceleration rate to avoid a crash, closing^2 / (2 gap) [m/s2] (Almqvist 1991); 0 where the gap does not
             close, inf in contact.
@@ -44,7 +44,7 @@ class Following:
 
     @classmethod
     def measured(cls, leader: IntArray, gap: FloatArray, closing: FloatArray, speed: FloatArray) -> Following:
-        """The measures of agents that drive `speed` [m/s]; `leader`, `gap` and `closing` as in the attributes."""
+        """Derive the measures from the own `speed` [m/s] and the attributes of the same names."""
         there = leader >= 0
         headway = np.divide(gap, speed, out=np.full(gap.shape, np.inf), where=there & (speed > 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -62,10 +62,10 @@ class SafetySeries:
     """Measures of one agent over the steps at which it is on the road; arrays (n,).
 
     Attributes:
-        agent: whose.
+        agent: its id.
         step: steps.
-        ttc: as :func:`times_to_collision` [s].
-        headway, drac: as in :class:`Following` [s], [m/s2].
+        ttc: see :func:`times_to_collision` [s].
+        headway, drac: see :class:`Following` [s], [m/s2].
     """
 
     agent: int
@@ -76,7 +76,7 @@ class SafetySeries:
 
 
 def safety_series(tables: Sequence[AgentTable], agent: int) -> SafetySeries:
-    """The measures of `agent` at each of the steps `tables` at which it is on the road."""
+    """The measures of `agent` over the steps `tables`."""
     steps = Steps.of(tables)
     rows, table = steps.track(agent), steps.stacked
     behind, step = following(table, rows), steps.step[table.number[rows]]
@@ -84,14 +84,14 @@ def safety_series(tables: Sequence[AgentTable], agent: int) -> SafetySeries:
 
 
 def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[int, int]) -> float:
-    """Shortest time to collision [s] of `agent` with those that it has not touched; inf where there is none within 3 s.
+    """Shortest time to collision [s] of `agent` with agents that it has not touched; inf if none within 3 s.
 
-    Whoever it touches counts until then, as in nuPlan's measure: what follows from a contact is no approach of its own.
+    An agent counts until the first contact with it, as in nuPlan's measure: what follows is not a new approach.
 
     Args:
         tables: steps.
-        agent: whose.
-        touched: step of the first contact by the id of the other agent.
+        agent: its id.
+        touched: step of the first contact, by id of the other agent.
     """
     shortest = np.inf
     for table in tables:
@@ -104,10 +104,9 @@ def shortest_own_ttc(tables: Sequence[AgentTable], agent: int, touched: Mapping[
 
 
 def times_to_collision(table: AgentTable, rows: IntArray) -> FloatArray:
-    """Time [s] until the boxes in `rows` (m,) first meet another, all at constant speed and heading; inf beyond 3 s.
+    """Time (m,) [s] until the boxes in `rows` (m,) first overlap another, at constant velocities; inf beyond 3 s.
 
-    0 in contact. What is behind counts only while it is in contact, as in nuPlan's measure: being run into is not the
-    agent's. Agents of different scenes do not meet.
+    0 in contact. Agents behind count only while in contact, as in nuPlan's measure. Scenes are independent.
     """
     boxes = table.x, table.y, table.yaw, table.length, table.width
     velocity = table.speed * np.cos(table.yaw), table.speed * np.sin(table.yaw)
@@ -126,7 +125,7 @@ def _first_meetings(  # noqa: PLR0917 - a kernel takes arrays and numbers
     speed_x: FloatArray,
     speed_y: FloatArray,
 ) -> FloatArray:
-    """:func:`times_to_collision` (m,) of the boxes in `rows` (m,) among all (n,), whose velocities are given, too."""
+    """See :func:`times_to_collision`; all arrays but `rows` (m,) are of all boxes (n,)."""
     found, (begin, end) = np.full(len(rows), math.inf), within_scenes(scene, rows)
     steps = round(TTC_HORIZON_S / TTC_STEP_S)
     for m in range(len(rows)):
@@ -150,13 +149,13 @@ def _first_meetings(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 
 def following(table: AgentTable, rows: IntArray) -> Following:
-    """The leaders of the agents in `rows` (m,) of `table`, and how they are followed; arrays (m,).
+    """How the agents in `rows` (m,) of `table` follow their leaders; arrays (m,).
 
-    A leader is the nearest agent less than :data:`SIGHT_M` ahead whose box reaches into the strip that the own box
-    sweeps straight on.
+    The leader is the nearest agent within :data:`SIGHT_M` whose box reaches into the strip that the own box sweeps
+    straight ahead.
     """
     begin, end = within_scenes(table.scene, np.asarray(rows, np.int64))
-    first = np.cumsum(end - begin) - (end - begin)  # of the pairs of each agent with everybody in its scene
+    first = np.cumsum(end - begin) - (end - begin)  # index of each agent's first pair with its scene
     own = np.repeat(rows, end - begin)
     other = np.arange(len(own)) - np.repeat(first - begin, end - begin)
     own_yaw = table.yaw[own]
@@ -177,7 +176,7 @@ def following(table: AgentTable, rows: IntArray) -> Following:
 
 @kernel(OUT_INTS(FLOATS, INTS, INTS))
 def _least(values: FloatArray, first: IntArray, count: IntArray) -> IntArray:
-    """Positions (m,) of the first of the least `values` in each of m stretches: where it begins, how long it is."""
+    """Index (m,) of the smallest of `values` in each of m ranges, the first of equal ones; `first`, `count` (m,)."""
     found = first.copy()
     for m in range(len(first)):
         for k in range(first[m], first[m] + count[m]):

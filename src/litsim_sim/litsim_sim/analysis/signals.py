@@ -1,4 +1,4 @@
-"""Red lights that were run: who passed a stop line while its signals forbade it."""
+"""Passages of stop lines, and which of them ran a red light."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from litsim_sim.scenario.signals import Signals
 
 @dataclass(frozen=True)
 class Passage:
-    """An agent has passed a stop line.
+    """A passage of a stop line by an agent.
 
     Attributes:
         agent: its id.
         step: first step at which it is past the line.
-        connection: the way that it took over the junction, by the net's lanes.
-        group: of the signals there.
-        state: what they showed.
-        controller: who moved the agent then.
+        connection: connection of the net's lanes by which it crossed the junction.
+        group: signal group of the connection.
+        state: state of the group at that step.
+        controller: controller of the agent at that step.
     """
 
     agent: int
@@ -36,14 +36,14 @@ class Passage:
 
     @property
     def at_red(self) -> bool:
-        """Whether nobody was allowed to pass."""
+        """Whether the signals forbade passing."""
         return self.state in STOP_STATES
 
 
 def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
-    """Which vehicles passed a stop line in `tables`, which are of successive steps; by agent and step.
+    """Passages of stop lines by vehicles in `tables`, which are consecutive steps; sorted by agent and step.
 
-    Signals of lanes are not for pedestrians and cyclists, who keep to none.
+    Pedestrians and cyclists are left out: they do not keep to lanes.
     """
     tables = [table.take(~table.obstacle) if table.obstacle.any() else table for table in tables]
     if not tables:
@@ -76,15 +76,15 @@ def passages(signals: Signals, tables: Sequence[AgentTable]) -> list[Passage]:
 
 
 def run_passages(run: Run) -> list[Passage] | None:
-    """Who passed a stop line after the history of a run; None where the scenario knows of no signals."""
+    """Passages after the history of a run; None if the scenario has no signals."""
     return None if run.signals is None else passages(run.signals, _driven(run, run.tables))
 
 
 def log_passages(run: Run) -> list[Passage]:
-    """Who passed a stop line in the recording, in the same time; empty where the scenario knows of no signals."""
+    """Passages in the recording at the same steps; empty if the scenario has no signals."""
     return [] if run.signals is None else passages(run.signals, _driven(run, run.log))
 
 
 def _driven(run: Run, tables: Sequence[AgentTable]) -> list[AgentTable]:
-    """From the last step of the history on: what is passed at the next step is passed from there."""
+    """The tables from the last step of the history on: a passage needs the step before it."""
     return [table for table in tables if table.step >= run.info.history_steps]

@@ -1,4 +1,4 @@
-"""Where a step of the graph goes: the way from the bridge through the stages and back, cut where marks were set."""
+"""How the time of a step is spent on its way from the bridge through the stages and back, by the recorded marks."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from itertools import pairwise
 from litsim_sim.core.stages import BRIDGE, EGO, POLICY_STAGES
 
 Marks = Mapping[str, Mapping[int, Mapping[str, float]]]
-"""Times on the clock [s], by stage, step and name: `begin` and `answered` of the stages, more of the bridge."""
+"""Clock times [s] by stage, step and mark: `begin` and `answered` for every stage, and more for the bridge."""
 
 
 def step_path(step: int, marks: Marks) -> dict[str, float]:
-    """Durations [s] of the parts of one step, in order; empty where the step was not marked by all who take part.
+    """Durations [s] of the parts of one step, in order; empty if marks of a participant are missing.
 
-    Between two stages lies a hop: a message serialised, sent, and read. `wait for ego` is how much later than the
-    policy the ego answered, `recorder` how long the bridge waited for a confirmation of the record. All of them
-    together are the `whole step`, and beside it, in brackets, is what others do meanwhile.
+    A hop between two stages is the serialisation, transport and reading of a message. `wait for ego` is the time by
+    which the ego answered later than the policy, `recorder` the bridge's wait for the recorder's confirmation. The
+    parts add up to `whole step`; the part in brackets runs in parallel.
     """
     now = {stage: each.get(step, {}) for stage, each in marks.items()}
     bridge, after = now.get(BRIDGE, {}), marks.get(BRIDGE, {}).get(step + 1, {})

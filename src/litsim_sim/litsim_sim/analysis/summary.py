@@ -1,4 +1,4 @@
-"""The table that sets policies side by side: what the runs of a row come to together."""
+"""Summary of several runs: one row of the table that compares policies."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from litsim_sim.analysis.displacement import HORIZONS_S
 
 
 def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]:
-    """One row of the table: sums, means and largest values over the runs that were measured; over nothing, None.
+    """One row of the table: sums, means and maxima over the measured runs; None where there are no values.
 
     Args:
-        runs: metrics of those that were measured, valid or not.
-        failed: how many others there are, of which nothing is known. They count in `runs`, and in `reactive`, the share
-            of runs that are known to be free of collisions; every other figure is of the `measured` runs alone,
-            and ADE up to a horizon of those of them that went on for so long: as many as `ade_runs` says.
+        runs: metrics of the measured runs, valid or not.
+        failed: number of runs without metrics. They count in `runs` and in the denominator of `reactive`, the share of
+            runs known to be free of excess collisions; all other figures are of the `measured` runs alone, and ADE up
+            to a horizon of those that lasted that long: as many as `ade_runs` says.
     """
     runs = list(runs)
     every = len(runs) + failed
@@ -66,19 +66,19 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
 
 
 def _faults(runs: list[dict[str, Any]], whose: str) -> float | None:
-    """Contacts by fault; None where a run was measured by a version that did not ask."""
+    """Number of contacts by fault; None if an older version measured a run without it."""
     return _known_sum(r["collision"].get("by_fault", {}).get(whose) for r in runs)
 
 
 def _guarded(runs: list[dict[str, Any]]) -> float | None:
-    """Share of all commands of the policy that a guard changed; None where a run was measured without their number."""
+    """Share of the policy's commands that a guard changed; None if an older version measured a run without it."""
     found = [r["comfort"]["controlled"]["guarded"] for r in runs]
     commands = _known_sum(each.get("commands") for each in found)
     return sum(each["count"] for each in found) / commands if commands else None
 
 
 def _known_sum(values: Iterable[float | None]) -> float | None:
-    """Sum of values all of which are known; None over no runs, or where a version that did not ask measured one."""
+    """Sum of `values`; None if there are none, or if one is None since an older version measured the run without it."""
     found = list(values)
     return None if None in found or not found else sum(value for value in found if value is not None)
 

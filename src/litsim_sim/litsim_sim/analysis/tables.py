@@ -1,4 +1,4 @@
-"""A run as two tables for pandas, polars, DuckDB and the like: every agent at every step, and every takeover."""
+"""A run as two Parquet tables for pandas, polars, DuckDB and the like: states of agents by step, and takeovers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from litsim_sim.record.run import Run
 
 SERIES_FILE = "series.parquet"
 TAKEOVERS_FILE = "takeovers.parquet"
-WORDS = ["controller", "takeover", "reason", "outcome"]  # columns of few different words
+WORDS = ["controller", "takeover", "reason", "outcome"]  # dictionary-encoded columns
 RUN_KEYS = ("run_id", "scenario", "ego", "policy", "seed")
 
 TEXT = pa.dictionary(pa.int8(), pa.string())
@@ -56,7 +56,7 @@ SERIES = pa.schema(
         ("speed_deviation_mps", pa.float64()),
     ]
 )
-"""Columns of the series; docs/metrics.md says what they are."""
+"""Columns of the series; defined in docs/metrics.md."""
 
 TAKEOVERS = pa.schema(
     [
@@ -92,9 +92,9 @@ _MOTION = {  # bounded quantity of comfort: column
 
 
 def series_table(run: Run) -> pa.Table:
-    """One row for every agent at every step after the history, steps and then ids ascending; columns as SERIES.
+    """One row per agent and step after the history, sorted by step and id; columns as SERIES.
 
-    What does not exist is null, never NaN or infinite.
+    Missing values are null, never NaN or infinite.
     """
     tables = run.simulated
     columns = {name: _joined([getattr(t, field) for t in tables]) for name, field in _STATES.items()}
@@ -112,13 +112,13 @@ def series_table(run: Run) -> pa.Table:
 
 
 def takeovers_table(run: Run) -> pa.Table:
-    """One row for every takeover in the order of detection; columns as TAKEOVERS."""
+    """One row per takeover, in order of detection; columns as TAKEOVERS."""
     rows = [ledger_row(entry) for entry in ledger(run)]
     return _about(run, pa.Table.from_pylist(rows, schema=TAKEOVERS))
 
 
 def ledger_row(entry: LedgerEntry) -> dict[str, Any]:
-    """A takeover under the names of `metrics.json` and of TAKEOVERS."""
+    """A takeover as a row of TAKEOVERS, and of `ledger` in `metrics.json`."""
     return {
         "agent": entry.agent,
         "opponent": entry.opponent,
@@ -168,7 +168,7 @@ _CONTROLLERS = {each.value: each.name.lower() for each in Controller}
 
 
 def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
-    """Measures between an agent and the others; infinite, and -1 for ids, where there are none."""
+    """Measures between each agent and the others; missing values are infinite, missing ids -1."""
     names = ("leader", "gap_m", "headway_s", "drac_mps2")
     parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
     for table in tables:
@@ -184,7 +184,7 @@ def _surroundings(tables: Steps) -> dict[str, np.ndarray]:
 
 
 def _deviations(run: Run, tables: Sequence[AgentTable]) -> dict[str, np.ndarray]:
-    """Distance from the logged pose, and speed beyond the logged one; NaN where the log has no such agent."""
+    """Distance from the logged pose, and speed minus the logged one; NaN where the log lacks the agent."""
     far: list[np.ndarray] = []
     faster: list[np.ndarray] = []
     for table, logged in zip(tables, run.simulated_log or [AgentTable.empty(t.step) for t in tables], strict=True):
@@ -198,7 +198,7 @@ def _deviations(run: Run, tables: Sequence[AgentTable]) -> dict[str, np.ndarray]
 
 
 def _motion(columns: dict[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
-    """What comfort bounds; NaN for derivatives at an agent's first step."""
+    """The quantities bounded by comfort; derivatives are NaN at an agent's first step."""
     order = np.lexsort((columns["step"], columns["agent"]))
     agent, step = columns["agent"][order], columns["step"][order]
     speed, acceleration, yaw_rate = (columns[n][order] for n in ("speed_mps", "acceleration_mps2", "yaw_rate_radps"))
@@ -213,7 +213,7 @@ def _motion(columns: dict[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
             column[order[1:]] = np.where(follows, values, np.nan)
         comfortable &= ~((column < low) | (column > high))
         found[_MOTION.get(name, "")] = column
-    found.pop("")  # recorded quantities, which have their columns
+    found.pop("")  # recorded quantities, which have columns already
     return found | {"comfortable": comfortable}
 
 
@@ -222,13 +222,13 @@ def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _array(values: np.ndarray, kind: pa.DataType) -> pa.Array:
-    """A column in which what is not finite, or a negative id, is null."""
+    """A column with null for values that are not finite and for negative ids."""
     nothing = ~np.isfinite(values) if pa.types.is_floating(kind) else values < 0
     return pa.array(values, mask=nothing & (values.dtype != np.bool_)).cast(kind)
 
 
 def _about(run: Run, table: pa.Table) -> pa.Table:
-    """`table` with the identity of the run: a column, for tables of several runs in one, and in the metadata."""
+    """`table` with the run id as its first column, and RUN_KEYS as metadata."""
     about = {key: str(getattr(run.info, key)) for key in RUN_KEYS}
     run_id = pa.array([run.info.run_id] * len(table), TEXT)
     return table.add_column(0, "run_id", run_id).replace_schema_metadata(about)

@@ -1,4 +1,4 @@
-"""The ledger of takeovers: who was off the log, why, what pure replay would have done, and how the return went."""
+"""The ledger of takeovers: their reasons, what pure replay would have led to, and how agents returned to their logs."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from litsim_sim.core.scene import AgentTable, Controller, FloatArray, IntArray
 from litsim_sim.core.takeover import Takeover, TakeoverReason, TakeoverState
 from litsim_sim.record.run import Run
 
-SETTLED = 1e-3  # [m] from the log, below which the return is over
-SETTLING_MAX = 100  # steps after a release that are looked at
+SETTLED = 1e-3  # [m] distance from the log below which the return is over
+SETTLING_MAX = 100  # longest return that is examined [steps]
 
 
 class Outcome(StrEnum):
     """How a takeover ended."""
 
     BACK_ON_LOG = "back_on_log"
-    LOG_OVER = "log_over"  # released, and gone with its log, which was over
-    LEFT_NET = "left_net"  # gone under control, beyond the end of its log and off the road
-    OUTLIVED_LOG = "outlived_log"  # under control to the last step, when its log was over
+    LOG_OVER = "log_over"  # released, and removed at the end of its log
+    LEFT_NET = "left_net"  # removed under control: it left the net after the end of its log
+    OUTLIVED_LOG = "outlived_log"  # under control at the last step, after the end of its log
 
 
 @dataclass(frozen=True)
 class ReplayContact:
-    """Where the logged trajectory of an agent runs into one that is off its log."""
+    """Overlap of the logged box of an agent with the box of an agent that is off its log, the opponent."""
 
     step: int
     opponent: int
@@ -43,25 +43,25 @@ class LedgerEntry:
     """One takeover, from detection to release.
 
     Attributes:
-        agent: who was taken over.
-        opponent: in the predicted overlap.
-        reason: of the takeover.
+        agent: id of the agent taken over.
+        opponent: id of the other agent of the predicted overlap.
+        reason: reason of the takeover.
         detected_step: step of the detection.
-        handback_step: first step of the way back to the log, or None.
-        released_step: last step off the log, or None where the run or the agent's road ended before.
+        handback_step: first step of the handback; None without one.
+        released_step: last step off the log; None if the run or the agent's presence ended before.
         held_s: time from the detection to the first step on the log again, or to the last step of the run [s].
         time_to_conflict: predicted at detection [s].
         overlap_probability: predicted at detection.
         log_collision_predicted: whether the log itself led into the opponent's forecast.
-        replay: first contact that pure replay of this agent would have had after the detection, with where the ego and
-            the other agents off their logs really went; None where it would have had none.
-        residual_position: distance at the last step of the takeover from the log that the agent goes back to, with
-            its lag [m]; None where that is over by then.
-        residual_speed: speed beyond that of the same log at the same step [m/s].
-        time_shift: lag of the log that it goes back to, at the last step of the takeover [s].
-        outcome: how it ended; None where the run ended before, and before the log.
-        ego_distance: from the agent's centre to the ego's at the detection [m]; None where the ego is gone, or the
-            record lacks that step.
+        replay: first contact after the detection that pure replay of this agent would have had with the ego and the
+            other agents off their logs, as they actually moved; None without one.
+        residual_position: distance from the log, delayed by its lag, at the last step of the takeover [m]; None if the
+            log is over by then.
+        residual_speed: speed minus that of the delayed log at the last step of the takeover [m/s]; None likewise.
+        time_shift: lag of the log at the last step of the takeover [s].
+        outcome: how the takeover ended; None if the run ended first, before the log.
+        ego_distance: distance between the centres of agent and ego at the detection [m]; None if the ego is gone, or
+            the recording lacks that step.
     """
 
     agent: int
@@ -89,10 +89,10 @@ class LedgerEntry:
 
 @dataclass(frozen=True)
 class Jump:
-    """What motion from one step to the next is beyond what speeds and vehicle limits explain.
+    """The part of an agent's motion over one step that its speeds and the vehicle limits do not explain.
 
     Attributes:
-        position: distance between where the mean velocity leads and where the agent is [m].
+        position: distance between the actual position and that reached with the mean velocity [m].
         speed: change beyond the strongest braking or acceleration [m/s].
         yaw: change beyond the tightest turn at this speed [rad].
     """
@@ -102,7 +102,7 @@ class Jump:
     yaw: float = 0.0
 
     def largest(self, other: Jump) -> Jump:
-        """The larger of both jumps in position, in speed and in yaw."""
+        """The componentwise maximum of both jumps."""
         return Jump(*(max(a, b) for a, b in zip(self.tuple, other.tuple, strict=True)))
 
     @property
@@ -113,15 +113,15 @@ class Jump:
 
 @dataclass(frozen=True)
 class Handback:
-    """One return to the log, which is replayed from then on with the lag of the takeover that ends.
+    """One return to the log, which is replayed from then on with the lag that the takeover left.
 
     Attributes:
-        agent: who returned.
-        step: the last one under control.
-        residual: distance at `step` from the log with its lag [m]; None where it has no logged pose there.
-        jump: largest ones of the steps from `step` until the agent is on its log again.
-        log_jump: the same of the logged motion over the same steps, with the lag: the noise of the recording.
-        lag: of the log from then on [steps].
+        agent: id of the agent.
+        step: last step under control.
+        residual: distance from the delayed log at `step` [m]; None without a logged pose there.
+        jump: componentwise largest jump from `step` until the agent is on its log again.
+        log_jump: the same for the delayed log over the same steps: the noise of the recording.
+        lag: lag of the log from then on [steps].
     """
 
     agent: int
@@ -133,7 +133,7 @@ class Handback:
 
 
 def ledger(run: Run) -> list[LedgerEntry]:
-    """The takeovers of a run, sorted by the step of their detection and then by agent."""
+    """The takeovers of a run, sorted by step of detection and agent."""
     contacts = replay_contacts(run)
     return sorted(
         (_entry(run, episode, contacts.get(episode[0][1].agent, [])) for episode in _episodes(run)),
@@ -142,7 +142,7 @@ def ledger(run: Run) -> list[LedgerEntry]:
 
 
 def replay_contacts(run: Run) -> dict[int, list[ReplayContact]]:
-    """Where the logged box of every agent that was ever taken over meets boxes of agents off their log; ascending."""
+    """Contacts that the log of each agent ever taken over has with agents off their logs, by agent; steps ascending."""
     taken = np.array(sorted({t.agent for records in run.takeovers.values() for t in records}), np.int64)
     contacts: dict[int, list[ReplayContact]] = {int(agent): [] for agent in taken}
     if not (run.log and len(taken)):
@@ -173,10 +173,7 @@ def _overlapping(  # noqa: PLR0917 - a kernel takes arrays and numbers
     length_b: FloatArray,
     width_b: FloatArray,
 ) -> IntArray:
-    """Pairs (p, 2) of positions, ascending, of boxes a (n,) and b (m,) of the same number that overlap.
-
-    Numbers ascend; the other arrays are the boxes.
-    """
+    """Pairs (p, 2) of indices, ascending, of overlapping boxes a (n,) and b (m,) with equal `number`, which ascends."""
     pairs, count = np.empty((8, 2), np.int64), 0
     begin = np.searchsorted(number_b, number_a)
     for i in range(len(number_a)):
@@ -196,7 +193,7 @@ def _overlapping(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 
 def handbacks(run: Run) -> list[Handback]:
-    """Returns to the log, in order: an agent is under POLICY at one step and under LOG at the next."""
+    """Returns to the log, by step: an agent is under POLICY at one step and under LOG at the next."""
     steps, table = run.steps, run.steps.stacked
     held = np.flatnonzero(table.of_policy & (table.number < len(steps) - 1))
     held = held[steps.follows[table.number[held] + 1]]
@@ -209,7 +206,7 @@ def handbacks(run: Run) -> list[Handback]:
 
 
 def jump(before: AgentTable, after: AgentTable, agent: int, dt: float) -> Jump:
-    """Jump of `agent` between consecutive steps; with the limits of the vehicle model for speed and yaw."""
+    """Jump of `agent` between consecutive steps `dt` [s] apart, by the limits of the vehicle model."""
     i, j = before.row(agent), after.row(agent)
     limits = VehicleLimits()
     v0, v1 = _velocity(before, i), _velocity(after, j)
@@ -230,7 +227,7 @@ def _velocity(table: AgentTable, row: int) -> FloatArray:
 
 
 def _episodes(run: Run) -> Iterator[list[tuple[int, Takeover]]]:
-    """Records of each takeover with their steps: one agent, consecutive steps, up to its release."""
+    """The records of each takeover as (step, record): of one agent, at consecutive steps, up to its release."""
     open_episodes: dict[int, list[tuple[int, Takeover]]] = {}
     for step in sorted(run.takeovers):
         records = {record.agent: record for record in run.takeovers[step]}
@@ -247,7 +244,7 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayC
     (first_step, first), (last_step, last) = episode[0], episode[-1]
     back = (step for step, record in episode if record.state == TakeoverState.HANDBACK)
     later = (contact for contact in contacts if contact.step > first.detected_step)
-    logged = last.residual_position >= 0  # the conflict stage says -1 where there is no logged pose to compare with
+    logged = last.residual_position >= 0  # -1 stands for no logged pose
     return LedgerEntry(
         agent=first.agent,
         opponent=first.opponent,
@@ -269,10 +266,7 @@ def _entry(run: Run, episode: list[tuple[int, Takeover]], contacts: list[ReplayC
 
 
 def _ego_distance(run: Run, agent: int, step: int) -> float | None:
-    """Distance [m] between the centres of `agent` and the ego at `step`.
-
-    None where one of them is not there, or the record lacks the step.
-    """
+    """Distance [m] between the centres of `agent` and the ego at `step`; None if either or the step is missing."""
     at = int(run.steps.step.searchsorted(step))
     if at == len(run.tables) or run.tables[at].step != step:
         return None
@@ -282,7 +276,7 @@ def _ego_distance(run: Run, agent: int, step: int) -> float | None:
 
 
 def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome | None:
-    """How the takeover of `agent` ended whose last record is of `last_step`."""
+    """Outcome of the takeover of `agent` with its last record at `last_step`."""
     after = next((table for table in run.tables if table.step > last_step), None)
     if after is None:
         outlived = bool(run.log) and run.log[-1].row(agent) < 0
@@ -294,7 +288,7 @@ def _outcome(run: Run, agent: int, last_step: int, *, released: bool) -> Outcome
 
 
 def _handback(run: Run, index: int, agent: int) -> Handback:
-    """The return of `agent`, which is under control for the last time in the table at `index`."""
+    """The return of `agent`, with its last step under control in the table at `index`."""
     lag = _lag(run, run.tables[index].step, agent)
     found, noise = Jump(), Jump()
     for k in range(index, min(index + SETTLING_MAX, len(run.tables) - 1)):
@@ -313,13 +307,13 @@ def _handback(run: Run, index: int, agent: int) -> Handback:
 
 
 def _lag(run: Run, step: int, agent: int) -> int:
-    """Lag [steps] of the log that `agent` goes back to at `step`; 0 where no takeover of it was recorded."""
+    """Lag [steps] of the log of `agent` as of its takeover at `step`; 0 if no takeover was recorded."""
     shift = next((t.time_shift for t in run.takeovers.get(step, ()) if t.agent == agent), 0.0)
     return round(shift / run.info.dt)
 
 
 def _logged(run: Run, index: int, agent: int, lag: int) -> AgentTable | None:
-    """The log of `lag` steps before the table at `index`; None where it is not known or `agent` is not in it."""
+    """The log `lag` steps before the table at `index`; None if it is missing or lacks `agent`."""
     at = index - lag
     if not run.log or at < 0 or run.log[at].step != run.tables[index].step - lag:
         return None
@@ -327,7 +321,7 @@ def _logged(run: Run, index: int, agent: int, lag: int) -> AgentTable | None:
 
 
 def _from_log(run: Run, index: int, agent: int, lag: int) -> float | None:
-    """Distance [m] of `agent`, in the table at `index`, from its log `lag` steps before; None where that is unknown."""
+    """Distance [m] of `agent` in the table at `index` from its log `lag` steps before; None if unknown."""
     logged, table = _logged(run, index, agent, lag), run.tables[index]
     if logged is None or table.row(agent) < 0:
         return None

@@ -1,4 +1,4 @@
-"""What the run cost in wall time."""
+"""Wall time of a run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from litsim_sim.record.run import Run
 
 @dataclass(frozen=True)
 class StageTime:
-    """Time that one stage, or one part of the way, takes for one step, over the steps after the first [ms]."""
+    """Time [ms] of one stage, or of one part of a step's way, over the steps after the first."""
 
     min: float
     median: float
@@ -24,11 +24,10 @@ class Timing:
     """Wall time of a run.
 
     Attributes:
-        wall_s: from the first answered step to the last [s]; None where the bridge did not finish.
-        realtime_factor: simulated time over wall time; above 1 is faster than reality.
+        wall_s: from the first answered step to the last [s]; None if the bridge did not finish.
+        realtime_factor: simulated time over wall time; above 1 is faster than real time.
         stages: compute times by stage.
-        path: times of the parts of the way that a step takes through the graph; see
-            :func:`litsim_sim.analysis.step_path.step_path`.
+        path: durations of the parts of a step; see :func:`litsim_sim.analysis.step_path.step_path`.
     """
 
     wall_s: float | None
@@ -38,7 +37,7 @@ class Timing:
 
 
 def timing(run: Run) -> Timing:
-    """Wall time and compute times; step 0 is left out of the latter, it loads and compiles."""
+    """Wall time and compute times; the latter without step 0, which includes loading and compilation."""
     wall = run.summary.get("wall_s")
     simulated = run.tables[-1].step * run.info.dt
     path: dict[str, list[float]] = {}

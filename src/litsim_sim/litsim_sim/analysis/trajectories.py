@@ -1,4 +1,4 @@
-"""Trajectories of a run as a plain table, for tools that know nothing of bags."""
+"""Trajectories of a run as a plain table, for tools that do not read bags."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ EXTRA = ("step", "yaw_rate", "controller")
 
 
 def trajectories(run: Run) -> pd.DataFrame:
-    """One row per agent and step, sorted so: the columns of the neutral schema and EXTRA.
+    """One row per agent and step, ordered by step: the columns of the neutral schema and EXTRA.
 
-    `frame` is the recording's, `lane` that of the net in the bag, counted from the left of its edge (-1: inside a
-    junction, or no net), `controller` who moved the agent: log, policy or ego.
+    `frame` is the recording's; `lane` is counted from the left of the edge in the bag's net (-1: inside a junction, or
+    no net); `controller` is the name of a :class:`litsim_sim.core.scene.Controller` in lower case.
 
     Raises:
         InputError: the net or the scenario in the bag cannot be read.
@@ -58,10 +58,10 @@ def _lanes(run: Run, rows: pd.DataFrame) -> np.ndarray:
 
 
 def write(rows: pd.DataFrame, out: Path) -> None:
-    """Write as CSV or Parquet, by the ending of `out`.
+    """Write `rows` as CSV or Parquet, by the suffix of `out`.
 
     Raises:
-        InputError: `out` has another ending, or cannot be written.
+        InputError: `out` has another suffix, or cannot be written.
     """
     if out.suffix not in (".csv", ".parquet"):
         raise InputError(f"{out}: expected a name that ends with .csv or .parquet")
