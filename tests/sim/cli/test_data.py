@@ -114,7 +114,7 @@ def test_download_is_whole_and_checked(
     assert out.read_bytes() == portal_file.read_bytes()
     assert "4000 rows (as the portal says)" in capsys.readouterr().out
     assert [path.name for path in tmp_path.iterdir()] == ["ngsim.csv"]
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         download(out, host=portal.host)
 
 
@@ -165,7 +165,7 @@ def test_rows_that_are_missing_or_no_ngsim_are_refused(portal: Portal, tmp_path:
     portal.rows = "?"
     assert download(tmp_path / "ngsim.csv", host=portal.host).expected_rows is None
     portal.content = b"<html>sorry</html>\n"
-    with pytest.raises(InputError, match="what the portal sent is no NGSIM file, it begins with b'<html>sorry"):
+    with pytest.raises(InputError, match="the portal sent no NGSIM file: it begins with b'<html>sorry"):
         download(tmp_path / "other.csv", host=portal.host)
 
 

@@ -189,7 +189,7 @@ def test_a_value_that_differs_from_what_was_written_is_seen_and_older_files_are_
     speed[2] = np.nextafter(speed[2], 0.0)
     other = arrow.set_column(arrow.column_names.index("speed"), "speed", pa.array(speed))
     pq.write_table(other.replace_schema_metadata(metadata), path)
-    with pytest.raises(InputError, match=r"a\.parquet: damaged: its content is not what was written"):
+    with pytest.raises(InputError, match=r"a\.parquet: damaged: its content does not match its checksum"):
         Recording.read(path)
     del metadata[CHECK_KEY]
     pq.write_table(other.replace_schema_metadata(metadata), path)

@@ -1,1 +1,1 @@
-"""Recorded traffic in one neutral schema: reading any known format, cropping, cutting into segments."""
+"""Recorded traffic in one neutral schema: reading known formats, cropping, and cutting into segments."""

@@ -1,4 +1,4 @@
-"""Cutting tables to ranges of their columns."""
+"""Cropping of tables to ranges of their columns."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Crop = Mapping[str, Sequence[float]]
-"""By column, the [low, high] to keep, both inclusive."""
+"""The [low, high] to keep, both inclusive, by column."""
 
 NUMBERS = "biuf"
-"""Kinds of types that hold numbers."""
+"""NumPy kinds of numeric types."""
 
 
 def cropped(table: pd.DataFrame, crop: Crop | None, where: str) -> pd.DataFrame:
@@ -30,7 +30,7 @@ def cropped(table: pd.DataFrame, crop: Crop | None, where: str) -> pd.DataFrame:
 
 
 def within(columns: Mapping[str, Any], rows: int, crop: Crop | None, where: str) -> BoolArray:
-    """Which of the `rows` (n,) of columns, of arrays or of pandas, are within every range of `crop`.
+    """Mask (`rows`,) of the rows within every range of `crop`; `columns` are arrays or pandas series.
 
     Raises:
         InputError: `crop` names an unknown column or one without numbers, is malformed, or keeps nothing.

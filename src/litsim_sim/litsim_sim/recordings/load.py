@@ -1,4 +1,4 @@
-"""Reading recordings of any known format, recognised by content."""
+"""Reading recordings of any known format; formats are recognised by content."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def load_recording(path: Path, crop: Crop | None = None) -> Recording:
 
     Args:
         path: neutral-schema Parquet, the US-101 windows Parquet, or an official NGSIM file of one site and period.
-        crop: by column OF THE FILE, the [low, high] to keep, both inclusive; of official files by the names and in the
-            units of :func:`litsim_sim.recordings.ngsim.official.read`.
+        crop: the [low, high] to keep, both inclusive, by column OF THE FILE; for official NGSIM files by the names and
+            in the units of :func:`litsim_sim.recordings.ngsim.official.read`.
 
     Raises:
-        InputError: the file is missing or of no known format, `crop` names an unknown column, is malformed or keeps
-            nothing, or the content fails a check of :meth:`Recording.from_table`.
+        InputError: the file is missing or of an unknown format; `crop` names an unknown column, is malformed or keeps
+            nothing; or the content fails a check of :meth:`Recording.from_table`.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such recording")

@@ -1,7 +1,7 @@
 """Recordings: observed traffic in one neutral Parquet schema.
 
-A recording is a table with one row per vehicle and frame in frame ``map`` (metres of the SUMO net, x right, y up,
-yaw counter-clockwise from +x in radians), poses being box CENTRES, plus a JSON header in the Parquet metadata.
+A recording is a table with one row per vehicle and frame, with poses of box CENTRES in frame ``map`` (metres of the
+SUMO net, x right, y up, yaw counter-clockwise from +x in radians), plus a JSON header in the Parquet metadata.
 Converters from published formats: :mod:`litsim_sim.recordings.load`.
 """
 
@@ -26,10 +26,10 @@ from litsim_sim.io.files import replacing
 from litsim_sim.io.parquet_input import plain_columns, read_arrow
 
 if TYPE_CHECKING:
-    import pandas as pd  # where it is used: importing it takes as long as anything that the nodes of a run need
+    import pandas as pd  # imported lazily: it is slow to import, and the nodes of a run do not need it
 
 HEADER_KEY = b"litsim"
-CHECK_KEY = b"litsim_crc32"  # of the checksum, in the Parquet metadata; files of before have none
+CHECK_KEY = b"litsim_crc32"  # key of the checksum in the Parquet metadata; absent in files of older versions
 
 COLUMNS: dict[str, str] = {
     "vehicle_id": "int64",
@@ -44,7 +44,7 @@ COLUMNS: dict[str, str] = {
     "kind": "uint8",
     "lane": "int16",
 }
-"""Columns of the neutral schema and their types. `lane` counts from the left edge, 1 first; -1 is unknown."""
+"""Columns of the neutral schema and their types. `lane` counts from 1 at the left edge; -1 is unknown."""
 
 BOUNDS: dict[str, tuple[float, float]] = {
     "x": (-1e7, 1e7),
@@ -57,22 +57,22 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "kind": (0, 255),
     "lane": (-1, 1000),
 }
-"""Values outside are a wrong unit (feet, km/h, degrees) rather than traffic, or do not fit the column's type."""
+"""Ranges by column; values outside indicate a wrong unit (feet, km/h, degrees), or do not fit the column's type."""
 
 
 @dataclass(frozen=True)
 class RecordingHeader:
-    """Where a recording comes from.
+    """Provenance of a recording.
 
     Attributes:
         name: short name of the recording.
-        source: data set, site and period, as a person would cite it.
+        source: data set, site and period, as in a citation.
         licence: licence of the data.
         rate_hz: frames per second; always 10.
-        net: file name of the SUMO net that the recording lies on, or empty.
+        net: file name of the SUMO net in whose frame the recording is, or empty.
         notes: anything else worth keeping (processing parameters, seeds).
-        signals: what the signals of `net` showed, by the fields of
-            :class:`litsim_sim.scenario.signals.SignalsFile`; empty where nothing is known.
+        signals: states of the signals of `net`, as the fields of
+            :class:`litsim_sim.scenario.signals.SignalsFile`; empty if unknown.
     """
 
     name: str
@@ -89,7 +89,7 @@ class Recording:
     """A header and columns in the neutral schema, sorted by frame and vehicle.
 
     Attributes:
-        header: where it comes from.
+        header: provenance.
         columns: (n,) arrays by the names of :data:`COLUMNS`.
     """
 
@@ -98,23 +98,23 @@ class Recording:
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        """The columns as a table of pandas."""
+        """The columns as a pandas table."""
         import pandas as pd
 
         return pd.DataFrame(dict(self.columns))
 
     @classmethod
     def of_table(cls, header: RecordingHeader, table: pd.DataFrame) -> Recording:
-        """The recording of a `table` that is in the neutral schema already; it is not checked."""
+        """The recording of a `table` in the neutral schema, without checks."""
         return cls(header, {name: table[name].to_numpy() for name in COLUMNS})
 
     def take(self, rows: np.ndarray) -> Recording:
-        """The same with the `rows` alone, given by their positions or as a mask; the order is to be kept."""
+        """The recording restricted to `rows`: ascending indices, or a mask."""
         return Recording(self.header, {name: values[rows] for name, values in self.columns.items()})
 
     @classmethod
     def from_table(cls, header: RecordingHeader, table: pd.DataFrame, where: str) -> Recording:
-        """Check `table` and put it into the neutral schema; `where` names it in errors.
+        """Check `table` and bring it into the neutral schema; `where` names it in errors.
 
         Raises:
             InputError: unknown or missing columns, non-finite or implausible values, duplicated rows, holes in a
@@ -133,7 +133,7 @@ class Recording:
 
     @classmethod
     def from_columns(cls, header: RecordingHeader, columns: Mapping[str, np.ndarray], where: str) -> Recording:
-        """The same of arrays (n,) of numbers by the names of :data:`COLUMNS`."""
+        """Like :meth:`from_table`, from numeric arrays (n,) by the names of :data:`COLUMNS`."""
         numbers = {name: columns[name].astype(np.float64, copy=False) for name in COLUMNS}
         return cls._checked(header, columns, numbers, where)
 
@@ -141,7 +141,7 @@ class Recording:
     def _checked(
         cls, header: RecordingHeader, given: Mapping[str, Any], numbers: Mapping[str, FloatArray], where: str
     ) -> Recording:
-        """The recording of columns as they were `given`, and as `numbers`, once these are found to be plausible.
+        """Check the columns, as `given` and converted to `numbers`, and make the recording of them.
 
         Raises:
             InputError: as :meth:`from_table`.
@@ -168,7 +168,7 @@ class Recording:
                     f"{where}: row {at + 1} (vehicle_id {vehicle}, frame {frame}): column {name} is {value}, "
                     f"expected {expected}; {int(bad.sum())} such rows"
                 )
-        with np.errstate(invalid="ignore"):  # of a number that no column can hold, any other is as good
+        with np.errstate(invalid="ignore"):  # an id or a frame beyond int64 becomes an arbitrary one
             columns = {name: np.asarray(given[name]).astype(dtype, copy=False) for name, dtype in COLUMNS.items()}
         order = np.lexsort((columns["vehicle_id"], columns["frame"]))
         columns = {name: values[order] for name, values in columns.items()}
@@ -180,7 +180,7 @@ class Recording:
         """Read a neutral-schema Parquet file.
 
         Raises:
-            InputError: as :meth:`from_table`, or the file is missing, no Parquet, or has no LitSim header.
+            InputError: as :meth:`from_arrow`, or the file is missing or not Parquet.
         """
         return cls.from_arrow(read_arrow(path), str(path))
 
@@ -189,8 +189,7 @@ class Recording:
         """The recording in the content of a neutral-schema Parquet file; `where` names it in errors.
 
         Raises:
-            InputError: as :meth:`from_table`, there is no LitSim header, or the checksum that the file was written with
-                is not that of what is read.
+            InputError: as :meth:`from_table`, or there is no LitSim header, or the checksum does not match.
         """
         metadata = arrow.schema.metadata or {}
         raw = metadata.get(HEADER_KEY)
@@ -209,11 +208,11 @@ class Recording:
         else:
             recording = cls.from_table(header, arrow.to_pandas(), where)
         if metadata.get(CHECK_KEY, (crc := _checksum(raw, recording.columns))) != crc:
-            raise InputError(f"{where}: damaged: its content is not what was written")
+            raise InputError(f"{where}: damaged: its content does not match its checksum")
         return recording
 
     def write(self, path: Path) -> None:
-        """Write as Parquet, header in the metadata.
+        """Write as Parquet, with the header in the metadata.
 
         Raises:
             InputError: `path` cannot be written.
@@ -222,13 +221,13 @@ class Recording:
             new.write_bytes(self.to_parquet())
 
     def to_parquet(self) -> bytes:
-        """The recording as a Parquet file (zstd), header and checksum in the metadata.
+        """The recording as a Parquet file (zstd), with header and checksum in the metadata.
 
-        Equal recordings give equal bytes. Parquet's own checksums are of pages alone, so that there is one of all.
+        Equal recordings give equal bytes. The checksum covers the whole content; Parquet's own cover single pages.
         """
         arrow = pa.table({name: _arrow(self.columns[name], dtype) for name, dtype in COLUMNS.items()})
         header = asdict(self.header)
-        if not self.header.signals:  # as before there were any
+        if not self.header.signals:  # as in files of older versions, so that their bytes stay the same
             del header["signals"]
         raw = json.dumps(header, sort_keys=True).encode()
         metadata = {HEADER_KEY: raw, CHECK_KEY: _checksum(raw, self.columns)}
@@ -238,7 +237,7 @@ class Recording:
 
 
 def _neutral(arrow: pa.Table) -> dict[str, np.ndarray] | None:
-    """The columns of a table that has those of the neutral schema, in their types; else None."""
+    """The columns of a table that is in the neutral schema already, types included; else None."""
     if not arrow.num_rows or sorted(arrow.column_names) != sorted(COLUMNS):
         return None
     columns = plain_columns(arrow)
@@ -247,16 +246,16 @@ def _neutral(arrow: pa.Table) -> dict[str, np.ndarray] | None:
 
 
 def _arrow(values: np.ndarray, dtype: str) -> pa.Array:
-    """The same in Arrow's memory."""
+    """`values` as an Arrow array of type `dtype`, without nulls."""
     given = np.ascontiguousarray(values, dtype)
     return pa.Array.from_buffers(pa.type_for_alias(dtype), len(given), [None, pa.py_buffer(given)])
 
 
 def _numbers(column: pd.Series, what: str) -> FloatArray:
-    """The values of `column`, NaN where they are no numbers.
+    """The values of `column` as numbers, NaN where they are none.
 
     Raises:
-        InputError: it is of a type whose values cannot be numbers, as times; `what` names it.
+        InputError: the type of the column is not numeric, such as times; `what` names the column.
     """
     from pandas import to_numeric
 

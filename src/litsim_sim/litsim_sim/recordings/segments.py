@@ -1,8 +1,8 @@
-"""Segments: pieces of recordings to simulate, with an ego each, and the split of recordings into train, val and test.
+"""Segments: pieces of recordings to simulate, each with an ego, and the split of recordings into train, val and test.
 
-A manifest names every segment and how it came about; the same recordings, seed and numbers give the same manifest. For
-simulation a recording is cut by time: no segment crosses from one part into another. For prediction its vehicles are
-divided by id, as the conv-social-pooling protocol does (reference, section 2).
+A manifest lists the segments with the settings and recordings that they were cut from; equal inputs give equal
+manifests. For simulation, recordings are split by time: no segment crosses a boundary between parts. For prediction,
+vehicles are split by id, as in the protocol of conv-social-pooling.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ class Settings(BaseModel):
     """How segments are cut.
 
     Attributes:
-        seed: of the choice of egos.
+        seed: seed of the choice of egos.
         history_s: recorded past before the ego is free [s].
         simulation_s: simulated time after that [s].
-        stride_s: from the start of a segment to the next [s]; below history_s + simulation_s they overlap.
-        ego_min_s: an ego is there for the history and at least so long after it [s].
-        ego_moves_m: and travels at least so far [m]: one that stands in a queue all the time tests nothing.
+        stride_s: time between the starts of successive segments [s]; below history_s + simulation_s they overlap.
+        ego_min_s: shortest time after the history for which the ego is in the recording [s].
+        ego_moves_m: shortest distance that the ego travels [m]; excludes vehicles that only stand in a queue.
         split: shares of train, val and test.
-        coverage_min: what the scenarios demand of how the net covers the recording, see
-            :class:`litsim_sim.scenario.scenario_file.ScenarioFile`; None leaves that to its default.
+        coverage_min: field of the scenarios, see :class:`litsim_sim.scenario.scenario_file.ScenarioFile`; None for its
+            default.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -58,17 +58,17 @@ class Settings(BaseModel):
 
     @property
     def steps(self) -> int:
-        """Number of steps of a whole segment, which has one frame more."""
+        """Number of steps of a full segment; it has one frame more."""
         return self.history_steps + round(self.simulation_s / STEP_S)
 
     @property
     def history_steps(self) -> int:
-        """Number of steps of the recorded past with which a segment begins."""
+        """Number of steps of the history of a segment."""
         return round(self.history_s / STEP_S)
 
     @property
     def needed_steps(self) -> int:
-        """Number of steps from the start of a segment through which its ego must be there."""
+        """Number of steps from the start of a segment for which its ego must be in the recording."""
         return self.history_steps + round(self.ego_min_s / STEP_S)
 
 
@@ -76,12 +76,12 @@ class Source(BaseModel):
     """A recording in a manifest.
 
     Attributes:
-        file: relative to the manifest's folder where it lies below or beside it; may begin with ``$LITSIM_DATA``.
-        crop: by column of the file, the [low, high] that was kept.
-        digest: :func:`content_digest`.
-        net: packaged net, or a file relative to the manifest's folder.
-        frames: first and last.
-        vehicles: last id of train and of val, by ascending ids; the ids above are test.
+        file: path, relative to the manifest's folder unless absolute; may begin with ``$LITSIM_DATA``.
+        crop: the [low, high] that was kept, by column of the file.
+        digest: see :func:`content_digest`.
+        net: name of a packaged net, or a path relative to the manifest's folder.
+        frames: first and last frame.
+        vehicles: largest ids of train and of val; larger ids are test.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -98,13 +98,13 @@ class Segment(BaseModel):
     """A piece of a recording.
 
     Attributes:
-        name: unique in the manifest; of the scenario file as well.
-        recording: number in the manifest's `recordings`.
-        part: of the split by time.
-        frames: first and last.
-        shortened: whether the recording, or its part, ends before the time is up.
-        ego: vehicle that the system under test drives.
-        egos: all vehicles that could be, the ego first.
+        name: unique name, also that of the scenario file.
+        recording: index in the manifest's `recordings`.
+        part: part of the split by time.
+        frames: first and last frame.
+        shortened: whether the recording or its part is too short for a full segment.
+        ego: id of the vehicle that the system under test drives.
+        egos: ids of all vehicles that can be the ego, `ego` first.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -119,7 +119,7 @@ class Segment(BaseModel):
 
 
 class Manifest(BaseModel):
-    """A set of segments: the settings they were cut with, their recordings, and every segment."""
+    """A set of segments, with their settings and recordings; `without_ego` counts the pieces that no vehicle fits."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -138,13 +138,13 @@ class Manifest(BaseModel):
         """Read a manifest.
 
         Raises:
-            InputError: the file is missing or no manifest.
+            InputError: the file is missing or not a manifest.
         """
         return read_yaml(path, cls)
 
 
 def name_of(file: str, part: str, count: int) -> str:
-    """What the segment number `count` of a `part` of the recording in `file` is called."""
+    """Name of segment number `count` of a `part` of the recording in `file`."""
     return f"{Path(file).name.split('.')[0]}_{part}_{count:02d}"
 
 
@@ -202,7 +202,7 @@ def cut(
 def _source(
     file: str, net: str, crop: dict[str, list[float]] | None, recording: Recording, settings: Settings
 ) -> Source:
-    """What the manifest says of a recording: its content, and how time and vehicles are parted."""
+    """The manifest's entry of a recording."""
     frames, ids = recording.columns["frame"], np.unique(recording.columns["vehicle_id"])
     until = [int(ids[max(round(share * len(ids)), 1) - 1]) for share in np.cumsum(settings.split)[:2]]
     return Source(
@@ -216,26 +216,26 @@ def _source(
 
 
 def reproduce(manifest: Manifest, folder: Path) -> tuple[Manifest, list[Recording]]:
-    """Cut again what `manifest`, which lies in `folder`, says.
+    """Cut the recordings of `manifest`, which lies in `folder`, again.
 
     Returns:
-        the manifest that comes of it, and its recordings, cropped.
+        The new manifest, and its recordings, cropped.
 
     Raises:
-        InputError: a recording is missing or is not the one that the manifest was made of.
+        InputError: a recording is missing, or its content has changed.
     """
     sources = []
     for source in manifest.recordings:
         path = folder / os.path.expandvars(source.file)
         recording = load_recording(path, source.crop)
         if content_digest(recording) != source.digest:
-            raise InputError(f"{path}: is not the recording that the manifest names: its content has another digest")
+            raise InputError(f"{path}: not the recording that the manifest names: the digest of its content differs")
         sources.append((source.file, source.net, source.crop, recording))
     return cut(sources, manifest.settings), [recording for *_, recording in sources]
 
 
 def content_digest(recording: Recording) -> str:
-    """SHA-256 over the columns of a recording: equal for equal content, whatever the file's format or compression."""
+    """SHA-256 over the columns of a recording, independent of the file's format and compression."""
     digest = hashlib.sha256(b"litsim-recording-1\n")
     for name, values in recording.table.items():
         array = values.to_numpy()
@@ -245,7 +245,7 @@ def content_digest(recording: Recording) -> str:
 
 
 def scenario_yaml(manifest: Manifest, segment: Segment) -> str:
-    """The text of a scenario file for `segment`, to lie in the manifest's folder."""
+    """The text of a scenario file for `segment`, to be put into the manifest's folder."""
     source, settings = manifest.recordings[segment.recording], manifest.settings
     first, last = segment.frames
     marks = ", shortened" if segment.shortened else ""
@@ -268,7 +268,7 @@ def scenario_yaml(manifest: Manifest, segment: Segment) -> str:
 
 
 def write(manifest: Manifest, folder: Path) -> Path:
-    """Write :data:`MANIFEST_FILE` and a scenario file for every segment; returns the manifest's path.
+    """Write :data:`MANIFEST_FILE` and a scenario file for every segment; return the manifest's path.
 
     Raises:
         InputError: `folder` cannot be written.
@@ -285,7 +285,7 @@ def write(manifest: Manifest, folder: Path) -> Path:
 
 
 def describe(manifest: Manifest) -> str:
-    """The numbers of segments by part, and of recordings, as lines of text."""
+    """The number of segments by part, and that of recordings, as lines of text."""
     lines = []
     for part in PARTS:
         of_part = [segment for segment in manifest.segments if segment.part == part]
@@ -298,29 +298,28 @@ def describe(manifest: Manifest) -> str:
 
 
 def part_of_vehicle(source: Source, vehicle: int) -> Part:
-    """The part to which `vehicle` belongs in the split of `source` by vehicle id.
+    """The part of `vehicle` in the split of `source` by vehicle id.
 
-    Predictors are trained by the same split at 70/10/20 %, but that it rounds numbers of vehicles down: of a vehicle
-    that is for tests here, none has learned.
+    Predictors are trained with the same split at 70/10/20 %, rounded down: no test vehicle of this split is trained on.
     """
     last_train, last_val = source.vehicles
     return "train" if vehicle <= last_train else "val" if vehicle <= last_val else "test"
 
 
 def _windows(first: int, last: int, settings: Settings) -> list[tuple[Part, int, int]]:
-    """Part, first and last frame of every piece of a recording from frame `first` to `last`."""
+    """Part, first and last frame of every segment of a recording from frame `first` to `last`."""
     frames, stride = last - first + 1, max(round(settings.stride_s / STEP_S), 1)
     bounds = [first + round(share * frames) for share in (0.0, *np.cumsum(settings.split))]
     windows: list[tuple[Part, int, int]] = []
     for part, begin, end in zip(PARTS, bounds[:-1], bounds[1:], strict=True):
-        length = min(settings.steps, end - begin - 1)  # a part that is shorter than a segment is one
+        length = min(settings.steps, end - begin - 1)  # a part shorter than a segment is one segment
         if length >= settings.needed_steps:
             windows += [(part, start, start + length) for start in range(begin, end - length, stride)]
     return windows
 
 
 class _Tracks:
-    """When and where every vehicle of a recording is."""
+    """The tracks of the vehicles of a recording."""
 
     def __init__(self, recording: Recording) -> None:
         self._table = recording.table[["vehicle_id", "frame", "x", "y", "kind"]].sort_values(["vehicle_id", "frame"])
@@ -333,7 +332,7 @@ class _Tracks:
         self._way: FloatArray = np.cumsum(step)
 
     def egos(self, start: int, end: int, settings: Settings) -> np.ndarray:
-        """Ids of the vehicles that can be the ego of the piece from frame `start` to `end`."""
+        """Ids (k,) of the vehicles that can be the ego of the segment from frame `start` to `end`."""
         last = np.minimum(self._last, end)
         fits = (self._first <= start) & (last >= start + settings.needed_steps) & np.isin(self._kind, EGO_KINDS)
         rows = np.flatnonzero(fits)

@@ -71,9 +71,9 @@ def test_frames_have_a_rate_that_only_the_source_knows(tmp_path: Path, traffic: 
     table = traffic().assign(frame=lambda rows: (rows["timestamp"] * 25).round().astype(int)).drop(columns="timestamp")
     table.to_csv(tmp_path / "case.csv", index=False)
     text = draft(tmp_path / "case.csv")
-    assert "rate_hz: 25.0  # a guess by how positions change" in text
+    assert "rate_hz: 25.0  # a guess by the change of positions" in text
     table.drop(columns=["speed", "heading"]).to_csv(tmp_path / "case.csv", index=False)
-    assert "rate_hz: 10.0  # a guess: frames a second of the camera" in draft(tmp_path / "case.csv")
+    assert "rate_hz: 10.0  # a guess: frames per second of the camera" in draft(tmp_path / "case.csv")
 
 
 def test_a_table_without_places(tmp_path: Path, traffic: Traffic) -> None:

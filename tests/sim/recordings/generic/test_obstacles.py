@@ -57,7 +57,7 @@ def test_their_headings_and_speeds_are_those_of_their_motion(tmp_path: Path, tra
     np.testing.assert_allclose(rider["acceleration"], 0.0, atol=1e-6)
     assert walker[["length", "width"]].iloc[0].tolist() == list(USUAL_SIZES[Kind.PEDESTRIAN])
     assert rider[["length", "width"]].iloc[0].tolist() == [1.6, 0.7]
-    assert notes["tracks_of_usual_size"] == 1 and "1 pedestrians or cyclists without one got a usual one" in said
+    assert notes["tracks_of_usual_size"] == 1 and "1 pedestrians or cyclists without a size got a usual one" in said
 
 
 def test_vehicles_are_as_without_them(tmp_path: Path, traffic: Traffic) -> None:
@@ -86,5 +86,5 @@ def test_they_say_nothing_of_the_units_of_vehicles(tmp_path: Path, traffic: Traf
 
 
 def test_nobody_else(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nobody but pedestrians and cyclists is left"):
+    with pytest.raises(InputError, match="only pedestrians and cyclists are left"):
         converted(people(), tmp_path)

@@ -113,7 +113,7 @@ def test_degrees_are_no_metres(tmp_path: Path, traffic: Traffic) -> None:
     with pytest.raises(InputError, match=r"column 'speed' says \(median\); or are they degrees\?"):
         converted(tmp_path, table)
     without = {name: column for name, column in COLUMNS.items() if name != "speed"}
-    with pytest.raises(InputError, match=r"nobody drives: is units\.position, .* or are they degrees\?"):
+    with pytest.raises(InputError, match=r"no vehicle moves: is units\.position, .* or are they degrees\?"):
         converted(tmp_path, table, columns=without)
 
 

@@ -69,7 +69,7 @@ def test_a_filter_by_a_column_that_is_otherwise_not_used(converted: Callable[...
 
 def test_one_of_several_clips(converted: Callable[..., Any], traffic: Traffic) -> None:
     both = pd.concat([traffic().assign(case=1), traffic().assign(case=2, x=lambda rows: rows["x"] + 9.0)])
-    with pytest.raises(InputError, match=r"is there twice at 0.000 s, with other values; 1500 such .* columns.clip"):
+    with pytest.raises(InputError, match=r"occurs twice at 0.000 s, with other values; 1500 such .* columns.clip"):
         converted(both)
     clips = COLUMNS | {"clip": "case"}
     with pytest.raises(InputError, match=r"column 'case' has several clips, 1, 2; choose one by field clip"):
@@ -145,7 +145,7 @@ def test_ids_that_vehicles_share_are_refused(converted: Callable[..., Any], traf
 def test_kinds_are_told_of_cells_that_are_empty_and_of_numbers(converted: Callable[..., Any], traffic: Traffic) -> None:
     table = traffic().assign(agent_type=lambda rows: rows["track_id"].where(rows["track_id"] < 5))  # 1.0 to 4.0, empty
     columns, kinds = COLUMNS | {"kind": "agent_type"}, {"1": "car", "2": "truck", "3": "car", "4": "drop"}
-    with pytest.raises(InputError, match=r"in.csv: line 1202: kind '' is not among kinds of the mapping"):
+    with pytest.raises(InputError, match=r"in.csv: line 1202: kind '' is not in field kinds of the mapping"):
         converted(table, columns=columns, kinds=kinds)
     recording, _ = converted(table, columns=columns, kinds=kinds | {"": "unknown"})
     assert set(recording.table["kind"]) == {Kind.CAR, Kind.TRUCK, Kind.UNKNOWN}
@@ -200,7 +200,7 @@ def test_classes_and_sizes_of_a_second_file(
     ("change", "message"),
     [
         (lambda table: table[table["id"] != 4], r"line 902: vehicle 4 is not in .*meta\.csv; 1 such vehicles"),
-        (lambda table: pd.concat([table, table[:1]]), r"meta\.csv: line 7: vehicle 1 is there a second time"),
+        (lambda table: pd.concat([table, table[:1]]), r"meta\.csv: line 7: vehicle 1 occurs a second time"),
         (
             lambda table: table.drop(columns="long"),
             r"meta\.csv: columns \['long'\] of the mapping, field vehicles, are",

@@ -52,7 +52,7 @@ def test_oncoming_traffic_on_the_right(tmp_path: Path) -> None:
         converted(tmp_path, road(1, 1, mirrored=True))
     said = str(caught.value)
     assert "oncoming vehicles pass on the right, 3.5 m beside, in 100% of 1" in said
-    assert "transform.mirror_y mends" in said and "(check side)" in said and "nothing was written" in said
+    assert "transform.mirror_y corrects" in said and "(check side)" in said and "nothing was written" in said
     accepted = converted(tmp_path, road(1, 1, mirrored=True), accept=["side"])
     assert accepted["vehicle_id"].nunique() == 8, "they may keep to the left there"
 

@@ -1,1 +1,1 @@
-"""Noisy tracks made plausible: positions, speeds, accelerations and headings that agree."""
+"""Cleaning of noisy tracks: positions, speeds, accelerations and headings that agree with each other."""

@@ -1,6 +1,6 @@
-"""Clean kinematics: noisy positions of a whole recording become box centres that move as vehicles do.
+"""Cleaning of a whole recording: noisy positions become box centres with the kinematics of vehicles.
 
-The module `track_fit` says how one track is cleaned, `report` what that changes.
+Module `track_fit` cleans one track, `report` measures the changes.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ __all__ = ["CleaningConfig", "CleaningReport", "clean", "front_centres", "smooth
 
 NEEDED = ("vehicle_id", "frame", "x", "y", "length", "width", "kind", "lane")
 PUBLISHED = ("yaw", "speed", "acceleration")
-"""Columns that the input may have: for the figures before cleaning, `yaw` as a hint for tracks that lead nowhere."""
+"""Optional columns: for the figures before cleaning; `yaw` also as a hint for tracks that lead nowhere."""
 
-FRONT = 0.5  # lengths by which the front centre is ahead of the box centre
-LEADS_NOWHERE = 5.0  # [m] shorter tracks are given a hint of their direction
-MOVED = 1.0  # [m] of way whose direction is not mere noise
-NEIGHBOUR = 30.0  # [m] within which others' directions are a hint, those of the same lane first
-NEIGHBOURS = 16  # that are looked at
-JUMP = 60.0  # [m] between frames, which no measuring error explains
+FRONT = 0.5  # distance of the front centre ahead of the box centre [lengths]
+LEADS_NOWHERE = 5.0  # [m] tracks of a smaller extent are given a hint of their direction
+MOVED = 1.0  # [m] shortest displacement with a reliable direction
+NEIGHBOUR = 30.0  # [m] within which directions of other vehicles serve as hints, those of the same lane first
+NEIGHBOURS = 16  # most neighbours considered
+JUMP = 60.0  # [m] largest plausible measuring error between frames
 
 
 @dataclass(frozen=True)
@@ -47,20 +47,20 @@ class _Tracks:
 def clean(
     tracks: pd.DataFrame, config: CleaningConfig | None = None, *, progress: bool = False
 ) -> tuple[pd.DataFrame, CleaningReport]:
-    """Smooth positions; headings, speeds and accelerations that agree with them; box centres.
+    """Smooth positions, and derive box centres, headings, speeds and accelerations that agree with them.
 
-    Every vehicle is cleaned for itself, except that one which hardly moves is pointed as the vehicles around it move.
+    Vehicles are cleaned independently, except that one which hardly moves gets the direction of those around it.
 
     Args:
-        tracks: vehicle_id, frame, x, y, length, width, kind, lane and, if they are known, yaw, speed and acceleration
-            as published. x, y are FRONT centres in frame map [m] at 10 Hz, one row per vehicle and frame, no holes
-            within a track; the order of the rows is of no importance.
+        tracks: vehicle_id, frame, x, y, length, width, kind, lane and, if known, yaw, speed and acceleration as
+            published. x, y are FRONT centres in frame map [m] at 10 Hz, one row per vehicle and frame, without holes
+            within a track; in any order.
         config: what is noise.
         progress: show a bar on stderr.
 
     Returns:
-        the recording's table (:data:`litsim_sim.recordings.recording.COLUMNS`), sorted by frame and vehicle, and
-        the figures before and after.
+        The recording's table (:data:`litsim_sim.recordings.recording.COLUMNS`), sorted by frame and vehicle, and
+        figures before and after.
 
     Raises:
         InputError: columns are missing or unknown, values are not finite, a size is not positive, rows are duplicated,
@@ -77,16 +77,16 @@ def clean(
 def smoothed(
     tracks: pd.DataFrame, *, ahead: float, measured: bool, config: CleaningConfig | None = None
 ) -> pd.DataFrame:
-    """The same of any point of the vehicles, without a report.
+    """Like :func:`clean`, for positions of any point of the vehicles and without a report.
 
     Args:
-        tracks: as :func:`clean` takes them, but for the point that x, y are of.
-        ahead: by how many lengths that point is ahead of the box centre.
-        measured: whether column yaw holds measured headings, which every vehicle keeps to, rather than hints.
+        tracks: see :func:`clean`; x, y are of the point `ahead`.
+        ahead: distance of that point ahead of the box centre [lengths].
+        measured: whether column yaw holds measured headings, to be kept to, rather than hints.
         config: what is noise.
 
     Returns:
-        the recording's table, as of :func:`clean`.
+        The recording's table, see :func:`clean`.
 
     Raises:
         InputError: as :func:`clean`.
@@ -99,7 +99,7 @@ def smoothed(
 def _fitted(
     tracks: _Tracks, config: CleaningConfig, ahead: float, *, measured: bool, progress: bool = False
 ) -> FloatArray:
-    """Motions of all vehicles, rows as :func:`_columns` gives them; arguments as of :func:`smoothed`."""
+    """Motions (n, 6) of all vehicles, with columns as of :func:`_columns`; arguments as of :func:`smoothed`."""
     table = tracks.table
     points = table[["x", "y"]].to_numpy(np.float64)
     length, share = table["length"].to_numpy(np.float64), ahead + config.rear_axle
@@ -128,7 +128,7 @@ def _fitted(
 
 
 def _neutral(table: pd.DataFrame, state: FloatArray, config: CleaningConfig) -> pd.DataFrame:
-    """The recording's columns of the tracks `table`, which move as `state` says."""
+    """The recording's columns of the tracks `table` with the motions `state` (n, 6)."""
     yaw, lever = state[:, 2], config.rear_axle * table["length"].to_numpy(np.float64)
     return table[["vehicle_id", "frame", "length", "width", "kind", "lane"]].assign(
         x=state[:, 0] + lever * np.cos(yaw),
@@ -144,7 +144,7 @@ def _in_order(cleaned: pd.DataFrame) -> pd.DataFrame:
 
 
 def front_centres(table: pd.DataFrame) -> pd.DataFrame:
-    """A recording's table with front centres in place of box centres, as :func:`clean` takes them."""
+    """A recording's table with front centres in place of box centres, as input of :func:`clean`."""
     yaw, half = table["yaw"].to_numpy(), FRONT * table["length"].to_numpy()
     return table.assign(x=table["x"] + half * np.cos(yaw), y=table["y"] + half * np.sin(yaw))
 
@@ -155,7 +155,7 @@ def _columns(motion: Motion) -> FloatArray:
 
 
 def _checked(tracks: pd.DataFrame) -> _Tracks:
-    """The tracks sorted by vehicle and frame, after checks that they can be cleaned."""
+    """Check that the tracks can be cleaned, and sort them by vehicle and frame."""
     missing = [name for name in NEEDED if name not in tracks.columns]
     unknown = [name for name in tracks.columns if name not in NEEDED + PUBLISHED]
     if missing or unknown:
@@ -199,10 +199,10 @@ def _checked(tracks: pd.DataFrame) -> _Tracks:
 
 
 def _hints(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray:
-    """Directions [rad] for the vehicles `waiting`: as published, or as vehicles around them move, or 0.
+    """Directions (k,) [rad] for the vehicles `waiting`: as published, or those of vehicles around them, or 0.
 
     Args:
-        state: rows as :func:`_columns` gives them, filled for all but the waiting vehicles.
+        state: (n, 6) see :func:`_columns`; valid for all but the waiting vehicles.
     """
     table = tracks.table
     if "yaw" in table:
@@ -211,7 +211,7 @@ def _hints(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray
         return np.array([np.arctan2(np.sin(piece).sum(), np.cos(piece).sum()) for piece in pieces])
     hints = _directions_around(tracks, waiting, state)
     positions = table[["x", "y"]].to_numpy(np.float64)
-    for k, vehicle in enumerate(waiting):  # who gets somewhere after all, another way than those around, is believed
+    for k, vehicle in enumerate(waiting):  # a clear displacement in another direction overrides the hint
         own = positions[tracks.rows(vehicle)]
         way = own[-3:].mean(axis=0) - own[:3].mean(axis=0)
         moved = float(np.linalg.norm(way))
@@ -221,7 +221,7 @@ def _hints(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray
 
 
 def _directions_around(tracks: _Tracks, waiting: list[int], state: FloatArray) -> FloatArray:
-    """Directions [rad] of the nearest vehicles that are not `waiting`, preferably of the same lane; 0 without any."""
+    """Directions (k,) [rad] of the nearest vehicles not `waiting`, preferably in the same lane; 0 without any."""
     table = tracks.table
     known = np.ones(len(table), np.bool_)
     for vehicle in waiting:

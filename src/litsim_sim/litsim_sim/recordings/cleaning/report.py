@@ -1,4 +1,4 @@
-"""What cleaning changed: figures of the tracks as published, of their raw positions, and of the cleaned table."""
+"""Report on cleaning: figures of the tracks as published, of their raw positions, and of the cleaned table."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Roughness:
     """Shares of the samples of an acceleration that are implausible.
 
     Attributes:
-        acceleration: share of those beyond 3 m/s2 either way.
-        jerk: share of steps to the next frame beyond 15 m/s3 either way.
+        acceleration: share of samples beyond 3 m/s2 in magnitude.
+        jerk: share of steps to the next frame beyond 15 m/s3 in magnitude.
     """
 
     acceleration: float
@@ -35,19 +35,19 @@ class CleaningReport:
     """Figures before and after cleaning.
 
     Attributes:
-        rows, vehicles: how much was cleaned.
+        rows, vehicles: numbers of cleaned rows and vehicles.
         published, raw, cleaned: roughness of the published acceleration (None if there is none), of second differences
             of the raw positions, and of the cleaned acceleration.
-        displacement: median, 95th percentile and greatest distance of cleaned from raw front centres [m].
-        overlaps: before and after, (pairs of vehicles whose boxes ever overlap, pairs times frames).
-        created: overlapping pairs of vehicles after that did not overlap before.
-        flips: before and after, frames in which a heading turns by more than 0.1 rad while its vehicle stands. Before
-            is of the published yaw, or of the direction of raw steps.
-        yaw_rate: greatest [rad/s].
-        lateral_acceleration: greatest speed times yaw rate [m/s2].
-        axle_slip: greatest difference between the rear axle's velocity, from positions in the table, and speed along
+        displacement: median, 95th percentile and maximum distance of cleaned from raw front centres [m].
+        overlaps: before and after, (pairs of vehicles with overlapping boxes, pairs times frames).
+        created: pairs of vehicles that overlap only after cleaning.
+        flips: before and after, frames in which a heading turns by more than 0.1 rad while its vehicle stands; before,
+            of the published yaw or of the direction of raw steps.
+        yaw_rate: maximum [rad/s].
+        lateral_acceleration: maximum of speed times yaw rate [m/s2].
+        axle_slip: maximum difference between the rear axle's velocity, from positions in the table, and speed along
             the heading [m/s]: x' - v cos yaw and y' - v sin yaw.
-        centre_slip: the same of the box centre, which swings out in bends.
+        centre_slip: the same for the box centre, which swings out in bends.
         reversing: frames in which a box centre moves backwards by more than a millimetre.
     """
 
@@ -67,7 +67,7 @@ class CleaningReport:
     reversing: int
 
     def table(self) -> str:
-        """The figures before and after cleaning as lines of text, one measure a line."""
+        """The figures as text, one measure per line."""
 
         def line(name: str, *cells: str) -> str:
             return f"{name:<44}" + "".join(f"{cell:>12}" for cell in cells)
@@ -107,13 +107,13 @@ class CleaningReport:
 
 
 def measure(raw: pd.DataFrame, cleaned: pd.DataFrame, yaw_rate: FloatArray, config: CleaningConfig) -> CleaningReport:
-    """The report on tables of equal rows, sorted by vehicle and frame.
+    """The report on two tables with the same rows, sorted by vehicle and frame.
 
     Args:
-        raw: as :func:`litsim_sim.recordings.cleaning.cleaning.clean` takes it: front centres.
-        cleaned: as it returns it, but for the order of the rows: box centres.
-        yaw_rate: (n,) of the cleaned rows [rad/s].
-        config: with which it was cleaned.
+        raw: input of :func:`litsim_sim.recordings.cleaning.cleaning.clean`: front centres.
+        cleaned: its output, but for the order of the rows: box centres.
+        yaw_rate: (n,) yaw rates of the cleaned rows [rad/s].
+        config: configuration of the cleaning.
     """
     vehicle = raw["vehicle_id"].to_numpy()
     front = raw[["x", "y"]].to_numpy(np.float64)
@@ -129,7 +129,7 @@ def measure(raw: pd.DataFrame, cleaned: pd.DataFrame, yaw_rate: FloatArray, conf
     steps = np.diff(front, axis=0)
     if "yaw" in raw:
         raw_turn = np.diff(raw["yaw"])
-    else:  # from a step to the next, which the last of a vehicle has not
+    else:  # between successive steps; 0 for the last step of a vehicle
         turn = np.append(np.diff(np.arctan2(steps[:, 1], steps[:, 0])), 0.0)
         raw_turn = np.where(np.append(next_same[1:], False), turn, 0.0)
     raw_acceleration = np.append(np.diff(np.linalg.norm(steps, axis=1)), 0.0) / STEP_S**2
@@ -154,12 +154,12 @@ def measure(raw: pd.DataFrame, cleaned: pd.DataFrame, yaw_rate: FloatArray, conf
 
 
 def _same(vehicle: FloatArray, ahead: int) -> BoolArray:
-    """Whether rows (n - ahead,) are of the vehicle of the row `ahead`."""
+    """Mask (n - ahead,) of rows of the same vehicle as the row `ahead` rows later."""
     return vehicle[ahead:] == vehicle[: len(vehicle) - ahead]
 
 
 def _roughness(acceleration: FloatArray, vehicle: FloatArray, reach: int) -> Roughness:
-    """Of an acceleration (n - reach / 2 or so,) whose entries need the `reach` rows that follow."""
+    """Roughness of `acceleration`, each entry of which depends on the `reach` following rows."""
     inner, pairs = _same(vehicle, reach), _same(vehicle, reach + 1)
     values = acceleration[: len(inner)][inner]
     jerk = np.diff(acceleration)[: len(pairs)][pairs] / STEP_S
@@ -171,14 +171,14 @@ def _share(of: BoolArray) -> float:
 
 
 def _flips(turn: FloatArray, steps: FloatArray, same: BoolArray) -> int:
-    """How often a vehicle turns (n - 1,) [rad] in a step (n - 1, 2) [m] that leads nowhere."""
+    """Number of large turns, of `turn` (n - 1,) [rad], in `steps` (n - 1, 2) [m] at standstill."""
     return int((same & (np.linalg.norm(steps, axis=1) < STANDSTILL) & (np.abs(wrap_angle(turn)) > FLIP)).sum())
 
 
 def _slip(positions: FloatArray, velocity: FloatArray, vehicle: FloatArray) -> float:
-    """Greatest difference [m/s] between steps of positions (n, 2) and the velocity (n, 2) integrated over them.
+    """Maximum difference [m/s] between steps of positions (n, 2) and the velocity (n, 2) integrated over them.
 
-    The integral is that of the cubic through four velocities, so its error is far below a millimetre per second.
+    The integral is that of the cubic through four velocities; its error is far below a millimetre per second.
     """
     inner = _same(vehicle, 3)
     if not inner.any():
@@ -189,7 +189,7 @@ def _slip(positions: FloatArray, velocity: FloatArray, vehicle: FloatArray) -> f
 
 
 def _overlaps(table: pd.DataFrame, centre: FloatArray, yaw: FloatArray) -> dict[tuple[int, int], int]:
-    """In how many frames each pair of vehicle ids has overlapping boxes."""
+    """Number of frames with overlapping boxes, by pair of vehicle ids."""
     frame = table["frame"].to_numpy()
     order = np.argsort(frame, kind="stable")
     vehicle, length, width = (table[name].to_numpy() for name in ("vehicle_id", "length", "width"))

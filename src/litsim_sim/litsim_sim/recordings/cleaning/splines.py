@@ -17,13 +17,13 @@ from scipy.linalg import solveh_banded
 
 from litsim_sim.core.scene import FloatArray, IntArray
 
-BAND = 4  # diagonals that are stored: the main one and three below
-HUBER_ROUNDS = 8  # of reweighting; weights have settled to about a percent by then
+BAND = 4  # stored diagonals: the main one and three below
+HUBER_ROUNDS = 8  # rounds of reweighting; weights have settled to about a percent by then
 
 
 @dataclass(frozen=True)
 class Knots:
-    """Where the pieces of a spline meet: at `origin` + `step` * (0, 1, ..., `pieces`), `pieces` at least 1."""
+    """Uniform knots at `origin` + `step` * (0, 1, ..., `pieces`), `pieces` at least 1."""
 
     origin: float
     step: float
@@ -31,7 +31,7 @@ class Knots:
 
     @classmethod
     def covering(cls, low: float, high: float, step: float) -> Knots:
-        """The fewest knots, `step` apart and from `low` on, that reach at least to `high`."""
+        """The fewest knots from `low` on, `step` apart, that reach `high`."""
         return cls(low, step, max(1, int(np.ceil((high - low) / step - 1e-9))))
 
     @property
@@ -40,14 +40,14 @@ class Knots:
         return self.pieces + 3
 
     def places(self) -> FloatArray:
-        """Where the knots are (pieces + 1,), in the unit of the parameter."""
+        """Positions (pieces + 1,) of the knots, in the unit of the parameter."""
         return self.origin + self.step * np.arange(self.pieces + 1, dtype=np.float64)
 
     def basis(self, at: FloatArray, derivative: int = 0) -> tuple[IntArray, FloatArray]:
-        """The four B-splines that are not zero at `at` (n,), which is cut to the knots' range.
+        """The four B-splines that are not zero at `at` (n,), clipped to the range of the knots.
 
         Returns:
-            index (n,) of the first of them and the values (n, 4) of their `derivative`-th derivative (0 to 2).
+            Index (n,) of the first of them, and values (n, 4) of their `derivative`-th derivative (0 to 2).
         """
         scaled = np.clip((at - self.origin) / self.step, 0.0, self.pieces)
         first = np.minimum(scaled.astype(np.int64), self.pieces - 1)
@@ -65,7 +65,7 @@ class Knots:
         """Value or derivative (n, ...) at `at` (n,) of the spline with `coefficients` (size, ...)."""
         first, values = self.basis(at, derivative)
         seen = coefficients[first[:, None] + np.arange(4)]
-        if derivative:  # the same by the rules, and exactly zero where the spline is constant
+        if derivative:  # equal in theory, and exactly zero where the spline is constant
             seen = seen - seen[:, :1]
         return cast(FloatArray, np.einsum("nk,nk...->n...", values, seen))
 
@@ -91,19 +91,19 @@ class Knots:
         """Lower diagonals (4, size) of the integral of `weight` times the squared derivative of `order` (1 to 3).
 
         Args:
-            order: of the derivative; exact for 3, by the coefficients' differences for 1 and 2.
-            weight: a number, or one (size - order,) for every difference.
+            order: order of the derivative; exact for 3, by differences of coefficients for 1 and 2.
+            weight: a number, or one per difference (size - order,).
         """
         first, rows = self.differences(order)
         return self.gram(first, rows, np.broadcast_to(weight, len(first)) * self.step)
 
     def pull(self, order: int, weight: FloatArray, target: FloatArray) -> FloatArray:
-        """The right-hand side (size, m) that makes :meth:`penalty` one on the difference from `target` (n, m)."""
+        """Right-hand side (size, m) for a :meth:`penalty` on the difference from `target` (n, m)."""
         first, rows = self.differences(order)
         return self.project(first, rows, (weight * self.step)[:, None] * target)
 
     def differences(self, order: int) -> tuple[IntArray, FloatArray]:
-        """The coefficients' differences that stand for a derivative: first index (n,), rows (n, order + 1)."""
+        """Differences of coefficients that approximate a derivative: first index (n,), rows (n, order + 1)."""
         signs = np.array([(-1.0) ** (order - k) * comb(order, k) for k in range(order + 1)])
         count = self.size - order
         return np.arange(count), np.broadcast_to(signs / self.step**order, (count, order + 1))
@@ -134,12 +134,12 @@ def fit(
     """Coefficients (size, m) of the spline that minimises squared residuals, Huber beyond `limit`, plus `penalty`.
 
     Args:
-        basis: what a measurement sees of the coefficients, as :meth:`Knots.basis` returns it (n), (n, 4).
+        basis: (n,), (n, 4) linear map from coefficients to measurements, in the form of :meth:`Knots.basis`.
         values: (n, m) measurements.
-        weight: (n,) of the measurements.
-        penalty: (4, size) lower diagonals; must leave the system positive definite.
-        limit: of a residual's length, beyond which it counts linearly.
-        pull: (size, m) added to the right-hand side, for penalties on differences from something other than zero.
+        weight: (n,) weights of the measurements.
+        penalty: (4, size) lower diagonals; must make the system positive definite.
+        limit: length of a residual beyond which it counts linearly.
+        pull: (size, m) added to the right-hand side, see :meth:`Knots.pull`.
     """
     first, rows = basis
     robust = np.ones(len(values))

@@ -1,10 +1,10 @@
-"""One vehicle's noisy positions explained as a vehicle: a smooth path of the rear axle and a smooth time law.
+"""Fit of one vehicle's noisy positions by a kinematic model: a smooth path of the rear axle and a smooth time law.
 
-The rear axle follows a curve A(s), the vehicle points along the curve (no slip), and the point that was tracked, such
-as the front centre, is a ``reach`` ahead, at A(s) + reach A'(s). That is linear in A, so the curve is a smoothing
-spline seen through this operator; headings, where they were measured, are seen as A'(s). A time law s(t), a smoothing
-spline that never falls and is constant in stops, drives along the curve. Yaw, speed, acceleration and yaw rate are
-derivatives of the two: they agree with the positions by construction, and where s stands still everything stands still.
+The rear axle follows a curve A(s), the vehicle points along the curve (no slip), and the tracked point, such as the
+front centre, is ``reach`` ahead, at A(s) + reach A'(s). That is linear in A, so the curve is a smoothing spline
+observed through this operator; measured headings observe A'(s). The time law s(t) along the curve is a smoothing spline
+that never decreases and is constant in stops. Yaw, speed, acceleration and yaw rate are derivatives of the two: they
+agree with the positions by construction, and while s is constant the vehicle is at rest.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import RATE_HZ, STEP_S, BoolArray, FloatArray
 from litsim_sim.recordings.cleaning.splines import Knots, fit, huber_weight, solve
 
-ROUNDS = 3  # of time law, path, and the front centres' places along it: places change by millimetres in the last
-LAW_ROUNDS = 25  # of reweighting and of finding where the time law would fall
-ROUGH_PERIOD_S = 2.0  # [s] of the first smoothing, which only finds directions
+ROUNDS = 3  # rounds of fitting time law, path and places along it; places change by millimetres in the last
+LAW_ROUNDS = 25  # rounds of reweighting and of finding where the time law would decrease
+ROUGH_PERIOD_S = 2.0  # [s] period of the first smoothing, which only finds directions
 CHORD = 4.0  # [m] half length of the chords that give the first directions
 CREEP = 0.5  # [m/s] slower travel does not count in those
-KNOT = 1.0  # [m] between the path's knots
-MARGIN = 1.0  # [m] of path beyond both ends
-STIFF = 1e6  # weight that makes a speed zero, relative to a position's
-LEAST_WEIGHT = 0.1  # of a sample in the path fit, however slow
-CURVATURE = 0.05  # [1/m] usual; what is not measured well bends less than this
-CURVATURE_LENGTH = 10.0  # [m] after which curvatures are unrelated
-NOISE = 0.15  # [m] of raw positions, for what is weighed against them
-HINT_SLOPE = 0.1  # [rad] by which hints of the direction are off
-HEADING_NOISE = 0.05  # [rad] of measured headings, for what is weighed against them
-REVERSED = 1.0  # [m] against its headings, from which on a vehicle has driven backwards
+KNOT = 1.0  # [m] spacing of the path's knots
+MARGIN = 1.0  # [m] length of path beyond both ends
+STIFF = 1e6  # weight that makes a speed zero, relative to that of a position
+LEAST_WEIGHT = 0.1  # smallest weight of a sample in the path fit
+CURVATURE = 0.05  # [1/m] prior standard deviation of curvature
+CURVATURE_LENGTH = 10.0  # [m] correlation length of curvature
+NOISE = 0.15  # [m] standard deviation of raw positions
+HINT_SLOPE = 0.1  # [rad] standard deviation of hints of the direction
+HEADING_NOISE = 0.05  # [rad] standard deviation of measured headings
+REVERSED = 1.0  # [m] travel against its headings from which on a vehicle has driven backwards
 
 
 @dataclass(frozen=True)
@@ -41,14 +41,14 @@ class CleaningConfig:
     """What is noise and what is motion.
 
     Attributes:
-        longitudinal_period_s: oscillations along the road of this period are halved, shorter ones vanish, longer ones
-            stay (third-order, as 1 / (1 + (period / T)^6)). Longer for calmer accelerations.
+        longitudinal_period_s: cutoff period T0 [s] along the road: oscillations of period T are scaled by
+            1 / (1 + (T0 / T)^6). Longer for calmer accelerations.
         lateral_period_s: the same across the road, for vehicles faster than `path_speed`.
         path_speed: below this speed [m/s] the path is smoothed over the length that it covers in the lateral period, so
             that slow vehicles do not wriggle.
         huber: residuals beyond this [m] are outliers that count linearly.
-        stop_speed: slower stretches [m/s] are stops, if they last `stop_s` [s] and lead less than `stop_travel` [m].
-        acceleration: usual size [m/s2]; holds the ends of tracks and short tracks back from guessing more.
+        stop_speed: slower stretches [m/s] are stops if they last `stop_s` [s] and cover less than `stop_travel` [m].
+        acceleration: usual magnitude [m/s2]; regularises short tracks and the ends of tracks.
         rear_axle: distance of the rear axle, which does not slip, behind the box centre, as a share of the length.
     """
 
@@ -70,13 +70,13 @@ class CleaningConfig:
 
 @dataclass(frozen=True)
 class Motion:
-    """The fitted motion of one vehicle at its frames; arrays (n,) but for the positions (n, 2), in frame map.
+    """The fitted motion of one vehicle at its n frames, in frame map.
 
     Attributes:
-        axle: rear axle [m].
-        yaw: direction of its motion [rad], continuous, not wrapped.
-        speed, acceleration: along the yaw [m/s], [m/s2].
-        yaw_rate: [rad/s].
+        axle: (n, 2) positions of the rear axle [m].
+        yaw: (n,) direction of its motion [rad], continuous, not wrapped.
+        speed, acceleration: (n,) along the yaw [m/s], [m/s2].
+        yaw_rate: (n,) [rad/s].
         travel: length of the path [m].
     """
 
@@ -97,13 +97,13 @@ class TimeLaw:
     frames: int
 
     def at_frames(self, derivative: int = 0) -> FloatArray:
-        """The `derivative`-th derivative of the travel at every frame (frames,) [m, m/s, m/s2]."""
+        """The `derivative`-th derivative of the travel at every frame (frames,) [m], [m/s] or [m/s2]."""
         return self.knots.evaluate(self.coefficients, _times(self.frames), derivative)
 
 
 @dataclass(frozen=True)
 class Path:
-    """The rear axle's curve A(s): a spline over metres, whose parameter is its length within about a thousandth."""
+    """The rear axle's curve A(s): a spline parametrised by its length [m], within about a thousandth."""
 
     knots: Knots
     coefficients: FloatArray
@@ -120,15 +120,15 @@ def fit_track(
 
     Args:
         points: (n, 2) raw positions of consecutive frames, n at least 1 [m].
-        reach: by how much they are ahead of the rear axle [m].
+        reach: distance of the tracked point ahead of the rear axle [m].
         config: what is noise.
-        hint: direction [rad] for a track that leads nowhere; the x axis if it is needed and missing.
+        hint: direction [rad] for a track that leads nowhere; 0 if needed and missing.
         yaw: (n,) measured headings [rad], if there are any.
     """
     towards = None if hint is None else np.array([np.cos(hint), np.sin(hint)])
     headings = None if yaw is None else np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
     places = None if headings is None else _places_by_headings(points, headings, reach, config)
-    if places is None or places[-1] < -REVERSED:  # who drives backwards is taken to point where it goes
+    if places is None or places[-1] < -REVERSED:  # a reversing vehicle is given the direction of its motion
         headings = None
         places = _first_places(points, config, np.array([1.0, 0.0]) if towards is None else towards)
     path = None
@@ -155,12 +155,12 @@ def fit_track(
 
 
 def fit_law(places: FloatArray, config: CleaningConfig) -> TimeLaw:
-    """The time law through noisy `places` (n,) [m] along the path, one per frame: never falling, constant in stops."""
+    """The time law for noisy `places` (n,) [m] along the path, one per frame; never decreasing, constant in stops."""
     count = len(places)
     knots = Knots(0.0, STEP_S, max(count - 1, 1))
     if count == 1:
         return TimeLaw(knots, np.full(knots.size, places[0]), count)
-    guess = 4.0 * NOISE**2 / (2.0 * config.acceleration**2)  # noise and accelerations last: half a second, two seconds
+    guess = 4.0 * NOISE**2 / (2.0 * config.acceleration**2)  # correlation times: noise 0.5 s, accelerations 2 s
     smooth = knots.penalty(3, _jerk_weight(config.longitudinal_period_s)) + knots.penalty(2, guess)
     basis = knots.basis(_times(count))
     held = np.zeros(knots.size - 1, np.bool_)
@@ -170,7 +170,7 @@ def fit_law(places: FloatArray, config: CleaningConfig) -> TimeLaw:
         coefficients = _rising(knots, basis, places, smooth, config.huber, held)
     steps = np.maximum(np.diff(coefficients), 0.0)
     steps[held] = 0.0
-    exact = np.concatenate([[0.0], np.cumsum(steps)])  # differs by what the stiff weight left over
+    exact = np.concatenate([[0.0], np.cumsum(steps)])  # removes what the stiff weight leaves of speeds in stops
     return TimeLaw(knots, exact + (coefficients - exact).mean(), count)
 
 
@@ -184,17 +184,17 @@ def fit_path(
     headings: FloatArray | None,
     previous: Path | None,
 ) -> Path:
-    """The rear axle's curve that puts what is `reach` ahead of `places` (n,) to `points` (n, 2).
+    """The rear axle's curve for which the points `reach` ahead of `places` (n,) are at `points` (n, 2).
 
-    Smoothness is that of the lateral motion in time: change of curvature times the cubed speed is the lateral jerk.
-    Below `config.path_speed` it is smoothness in space. A curve's third derivative is its change of curvature across it
-    and minus the squared curvature along it; the latter part is taken from the `previous` round, so that bends cost
-    nothing, only changes of them do.
+    The penalty is on lateral jerk: the change of curvature times the cubed speed; below `config.path_speed` on the
+    change of curvature itself. A curve's third derivative has the change of curvature as its normal component and minus
+    the squared curvature as its tangential one; the latter is taken from the `previous` round, so that only changes of
+    curvature are penalised.
 
     Args:
-        hint: (2,) direction to keep to unless the positions say otherwise.
+        hint: (2,) weak prior of the direction, or None.
         headings: (n, 2) measured directions, or None.
-        previous: path of the round before, if there is one.
+        previous: path of the previous round, or None.
     """
     knots = Knots.covering(float(places.min()) - MARGIN, float(places.max()) + MARGIN, KNOT)
     speed, travel = law.at_frames(1), law.at_frames()
@@ -210,7 +210,7 @@ def fit_path(
     if headings is not None:
         at, slope = knots.basis(places, 1)
         first, rows = np.concatenate([first, at]), np.concatenate([rows, slope])
-        moving = np.clip(speed / config.path_speed, 0.0, 1.0)  # many sources keep no heading of who stands
+        moving = np.clip(speed / config.path_speed, 0.0, 1.0)  # many sources give no headings at standstill
         weight = np.concatenate([weight, moving * (NOISE / HEADING_NOISE) ** 2])
         values = np.concatenate([values, headings])
     if hint is not None:
@@ -224,7 +224,7 @@ def fit_path(
 
 
 def _bending(path: Path, places: FloatArray) -> FloatArray:
-    """The third derivative (n, 2) of a curve of `path`'s curvature that does not change, at `places` (n,)."""
+    """Third derivative (n, 2) at `places` (n,) of a curve of constant curvature, that of `path` there."""
     tangent, bend = path.at(places, 1), path.at(places, 2)
     across = tangent[:, 0] * bend[:, 1] - tangent[:, 1] * bend[:, 0]
     return cast(FloatArray, -((across / (tangent**2).sum(axis=1)) ** 2)[:, None] * tangent)
@@ -236,7 +236,7 @@ def _times(frames: int) -> FloatArray:
 
 
 def _jerk_weight(period: float) -> float:
-    """Weight of the squared jerk, beside positions at 10 Hz, that halves oscillations of `period` [s]."""
+    """Weight of the squared jerk, relative to positions at 10 Hz, that halves oscillations of `period` [s]."""
     return RATE_HZ * (period / (2.0 * np.pi)) ** 6
 
 
@@ -248,10 +248,10 @@ def _rising(
     limit: float,
     held: BoolArray,
 ) -> FloatArray:
-    """Coefficients (size,) of a robust smoothing spline that rise, and are level where `held` (size - 1,).
+    """Coefficients (size,) of a robust smoothing spline that never decreases and is constant where `held` (size - 1,).
 
-    A spline with rising coefficients rises. They are made to by a stiff penalty where they fell (Eilers,
-    "Unimodal smoothing", Journal of Chemometrics 19, 2005).
+    Coefficients that do not decrease are sufficient; a stiff penalty where they would makes them so (Eilers, "Unimodal
+    smoothing", Journal of Chemometrics 19, 2005).
     """
     first, rows = basis
     robust, level = np.ones(len(places)), held
@@ -270,7 +270,7 @@ def _rising(
 
 
 def _stops(knots: Knots, coefficients: FloatArray, count: int, config: CleaningConfig) -> BoolArray:
-    """Which coefficients (size - 1,) must not differ from the next because the vehicle stands."""
+    """Mask (size - 1,) of coefficients that must equal the next because the vehicle is at rest."""
     times = _times(count)
     travel, speed = (knots.evaluate(coefficients, times, derivative) for derivative in (0, 1))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], speed < config.stop_speed, [False]])))
@@ -283,7 +283,7 @@ def _stops(knots: Knots, coefficients: FloatArray, count: int, config: CleaningC
 
 
 def _first_places(points: FloatArray, config: CleaningConfig, fallback: FloatArray) -> FloatArray:
-    """First guess of the places (n,) along the path: steps between raw positions, seen along smoothed directions.
+    """Initial places (n,) [m] along the path: raw steps projected on smoothed directions.
 
     Steps are signed, so noise does not add up to travel; the directions are those of chords of a few metres.
     """
@@ -308,7 +308,7 @@ def _first_places(points: FloatArray, config: CleaningConfig, fallback: FloatArr
 
 
 def _places_by_headings(points: FloatArray, headings: FloatArray, reach: float, config: CleaningConfig) -> FloatArray:
-    """First guess of the places (n,) along the path: steps of the rear axle, as headings (n, 2) tell where it is."""
+    """Initial places (n,) [m] along the path: steps of the rear axle, located by the headings (n, 2)."""
     if len(points) == 1:
         return np.zeros(1)
     direction = _roughly_smooth(headings, config)[0]
@@ -317,7 +317,7 @@ def _places_by_headings(points: FloatArray, headings: FloatArray, reach: float, 
 
 
 def _roughly_smooth(values: FloatArray, config: CleaningConfig) -> tuple[FloatArray, FloatArray]:
-    """Robustly smoothed `values` (n, 2) of consecutive frames, n above 1, and how they change [1/s]."""
+    """Robustly smoothed `values` (n, 2) of consecutive frames, n above 1, and their derivative (n, 2) [1/s]."""
     count = len(values)
     knots = Knots(0.0, STEP_S, count - 1)
     times = _times(count)
@@ -327,13 +327,13 @@ def _roughly_smooth(values: FloatArray, config: CleaningConfig) -> tuple[FloatAr
 
 
 def _travelled(points: FloatArray, direction: FloatArray) -> FloatArray:
-    """Way (n,) along steps between `points` (n, 2), each seen along the `direction` (n, 2) there."""
+    """Distance travelled (n,): steps between `points` (n, 2), projected on the `direction` (n, 2) there."""
     steps = np.diff(points, axis=0) * 0.5 * (direction[1:] + direction[:-1])
     return np.concatenate([[0.0], np.cumsum(steps.sum(axis=1))])
 
 
 def _project(points: FloatArray, places: FloatArray, path: Path, reach: float) -> FloatArray:
-    """Lengths of the path (n,) to where it is closest to the points (n, 2): one Newton step from `places`."""
+    """Arc lengths (n,) at which the path is closest to the points (n, 2), by one Newton step from `places`."""
     tangent = path.at(places, 1)
     beyond = points - path.at(places) - reach * tangent
     closest = places + (beyond * tangent).sum(axis=1) / (tangent**2).sum(axis=1)

@@ -1,1 +1,1 @@
-"""Any table of trajectories to a recording, by a mapping that a person writes or has drafted."""
+"""Conversion of any table of trajectories to a recording, by a mapping file."""

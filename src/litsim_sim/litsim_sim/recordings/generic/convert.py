@@ -1,4 +1,4 @@
-"""A table of trajectories with its mapping, as a recording."""
+"""Conversion of a table of trajectories to a recording, by its mapping."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from litsim_sim.recordings.generic.resampling import in_order, resampled, split,
 from litsim_sim.recordings.ngsim.tracks import DIRECTION_MIN, PIECE, direction_of_motion
 from litsim_sim.recordings.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
 
-IDS_KEPT = 5000  # names of vehicles that are kept in the header; of more, only the count
+IDS_KEPT = 5000  # most renumbered vehicle ids that the header lists
 DROP = "drop"
-CREEPING = 1.0  # [m] within a second below which a vehicle keeps its direction, as one that waits would turn by noise
-HARSH = 5.0  # [m/s2] beyond which vehicles hardly ever brake or accelerate
-FAR = 1.0  # [m] by which cleaning moves nobody who drives as vehicles do
-CLOCK = "time_of_frame_0_s"  # note of the header: what the clock of the file showed at frame 0
+CREEPING = 1.0  # [m] travel within a second below which a vehicle keeps its direction: noise would turn it
+HARSH = 5.0  # [m/s2] magnitude that accelerations of vehicles hardly ever exceed
+FAR = 1.0  # [m] displacement by cleaning beyond which a vehicle is reported
+CLOCK = "time_of_frame_0_s"  # note of the header: clock time of the file at frame 0
 AHEAD = {"front_centre": -0.5, "box_centre": 0.0, "rear_axle": VehicleLimits.rear_axle, "box_corner": 0.0}
-"""By reference, how far the middle of the box is ahead of it, in lengths; corners are taken for it earlier."""
-DERIVED = ("yaw", "speed", "acceleration")  # columns that a file need not have
+"""Distance of the box centre ahead of the reference point, in lengths; corners are converted to centres on reading."""
+DERIVED = ("yaw", "speed", "acceleration")  # optional columns
 
 
 def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, Counts]:
-    """The table at `paths` (CSV or Parquet, one file or several) as a recording, and what became of its rows.
+    """The table at `paths` (CSV or Parquet, one file or several) as a recording, and the counts of the conversion.
 
     Raises:
-        InputError: a column is missing, a cell is no number (with its row), a vehicle is at two places at a time or
-            jumps too often, a kind is not in the mapping, the table does not move as traffic does, or the result fails
-            a check of :meth:`Recording.from_table`.
+        InputError: a column is missing, a cell is not a number, a vehicle is at two places at a time or jumps too
+            often, a kind is not in the mapping, the motion is implausible, or the result fails a check of
+            :meth:`Recording.from_table`.
     """
     source, counts = TableFiles.open(paths), Counts()
     given = _without_dropped_kinds(read_rows(source, mapping, counts), mapping, source, counts)
@@ -54,7 +54,7 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
     table = resampled(split(table, counts), source, counts)
     moving = _with_motion(table, mapping)
     if mapping.clean:
-        walking = obstacle_rows(table)  # the model of motion is that of vehicles
+        walking = obstacle_rows(table)  # not cleaned: the motion model is that of vehicles
         raw = table[~walking].drop(columns="acceleration", errors="ignore")
         ahead = -AHEAD[mapping.reference]
         cleaned = smoothed(raw, ahead=ahead, measured="yaw" in table)
@@ -65,7 +65,7 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
         counts.harsh = float(harsh.mean())
         if not (np.abs(moving["acceleration"]) <= BOUNDS["acceleration"][1]).all() and "acceleration" not in table:
             raise InputError(
-                f"{source}: accelerations that follow from the file go up to "
+                f"{source}: accelerations derived from the file reach "
                 f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
                 f"rows: field clean of the mapping, set to true, smooths such positions"
             )
@@ -80,8 +80,8 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
 
 
 def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Columns in SI units and frame map: vehicle_id, t [s], x, y, yaw, speed, acceleration where given, length, width,
-    kind, lane, row; and what the header says of the ids.
+    """Columns in SI units and frame map: vehicle_id, t [s], x, y, length, width, kind, lane, row, and yaw, speed and
+    acceleration where given; and notes on ids and clock for the header.
     """
     units, columns = mapping.units, mapping.columns
     row = given["row"].to_numpy()
@@ -92,7 +92,7 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[p
         if bad.any():
             at = int(np.argmax(bad))
             ours = name.removesuffix("_x").removesuffix("_y")
-            without = f"; without field columns.{ours} it follows from the motion" if ours in DERIVED else ""
+            without = f"; without field columns.{ours} it is derived from the motion" if ours in DERIVED else ""
             raise InputError(
                 f"{source.at(row[at])}: column {columns.named()[name]!r} is {str(given[name].iloc[at])!r}, expected a "
                 f"number; {int(bad.sum())} such rows{without}"
@@ -142,7 +142,7 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[p
 
 
 def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
-    """`table` with 0 for the speeds of those who reverse, and of those whose speeds are noise about 0."""
+    """`table` with negative speeds, of reversing vehicles or noise around 0, set to 0."""
     if "speed" not in table:
         return table
     counts.backwards = int((table["speed"] < 0.0).sum())
@@ -150,10 +150,10 @@ def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
 
 
 def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray, dict[str, Any]]:
-    """Ids as whole numbers: their own where they are small ones; others count on from the largest of these, or from 1.
+    """Ids as integers: small integers stay; others are numbered on from the largest of these, or from 1.
 
     Raises:
-        InputError: there is none in some rows, or there are too many.
+        InputError: an id is missing, or there are too many.
     """
     if (empty := column.isna().to_numpy()).any():
         raise InputError(f"{source.at(row[empty][0])}: no vehicle id; {int(empty.sum())} such rows")
@@ -164,7 +164,7 @@ def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray
     others = int((~small).sum())
     if first + others > PIECE:
         raise InputError(
-            f"{source}: {others} vehicles whose ids are no integers below {PIECE}, to be numbered from {first} on: "
+            f"{source}: {others} vehicles with ids that are not integers below {PIECE}, to be numbered from {first}: "
             f"expected fewer than {PIECE} vehicles"
         )
     numbers = np.where(small, numeric.fillna(0.0), first + np.cumsum(~small) - 1).astype(np.int64)
@@ -175,7 +175,7 @@ def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray
 
 
 def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """The rows of kinds that the mapping keeps, whose kind is one of ours."""
+    """The rows of kinds that the mapping keeps, with column `kind` translated by it."""
     if "kind" not in given:
         return given
     said, kinds = texts(given["kind"]), {plain(name): ours for name, ours in mapping.kinds.items()}
@@ -183,14 +183,14 @@ def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableF
     if unknown:
         row = given["row"][said == unknown[0]].iloc[0]
         raise InputError(
-            f"{source.at(row)}: kind {unknown[0]!r} is not among kinds of the mapping, {sorted(mapping.kinds)}; not "
-            f"there either: {', '.join(unknown[1:]) or 'none'}"
+            f"{source.at(row)}: kind {unknown[0]!r} is not in field kinds of the mapping, {sorted(mapping.kinds)}; "
+            f"others missing there: {', '.join(unknown[1:]) or 'none'}"
         )
     ours = said.map(kinds)
     for kind in sorted(set(said[ours == DROP])):
         counts.leave_out(f"kind {kind}", int((said == kind).sum()))
     if ours.isin([DROP, *OBSTACLES]).all() and not (ours == DROP).all():
-        raise InputError(f"{source}: nobody but pedestrians and cyclists is left; the kinds are {sorted(set(said))}")
+        raise InputError(f"{source}: only pedestrians and cyclists are left; the kinds are {sorted(set(said))}")
     if (ours == DROP).all():
         raise InputError(f"{source}: field kinds of the mapping drops every row; the kinds are {sorted(set(said))}")
     return given.assign(kind=ours)[ours != DROP]
@@ -203,7 +203,7 @@ def _kinds(given: pd.DataFrame) -> IntArray:
 
 
 def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
-    """Box centres, and what of heading, speed and acceleration the file does not have."""
+    """`table` with box centres, and with heading, speed and acceleration derived where the file lacks them."""
     vehicle, x, y = (table[name].to_numpy() for name in ("vehicle_id", "x", "y"))
     walking = obstacle_rows(table)
     if "yaw" not in table or walking.any():
@@ -226,7 +226,7 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
 
 
 def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, float]:
-    """By vehicle, by how much [m] cleaning moved what is `ahead` lengths before its centre, where that is over FAR."""
+    """Largest displacement [m], if over FAR, by vehicle, of the point `ahead` lengths ahead of the centre."""
     both = raw.merge(cleaned, on=["vehicle_id", "frame"], suffixes=("", "_cleaned"))
     lever, yaw = ahead * both["length"], both["yaw_cleaned" if "yaw" in raw else "yaw"]
     dx = both["x_cleaned"] + lever * np.cos(yaw) - both["x"]
@@ -236,7 +236,7 @@ def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, 
 
 
 def _rate(vehicle: IntArray, values: FloatArray) -> FloatArray:
-    """Derivative (n,) by time of `values` (n,), by central differences within each vehicle; 0 of a single row."""
+    """Time derivative (n,) of `values` (n,) by central differences within each vehicle; 0 for a single row."""
     index = np.arange(len(vehicle))
     begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
     ends = np.r_[begins[1:], True]

@@ -1,12 +1,12 @@
-"""What became of the rows of a file: each is converted, or counted with the reason why not."""
+"""Counts of a conversion: how many rows and tracks were used, changed or left out, and why."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Any
 
-HARSH_MAX = 0.05  # of the accelerations of vehicles, from which on it is said that they are noise
-SHOWN = 5  # vehicles that a line names
+HARSH_MAX = 0.05  # share of harsh accelerations above which the text recommends cleaning
+SHOWN = 5  # most vehicles that a line names
 
 
 @dataclass
@@ -15,16 +15,16 @@ class Counts:
 
     Attributes:
         read: rows of the file.
-        left_out: rows by the reason, in the words of the mapping.
-        tracks: vehicles of the rows that are left.
-        jumps: places at which tracks were cut as the vehicle is elsewhere from one row to the next.
-        pieces: tracks after those with long holes and jumps were cut.
-        too_short: pieces that no frame of 10 Hz falls into.
-        usual_sizes: pedestrians and cyclists without a size, who got a usual one.
-        backwards: rows with speeds below 0, which become 0.
-        harsh: share of the rows of vehicles at which they brake or accelerate as they hardly ever do.
-        moved: by vehicle, by how much cleaning moved it [m], of those that it moved by more than a metre.
-        rows: rows of the recording, one for each vehicle and frame of 10 Hz.
+        left_out: rows left out, by reason.
+        tracks: vehicles of the remaining rows.
+        jumps: jumps at which tracks were cut.
+        pieces: tracks after cutting at long holes and jumps.
+        too_short: pieces that contain no frame at 10 Hz.
+        usual_sizes: pedestrians and cyclists without a size that got a default one.
+        backwards: rows with negative speeds, set to 0.
+        harsh: share of the rows of vehicles with implausibly hard accelerations.
+        moved: largest displacement by cleaning [m], by vehicle, of those moved by more than a metre.
+        rows: rows of the recording, one per vehicle and frame at 10 Hz.
     """
 
     read: int = 0
@@ -40,12 +40,12 @@ class Counts:
     rows: int = 0
 
     def leave_out(self, reason: str, rows: int) -> None:
-        """Count `rows` that are left out for a reason; none are not worth a word."""
+        """Count `rows` that are left out for `reason`; does nothing for 0."""
         if rows:
             self.left_out[reason] = self.left_out.get(reason, 0) + int(rows)
 
     def note(self) -> dict[str, Any]:
-        """For the header of the recording."""
+        """The counts as notes for the header of the recording."""
         return {
             "rows_read": self.read,
             "rows_left_out": self.left_out,
@@ -60,7 +60,7 @@ class Counts:
         }
 
     def text(self) -> str:
-        """The same for people, a line for each thing that happened."""
+        """The counts as text, one line per event."""
         kept = self.read - sum(self.left_out.values())
         lines = [f"rows       {self.read} read, {kept} used, {self.rows} at 10 Hz"]
         lines += [f"left out   {rows} rows: {reason}" for reason, rows in self.left_out.items()]
@@ -68,9 +68,9 @@ class Counts:
         cut = f", {self.pieces} after {where} were cut" if self.pieces > self.tracks else ""
         short = f", {self.too_short} of them left out: seen between two frames of 10 Hz only" if self.too_short else ""
         if self.usual_sizes:
-            lines.append(f"sizes      {self.usual_sizes} pedestrians or cyclists without one got a usual one")
+            lines.append(f"sizes      {self.usual_sizes} pedestrians or cyclists without a size got a usual one")
         if self.backwards:
-            lines.append(f"speeds     {self.backwards} rows below 0, of who reverses or stands, became 0")
+            lines.append(f"speeds     {self.backwards} rows below 0, of reversing or standing vehicles, became 0")
         if self.harsh > HARSH_MAX:
             share = f"{self.harsh:.0%} of the accelerations are beyond 5 m/s2"
             lines.append(f"rough      {share}: field clean of the mapping, set to true, smooths positions")

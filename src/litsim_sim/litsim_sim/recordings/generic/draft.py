@@ -1,4 +1,4 @@
-"""A mapping drafted from a file's columns: names tell what they are, figures in which unit."""
+"""Drafting of a mapping: the meaning of columns is guessed from their names, units from their values."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ NAMES: dict[str, str] = {
     "lane": r"lane(_?id)?",
     "clip": r"(case|clip|recording|scenario|scene|sequence|file|log)_?(id|no|number)?",
 }
-"""By our name of a column, what those of files look like: lower case, words parted by underscores or by nothing."""
+"""Pattern of a file's column names, in lower case with words joined by underscores or nothing, by our name."""
 
 KINDS: dict[str, str] = {
     "car": r"car|van|suv|taxi|auto|passenger.*|vehicle|2",
@@ -54,9 +54,9 @@ KINDS: dict[str, str] = {
     "motorcycle": r"motor_?(cycle|bike).*|moped|scooter|1",
     "drop": r"ped.*|person|bi?cycl.*|bike.*|cyclist|animal|static.*|unknown_obstacle",
 }
-"""By our name of a kind, what those of files look like, in lower case; numbers are NGSIM's."""
+"""Pattern of a file's kinds, in lower case, by our name; the numbers are NGSIM's."""
 
-USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, where the file has none
+USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, for files without sizes
 CAMERA_RATES_HZ = (10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
 HINTS = (
     "# vehicles: {file: tracksMeta.csv, vehicle_id: id}  # a file with a row for each vehicle: classes, sizes",
@@ -65,24 +65,24 @@ HINTS = (
 )
 COMPONENTS = ("speed_x", "speed_y")
 HEIGHT = "height"
-"""Of a box in a picture, across the road; its width is along it."""
+"""Column of image boxes with their extent across the road; column width is their extent along it."""
 NUMBERS = {"time", "frame", "x", "y", "length", "width", "yaw", "speed", "speed_x", "speed_y"}
 IDENTITY = ("vehicle_id", "x", "y")
 
 
 @dataclass
 class _Draft:
-    """The fields of a mapping, and what to tell whoever looks them over."""
+    """The fields of a mapping, and remarks on them for the user."""
 
     fields: dict[str, Any]
     remarks: dict[str, str] = field(default_factory=dict)
 
 
 def draft(paths: Path | Sequence[Path]) -> str:
-    """Text of a mapping file for the table at `paths` (CSV or Parquet); what was guessed is marked by comments.
+    """Text of a mapping file for the table at `paths` (CSV or Parquet); guesses are marked by comments.
 
     Raises:
-        InputError: the file cannot be read, or has no columns for id, place and time.
+        InputError: the file cannot be read, or has no columns for id, position and time.
     """
     source = TableFiles.open(paths)
     columns = _named(source)
@@ -97,12 +97,12 @@ def draft(paths: Path | Sequence[Path]) -> str:
     if components and "speed" not in columns:
         table["speed"] = np.hypot(table["speed_x"], table["speed_y"])
     made = _Draft({"name": re.sub(r"\W+", "_", source.files[0].path.stem), "source": "", "licence": "", "net": ""})
-    made.remarks["source"] = "data set, site and period, as one would cite it"
-    made.remarks["net"] = "name of the SUMO net that it lies on"
+    made.remarks["source"] = "data set, site and period, as in a citation"
+    made.remarks["net"] = "name of the SUMO net in whose frame the positions are"
     sizes = {name: size for name, size in USUAL_SIZE.items() if name not in columns}
     made.fields["columns"] = columns | sizes | ({"speed": components} if "speed" in table and components else {})
     if sizes:
-        made.remarks["columns"] = f"the file has no {' and '.join(sizes)}: a usual car's are taken, in metres"
+        made.remarks["columns"] = f"the file has no {' and '.join(sizes)}: those of a usual car, in metres"
     made.fields["reference"] = "box_centre"
     made.remarks["reference"] = "a guess: box_centre, front_centre or rear_axle"
     if columns.get("width") == HEIGHT:
@@ -131,7 +131,7 @@ def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -
     """The numbers of a column, NaN where cells are empty.
 
     Raises:
-        InputError: a cell is something else; `name` and `row` tell it.
+        InputError: a cell holds something else; `name` is the column, `row` (n,) the places of the cells.
     """
     values = pd.to_numeric(column, errors="coerce").astype(np.float64)
     if (bad := (values.isna() & column.notna()).to_numpy()).any():
@@ -144,7 +144,7 @@ def _numbers(column: pd.Series, row: pd.Series, name: str, source: TableFiles) -
 
 
 def _named(source: TableFiles) -> dict[str, str]:
-    """By our name, the column of the file that is called so; the first of several."""
+    """The file's columns by our names; the first of several that match."""
     found: dict[str, str] = {}
     for ours, pattern in NAMES.items():
         for theirs in source.columns:
@@ -171,12 +171,12 @@ def _named(source: TableFiles) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class _Steps:
-    """Consecutive rows of the same vehicle, in the units of the file.
+    """Steps between consecutive rows of the same vehicle, in the units of the file.
 
     Attributes:
-        clock: our name of the column that they are ordered by, time or frame.
-        begin: (k) rows where the steps begin.
-        dt, dx, dy: (k,) by how much clock and place change.
+        clock: column that rows are ordered by: time or frame.
+        begin: (k) rows at which the steps begin.
+        dt, dx, dy: (k,) changes of clock and position.
     """
 
     clock: str
@@ -196,10 +196,10 @@ class _Steps:
 
 
 def _clock(made: _Draft, steps: _Steps) -> None:
-    """Unit of the times; of frame numbers, only that their rate has to be looked up."""
+    """Guess the unit of times; for frame numbers, put a placeholder for their rate."""
     if steps.clock == "frame":
         made.fields["rate_hz"] = 10.0
-        made.remarks["rate_hz"] = "a guess: frames a second of the camera"
+        made.remarks["rate_hz"] = "a guess: frames per second of the camera"
         return
     (low, high), median = STEP_RANGE_S, float(np.median(steps.dt)) if len(steps.dt) else 0.0
     fits = [unit for unit in ("s", "ms", "us", "ns") if low <= median * FACTORS[unit] <= high]
@@ -208,7 +208,7 @@ def _clock(made: _Draft, steps: _Steps) -> None:
 
 
 def _sizes(made: _Draft, table: pd.DataFrame) -> None:
-    """Unit of the sizes, by the width of half of the vehicles."""
+    """Guess the unit of sizes by the median width of the vehicles."""
     if "width" not in table:
         return
     width = float(table.groupby("vehicle_id")["width"].median().median())
@@ -219,7 +219,7 @@ def _sizes(made: _Draft, table: pd.DataFrame) -> None:
 
 
 def _motion(made: _Draft, steps: _Steps) -> None:
-    """Units of places, speeds and angles, by what fits together."""
+    """Guess the units of positions, speeds and angles such that they agree with each other."""
     units, columns = made.fields.setdefault("units", {}), made.fields["columns"]
     units["position"] = "ft" if re.search(r"_?(ft|feet)$", columns["x"].lower()) else "m"
     by_frame = steps.clock == "frame"
@@ -231,7 +231,7 @@ def _motion(made: _Draft, steps: _Steps) -> None:
         said = np.abs(steps.begin["speed"].to_numpy(np.float64)[moving])
         ratio = float(np.median(said / driven[moving]))
         rates = {0.0: 1.0}
-        if by_frame:  # whose rate is not in the file: that of a camera which makes speeds agree
+        if by_frame:  # the file does not give the rate: choose that of a camera by which speeds agree
             rates = {rate: rate / made.fields["rate_hz"] for rate in CAMERA_RATES_HZ}
         choices = {
             (unit, rate): abs(float(np.log(max(ratio, 1e-9) * FACTORS[unit] / faster)))
@@ -239,20 +239,20 @@ def _motion(made: _Draft, steps: _Steps) -> None:
             for rate, faster in rates.items()
         }
         units["speed"], rate = min(choices, key=lambda choice: round(choices[choice], 2))
-        made.remarks["units.speed"] = f"{_who_agrees(columns['speed'])} so with how positions change"
+        made.remarks["units.speed"] = f"{_agrees(columns['speed'])} best with the change of positions in this unit"
         if by_frame:
             made.fields["rate_hz"] = rate
-            made.remarks["rate_hz"] = "a guess by how positions change: frames a second of the camera"
+            made.remarks["rate_hz"] = "a guess by the change of positions: frames per second of the camera"
     if "yaw" in steps.begin and moving.any():
         _angles(made, steps.begin["yaw"].to_numpy(np.float64)[moving], np.arctan2(dy, dx)[moving])
 
 
-def _who_agrees(column: str | list[str]) -> str:
+def _agrees(column: str | list[str]) -> str:
     return f"column {column} agrees" if isinstance(column, str) else f"columns {' and '.join(column)} agree"
 
 
 def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:
-    """The convention by which headings (n,) are nearest to the direction of motion (n,) [rad]."""
+    """Guess the convention by which headings `angle` (n,) agree best with the directions of `motion` (n,) [rad]."""
     errors = {
         (unit, zero, positive): float(
             np.median(np.abs(wrap_angle(heading(angle * FACTORS[unit], zero, positive) - motion)))
@@ -263,7 +263,7 @@ def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:
     made.fields["units"]["angle"] = best[0]
     made.fields["angles"] = {"zero": best[1], "positive": best[2]}
     off = np.rad2deg(errors[best])
-    made.remarks["angles"] = f"so headings are {off:.2g} degrees off the direction of motion (median)"
+    made.remarks["angles"] = f"headings are then {off:.2g} degrees off the direction of motion (median)"
 
 
 def _kinds(made: _Draft, kinds: pd.Series) -> None:

@@ -1,6 +1,6 @@
-"""The mapping file: which column is what, in which unit, of which point.
+"""The mapping file: the meaning of a table's columns, their units and the reference point of positions.
 
-docs/data.md has an example each for a source of front centres and one of box centres.
+docs/data.md has examples for front centres and for box centres.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FACTORS: dict[str, float] = {
     "us": 1e-6,
     "ns": 1e-9,
 }
-"""By unit, what one of it is in SI units."""
+"""Value of one of each unit in SI units."""
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Length = Literal["m", "ft", "cm"]
@@ -48,27 +48,27 @@ class _Strict(BaseModel):
 
 
 class Span(_Strict):
-    """Numbers from `min` through `max`; either may be left out."""
+    """A range of numbers, bounds included; either may be omitted."""
 
     min: float = -math.inf
     max: float = math.inf
 
 
 class Columns(_Strict):
-    """Which column of the file is what; numbers in `length` and `width` are the same size for every vehicle.
+    """Names of the file's columns.
 
     Attributes:
-        vehicle_id: numbers or text.
-        frame: counts at `rate_hz`; either this or `time`.
-        time: of the row.
-        x, y: of the reference point.
-        length, width: column, or a number in the unit of sizes.
-        yaw: heading; derived from motion if not given.
-        speed, acceleration: along the heading; derived from positions if not given. Two columns of speed are its
+        vehicle_id: id, number or text.
+        frame: frame number at `rate_hz`; either this or `time`.
+        time: time of the row.
+        x, y: position of the reference point.
+        length, width: a column, or a number in the unit of sizes that holds for all vehicles.
+        yaw: heading; derived from motion if omitted.
+        speed, acceleration: values along the heading; derived from positions if omitted. Two columns of speed are its
             components along x and y.
         kind: class of the vehicle, translated by `kinds`.
-        clip: which of several clips a row is of; their times and vehicle ids have nothing to do with each other.
-        lane: counted from the left edge, 1 first.
+        clip: clip of the row; times and vehicle ids of different clips are unrelated.
+        lane: lane number, counted from 1 at the left edge.
     """
 
     vehicle_id: str
@@ -108,7 +108,7 @@ class Columns(_Strict):
         return self
 
     def named(self) -> dict[str, str]:
-        """By our name, the columns of the file; components of speed are ``speed_x`` and ``speed_y``."""
+        """The file's columns by our names; components of speed are ``speed_x`` and ``speed_y``."""
         said = self.model_dump()
         if isinstance(self.speed, tuple):
             said |= {"speed_x": self.speed[0], "speed_y": self.speed[1]}
@@ -116,11 +116,11 @@ class Columns(_Strict):
 
 
 class Vehicles(_Strict):
-    """A second file with a row for each vehicle, as many data sets have it for classes and sizes.
+    """A second file with one row per vehicle, in which many data sets keep classes and sizes.
 
     Attributes:
-        file: relative to the table.
-        vehicle_id: its column of ids, those of the table.
+        file: path relative to the table.
+        vehicle_id: its column with the ids of the table.
     """
 
     file: Annotated[str, Field(min_length=1)]
@@ -128,7 +128,7 @@ class Vehicles(_Strict):
 
 
 class Units(_Strict):
-    """The units of lengths, speeds, accelerations and times in the file, as the mapping names them."""
+    """Units of the file."""
 
     position: Length = "m"
     size: Length = "m"
@@ -139,16 +139,16 @@ class Units(_Strict):
 
 
 class Angles(_Strict):
-    """Convention of headings: where zero points, and which way they grow, in the axes of the file."""
+    """Convention of headings: the axis of the file that zero points along, and the direction in which they grow."""
 
     zero: Literal["x", "y"] = "x"
     positive: Literal["counterclockwise", "clockwise"] = "counterclockwise"
 
 
 class Transform(_Strict):
-    """Rigid transform to frame map: positions are turned by `yaw_deg` counter-clockwise, then moved by x, y [m].
+    """Rigid transform to frame map: positions are rotated by `yaw_deg` counter-clockwise, then translated by x, y [m].
 
-    `mirror_y` first changes the sign of y (and of headings): for images, whose y grows downwards.
+    `mirror_y` first changes the sign of y and of headings, for image coordinates with y pointing down.
     """
 
     yaw_deg: Number = 0.0
@@ -161,22 +161,22 @@ class Mapping(_Strict):
     """The mapping file.
 
     Attributes:
-        name, source, licence, net: for the header of the recording.
-        columns: which column is what.
-        vehicles: where those of the columns are that the table lacks.
-        reference: what x and y are of: the middle of the front bumper, of the box or of the rear axle; or the corner of
-            the box where x and y of the file are least, all vehicles driving along its x axis, either way.
+        name, source, licence, net: fields of the recording's header.
+        columns: names of the columns.
+        vehicles: file with the columns that the table lacks.
+        reference: point that x and y refer to: the centre of the front bumper, of the box or of the rear axle; or the
+            corner of the box with the smallest x and y, if all vehicles drive along the x axis of the file.
         rate_hz: frames per second of column `frame`.
-        units, angles, transform: of the file.
-        kinds: vehicle classes by what column `kind` says; ``drop`` leaves those rows out. Pedestrians and bicycles
-            follow their log whatever happens, see :mod:`litsim_sim.recordings.generic.obstacles`.
-        clip: the clip to convert, of those in column `clip`; needed where there are several.
-        rows: by column of the file, which rows to keep: a value, a list of values, or a :class:`Span`.
-        signals: file of what the signals of the net showed (docs/signals.md), relative to the mapping; times in it are
-            those of the column `time`, or else counted from frame 0.
-        accept: checks of :mod:`litsim_sim.recordings.generic.plausibility` that are left out, the file being right.
-        clean: whether headings, speeds and accelerations are derived from smoothed positions. Needed where the file has
-            none and positions are noisy; left out, those of the file stay, and missing ones are plain differences.
+        units, angles, transform: conventions of the file.
+        kinds: our kind for each value of column `kind`; ``drop`` leaves rows out. Pedestrians and bicycles always
+            follow their log, see :mod:`litsim_sim.recordings.generic.obstacles`.
+        clip: the clip to convert, a value of column `clip`; required if there are several.
+        rows: the rows to keep, by column of the file: a value, a list of values, or a :class:`Span`.
+        signals: file with the states of the net's signals (docs/signals.md), relative to the mapping; its times are
+            those of column `time`, or else count from frame 0.
+        accept: checks of :mod:`litsim_sim.recordings.generic.plausibility` to skip.
+        clean: whether headings, speeds and accelerations are derived from smoothed positions, as noisy positions need;
+            else those of the file are kept, and missing ones are plain differences.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -202,6 +202,6 @@ def read_mapping(path: Path) -> Mapping:
     """Read a mapping file.
 
     Raises:
-        InputError: it is missing, no YAML, or a field is missing, unknown or of the wrong type.
+        InputError: it is missing or not YAML, or a field is missing, unknown or of the wrong type.
     """
     return read_yaml(path, Mapping)

@@ -1,7 +1,7 @@
-"""Pedestrians and cyclists of a table: what of them is used, and what takes the place of the rest.
+"""Pedestrians and cyclists of a table: which of their columns are used, and defaults for the others.
 
-Data sets say less of them than of vehicles, and less reliably: many give no heading, no size or a size of 0. They are
-obstacles that follow their log, so that their places matter, and headings and speeds that fit these are good enough.
+Data sets describe them less completely than vehicles: many give no heading, no size, or a size of 0. As obstacles that
+follow their log they need accurate positions only; headings and speeds are derived from these.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from litsim_sim.recordings.generic.mapping import Mapping
 from litsim_sim.recordings.recording import BOUNDS
 
 USUAL_SIZES: dict[Kind, tuple[float, float]] = {Kind.BICYCLE: (1.8, 0.6), Kind.PEDESTRIAN: (0.5, 0.5)}
-"""Length and width [m] of those whose size the file does not say."""
+"""Default length and width [m]."""
 
 NAMES = tuple(kind.name.lower() for kind in USUAL_SIZES)
 UNUSED = ("yaw", "speed", "speed_x", "speed_y", "acceleration")
 
 
 def obstacle_rows(table: pd.DataFrame) -> BoolArray:
-    """(n,) rows of pedestrians and cyclists in a table with our column kind, as names or as numbers, or without it."""
+    """Mask (n,) of the rows of pedestrians and cyclists; column `kind` holds names or numbers, and may be absent."""
     if "kind" not in table:
         return np.zeros(len(table), np.bool_)
     if pd.api.types.is_numeric_dtype(table["kind"]):
@@ -31,7 +31,7 @@ def obstacle_rows(table: pd.DataFrame) -> BoolArray:
 
 
 def without_unused(given: pd.DataFrame) -> pd.DataFrame:
-    """`given`, as the file has it, with 0 for what is not used of pedestrians and cyclists, and for missing sizes."""
+    """`given`, as read, with 0 for the unused columns of pedestrians and cyclists and for their missing sizes."""
     rows = obstacle_rows(given)
     if not rows.any():
         return given
@@ -43,10 +43,9 @@ def without_unused(given: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_usual_sizes(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> pd.DataFrame:
-    """`table`, in SI units, with usual sizes for pedestrians and cyclists who have none.
+    """`table`, in SI units, with default sizes for pedestrians and cyclists without a size.
 
-    That is where the mapping gives one size for every vehicle, or where half of somebody's rows are smaller than any
-    agent of a recording may be.
+    They have none if the mapping gives one size for all vehicles, or if their median size is below BOUNDS.
     """
     rows = obstacle_rows(table)
     if not rows.any():

@@ -1,8 +1,8 @@
-"""Whether a table is what its mapping says: wrong units and conventions show in how vehicles move, and in their sizes.
+"""Plausibility checks of a mapping: wrong units and conventions show in the motion and the sizes of vehicles.
 
-Each check compares two things that have to agree, and says which other unit or convention of the mapping would make
-them agree. Bounds are wide on purpose (our choice): a wrong unit is off by a factor of three at least, the nearest
-rates of frames that are in use (10 and 12.5, 25 and 30) by one of 1.2.
+Each check compares two quantities that must agree, and suggests another unit or convention of the mapping under which
+they do. The bounds are our choice and wide: a wrong unit is off by a factor of three at least, the closest frame rates
+in use (10 and 12.5, 25 and 30) by one of 1.2.
 """
 
 from __future__ import annotations
@@ -19,39 +19,39 @@ from litsim_sim.recordings.generic import sides
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.sides import MOVING
 
-STEP_RANGE_S = (0.005, 0.5)  # between rows of a vehicle: 200 to 2 rows a second
-SPEED_MAX = 70.0  # [m/s] that nine in ten rows keep to
-AGREEMENT = 1.15  # by which speeds may differ from those of the positions; those of NGSIM's files do by 1.01
-HEADING_MAX = 0.35  # [rad] by which headings may differ from the direction of motion, half of the rows being better
-MISREAD = 0.005  # of the moving rows; where more are off than that, another convention may leave half of them at most
-TURNED_MAX = np.deg2rad(3.0)  # by which headings of vehicles that go straight may all differ from their way; NGSIM: 0
-STRAIGHT, WAY_MIN, VEHICLES_MIN = np.deg2rad(8.0), 20.0, 5  # range of headings, [m], vehicles: who goes straight
-ACROSS_MAX = 0.05  # of the moving rows that may lead off the x axis where corners of boxes along it are given
-REVERSE_MAX = 5.0  # [m/s] faster than which nobody reverses
-STANDING = 0.5  # [m/s] below which all but one in a hundred rows are of parked vehicles
-CHANGE_S = 1.0  # [s] over which speeds are compared with those of the second before
-CHANGE_MIN = 0.5  # [m/s2] from which on a change of speed is certain
-CHANGES = (0.32, 1.6)  # by which accelerations may differ from those of the positions; NGSIM's files: 0.39 to 1
-SAME_SIGN = 0.8  # of the changes have to have the same sign; in NGSIM's files 0.95 do
-LENGTH_RANGE, WIDTH_RANGE = (1.5, 25.0), (0.5, 3.2)  # [m] of half of the vehicles
+STEP_RANGE_S = (0.005, 0.5)  # time between rows of a vehicle: 200 to 2 rows per second
+SPEED_MAX = 70.0  # [m/s] bound on the 90 % quantile of speeds
+AGREEMENT = 1.15  # largest ratio between speeds and those of the positions; 1.01 in NGSIM's files
+HEADING_MAX = 0.35  # [rad] bound on the median angle between heading and direction of motion
+MISREAD = 0.005  # share of moving rows off by more above which a convention that halves it is suggested
+TURNED_MAX = np.deg2rad(3.0)  # bound on the median offset of headings of vehicles that go straight; NGSIM: 0
+STRAIGHT, WAY_MIN, VEHICLES_MIN = np.deg2rad(8.0), 20.0, 5  # going straight: range of headings, [m]; vehicles needed
+ACROSS_MAX = 0.05  # share of moving rows that may lead off the x axis for reference box_corner
+REVERSE_MAX = 5.0  # [m/s] largest plausible speed in reverse
+STANDING = 0.5  # [m/s] if 99 % of rows are slower, all vehicles are parked
+CHANGE_S = 1.0  # [s] interval over which speeds are compared
+CHANGE_MIN = 0.5  # [m/s2] smallest change of speed that counts
+CHANGES = (0.32, 1.6)  # ratio of accelerations to those of the positions; NGSIM's files: 0.39 to 1
+SAME_SIGN = 0.8  # smallest share of changes with the same sign; 0.95 in NGSIM's files
+LENGTH_RANGE, WIDTH_RANGE = (1.5, 25.0), (0.5, 3.2)  # [m] bounds on the medians
 ROWS_MIN = 20  # moving rows that a comparison needs
 ANGLE_UNITS, ZEROS, POSITIVES = ("rad", "deg"), ("x", "y"), ("counterclockwise", "clockwise")
 
 
 def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
-    """Refuse a table that does not move as traffic does.
+    """Refuse a table with implausible motion or sizes.
 
     Args:
-        table: in SI units and frame map, sorted by vehicle and time; columns vehicle_id, t, x, y, length, width,
+        table: rows in SI units and frame map, sorted by vehicle and time; columns vehicle_id, t, x, y, length, width,
             lane, and yaw, speed and acceleration where the file has them.
-        mapping: what the file is said to be; checks in its field `accept` are left out.
-        where: names the file in errors.
+        mapping: the mapping; checks in its field `accept` are skipped.
+        where: name of the file in errors.
 
     Raises:
-        InputError: every check that failed, with the figure that gives it away.
+        InputError: checks failed; the message has the figure of each.
     """
     found = {"time": _time(table, mapping), "size": _size(table, mapping)}
-    if not found["time"]:  # else nothing that follows from times says anything
+    if not found["time"]:  # the others depend on times
         found |= {
             "speed": _speed(table, mapping),
             "acceleration": _acceleration(table, mapping),
@@ -61,13 +61,13 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
     problems = [f"{text} (check {name})" for name, text in found.items() if text and name not in mapping.accept]
     if problems:
         raise InputError(
-            f"{where}: {'; '.join(problems)}; nothing was written: mend the mapping, or list a check in its field "
+            f"{where}: {'; '.join(problems)}; nothing was written: correct the mapping, or list a check in its field "
             f"accept if the file is right"
         )
 
 
 def _time(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Rows of a vehicle follow each other by a plausible time."""
+    """Check that the time between rows of a vehicle is plausible."""
     step = _steps(table)["dt"].to_numpy()
     if not len(step):
         return ""
@@ -84,7 +84,7 @@ def _time(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _speed(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Speeds are those at which the positions change."""
+    """Check that speeds agree with the change of positions."""
     steps = _steps(table)
     driven = steps["way"].to_numpy() / steps["dt"].to_numpy()
     if "speed" not in table:
@@ -94,7 +94,7 @@ def _speed(table: pd.DataFrame, mapping: Mapping) -> str:
             return ""
         far = f"{fast:.0f} m/s in one row of ten and more, expected at most {SPEED_MAX:g}"
         if slow < STANDING:
-            far = f"less than {STANDING:g} m/s in 99 of 100 rows, so that nobody drives"
+            far = f"less than {STANDING:g} m/s in 99 of 100 rows, so that no vehicle moves"
         right = f"is units.position, which is {mapping.units.position}, right, and {_clock(mapping)}?"
         return f"positions change by {far}: {right}{_degrees(table, mapping)}"
     if (back := table["speed"].to_numpy() < -REVERSE_MAX).any():
@@ -125,7 +125,7 @@ def _speed(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _acceleration(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Accelerations are those at which the way of a second is longer than that of the second before."""
+    """Check that accelerations agree with the change of positions."""
     if "acceleration" not in table:
         return ""
     said, driven = _changes(table)
@@ -138,8 +138,8 @@ def _acceleration(table: pd.DataFrame, mapping: Mapping) -> str:
     if same < SAME_SIGN and ratio != 0.0:
         return (
             f"{where} the opposite of how speeds change in {1.0 - same:.0%} of {len(said)} clear changes: is it an "
-            f"acceleration along an axis, or is braking positive? Without field columns.acceleration it follows from "
-            f"the speeds"
+            f"acceleration along an axis, or is braking positive? Without field columns.acceleration it is derived "
+            f"from the speeds"
         )
     if CHANGES[0] <= ratio <= CHANGES[1]:
         return ""
@@ -149,16 +149,18 @@ def _acceleration(table: pd.DataFrame, mapping: Mapping) -> str:
         if CHANGES[0] <= ratio * FACTORS[unit] / FACTORS[mapping.units.acceleration] <= CHANGES[1]
     ]
     would = (
-        f"; {' or '.join(fits)} would fit" if fits else "; without field columns.acceleration it follows from speeds"
+        f"; {' or '.join(fits)} would fit"
+        if fits
+        else "; without field columns.acceleration it is derived from the speeds"
     )
     return f"{where} {ratio:.3g} times the acceleration with which positions change (median){would}"
 
 
 def _changes(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
-    """(k,) accelerations [m/s2] by the file and by its positions, both from the ways of two seconds in a row.
+    """(k,) accelerations [m/s2] by the file's column and by its positions, each over two consecutive seconds.
 
-    That of a second less that of the second before is what accelerations come to that are integrated twice; noise of
-    positions weighs little in it.
+    Both are second differences of the distance travelled, the former of accelerations integrated twice; noise of
+    positions has little weight in them.
     """
     vehicle, t, x, y, given = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y", "acceleration"))
     begins = np.flatnonzero((vehicle[1:] != vehicle[:-1]) | (np.diff(t) > STEP_RANGE_S[1])) + 1
@@ -176,14 +178,14 @@ def _changes(table: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
 
 
 def _degrees(table: pd.DataFrame, mapping: Mapping) -> str:
-    """What to ask where positions may be longitudes and latitudes: they hardly differ, in any unit."""
+    """A hint for positions that may be longitudes and latitudes, which hardly differ in any unit; else empty."""
     if mapping.units.position != "m" or max(np.ptp(table[name].to_numpy()) for name in ("x", "y")) > 1.0:
         return ""
     return "; or are they degrees? Longitudes and latitudes have to be projected to metres first"
 
 
 def _across(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Vehicles whose corners are given drive along the x axis of the file."""
+    """Check, for reference box_corner, that vehicles drive along the x axis of the file."""
     steps = _steps(table)
     steps = steps[steps["way"] > MOVING * steps["dt"]]
     if mapping.reference != "box_corner" or len(steps) < ROWS_MIN:
@@ -199,7 +201,7 @@ def _across(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Headings are where vehicles go."""
+    """Check that headings agree with the direction of motion."""
     if "yaw" not in table:
         return ""
     steps = _steps(table)
@@ -210,7 +212,7 @@ def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
     error, off = _apart(yaw, motion), _off(yaw, motion)
     mirror = -1.0 if mapping.transform.mirror_y else 1.0
     turn = np.deg2rad(mapping.transform.yaw_deg)
-    there = mirror * (motion - turn)  # in the axes of the file; mirrored with the headings, it tells nothing of them
+    there = mirror * (motion - turn)  # in the axes of the file, mirrored like the headings
     angle = mirror * (yaw - turn) - (0.5 * np.pi if mapping.angles.zero == "y" else 0.0)
     angle = angle if mapping.angles.positive == "counterclockwise" else -angle
     fits = []
@@ -236,8 +238,8 @@ def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
         far = f"{off_by} (median of moving rows), at most {most} expected"
     else:
         far = (
-            f"more than {most} degrees off the direction of motion in {off:.1%} of the moving rows, and in less than "
-            f"half as many by another convention"
+            f"more than {most} degrees off the direction of motion in {off:.1%} of the moving rows, and in at most "
+            f"half as many under another convention"
         )
     largest = float(np.abs(angle).max() / FACTORS[mapping.units.angle])
     return (
@@ -247,7 +249,7 @@ def _heading(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _turned_headings(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Vehicles that go straight all point along their way, not to one side of it."""
+    """Check that headings of vehicles that go straight are not all turned to one side of their way."""
     off = []
     for _, rows in table.groupby("vehicle_id", sort=False):
         yaw = np.unwrap(rows["yaw"].to_numpy())
@@ -266,7 +268,7 @@ def _turned_headings(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _size(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Vehicles are as large as vehicles."""
+    """Check that median length and width are those of vehicles."""
     vehicles = table.groupby("vehicle_id")[["length", "width"]].median()
     length, width = (float(vehicles[name].median()) for name in ("length", "width"))
     said = f"half of the vehicles are longer than {length:.3g} m and wider than {width:.3g} m"
@@ -282,7 +284,7 @@ def _size(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def heading(angle: FloatArray, zero: str, positive: str) -> FloatArray:
-    """Headings (n,) in mathematical convention from angles [rad] by a convention of the mapping, in the file's axes."""
+    """Headings (n,) [rad], counter-clockwise from x, of angles (n,) [rad] in the convention given; axes of the file."""
     return (angle if positive == "counterclockwise" else -angle) + (0.5 * np.pi if zero == "y" else 0.0)
 
 
@@ -312,7 +314,7 @@ def _apart(angles: FloatArray, others: FloatArray) -> float:
 
 
 def _off(angles: FloatArray, others: FloatArray) -> float:
-    """Share of two arrays of angles (n,) [rad] that are farther apart than headings and motion may be."""
+    """Share of pairs of angles (n,) [rad] that differ by more than HEADING_MAX."""
     return float((np.abs(wrap_angle(angles - others)) > HEADING_MAX).mean())
 
 

@@ -1,4 +1,4 @@
-"""The columns and rows of a CSV or Parquet file that a mapping asks for."""
+"""Reading of the columns and rows that a mapping selects from a CSV or Parquet file."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from litsim_sim.io.table_input import TableFile, TableFiles
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.generic.mapping import Mapping, Span, Value, Vehicles
 
-NEEDED = ("vehicle_id", "frame", "time", "x", "y", "clip")  # columns that each of several files has to have
-SHOWN = 12  # values of a column that a message lists
+NEEDED = ("vehicle_id", "frame", "time", "x", "y", "clip")  # columns required in each of several files
+SHOWN = 12  # most values of a column that a message lists
 
 
 def read_rows(source: TableFiles, mapping: Mapping, counts: Counts) -> pd.DataFrame:
-    """The columns that the mapping names, by our names, of the rows that it keeps; and their places in `row`.
+    """The columns that the mapping names, under our names, for the rows that it keeps; `row` holds their places.
 
     Raises:
-        InputError: the file cannot be read, lacks a column, has several clips of which none is chosen, or the mapping
-            keeps no row of it.
+        InputError: the file cannot be read, lacks a column, or has several clips of which none is chosen; or the
+            mapping keeps no row.
     """
     columns = mapping.columns.named()
     wanted = {*columns.values(), *mapping.rows}
@@ -37,10 +37,10 @@ def read_rows(source: TableFiles, mapping: Mapping, counts: Counts) -> pd.DataFr
 def _with_vehicles(
     raw: pd.DataFrame, wanted: list[str], vehicles: Vehicles, vehicle_id: str, source: TableFiles
 ) -> pd.DataFrame:
-    """The rows with the columns `wanted` of their vehicles, from the file that has a row for each.
+    """`raw` with the columns `wanted` added from the file `vehicles`, which has one row per vehicle.
 
     Raises:
-        InputError: that file cannot be read, lacks a column or a vehicle of the rows, or has one twice.
+        InputError: that file cannot be read, lacks a column or a vehicle, or has a vehicle twice.
     """
     other = TableFile.open(source.folder / vehicles.file)
     table = other.read(sorted({vehicles.vehicle_id, *wanted}), whose="of the mapping, field vehicles,")
@@ -48,7 +48,7 @@ def _with_vehicles(
     if (twice := ids.duplicated().to_numpy()).any():
         at = int(np.argmax(twice))
         raise InputError(
-            f"{other.at(table['row'].iloc[at])}: vehicle {ids.iloc[at]} is there a second time, expected a row for each"
+            f"{other.at(table['row'].iloc[at])}: vehicle {ids.iloc[at]} occurs a second time, expected one row for each"
         )
     theirs = texts(raw[vehicle_id])
     if (lost := ~theirs.isin(ids).to_numpy()).any():
@@ -62,7 +62,7 @@ def _with_vehicles(
 
 
 def _filtered(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """The rows that `rows` of the mapping keeps."""
+    """The rows that field `rows` of the mapping keeps."""
     for column, rule in mapping.rows.items():
         keep = _kept(raw[column], rule, f"{source}: field rows.{column}")
         if not keep.any():
@@ -84,7 +84,7 @@ def _kept(values: pd.Series, rule: Value | list[Value] | Span, where: str) -> pd
 
 
 def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """The rows of the clip that the mapping chooses, or of the only one."""
+    """The rows of the clip that the mapping selects, or of the only one."""
     column = mapping.columns.clip
     if column is None:
         return raw
@@ -104,14 +104,14 @@ def _of_one_clip(raw: pd.DataFrame, mapping: Mapping, source: TableFiles, counts
 
 
 def texts(column: pd.Series) -> pd.Series:
-    """What a column of kinds or ids says, as the texts by which these are compared; that of an empty cell is empty."""
+    """The values of a column of kinds or ids as normalised text, see :func:`plain`; empty for empty cells."""
     codes, names = pd.factorize(column, use_na_sentinel=False)
     plainly = np.array(["" if pd.isna(name) else plain(name) for name in names], object)
     return pd.Series(plainly[codes], index=column.index)
 
 
 def plain(value: object) -> str:
-    """A value as the text by which it is compared: 3, 3.0 and "3" are the same."""
+    """A value as normalised text for comparisons: 3, 3.0 and "3" are the same."""
     if isinstance(value, bool | np.bool_):
         return str(bool(value)).lower()
     text = str(value).strip()

@@ -1,4 +1,4 @@
-"""Tracks with rows at any times, at 10 Hz."""
+"""Resampling of tracks with rows at arbitrary times to 10 Hz."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from litsim_sim.io.table_input import TableFiles
 from litsim_sim.recordings.generic.counts import Counts
 from litsim_sim.recordings.ngsim.tracks import JUMP_MAX, PIECE
 
-HOLE_MAX_S = 0.5  # [s] without a row that is interpolated; a longer hole splits the track
-EDGE = 1e-4  # of a frame by which a row may miss it: more than seconds since 1970 are rounded to
-AWAY_MAX_S = 0.5  # [s] for which a vehicle may be elsewhere between two jumps: an error, those rows are left out
-JUMPS_MAX = 0.01  # of the rows; where more are left out, or follow a jump, the file is refused
+HOLE_MAX_S = 0.5  # [s] longest hole that is interpolated; a longer one splits the track
+EDGE = 1e-4  # [frames] tolerance of times at frames; above the rounding of seconds since 1970
+AWAY_MAX_S = 0.5  # [s] shorter stretches between two jumps are errors and left out
+JUMPS_MAX = 0.01  # share of rows left out or following a jump above which the file is refused
 
 
 def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """Rows sorted by vehicle and time; rows that say the same of a vehicle at the same time are one.
+    """Rows sorted by vehicle and time, without exact copies.
 
     Raises:
-        InputError: a vehicle is at two places at a time.
+        InputError: a vehicle has two different rows at one time.
     """
     kept = table.drop_duplicates([name for name in table.columns if name != "row"])
     counts.leave_out("exact copy of another", len(table) - len(kept))
@@ -34,7 +34,7 @@ def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Data
         at = int(np.argmax(twice))
         rows = table["row"].to_numpy()[at : at + 2]
         raise InputError(
-            f"{source.at(*rows)}: vehicle {vehicle[at]} is there twice at "
+            f"{source.at(*rows)}: vehicle {vehicle[at]} occurs twice at "
             f"{table['t'].iloc[at]:.3f} s, with other values; {int(twice.sum())} such pairs; are there several clips "
             f"in the file (field columns.clip of the mapping)?"
         )
@@ -42,17 +42,17 @@ def in_order(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Data
 
 
 def without_outliers(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """Rows, in order, without those for which a vehicle jumps elsewhere for less than half a second.
+    """Rows, in order, without stretches of less than half a second between two jumps of a vehicle.
 
     Raises:
-        InputError: vehicles jump so often that the rows of an id are hardly those of one vehicle.
+        InputError: there are so many jumps that rows of one id cannot be of one vehicle.
     """
     vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
     jumps = _jumps(table)
     if not jumps.any():
         return table
     begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
-    stretch = np.cumsum(begins | jumps) - 1  # of each row: tracks, parted where they jump
+    stretch = np.cumsum(begins | jumps) - 1  # stretch of each row: tracks, cut at jumps
     first = np.flatnonzero(begins | jumps)
     last = np.r_[first[1:], len(table)] - 1
     whole = begins[first] & np.r_[begins[first[1:]], True]
@@ -63,14 +63,14 @@ def without_outliers(table: pd.DataFrame, source: TableFiles, counts: Counts) ->
         way = float(np.hypot(*np.diff(rows[["x", "y"]].to_numpy(), axis=0)[0]))
         raise InputError(
             f"{source.at(*rows['row'])}: vehicle {vehicle[at]} moves by {way:.4g} m within {t[at] - t[at - 1]:.3g} s; "
-            f"{int(jumps.sum())} such jumps: has every vehicle an id of its own?"
+            f"{int(jumps.sum())} such jumps: does every vehicle have its own id?"
         )
     counts.leave_out("the vehicle jumps elsewhere for less than half a second", int(away.sum()))
     return table[~away].reset_index(drop=True)
 
 
 def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
-    """Tracks with long holes and jumps cut, and their pieces renumbered; rows are in order."""
+    """Tracks cut at long holes and jumps, with the pieces renumbered; rows are in order."""
     vehicle, step = table["vehicle_id"].to_numpy(), np.diff(table["t"].to_numpy())
     same = vehicle[1:] == vehicle[:-1]
     begins = np.r_[True, ~same]
@@ -85,12 +85,12 @@ def split(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
 
 
 def resampled(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.DataFrame:
-    """Every track at the frames of 10 Hz that lie within its time; values between rows are interpolated.
+    """Every track at the 10 Hz frames within its time span; values between rows are interpolated.
 
-    Pieces of tracks that are seen between two frames only are left out.
+    Tracks without such a frame are left out.
 
     Raises:
-        InputError: all are.
+        InputError: no track is left.
     """
     pieces = []
     for vehicle, rows in table.groupby("vehicle_id", sort=True):
@@ -121,7 +121,7 @@ def resampled(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Dat
 
 
 def _jumps(table: pd.DataFrame) -> BoolArray:
-    """(n,) rows that are farther from the one before, of the same vehicle, than any vehicle moves meanwhile."""
+    """Mask (n,) of rows farther from the previous one of the vehicle than any vehicle moves in that time."""
     vehicle: IntArray = table["vehicle_id"].to_numpy()
     t, x, y = (table[name].to_numpy() for name in ("t", "x", "y"))
     far = np.hypot(np.diff(x), np.diff(y)) > JUMP_MAX * np.maximum(np.diff(t) / STEP_S, 1.0)

@@ -1,8 +1,7 @@
-"""On which side of each other vehicles drive: what of a table shows whether its y axis points down.
+"""Detection of mirrored tables: the sides on which vehicles pass each other show whether the y axis points down.
 
-Motion turns with the axes, so that speeds and headings agree in a mirrored table as they do in a right one. What does
-not is the side: lanes are numbered from the left, and where one drives on the right, who comes the other way passes on
-the left.
+Speeds and headings agree with the motion in a mirrored table as well. Sides do not: lanes are numbered from the left,
+and in right-hand traffic oncoming vehicles pass on the left.
 """
 
 from __future__ import annotations
@@ -15,27 +14,27 @@ import pandas as pd
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import FloatArray, IntArray
 
-INSTANTS = 400  # at which vehicles are compared
-INSTANT_S = 0.1  # [s] rows of vehicles that are no farther apart are of the same instant
-MOVING = 2.0  # [m/s] from which on a direction of motion is certain
-WAY_MIN = 0.05  # [m] between two rows, likewise
-ABREAST = 10.0  # [m] along the road, for vehicles that pass each other
-BESIDE = (2.0, 9.0)  # [m] across it
-ALONG = 30.0  # [m] along the road, for those in neighbouring lanes
+INSTANTS = 400  # about as many instants are compared
+INSTANT_S = 0.1  # [s] resolution of instants
+MOVING = 2.0  # [m/s] smallest speed at which the direction of motion is reliable
+WAY_MIN = 0.05  # [m] smallest distance between two rows, likewise
+ABREAST = 10.0  # [m] largest longitudinal distance of vehicles that pass each other
+BESIDE = (2.0, 9.0)  # [m] range of lateral distances
+ALONG = 30.0  # [m] largest longitudinal distance of vehicles in adjacent lanes
 SAME_WAY, ONCOMING = np.deg2rad(15.0), np.deg2rad(165.0)
-PAIRS_MIN = 6  # of vehicles that a share is taken of
-DOWN = "y points down, which transform.mirror_y mends"
-SHARE = 0.8  # of the pairs, from which on a side is certain
+PAIRS_MIN = 6  # fewest pairs of vehicles that are conclusive
+DOWN = "y points down, which transform.mirror_y corrects"
+SHARE = 0.8  # smallest share of pairs that is conclusive
 
 
 @dataclass(frozen=True)
 class Sides:
-    """How pairs of vehicles lie to each other.
+    """Lateral positions of pairs of vehicles relative to each other.
 
     Attributes:
-        oncoming: (p,) of pairs that meet, the median distance of the other to the left of one [m].
-        next_lane: (q,) of pairs that go the same way, the median distance to the left of the one whose lane has the
-            next higher number [m].
+        oncoming: (p,) median distance to the left at which the other vehicle of an oncoming pair passes [m].
+        next_lane: (q,) median distance to the left of the vehicle in the lane of the next higher number, for pairs that
+            go the same way [m].
     """
 
     oncoming: FloatArray
@@ -43,7 +42,7 @@ class Sides:
 
     @classmethod
     def of(cls, table: pd.DataFrame) -> Sides:
-        """The pairs in a table of rows in order: vehicle_id, t [s], x, y [m], lane."""
+        """The pairs in a table sorted by vehicle and time: vehicle_id, t [s], x, y [m], lane."""
         moving = _moving(table)
         instant = np.round(moving["t"].to_numpy() / INSTANT_S).astype(np.int64)
         every = max(1, len(np.unique(instant)) // INSTANTS)
@@ -57,7 +56,7 @@ class Sides:
 
 
 def problems(table: pd.DataFrame) -> str:
-    """What says that a table is mirrored, with its figures; empty where nothing does."""
+    """Evidence that a table is mirrored, with figures; empty for none."""
     sides, said = Sides.of(table), []
     right = sides.oncoming < 0.0
     if len(right) >= PAIRS_MIN and right.mean() >= SHARE:
@@ -76,7 +75,7 @@ def problems(table: pd.DataFrame) -> str:
 
 
 def _moving(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of vehicles that move, with the direction `course` [rad] to their next row."""
+    """Rows of moving vehicles, with the direction `course` [rad] to their next row."""
     vehicle, t, x, y = (table[name].to_numpy() for name in ("vehicle_id", "t", "x", "y"))
     dx, dy, dt = np.diff(x), np.diff(y), np.diff(t)
     way = np.hypot(dx, dy)
@@ -86,7 +85,7 @@ def _moving(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _pairs(rows: pd.DataFrame, one: IntArray, other: IntArray) -> dict[str, pd.DataFrame]:
-    """Of the pairs of `rows` of an instant: ids, and how far the second is to the left of the first [m]."""
+    """Pairs of `rows` of an instant, by kind: ids, and the distance of the second to the left of the first [m]."""
     ids, x, y, course, lane = (rows[name].to_numpy() for name in ("vehicle_id", "x", "y", "course", "lane"))
     swap = lane[one] > lane[other]
     one, other = np.where(swap, other, one), np.where(swap, one, other)
@@ -108,7 +107,7 @@ def _pairs(rows: pd.DataFrame, one: IntArray, other: IntArray) -> dict[str, pd.D
 
 
 def _medians(pairs: list[pd.DataFrame]) -> FloatArray:
-    """Median distance to the left by pair of vehicles."""
+    """Median distance to the left (k,) [m] of each pair of vehicles."""
     if not pairs:
         return np.zeros(0)
     return np.asarray(pd.concat(pairs).groupby(["one", "other"])["left"].median().to_numpy(), np.float64)

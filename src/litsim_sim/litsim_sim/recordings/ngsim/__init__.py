@@ -1,1 +1,1 @@
-"""NGSIM: its official files, read in blocks, mended and converted."""
+"""NGSIM: reading, repair and conversion of its official files."""

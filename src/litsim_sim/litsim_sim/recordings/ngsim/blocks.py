@@ -1,4 +1,4 @@
-"""Rows of NGSIM's official files, block by block, in SI units: feet end here. Every defect is said with its line."""
+"""Reading of NGSIM's official files block by block, converted from feet to SI units; errors name the line."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from litsim_sim.recordings.ngsim.row_sites import SiteFinder
 from litsim_sim.recordings.ngsim.sites import FOOT
 
 BLOCK = 16 << 20  # [bytes] read at once
-LENGTHS_IN_FEET = (8.0, 45.0)  # [ft] the median length of any traffic lies within
-METRES_BELOW = 8.0  # a median length from 2.5 to this is metres
+LENGTHS_IN_FEET = (8.0, 45.0)  # [ft] plausible range of the median length of vehicles
+METRES_BELOW = 8.0  # a median length between 2.5 and this is in metres
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class Block:
     """Consecutive rows of a file.
 
     Attributes:
-        columns: by our names, arrays (n,) in SI units; `site` holds indices of ``SITES``, `line` the line numbers.
-        end: byte after the block.
+        columns: arrays (n,) in SI units by our names; `site` holds indices of ``SITES``, `line` the line numbers.
+        end: offset of the byte after the block.
         end_line: number of the line after the block.
-        off_site: rows left out as their position is nowhere near their site.
+        off_site: number of rows left out because their position is far from their site.
     """
 
     columns: dict[str, np.ndarray]
@@ -41,14 +41,14 @@ class BlockReader:
     """Reads a file block by block.
 
     Args:
-        path: of the file.
-        layout: as :func:`litsim_sim.recordings.ngsim.formats.detect` says.
-        wanted: our names of the columns to read; those that the file has not are left out.
-        truncated: whether a last line that ends too early is left out instead of refused.
+        path: the file.
+        layout: see :func:`litsim_sim.recordings.ngsim.formats.detect`.
+        wanted: our names of the columns to read; those that the file lacks are left out.
+        truncated: whether an incomplete last line is left out instead of refused.
     """
 
     def __init__(self, path: Path, layout: Layout, wanted: Sequence[str], *, truncated: bool = False) -> None:
-        """Nothing is read yet."""
+        """Prepare to read; nothing is read yet."""
         needed = {*wanted, "time_ms", "global_x", "global_y", "length"} | ({"location"} & set(layout.columns))
         self.path, self.layout = path, layout
         self._wanted = [name for name in layout.columns if name in needed]
@@ -58,7 +58,7 @@ class BlockReader:
         self._units_known = False
 
     def blocks(self, start: int | None = None, line: int | None = None) -> Iterator[Block]:
-        """Blocks from byte `start`, which begins line `line`, on; from the first row if not given.
+        """The blocks from byte `start` on, where line `line` begins; default: from the first row.
 
         Raises:
             InputError: a line cannot be read, units or positions are not NGSIM's, or the file ends within a line.
@@ -70,7 +70,7 @@ class BlockReader:
             while data := file.read(BLOCK):
                 cut = data.rfind(b"\n") + 1
                 if len(data) < BLOCK:
-                    data += file.read()  # nothing, or what was appended in between
+                    data += file.read()  # usually nothing; else bytes appended in the meantime
                     cut = len(data)
                 elif not cut:
                     raise InputError(f"{self.path}: line {line}: no end of line within {BLOCK} bytes")
@@ -101,7 +101,7 @@ class BlockReader:
         return Block(columns, end, end_line, off_site)
 
     def _complete(self, data: bytes, line: int) -> bytes:
-        """`data`, whose last line has no end, made whole: cut back or refused if that line has too few columns."""
+        """`data` with its unterminated last line completed, or removed or refused if it has too few columns."""
         head, _, tail = data.rpartition(b"\n")
         count = len(self._parser.split(tail.decode("utf-8", "replace")))
         if not tail.strip() or count == len(self.layout.columns):
@@ -110,11 +110,11 @@ class BlockReader:
             return head + b"\n" if head else b""
         raise InputError(
             f"{self.path}: line {line}: the file ends within this line, after {count} of {len(self.layout.columns)} "
-            f"columns: it is cut off; get it whole (data download resumes), or read it as it is with --truncated"
+            f"columns: it is cut off; fetch the rest (data download resumes), or read it as it is with --truncated"
         )
 
     def _check_units(self, length: FloatArray) -> None:
-        """Refuse a file in metres: the median `length` (n,) of its vehicles, as it stands there, tells."""
+        """Refuse a file in metres, by the median `length` (n,) of its vehicles in the unit of the file."""
         if self._units_known or len(length) == 0:
             return
         median = float(np.median(length))

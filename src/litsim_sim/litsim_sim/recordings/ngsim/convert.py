@@ -1,4 +1,4 @@
-"""A conversion of an official NGSIM file under way: rows laid aside by clock, and recordings made of them."""
+"""Conversion of an official NGSIM file: rows are spooled to disk by clock, then recordings are made of them."""
 
 from __future__ import annotations
 
@@ -32,18 +32,19 @@ PUBLISHER = "US DOT / FHWA, doi 10.21949/1504477"
 CONVERSION = 1  # goes up whenever the same file would give other recordings
 REPORT_FILE = "conversion.json"
 STATE_FILE = "state.json"
-LAID_ASIDE = 1_000_000  # rows after which what was read is written and the state is saved
+SPOOLED = 1_000_000  # rows after which a part is written and the state is saved
 
 
 @dataclass(frozen=True)
 class Converted:
-    """One recording that a conversion has made.
+    """One recording made by a conversion.
 
     Attributes:
-        path: where it is.
-        rows, vehicles: what it holds.
-        mended: what was wrong in the file.
-        cleaning: figures before and after, as text; empty if it was not cleaned.
+        path: its file.
+        name: its name.
+        rows, vehicles: their numbers.
+        mended: counts of repaired defects of the file.
+        cleaning: figures before and after cleaning, as text; empty if it was not cleaned.
     """
 
     path: Path
@@ -54,14 +55,14 @@ class Converted:
     cleaning: str
 
     def text(self) -> str:
-        """A line that says what was converted, where it is and what was mended in it."""
+        """The recording, its file and the repairs, as one line of text."""
         mended = self.mended.text()
         return f"{self.name}: {self.rows} rows, {self.vehicles} vehicles -> {self.path} ({mended})"
 
 
 @dataclass(frozen=True)
 class Options:
-    """What else than the file decides what comes out; fields as the arguments of ``ngsim.convert``."""
+    """Options of a conversion; fields as the arguments of ``ngsim.convert``."""
 
     cleaned: bool = True
     truncated: bool = False
@@ -74,10 +75,10 @@ class Options:
 
 
 class Work:
-    """An unfinished conversion: rows by clock in Parquet files, and how far it has come."""
+    """An unfinished conversion: rows by clock in Parquet files, and its progress."""
 
     def __init__(self, source: Path, out: Path, options: Options) -> None:
-        """Take up what is there if it is of the same file and options."""
+        """Resume an earlier conversion of the same file with the same options, if there is one."""
         self.source, self.out, self.options = source, out, options
         self.folder = out.with_name(out.name + ".partial")
         self.offset, self.line, self.files, self.off_site, self.whole = -1, -1, 0, 0, False
@@ -89,7 +90,7 @@ class Work:
             self.offset, self.line, self.files = state["offset"], state["line"], state["files"]
             self.off_site, self.whole, self.done = state["off_site"], state["whole"], state["done"]
             self.clocks = Clocks.from_json(state["clocks"])
-            for part in self.folder.glob("*/*.parquet"):  # written after the state was saved: it will be read again
+            for part in self.folder.glob("*/*.parquet"):  # newer than the saved state: will be read again
                 if int(part.stem) >= self.files:
                     part.unlink()
         else:
@@ -101,16 +102,16 @@ class Work:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def save(self) -> None:
-        """Write down how far the work has come, so that a later conversion can go on from there."""
+        """Save the progress, so that a later conversion can resume from there."""
         names = ("offset", "line", "files", "off_site", "whole", "done")
         state = {name: getattr(self, name) for name in names}
         _write_json(self.folder / STATE_FILE, state | {"identity": self._identity, "clocks": self.clocks.to_json()})
 
     def spool(self, layout: Layout, *, progress: bool) -> None:
-        """Read what is left of the source and sort its rows by clock into Parquet files.
+        """Read the rest of the source, and write its rows by clock to Parquet files.
 
         Raises:
-            InputError: a line of it cannot be used, or it holds no rows.
+            InputError: a line cannot be used, or there are no rows.
         """
         if self.whole:
             return
@@ -128,15 +129,15 @@ class Work:
                     waiting.append(columns)
                 self.offset, self.line, self.off_site = block.end, block.end_line, self.off_site + block.off_site
                 bar.update(block.end - bar.n)
-                if sum(len(columns["line"]) for columns in waiting) >= LAID_ASIDE:
-                    self._write_aside(waiting)
+                if sum(len(columns["line"]) for columns in waiting) >= SPOOLED:
+                    self._spool_part(waiting)
                     waiting = []
         self.whole = True
-        self._write_aside(waiting)
+        self._spool_part(waiting)
         if not self.clocks.clocks:
             raise InputError(f"{self.source}: holds no rows")
 
-    def _write_aside(self, blocks: list[dict[str, np.ndarray]]) -> None:
+    def _spool_part(self, blocks: list[dict[str, np.ndarray]]) -> None:
         if blocks:
             columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
             clock = columns.pop("clock")
@@ -148,13 +149,13 @@ class Work:
                 path.parent.mkdir(exist_ok=True)
                 pq.write_table(table, path, compression="zstd", compression_level=1)
             self.files += 1
-        self.save()  # files that are written but not in a saved state are written again
+        self.save()  # files written after the last save are written again
 
     def make(self, *, progress: bool) -> list[Converted]:
-        """Make the recordings that are not made yet, and put everything under its final name.
+        """Make the missing recordings, and move everything to its final name.
 
         Raises:
-            InputError: some recordings cannot be made; those that can be are there.
+            InputError: some recordings cannot be made; the others have been.
             Unwritable: a file cannot be written.
         """
         periods = self.clocks.periods()
@@ -205,18 +206,18 @@ class Work:
 def recording_of(
     raw: pd.DataFrame, clocks: Clocks, period: Period, source: Path, options: Options, *, progress: bool = False
 ) -> tuple[Recording, RepairCounts, CleaningReport | None]:
-    """One recording, what was mended in it, and how its cleaning went (None if it was not cleaned).
+    """One recording, the counts of its repairs, and the report on its cleaning (None if it was not cleaned).
 
     Args:
-        raw: rows of a clock in the columns ``ngsim_tracks.NEEDED``, those of the crop, and `line`; SI units.
-        clocks: of the file.
-        period: of the recording; rows outside it are left out.
+        raw: rows of a clock in SI units: columns ``ngsim_tracks.NEEDED``, those of the crop, and `line`.
+        clocks: clocks of the file.
+        period: period of the recording; rows outside it are left out.
         source: the official file.
-        options: of the conversion.
+        options: options of the conversion.
         progress: show a bar on stderr.
 
     Raises:
-        InputError: the crop keeps nothing, or the rows make no recording.
+        InputError: the crop keeps nothing, or no recording can be made of the rows.
     """
     raw = raw[period.holds(raw["time_ms"].to_numpy())]
     raw = raw.assign(frame=ngsim_tracks.frames_of(raw["time_ms"].to_numpy(), clocks.clocks[period.clock].origin_ms))
@@ -238,7 +239,7 @@ def recording_of(
 
 
 def complete(source: Path, out: Path, options: Options) -> list[Converted] | None:
-    """What an earlier conversion of the same file has made, if it is all there."""
+    """The recordings of an earlier conversion with the same file and options; None unless all are there."""
     folder = out.with_suffix("") if out.suffix == ".parquet" else out
     report = _json(folder / REPORT_FILE)
     if report is not None and report.get("identity") == {"source": _identity(source), **options.key()}:
@@ -250,7 +251,7 @@ def complete(source: Path, out: Path, options: Options) -> list[Converted] | Non
         if notes and {"file": source.name, "bytes": source.stat().st_size, **options.key()}.items() <= notes.items():
             try:
                 table = pq.read_table(out, columns=["vehicle_id"], page_checksum_verification=True)
-            except UNREADABLE:  # to be made anew
+            except UNREADABLE:  # will be made again
                 return None
             vehicles = table.column("vehicle_id").unique()
             mended = RepairCounts(**notes["mended"])
@@ -260,7 +261,7 @@ def complete(source: Path, out: Path, options: Options) -> list[Converted] | Non
 
 
 def _notes(path: Path) -> dict[str, Any]:
-    """Notes in the header of a recording; none if it has none."""
+    """Notes in the header of a recording; empty without a header."""
     try:
         raw = (pq.read_schema(path).metadata or {}).get(HEADER_KEY, b"{}")
         notes = json.loads(raw).get("notes", {})
@@ -285,7 +286,7 @@ def _identity(path: Path) -> dict[str, Any]:
 
 
 def _json(path: Path) -> dict[str, Any] | None:
-    """What is in the file, or None if there is none or it is not whole."""
+    """The object in a JSON file; None if the file is missing or incomplete."""
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Fetching NGSIM from the US DOT's portal: resumed where it stopped, checked by size and by the number of rows."""
+"""Download of NGSIM from the US DOT's portal: resumable, checked by size and number of rows."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ EXPORT_PATH = f"/api/views/{DATASET}/rows.csv?accessType=DOWNLOAD"
 COUNT_PATH = f"/resource/{DATASET}.json?$select=count(*)"
 FILE = "ngsim_portal.csv"
 
-TIMEOUT_S = 20.0  # [s] without an answer
-RETRIES = 5  # broken connections in a row before giving up
-PAUSE_S = 2.0  # [s] before the next try
+TIMEOUT_S = 20.0  # [s] longest wait for data
+RETRIES = 5  # retries after broken connections
+PAUSE_S = 2.0  # [s] pause before a retry
 BLOCK = 1 << 20  # [bytes]
 
 
@@ -35,11 +35,11 @@ class Fetched:
     """A complete download.
 
     Attributes:
-        path: where it is.
-        size: [bytes].
-        rows: without the header.
-        expected_rows: what the portal says; None if it did not say.
-        resumed_at: bytes that an earlier try had left.
+        path: the file.
+        size: its size [bytes].
+        rows: number of rows, without the header.
+        expected_rows: number of rows according to the portal; None if unknown.
+        resumed_at: bytes that an earlier call had fetched.
     """
 
     path: Path
@@ -50,7 +50,7 @@ class Fetched:
 
 
 def advice(out: Path) -> str:
-    """Instructions to get the file on another machine and to put it at `out`, for a machine without a network."""
+    """Instructions to download the file on another machine and to put it at `out`, for machines without a network."""
     return (
         f"on a machine that has a network, open {PAGE} (dataset {DATASET}, {TITLE!r}), choose Export and CSV (about "
         f"12 million rows, 1.5 GB), and put the file at {out.absolute()}; then: data convert {out} FOLDER"
@@ -58,22 +58,22 @@ def advice(out: Path) -> str:
 
 
 def download(out: Path, *, host: str = HOST, progress: bool = False, pause_s: float = PAUSE_S) -> Fetched:
-    """Fetch the portal's CSV of all sites to `out`; what an earlier call has left in ``<out>.part`` is continued.
+    """Download the portal's CSV of all sites to `out`, resuming from ``<out>.part`` of an earlier call.
 
     Args:
         out: file to write; must not exist yet.
         host: scheme and name of the portal.
         progress: show a bar on stderr.
-        pause_s: between tries after a broken connection [s].
+        pause_s: pause before a retry after a broken connection [s].
 
     Raises:
-        InputError: the portal cannot be reached (with what to download by hand, and where to put it), what it sends is
-            no NGSIM, or size or number of rows are not what it says.
+        InputError: the portal cannot be reached (the message tells how to download by hand), the file is not NGSIM's,
+            or its size or number of rows is not that of the portal.
     """
     if not host.startswith(("https://", "http://")):
         raise InputError(f"host {host!r}: expected it to begin with https:// or http://")
     if out.exists():
-        raise InputError(f"{out}: is there already; remove it to fetch it again, or: data info {out}")
+        raise InputError(f"{out}: exists already; remove it to fetch it again, or: data info {out}")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         expected = _expected_rows(host)
@@ -91,7 +91,7 @@ def download(out: Path, *, host: str = HOST, progress: bool = False, pause_s: fl
 
 
 def _expected_rows(host: str) -> int | None:
-    """How many rows the portal says that there are; None if its answer cannot be understood."""
+    """Number of rows according to the portal; None if its answer cannot be parsed."""
     with _open(host + COUNT_PATH.replace("(*)", "(%2A)")) as answer:
         try:
             (row,) = json.loads(answer.read(BLOCK))
@@ -106,7 +106,7 @@ def _open(url: str, headers: dict[str, str] | None = None) -> Any:
 
 
 class _Transfer:
-    """The bytes of one address into a ``.part`` file, over as many connections as it takes."""
+    """Download of one URL to a ``.part`` file."""
 
     def __init__(self, url: str, out: Path, *, progress: bool, pause_s: float) -> None:
         self.url, self.out, self.progress, self.pause_s = url, out, progress, pause_s
@@ -115,7 +115,7 @@ class _Transfer:
         self.total: int | None = None
 
     def have(self) -> int:
-        """Number of bytes of the file that have been fetched already."""
+        """Number of bytes fetched already."""
         return self.part.stat().st_size if self.part.is_file() else 0
 
     def finish(self) -> None:
@@ -123,7 +123,7 @@ class _Transfer:
         self.about.unlink(missing_ok=True)
 
     def run(self) -> None:
-        """Fetch what is left of the file, over as many connections as it takes."""
+        """Fetch the rest of the file, with up to RETRIES retries."""
         broken = 0
         with tqdm(unit="B", unit_scale=True, desc=self.out.name, disable=not self.progress) as bar:
             while not self._once(bar):
@@ -133,7 +133,7 @@ class _Transfer:
                 time.sleep(self.pause_s)
 
     def _once(self, bar: tqdm[Any]) -> bool:
-        """One connection; whether the file is whole after it."""
+        """Fetch over one connection; return whether the file is complete."""
         have = self.have()
         headers = {}
         if have:
@@ -143,7 +143,7 @@ class _Transfer:
         try:
             answer = _open(self.url, headers)
         except urllib.error.HTTPError as error:
-            if error.code == http.client.REQUESTED_RANGE_NOT_SATISFIABLE and have:  # it is whole, or has changed
+            if error.code == http.client.REQUESTED_RANGE_NOT_SATISFIABLE and have:  # complete, or changed on the portal
                 said = (error.headers.get("Content-Range") or "").rpartition("/")[2]
                 if said == str(have):
                     return True
@@ -153,7 +153,7 @@ class _Transfer:
         with answer:
             resumed = answer.status == http.client.PARTIAL_CONTENT
             if have and not resumed:
-                bar.write(f"the portal does not continue at byte {have}: from the beginning")
+                bar.write(f"the portal does not resume at byte {have}: starting from the beginning")
             begin = have if resumed else 0
             length = answer.headers.get("Content-Length")
             self.total = begin + int(length) if length else None
@@ -172,7 +172,7 @@ class _Transfer:
         return self.total is None or self.have() >= self.total
 
     def _version(self) -> str:
-        """What the portal called the version that the first bytes are of."""
+        """The portal's version tag (ETag or date) of the bytes fetched so far; empty if unknown."""
         try:
             return str(json.loads(self.about.read_text(encoding="utf-8"))["version"])
         except (OSError, ValueError, KeyError, TypeError):
@@ -183,13 +183,13 @@ class _Transfer:
 
 
 def _checked(path: Path, expected: int | None) -> int:
-    """The number of rows, if that is NGSIM and all of it."""
+    """The number of rows of the file, after checks that it is NGSIM's and complete."""
     layout = ngsim_format.detect(path)
     if layout is None:
         with path.open("rb") as file:
             head = file.read(80)
         path.unlink()
-        raise InputError(f"{path}: what the portal sent is no NGSIM file, it begins with {head!r}; {advice(path)}")
+        raise InputError(f"{path}: the portal sent no NGSIM file: it begins with {head!r}; {advice(path)}")
     lines, last = 0, b"\n"
     with path.open("rb") as file:
         file.seek(layout.start)
@@ -198,7 +198,7 @@ def _checked(path: Path, expected: int | None) -> int:
     rows = lines + (last != b"\n")
     if expected is not None and rows != expected:
         raise InputError(
-            f"{path}: {rows} rows, but the portal says {expected}: run it again to fetch what is missing; if that "
-            f"changes nothing, remove this file and begin anew"
+            f"{path}: {rows} rows, but the portal says {expected}: run it again to fetch the rest; if that changes "
+            f"nothing, remove this file and start again"
         )
     return rows

@@ -1,4 +1,4 @@
-"""The files of NGSIM as they are published: their columns and layouts, recognised by content.
+"""Columns and layouts of NGSIM's published files, recognised by content.
 
 Two formats:
 
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from litsim_sim.core.errors import InputError
 
-HEAD = 1 << 16  # [bytes] that recognition looks at
+HEAD = 1 << 16  # [bytes] read for recognition
 
 NAMES: dict[str, tuple[str, ...]] = {
     "vehicle_id": ("Vehicle_ID",),
@@ -43,11 +43,11 @@ NAMES: dict[str, tuple[str, ...]] = {
     "time_headway": ("Time_Headway", "Time_Hdwy", "Headway"),
     "location": ("Location",),
 }
-"""Our names of the columns, and those of headers, in which case and signs do not matter."""
+"""Names of columns in headers, by our names; case and punctuation are ignored."""
 
 URBAN = ("o_zone", "d_zone", "intersection", "section", "direction", "movement")
 OPTIONAL = (*URBAN, "preceding", "following", "space_headway", "time_headway", "total_frames")
-"""Columns that may be absent or empty; -1 is unknown in those of whole numbers."""
+"""Columns that may be absent or empty; in integer columns -1 is unknown."""
 
 MOTORWAY_COLUMNS = tuple(name for name in NAMES if name not in URBAN and name != "location")
 STREET_COLUMNS = tuple(name for name in NAMES if name != "location")
@@ -60,12 +60,12 @@ WHOLE = ("vehicle_id", "frame", "total_frames", "time_ms", "vehicle_class", "lan
 
 @dataclass(frozen=True)
 class Layout:
-    """How a file is laid out.
+    """Layout of a file.
 
     Attributes:
         columns: our names, in the order of the file.
         separator: comma, semicolon or tab of a CSV file; a blank for text.
-        start: first byte of data.
+        start: offset of the first byte of data.
         line: number of the first line of data.
     """
 
@@ -76,16 +76,16 @@ class Layout:
 
     @property
     def title(self) -> str:
-        """The format in words: official NGSIM text or CSV, with its number of columns."""
+        """Name of the format, with its number of columns."""
         kind = "text" if self.separator == " " else "portal CSV" if "location" in self.columns else "CSV"
         return f"official NGSIM {kind}, {len(self.columns)} columns"
 
 
 def detect(path: Path) -> Layout | None:
-    """How the file at `path` is laid out, or None if it is not NGSIM's; looks at its beginning only.
+    """Layout of the file at `path`, from its first bytes; None if it is not NGSIM's.
 
     Raises:
-        InputError: it cannot be read, or is nearly NGSIM's: columns are missing, unknown or of the wrong number.
+        InputError: it cannot be read, or it resembles NGSIM's but columns are missing, unknown or of the wrong number.
     """
     try:
         with path.open("rb") as file:
@@ -135,7 +135,7 @@ def _plain(field: str) -> str:
 
 
 def is_number(text: str | None) -> bool:
-    if text is None:  # of a line with fewer fields than others
+    if text is None:  # the line has too few fields
         return False
     try:
         float(text)

@@ -1,4 +1,4 @@
-"""Lines of NGSIM's official files as columns of numbers; a line that cannot be read is said with its number."""
+"""Parsing of lines of NGSIM's official files to numeric columns; errors name the line."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from litsim_sim.recordings.ngsim.formats import NAMES, OPTIONAL, WHOLE, Layout, 
 
 
 def row_error(path: Path, lines: IntArray, bad: BoolArray, what: str) -> InputError:
-    """The error that says `what` of the first of the `bad` rows, and how many more there are.
+    """An error about the first of the `bad` rows, with the number of the others.
 
     Args:
-        path: of the file.
+        path: the file.
         lines: (n,) line numbers of the rows.
-        bad: (n,) which rows are meant; at least one.
-        what: is wrong with the first of them.
+        bad: (n,) mask of the bad rows, at least one.
+        what: what is wrong with the first of them.
     """
     more = int(bad.sum()) - 1
     also = f"; and {more} more such rows in this block" if more else ""
@@ -33,20 +33,20 @@ def row_error(path: Path, lines: IntArray, bad: BoolArray, what: str) -> InputEr
 
 
 class LineParser:
-    """Turns whole lines of a file into columns, in the units of the file.
+    """Parses complete lines of a file to columns, in the units of the file.
 
     Args:
-        path: of the file, for errors.
-        layout: as :func:`litsim_sim.recordings.ngsim.formats.detect` says.
+        path: the file, for errors.
+        layout: see :func:`litsim_sim.recordings.ngsim.formats.detect`.
         wanted: our names of the columns to read.
     """
 
     def __init__(self, path: Path, layout: Layout, wanted: Sequence[str]) -> None:
         self._path, self._layout, self._wanted = path, layout, list(wanted)
-        self._commas: set[str] = set()  # columns in which thousands commas were seen
+        self._commas: set[str] = set()  # columns with thousands commas so far
 
     def parse(self, data: bytes, line: int) -> pa.Table:
-        """The wanted columns of `data`, which begins with line `line`: numbers, or text where any is no plain number.
+        """The wanted columns of `data`, which begins at line `line`; columns with any non-numeric cell are text.
 
         Raises:
             InputError: a line has too few or too many columns.
@@ -65,7 +65,7 @@ class LineParser:
                     convert_options=pcsv.ConvertOptions(column_types=types, include_columns=self._wanted),
                 )
             except pa.ArrowInvalid:
-                texts = set(self._wanted)  # all as text: the cells say which of them is wrong
+                texts = set(self._wanted)  # all as text, so that errors can name the cell
         raise self._bad_line(data, line)
 
     def split(self, text: str) -> list[str]:
@@ -78,15 +78,15 @@ class LineParser:
         """One column of `table` as numbers (n,), in the units of the file.
 
         Args:
-            table: as :meth:`parse` gives it.
+            table: see :meth:`parse`.
             name: our name of the column.
             lines: (n,) line numbers of the rows.
 
         Returns:
-            int64 with -1 for unknown where the column holds whole numbers, else float64 with NaN for unknown.
+            int64 with -1 for unknown for an integer column, else float64 with NaN for unknown.
 
         Raises:
-            InputError: a cell is no number, no whole number, or empty where it must not be.
+            InputError: a cell is not a number, not an integer, or empty where it must not be.
         """
         column = table.column(name)
         if pa.types.is_string(column.type):
@@ -100,7 +100,7 @@ class LineParser:
             values = np.where(unknown, -1.0 if name in WHOLE else np.nan, values)
         if name not in WHOLE:
             return values
-        with np.errstate(invalid="ignore"):  # numbers beyond those that there are, which differ from what they become
+        with np.errstate(invalid="ignore"):  # values beyond int64 differ after the cast
             whole = values.astype(np.int64)
         if (whole != values).any():
             at = int(np.argmax(whole != values))
@@ -109,7 +109,7 @@ class LineParser:
         return whole
 
     def _from_text(self, column: pa.ChunkedArray, name: str, lines: IntArray) -> pa.ChunkedArray:
-        """A column of text as float64, without thousands commas; null for unknown where that may be."""
+        """A text column as float64, without thousands commas; unknown is null in optional columns."""
         plain = pc.utf8_trim_whitespace(column)
         without = pc.replace_substring(plain, ",", "")
         if not pc.all(pc.equal(plain, without)).as_py():
@@ -124,7 +124,7 @@ class LineParser:
             raise row_error(self._path, lines, bad, f"column {NAMES[name][0]} is {cell!r}, no number") from None
 
     def _bad_line(self, data: bytes, line: int) -> InputError:
-        """The first line with a wrong number of columns, as an error."""
+        """An error about the first line with a wrong number of columns."""
         expected = len(self._layout.columns)
         for number, raw in enumerate(data.splitlines(), line):
             count = len(self.split(raw.decode("utf-8", "replace")))
@@ -134,10 +134,10 @@ class LineParser:
 
 
 def line_numbers(path: Path, data: bytes, line: int, rows: int) -> IntArray:
-    """Line number (n,) of each of the `rows` rows of `data`, which begins with line `line`; empty lines are no rows.
+    """Line number (n,) of each of the `rows` rows of `data`, which begins at line `line`; empty lines are skipped.
 
     Raises:
-        InputError: there are other than `rows` lines: a quotation mark that nobody closed made one cell of several.
+        InputError: the number of lines is not `rows`: an unclosed quotation mark joined several lines.
     """
     if data.count(b"\n") == rows:
         return np.arange(line, line + rows)

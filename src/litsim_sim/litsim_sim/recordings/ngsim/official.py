@@ -1,12 +1,11 @@
-"""Official NGSIM files, as they are published, to recordings.
+"""Reading and conversion of official NGSIM files, as published.
 
-One file may hold several recordings (the portal's holds all sites and periods), so a conversion goes over the file
-once, in blocks, and lays its rows aside by recording; then every recording is made for itself. Memory is bounded by a
-block and by the largest recording. Both steps can be interrupted: what is done is kept beside the result, in a folder
-``<OUT>.partial``, until everything is done.
+A file may hold several recordings (the portal's holds all sites and periods). A conversion reads the file once, in
+blocks, and spools its rows by clock; then the recordings are made one by one. Memory is bounded by a block and by the
+largest recording. Both steps can be interrupted: the progress is kept in a folder ``<OUT>.partial`` beside the result.
 
-Formats: :mod:`litsim_sim.recordings.ngsim.formats`, read by :mod:`litsim_sim.recordings.ngsim.blocks`. The work itself:
-:mod:`litsim_sim.recordings.ngsim.convert`. Frames and sites: :mod:`litsim_sim.recordings.ngsim.sites`. What is mended:
+Formats: :mod:`litsim_sim.recordings.ngsim.formats`, read by :mod:`litsim_sim.recordings.ngsim.blocks`. Conversion:
+:mod:`litsim_sim.recordings.ngsim.convert`. Sites and frames: :mod:`litsim_sim.recordings.ngsim.sites`. Repairs:
 :mod:`litsim_sim.recordings.ngsim.tracks`. Accelerations and headings: :mod:`litsim_sim.recordings.cleaning.cleaning`.
 """
 
@@ -40,23 +39,23 @@ def read(
     truncated: bool = False,
     progress: bool = False,
 ) -> pd.DataFrame:
-    """The rows of an official file with all their columns, in SI units, neither mended nor cleaned: for fitting maps.
+    """The rows of an official file in SI units, neither repaired nor cleaned, for fitting maps.
 
     Args:
         path: official file.
-        site: name of ``SITES`` to which to keep; all if not given. The portal's whole file takes 3 GB otherwise.
-        period: such as "0750"; all if not given.
-        columns: of ``ngsim_format.NAMES`` that are needed; all if not given.
-        truncated: whether a last line that is cut off is left out instead of refused.
+        site: key of ``SITES`` to keep; default: all, which takes 3 GB of memory for the portal's file.
+        period: period to keep, such as "0750"; default: all.
+        columns: names in ``ngsim_format.NAMES`` to read; default: all.
+        truncated: whether an incomplete last line is left out instead of refused.
         progress: show a bar on stderr.
 
     Returns:
-        in the order of the file: the columns (metres, seconds; `global_x`, `global_y` in metres of the State Plane;
-        whole numbers with -1 for unknown), and `recording` (such as us101_0750), `x`, `y` (FRONT centre, frame map
-        [m]), `line`. `frame` counts from the same instant within a recording.
+        In the order of the file: the columns (metres, seconds; `global_x`, `global_y` in metres of the State Plane;
+        -1 for unknown integers), and `recording` (such as us101_0750), `x`, `y` (FRONT centre, frame map [m]), `line`.
+        `frame` counts from the same instant within a recording.
 
     Raises:
-        InputError: it is no official file, a line of it cannot be used, or nothing of it is of that site and period.
+        InputError: it is not an official file, a line cannot be used, or no row is of that site and period.
     """
     if site is not None and site not in SITES:
         raise InputError(f"site {site!r} is unknown, expected one of {', '.join(SITES)}")
@@ -84,21 +83,21 @@ def read(
 
 
 def _placed(table: pd.DataFrame, period: Period, clocks: Clocks) -> pd.DataFrame:
-    """Rows of one period with positions in frame map and frames of its clock."""
+    """Rows of one period with positions in frame map and frame numbers of its clock."""
     x, y = period.site.map_from_global(table["global_x"].to_numpy(), table["global_y"].to_numpy())
     frame = ngsim_tracks.frames_of(table["time_ms"].to_numpy(), clocks.clocks[period.clock].origin_ms)
     return table.assign(frame=frame, recording=period.name, x=x, y=y)
 
 
 def load(path: Path, crop: Crop | None = None) -> Recording:
-    """The one recording that an official file holds, cleaned, in memory.
+    """The only recording of an official file, cleaned.
 
     Args:
         path: official file.
-        crop: by column as :func:`read` names them, the [low, high] to keep.
+        crop: the [low, high] to keep, by column under the names of :func:`read`.
 
     Raises:
-        InputError: a line of it cannot be used, or it holds several recordings.
+        InputError: a line cannot be used, or the file holds several recordings.
     """
     layout = layout_of(path)
     clocks = Clocks()
@@ -127,23 +126,22 @@ def convert(
     crop: Crop | None = None,
     progress: bool = False,
 ) -> list[Converted]:
-    """Convert an official file; what an earlier, interrupted call has done is taken up, what is complete is left.
+    """Convert an official file, resuming an interrupted conversion; completed recordings are kept.
 
     Args:
         source: official file.
-        out: where it goes. A name that ends with .parquet is one file if the source holds one recording, and else the
-            folder of that name without its ending; any other name is a folder. In a folder every recording has a file
-            of its own, and ``conversion.json`` says what was found.
-        cleaned: whether headings, speeds and accelerations are derived from smoothed positions, or stay as published.
-        truncated: whether a last line that is cut off is left out instead of refused.
-        crop: by column as :func:`read` names them, the [low, high] to keep.
+        out: a folder, or a file if the name ends with .parquet and the source holds one recording; with several, the
+            folder of that name without its suffix. A folder gets one file per recording and ``conversion.json``.
+        cleaned: whether headings, speeds and accelerations are derived from smoothed positions, or kept as published.
+        truncated: whether an incomplete last line is left out instead of refused.
+        crop: the [low, high] to keep, by column under the names of :func:`read`.
         progress: show bars on stderr.
 
     Returns:
-        the recordings, also those that were complete before; `mended` and `cleaning` are those of their conversion.
+        All recordings, including those completed before.
 
     Raises:
-        InputError: a line of the file cannot be used, no recording can be made of its rows, or `out` cannot be written.
+        InputError: a line cannot be used, a recording cannot be made, or `out` cannot be written.
     """
     layout = layout_of(source)
     options = Options(cleaned, truncated, crop)
@@ -156,7 +154,7 @@ def convert(
             work.spool(layout, progress=progress)
             return work.make(progress=progress)
         except Unwritable:
-            raise  # what is laid aside is taken up by the next call
+            raise  # the next call resumes from the spooled rows
         except InputError:
             work.discard()
             raise
@@ -165,10 +163,10 @@ def convert(
 
 
 def layout_of(path: Path) -> Layout:
-    """Find out how the official file at `path` is laid out.
+    """Layout of the official file at `path`.
 
     Raises:
-        InputError: it is missing, cannot be read, or is no official file.
+        InputError: it is missing, cannot be read, or is not an official file.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such recording")
@@ -181,7 +179,7 @@ def layout_of(path: Path) -> Layout:
 def blocks_of(
     path: Path, layout: Layout, wanted: Sequence[str], *, truncated: bool = False, progress: bool = False
 ) -> Iterable[dict[str, np.ndarray]]:
-    """Columns of every block of the file that has rows, with a bar; as :class:`.blocks.Block`.
+    """Columns of every non-empty block of the file, see :class:`.blocks.Block`; with a progress bar.
 
     Raises:
         InputError: a line cannot be used.

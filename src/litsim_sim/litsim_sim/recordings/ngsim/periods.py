@@ -1,9 +1,9 @@
-"""Which recording of NGSIM a row belongs to: its site, and the period by the clock that it was taken by.
+"""Assignment of rows to NGSIM's recordings: by site, and by period.
 
-Every period was recorded for itself: frames are counted anew and ids are given anew, so the same Vehicle_ID in two
-periods is two vehicles. Periods overlap in time (US-101's second begins before the last vehicle of the first has left),
-so gaps in time do not tell them apart; the time of frame 0 does, which is the same for all rows of a period. Where one
-clock runs through several periods, two minutes without vehicles separate them.
+Every period was recorded separately: frame numbers and ids start again, so one Vehicle_ID in two periods is two
+vehicles. Periods overlap in time (US-101's second begins before the last vehicle of the first has left), so gaps in
+time do not separate them; the time of frame 0, the same for all rows of a period, does. Where one clock runs through
+several periods, two minutes without vehicles separate them.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from litsim_sim.core.scene import IntArray
 from litsim_sim.recordings.ngsim.sites import SITES, Site
 from litsim_sim.recordings.ngsim.tracks import origins_of
 
-CLOCK_SLACK_MS = 30_000  # clocks that differ by less are one
-CLOCKS_MAX = 64  # NGSIM has ten or so; more mean that frames and times do not belong together
+CLOCK_SLACK_MS = 30_000  # largest difference between times of frame 0 of one clock
+CLOCKS_MAX = 64  # NGSIM has about ten; more mean that frames and times do not belong together
 MINUTE_MS = 60_000
 
 
 @dataclass
 class Clock:
-    """Rows of one site that were taken by one clock.
+    """Rows of one site with one time of frame 0.
 
     Attributes:
-        site: name of it.
-        origin_ms: time of frame 0.
-        rows: how many there are.
-        minutes: those in which there are rows, counted since 1970, ascending.
+        site: name of the site.
+        origin_ms: time of frame 0 [ms since 1970].
+        rows: number of rows.
+        minutes: minutes since 1970 with rows, ascending.
     """
 
     site: str
@@ -41,18 +41,19 @@ class Clock:
 
     @property
     def key(self) -> str:
-        """A name of this clock that no other clock of the file has: its site and the time of its frame 0."""
+        """Unique name in the file: site and time of frame 0."""
         return f"{self.site}_{self.origin_ms}"
 
 
 @dataclass(frozen=True)
 class Period:
-    """One recording: what a clock has seen without a break.
+    """One recording: a stretch of a clock's rows without a break.
 
     Attributes:
-        name: such as us101_0750.
-        clock: index of it.
-        minutes: first and last one, counted since 1970.
+        name: unique name, such as us101_0750.
+        site: its site.
+        clock: index of its clock.
+        minutes: first and last minute since 1970.
     """
 
     name: str
@@ -61,32 +62,32 @@ class Period:
     minutes: tuple[int, int]
 
     def holds(self, time_ms: IntArray) -> np.ndarray:
-        """Whether each of the times (n,) [ms] that its clock has seen belongs to this period (n,)."""
+        """Mask (n,) of the times `time_ms` (n,) [ms] of its clock that belong to this period."""
         minute = time_ms // MINUTE_MS
         return (minute >= self.minutes[0]) & (minute <= self.minutes[1])
 
 
 class Clocks:
-    """The clocks that a file's rows were taken by, in the order of their appearance."""
+    """The clocks of a file, in order of appearance."""
 
     def __init__(self, clocks: list[Clock] | None = None) -> None:
-        """Begin with `clocks`, those that an earlier part of the file has shown; without them, with none."""
+        """Start with the `clocks` of an earlier part of the file, or with none."""
         self.clocks = clocks or []
 
     @classmethod
     def from_json(cls, values: list[dict[str, Any]]) -> Clocks:
-        """The clocks that :meth:`to_json` has written down."""
+        """The inverse of :meth:`to_json`."""
         return cls([Clock(**value) for value in values])
 
     def to_json(self) -> list[dict[str, Any]]:
-        """The clocks as dicts of plain values, one each, for JSON."""
+        """The clocks as dictionaries for JSON."""
         return [asdict(clock) for clock in self.clocks]
 
     def assign(self, columns: dict[str, np.ndarray], where: str) -> IntArray:
         """Index (n,) of the clock of every row; new clocks are added.
 
         Args:
-            columns: site, time_ms, frame and line of the rows, as :class:`litsim_sim.recordings.ngsim.blocks.Block`.
+            columns: site, time_ms, frame and line, see :class:`litsim_sim.recordings.ngsim.blocks.Block`.
             where: the file, for errors.
 
         Raises:
@@ -120,7 +121,7 @@ class Clocks:
         return len(self.clocks) - 1
 
     def periods(self) -> list[Period]:
-        """The recordings, sorted by site and time, each with a name of its own."""
+        """The recordings, sorted by site and time, with unique names."""
         stretches = []
         for code, clock in enumerate(self.clocks):
             minutes = np.array(clock.minutes)

@@ -1,4 +1,4 @@
-"""Where the rows of NGSIM's official files were recorded: their sites, and positions that can be there."""
+"""Assignment of rows of NGSIM's official files to sites, with a check of their positions."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from litsim_sim.recordings.ngsim.formats import Layout
 from litsim_sim.recordings.ngsim.lines import row_error
 from litsim_sim.recordings.ngsim.sites import FOOT, SITES, site_at, site_of
 
-OFF_SITE_MAX = 0.01  # share of rows of a block that may lie nowhere near their site (these are left out)
+OFF_SITE_MAX = 0.01  # largest share of rows of a block that may be far from their site; they are left out
 
 
 class SiteFinder:
-    """Says of the rows of one file where they were recorded: by a column, or once for all by its first position."""
+    """Finds the sites of the rows of one file: by column location, or by the first position of the file."""
 
     def __init__(self, path: Path, layout: Layout) -> None:
         self._path, self._layout = path, layout
-        self._site: int | None = None  # of files without a column for it
+        self._site: int | None = None  # for files without column location
 
     def sites(self, table: pa.Table, columns: dict[str, np.ndarray], lines: IntArray) -> IntArray:
         """Index in ``SITES`` of the site of every row (n,).
 
         Args:
-            table: rows with the column `location` as text, where the file has it.
-            columns: `time_ms` [ms], `global_x` and `global_y` [m] of the rows, each (n,).
+            table: rows with column `location` as text, if the file has it.
+            columns: (n,) `time_ms` [ms], `global_x` and `global_y` [m] of the rows.
             lines: (n,) line numbers of the rows.
 
         Raises:
-            InputError: a location is none of NGSIM's, or the first position of a file without locations is at none.
+            InputError: a location is not one of NGSIM's, or the first position of a file without locations is at none.
         """
         names = list(SITES)
         if "location" not in self._layout.columns:
@@ -55,10 +55,10 @@ class SiteFinder:
         return index
 
     def on_site(self, columns: dict[str, np.ndarray], lines: IntArray) -> BoolArray:
-        """Which rows (n,) have a position on their site; `columns` are those of :meth:`sites`, and `site`.
+        """Mask (n,) of the rows with a position on their site; `columns` are those of :meth:`sites`, and `site`.
 
         Raises:
-            InputError: more than OFF_SITE_MAX of them have not.
+            InputError: a share of more than OFF_SITE_MAX has not.
         """
         keep = np.zeros(len(lines), np.bool_)
         for index, site in enumerate(SITES.values()):

@@ -1,9 +1,9 @@
-"""The four NGSIM sites: where they lie, when they were recorded, and the frame ``map`` of each.
+"""The four NGSIM sites: location, dates, periods, and frame ``map`` of each.
 
-NGSIM publishes positions in feet of the State Plane zone of the site ("global") and along the road ("local"). LitSim's
-frame ``map`` is a RIGID transform of the global metres, one per site, fixed here: converted recordings and the nets
-that :mod:`litsim_sim.maps` builds meet in it. x grows along the main direction of the site (US-101: downstream,
-south-east; I-80: downstream, north; Lankershim and Peachtree: northbound), y to its left.
+NGSIM publishes positions in feet of the State Plane zone of the site ("global") and along the road ("local"). Frame
+``map`` is a RIGID transform of the global positions in metres, one per site, fixed here, and shared by converted
+recordings and the nets that :mod:`litsim_sim.maps` builds. x points along the main direction of the site (US-101:
+downstream, south-east; I-80: downstream, north; Lankershim and Peachtree: northbound), y to its left.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from litsim_sim.core.scene import BoolArray, FloatArray
 from litsim_sim.recordings.ngsim import windows as ngsim_windows
 
 FOOT = 0.3048
-"""[m]. State Plane feet are US survey feet (2e-6 longer): over a site of 1 km that is 2 mm, and as a constant shift of
-all coordinates it is without meaning in a frame of our own. What matters is that everybody uses the same number."""
+"""[m]. State Plane feet are US survey feet, longer by 2e-6: 2 mm over a site of 1 km, and a constant shift of all
+coordinates, which does not matter as long as one value is used everywhere."""
 
-EXTENT = 2500.0  # [m] around a site's anchor: global positions further off are no positions on that site
-PERIOD_SLACK_S = 450.0  # a recording belongs to the published period whose start is at most this far from its own
+EXTENT = 2500.0  # [m] largest distance of positions on a site from its anchor, along either axis
+PERIOD_SLACK_S = 450.0  # largest difference between the start of a recording and that of its published period
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,18 +29,18 @@ class Site:
     """One site of NGSIM.
 
     Attributes:
-        name: as used in file names here.
-        location: as in column Location of the portal's file.
-        title: as a person would cite it.
+        name: name used in file names.
+        location: value of column Location in the portal's file.
+        title: title for citations.
         zone: State Plane zone (NAD 83) of Global_X and Global_Y, which are in feet.
-        date: of the recording, local.
-        utc_offset_h: of local time at that date [h].
+        date: local date of the recording.
+        utc_offset_h: offset of local time at that date [h].
         periods: published periods by the local time of their start, "HHMM".
-        yaw: of frame map relative to the global axes [rad]: a heading in frame map is the global one plus this.
-        global_anchor: a point [m] of the State Plane zone ...
-        map_anchor: ... and the same point [m] in frame map.
+        yaw: rotation [rad] from global axes to frame map: a heading in frame map is the global one plus this.
+        global_anchor: a point [m] in the State Plane zone.
+        map_anchor: the same point [m] in frame map.
         headings: usual headings [rad] in frame map by column Direction (0: the only one, on motorways).
-        lanes: what Lane_ID means.
+        lanes: meaning of Lane_ID.
         net: file name of the SUMO net in this frame.
     """
 
@@ -59,13 +59,13 @@ class Site:
     net: str
 
     def map_from_global(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """X and y (n,) in frame map [m] of positions x and y (n,) in metres of the State Plane zone."""
+        """x, y (n,) [m] in frame map of positions `x`, `y` (n,) [m] in the State Plane zone."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         dx, dy = x - self.global_anchor[0], y - self.global_anchor[1]
         return self.map_anchor[0] + cos * dx - sin * dy, self.map_anchor[1] + sin * dx + cos * dy
 
     def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Which of the State Plane positions [m] (n,) can be on this site at all (n,)."""
+        """Mask (n,) of the State Plane positions (n,) [m] that can be on this site."""
         return (np.abs(x - self.global_anchor[0]) < EXTENT) & (np.abs(y - self.global_anchor[1]) < EXTENT)
 
     def local_time(self, time_ms: int) -> datetime:
@@ -73,7 +73,7 @@ class Site:
         return datetime.fromtimestamp(time_ms / 1000.0, UTC) + timedelta(hours=self.utc_offset_h)
 
     def period(self, time_ms: int) -> str:
-        """Name "HHMM" of the published period that begins about at `time_ms`; else simply that local time."""
+        """Name "HHMM" of the published period that begins at about `time_ms`; without one, the local time."""
         begin = self.local_time(time_ms)
         for period in self.periods:
             nominal = begin.replace(hour=int(period[:2]), minute=int(period[2:]), second=0, microsecond=0)
@@ -98,7 +98,7 @@ US101 = Site(
     date="2005-06-15",
     utc_offset_h=-7,
     periods=("0750", "0805", "0820"),
-    # The frame of the windows file and of nets/us101.net.xml: x is about Local_Y, y about minus Local_X.
+    # The frame of the windows file and of nets/us101.net.xml: x is about Local_Y, y about -Local_X.
     yaw=ngsim_windows.MAP_FROM_GLOBAL_YAW,
     global_anchor=ngsim_windows.GLOBAL_ANCHOR,
     map_anchor=ngsim_windows.MAP_ANCHOR,
@@ -114,8 +114,8 @@ I80 = Site(
     date="2005-04-13",
     utc_offset_h=-7,
     periods=("1600", "1700", "1715"),
-    # The carriageway bears 97.5 degrees where recording begins; the anchor is its left edge there, where Local_X and
-    # Local_Y are about zero: hence x is about Local_Y, y about minus Local_X, as on US-101.
+    # The carriageway points 97.5 degrees counter-clockwise from east where the site begins; the anchor is its left edge
+    # there, where Local_X and Local_Y are about zero: x is about Local_Y, y about -Local_X, as on US-101.
     yaw=float(np.deg2rad(-97.5)),
     global_anchor=_feet(6042832.6, 2133067.4),
     map_anchor=(0.0, 0.0),
@@ -131,7 +131,7 @@ LANKERSHIM = Site(
     date="2005-06-16",
     utc_offset_h=-7,
     periods=("0830", "0845"),
-    # The street bears about 117 degrees northbound; the anchor is 34.139045 N, 118.362223 W.
+    # Northbound points about 117 degrees counter-clockwise from east; the anchor is 34.139045 N, 118.362223 W.
     yaw=float(np.deg2rad(-117.0)),
     global_anchor=_feet(6452059.0, 1873180.8),
     map_anchor=(0.0, 0.0),
@@ -147,7 +147,7 @@ PEACHTREE = Site(
     date="2006-11-08",
     utc_offset_h=-5,
     periods=("1245", "1600"),
-    # The street bears about 94 degrees northbound; the anchor is on it at 33.78476 N, 84.38302 W.
+    # Northbound points about 94 degrees counter-clockwise from east; the anchor is 33.78476 N, 84.38302 W.
     yaw=float(np.deg2rad(-94.0)),
     global_anchor=_feet(2230849.0, 1376809.0),
     map_anchor=(0.0, 0.0),
@@ -157,20 +157,20 @@ PEACHTREE = Site(
 )
 
 SITES: dict[str, Site] = {site.name: site for site in (US101, I80, LANKERSHIM, PEACHTREE)}
-"""All sites by their names."""
+"""All sites by name."""
 
 
 def site_at(location: str) -> Site | None:
-    """The site that the portal calls `location`, however it is spelled ("us-101", "US 101", "i80")."""
+    """The site of a value of column Location, in any spelling ("us-101", "US 101", "i80"); None if unknown."""
     plain = "".join(c for c in location.lower() if c.isalnum())
     return SITES.get(plain)
 
 
 def site_of(time_ms: float, x: float, y: float, *, urban: bool) -> Site | None:
-    """The site where (x, y) [m of the State Plane] is, or None.
+    """The site at State Plane position x, y [m], or None.
 
-    US-101 and Lankershim are neighbours: between them the day of `time_ms` decides, and if it is of neither, whether
-    the file has the columns of an `urban` site.
+    US-101 and Lankershim are close to each other: the date of `time_ms` [ms since 1970] decides between them, or else
+    whether the file has the columns of an `urban` site.
     """
     near = [site for site in SITES.values() if site.holds(np.array([x]), np.array([y]))[0]]
     then = [site for site in near if f"{site.local_time(int(time_ms)):%Y-%m-%d}" == site.date]

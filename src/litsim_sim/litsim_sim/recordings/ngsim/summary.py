@@ -1,4 +1,4 @@
-"""What an official NGSIM file holds, from one pass over it without converting anything."""
+"""Summary of an official NGSIM file, from one pass over it without conversion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROWS_SHOWN = 3
 
 @dataclass
 class _Seen:
-    """What has been read so far of the rows that share one clock."""
+    """Figures of the rows of one clock read so far."""
 
     rows: int = 0
     vehicles: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
@@ -35,10 +35,10 @@ class _Seen:
 
 
 def summary(path: Path, *, progress: bool = False) -> str:
-    """Text: layout, first rows, and of every recording its rows, vehicles, times, mean speed and lanes.
+    """Text with layout, first rows, and the rows, vehicles, times, mean speed and lanes of every recording.
 
     Raises:
-        InputError: it is no official file, or a line of it cannot be used.
+        InputError: it is not an official file, or a line cannot be used.
     """
     layout = ngsim.layout_of(path)
     clocks = Clocks()

@@ -1,7 +1,6 @@
-"""The rows of one NGSIM recording (a site and a period) as tracks without holes, and those in the neutral schema.
+"""Repair of the rows of one NGSIM recording (a site and a period), and their conversion to the neutral schema.
 
-What is wrong in the rows is mended and counted, or refused with the line: duplicated rows, contradicting rows, frames
-that are missing, ids that are used again.
+Duplicated rows, contradicting rows, missing frames and reused ids are repaired and counted, or refused with the line.
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from litsim_sim.recordings.cleaning.cleaning import CleaningReport, clean
 from litsim_sim.recordings.ngsim.sites import Site
 from litsim_sim.recordings.recording import BOUNDS, COLUMNS
 
-HOLE_MAX = 5  # frames that may be missing and are interpolated; a longer hole splits the track
-JUMP_MAX = 8.0  # [m] per frame; more splits the track: it is another vehicle
-TRACK_MIN = 5  # frames; shorter tracks are left out: half a second says nothing about motion
-SAME_PLACE = 0.3  # [m]: rows of one vehicle and frame that differ by less say the same
-CONTRADICTIONS_MAX = 0.01  # share of rows; above, the file is refused
-SIZES_MAX = 0.01  # share of vehicles without a plausible size; above, the file is refused
+HOLE_MAX = 5  # [frames] longest hole that is interpolated; a longer one splits the track
+JUMP_MAX = 8.0  # [m] per frame; a longer step splits the track: it is another vehicle
+TRACK_MIN = 5  # [frames] shorter tracks are left out
+SAME_PLACE = 0.3  # [m] rows of one vehicle and frame that differ by no more are duplicates
+CONTRADICTIONS_MAX = 0.01  # share of contradicting rows above which the file is refused
+SIZES_MAX = 0.01  # share of vehicles without a plausible size above which the file is refused
 PIECE = 1_000_000
 """Added to the Vehicle_ID of the second, twice to that of the third piece of a split track, and so on."""
 
@@ -30,27 +29,27 @@ KINDS = {1: Kind.MOTORCYCLE, 2: Kind.CAR, 3: Kind.TRUCK}  # by v_Class
 USUAL_SIZE = {Kind.MOTORCYCLE: (2.2, 0.9), Kind.CAR: (4.6, 2.0), Kind.TRUCK: (12.0, 2.5), Kind.UNKNOWN: (4.6, 2.0)}
 
 SMOOTHED = 5  # frames to either side over which the direction of a raw track is taken
-DIRECTION_MIN = 0.5  # [m] over which a direction can be seen
+DIRECTION_MIN = 0.5  # [m] shortest displacement with a direction
 
 NEEDED = (
     *("vehicle_id", "frame", "total_frames", "time_ms", "local_x", "local_y", "global_x", "global_y"),
     *("length", "width", "vehicle_class", "speed", "acceleration", "lane", "direction"),
 )
-"""Columns of the file that this needs; `total_frames` and `direction` may be absent."""
+"""Columns of the file that are needed; `total_frames` and `direction` may be absent."""
 
 
 @dataclass
 class RepairCounts:
-    """What was found and done to one recording.
+    """Counts of the repairs of one recording.
 
     Attributes:
-        rows: of the file that belong to it.
-        duplicates: rows left out as another one says the same.
-        contradictions: rows left out as another one puts the vehicle elsewhere at that time.
+        rows: rows of the file that belong to it.
+        duplicates: rows left out because they repeat another one.
+        contradictions: rows left out because another one has the vehicle elsewhere at that time.
         filled: frames interpolated in short holes.
-        splits: places where a track was split, as frames are missing or it jumps.
-        short_tracks: left out, as they are shorter than half a second.
-        sizes: vehicles whose size was implausible and is that of their class now.
+        splits: cuts of tracks at long holes or jumps.
+        short_tracks: tracks left out because they are shorter than half a second.
+        sizes: vehicles with an implausible size, replaced by that of their class.
         incomplete: vehicles with fewer frames than column Total_Frames says.
     """
 
@@ -64,7 +63,7 @@ class RepairCounts:
     incomplete: int = 0
 
     def text(self) -> str:
-        """The counts that are not zero, each after its name, as one line."""
+        """The non-zero counts with their names, as one line."""
         return ", ".join(
             f"{field.name} {getattr(self, field.name)}" for field in fields(self) if getattr(self, field.name)
         )
@@ -74,14 +73,14 @@ def tracks_of(raw: pd.DataFrame, site: Site, where: str) -> tuple[pd.DataFrame, 
     """Make tracks of the rows of one recording.
 
     Args:
-        raw: columns NEEDED (SI units, global axes) and `line`; in any order.
-        site: of all of them.
+        raw: columns NEEDED (SI units, global axes) and `line`; rows in any order.
+        site: site of the recording.
         where: the file, for errors.
 
     Returns:
-        vehicle_id, frame, x, y (FRONT centre, frame map [m]), length, width [m], kind, lane, speed, acceleration as
-        published and `hint`, the usual heading [rad] of the row's Direction (NaN if unknown); sorted by vehicle and
-        frame, at 10 Hz without holes; and what was repaired.
+        The tracks at 10 Hz without holes, sorted by vehicle and frame: vehicle_id, frame, x, y (FRONT centre, frame map
+        [m]), length, width [m], kind, lane, speed, acceleration as published, and `hint`, the usual heading [rad] of
+        the row's Direction (NaN if unknown); and the counts of repairs.
 
     Raises:
         InputError: too many rows contradict each other, too many sizes are implausible, or nothing is left.
@@ -107,7 +106,7 @@ def neutral(
     """Tracks in the columns of the neutral schema.
 
     Args:
-        tracks: as :func:`tracks_of` gives them.
+        tracks: see :func:`tracks_of`.
         cleaned: whether headings, speeds and accelerations are derived from smoothed positions; else speed and
             acceleration stay as published, and yaw is the direction of motion over a second.
         progress: show a bar on stderr.
@@ -165,7 +164,7 @@ def _without_duplicates(raw: pd.DataFrame, counts: RepairCounts, where: str) -> 
 
 
 def _without_contradictions(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
-    """One row per vehicle and frame: rows at the same place become one, those elsewhere are all left out."""
+    """One row per vehicle and frame: rows at the same place are merged, contradicting ones are all left out."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     again = np.r_[False, (vehicle[1:] == vehicle[:-1]) & (frame[1:] == frame[:-1])]
     if not again.any():
@@ -189,7 +188,7 @@ def _without_contradictions(table: pd.DataFrame, counts: RepairCounts, where: st
 
 
 def _sized(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFrame:
-    """Kinds, and one plausible size per vehicle: its median, or that of its class."""
+    """`table` with kinds, and one plausible size per vehicle: its median, or that of its class."""
     kind = table["vehicle_class"].map(KINDS).fillna(int(Kind.UNKNOWN)).astype("uint8")
     table = table.assign(kind=kind)
     vehicles = table.groupby("vehicle_id")[["length", "width", "kind"]].median()
@@ -212,14 +211,14 @@ def _sized(table: pd.DataFrame, counts: RepairCounts, where: str) -> pd.DataFram
 
 
 def _split(table: pd.DataFrame, counts: RepairCounts) -> pd.DataFrame:
-    """Tracks cut at long holes and at jumps, pieces renumbered; short ones left out."""
+    """Tracks cut at long holes and jumps, with the pieces renumbered and short ones left out."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     same = vehicle[1:] == vehicle[:-1]
     step = np.diff(frame)
     moved = np.hypot(np.diff(table["x"].to_numpy()), np.diff(table["y"].to_numpy()))
     cut = same & ((step > HOLE_MAX + 1) | (moved > JUMP_MAX * np.maximum(step, 1)))
     counts.splits = int(cut.sum())
-    begins = np.r_[True, ~same]  # of a vehicle
+    begins = np.r_[True, ~same]  # first rows of vehicles
     cuts = np.cumsum(np.r_[False, cut])
     piece = cuts - cuts[np.flatnonzero(begins)][np.cumsum(begins) - 1]
     table = table.assign(vehicle_id=vehicle + PIECE * piece)
@@ -232,7 +231,7 @@ def _split(table: pd.DataFrame, counts: RepairCounts) -> pd.DataFrame:
 
 
 def _filled(table: pd.DataFrame, site: Site, counts: RepairCounts) -> pd.DataFrame:
-    """Short holes interpolated; only the columns of the result."""
+    """The columns of :func:`tracks_of`, with short holes interpolated."""
     vehicle, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     begins = np.r_[True, vehicle[1:] != vehicle[:-1]]
     step = np.r_[np.diff(frame), 1]
@@ -268,21 +267,21 @@ def _filled(table: pd.DataFrame, site: Site, counts: RepairCounts) -> pd.DataFra
 
 
 def _hints(table: pd.DataFrame, site: Site) -> FloatArray:
-    """Usual heading [rad] (n,) in frame map by Direction; where unknown, the vehicle's usual one; or NaN."""
+    """Usual heading (n,) [rad] in frame map by Direction; the vehicle's median or 0 if unknown; NaN on motorways."""
     if "direction" not in table or len(site.headings) < 2:
         return np.full(len(table), np.nan)
     hint = table["direction"].map(site.headings).astype(np.float64)
-    usual = hint.groupby(table["vehicle_id"]).transform("median")  # of an uneven number of codes: one of them
+    usual = hint.groupby(table["vehicle_id"]).transform("median")  # for an odd number of codes, one of them
     known: BoolArray = np.isin(usual, list(site.headings.values()))
     usual = usual.where(known, 0.0)
     return np.asarray(hint.fillna(usual), np.float64)
 
 
 def frames_of(time_ms: IntArray, origin_ms: int) -> IntArray:
-    """Frame numbers (n,) at the times `time_ms` (n,) [ms] of a recording whose frame 0 is at `origin_ms` [ms]."""
+    """Frame numbers (n,) of the times `time_ms` (n,) [ms], with frame 0 at `origin_ms` [ms]."""
     return np.round((time_ms - origin_ms) / (1000.0 * STEP_S)).astype(np.int64)
 
 
 def origins_of(time_ms: IntArray, frame: IntArray) -> IntArray:
-    """Time [ms] (n,) of frame 0 of the clock that each row was taken by: every period has its own."""
+    """Time (n,) [ms] of frame 0 by the clock of each row; every period has its own."""
     return time_ms - np.round(1000.0 / RATE_HZ * frame).astype(np.int64)

@@ -1,9 +1,8 @@
-"""Reader of the US-101 windows file of the development data (NGSIM tracks put back on their own clock and road).
+"""Reader of the US-101 windows file of the development data: NGSIM tracks with their original times and positions.
 
-Its positions are NGSIM's: metres of State Plane California V at the front centre of a vehicle. The map frame here is a
-rigid transform of those, so distances are true; it is laid such that x is about `local_y_m` (along the road) and y
-about minus `local_x_m` (x grows downstream, y to the left). `local_y_m` itself runs 1.1 % longer than the global
-metres and is used for cropping only.
+Positions are metres of State Plane California V at the front centre of a vehicle. Frame ``map`` is a rigid transform of
+these: x is about `local_y_m` (downstream), y about minus `local_x_m` (to the left). `local_y_m` itself is 1.1 % longer
+than global metres and is used for cropping only.
 """
 
 from __future__ import annotations
@@ -51,15 +50,15 @@ MAP_FROM_GLOBAL_YAW = 0.718612  # [rad]
 GLOBAL_ANCHOR = (1966511.071, 570797.706)  # [m] State Plane California V
 MAP_ANCHOR = (297.468, -9.641)  # [m] the same point in frame map
 
-# Vehicle classes are not in the file. NGSIM's motorcycles are mostly shorter and its trucks longer than these.
-MOTORCYCLE_BELOW = 3.2  # [m] and
-MOTORCYCLE_NARROWER = 1.4  # [m]: short cars are wider
-TRUCK_ABOVE = 7.5  # [m]
+# The file has no vehicle classes: they are guessed from sizes.
+MOTORCYCLE_BELOW = 3.2  # [m] length of most motorcycles
+MOTORCYCLE_NARROWER = 1.4  # [m] width of motorcycles; short cars are wider
+TRUCK_ABOVE = 7.5  # [m] length of trucks
 WINDOW_SOURCES = 2  # src 0 and 1 are the windows with all vehicles; others are single vehicles without heading
 
 
 def is_windows(columns: Sequence[str]) -> bool:
-    """Whether a table with these columns is of this format."""
+    """Whether a table with these columns has this format."""
     return set(MARKERS) <= set(columns)
 
 
@@ -114,10 +113,10 @@ def neutral_table(table: pd.DataFrame, where: str) -> pd.DataFrame:
 
 
 def neutral_columns(columns: Mapping[str, Any], where: str) -> dict[str, np.ndarray]:
-    """The same of columns, of arrays or of pandas, as arrays.
+    """Columns of a windows table, arrays or pandas series (n,), as arrays in the neutral schema.
 
     Raises:
-        InputError: a column is missing, unknown, or not of numbers; or no row is of a window.
+        InputError: a column is missing, unknown or not numeric, or no row is of a window.
     """
     missing = [name for name in COLUMNS if name not in columns and name not in UNUSED]
     unknown = [name for name in columns if name not in COLUMNS]
@@ -150,13 +149,13 @@ def neutral_columns(columns: Mapping[str, Any], where: str) -> dict[str, np.ndar
 
 
 def map_from_global(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """X and y (n,) in frame map [m] of positions x and y (n,) in metres of the State Plane zone."""
+    """x, y (n,) [m] in frame map of positions `x`, `y` (n,) [m] in the State Plane zone."""
     cos, sin = np.cos(MAP_FROM_GLOBAL_YAW), np.sin(MAP_FROM_GLOBAL_YAW)
     dx, dy = x - GLOBAL_ANCHOR[0], y - GLOBAL_ANCHOR[1]
     return MAP_ANCHOR[0] + cos * dx - sin * dy, MAP_ANCHOR[1] + sin * dx + cos * dy
 
 
 def kind_of(length: FloatArray, width: FloatArray) -> FloatArray:
-    """Vehicle class (n,) as numbered by ``Kind``, guessed from length and width (n,) [m]: the file has none."""
+    """Kind (n,), as numbered by ``Kind``, guessed from length and width (n,) [m]."""
     motorcycle = (length < MOTORCYCLE_BELOW) & (width < MOTORCYCLE_NARROWER)
     return np.select([motorcycle, length > TRUCK_ABOVE], [Kind.MOTORCYCLE, Kind.TRUCK], Kind.CAR)
