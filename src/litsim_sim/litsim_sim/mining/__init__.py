@@ -1,1 +1,1 @@
-"""What happens in recorded traffic: events around every possible ego with their numbers, and choices among them."""
+"""Scenario mining: events around every possible ego in recorded traffic, their measures, and selections of them."""

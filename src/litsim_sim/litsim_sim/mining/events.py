@@ -1,4 +1,4 @@
-"""Events: what they are, how severe one is, and all that is known of a log to find them in."""
+"""Events, their severity, and the data of a log that they are found in."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario import Scenario
 
 Number = float | int | str | None
-"""Of an event: a measure in SI units and radians, a word, or None where there is nothing to measure."""
+"""Measure of an event in SI units and radians, or a word; None if there is nothing to measure."""
 
 DECIMALS = 3
 
-CLOSING_MIN = 0.1  # [m/s] less is no approach: of hundred metres, the time would be a quarter of an hour; our choice
+CLOSING_MIN = 0.1  # [m/s] smallest closing speed of an approach: 100 m would take a quarter of an hour; our choice
 
-HEADWAY_MAX_S = 3.5  # [s] who is ahead of the ego, or goes there, farther away is nothing to it
-TTC_S = 2.0  # [s] a new follower's is critical below
+HEADWAY_MAX_S = 3.5  # [s] headway beyond which an agent ahead is irrelevant to the ego
+TTC_S = 2.0  # [s] criticality target of time to collision
 HEADWAY_S = 0.9  # [s] the lower of the usual targets, 0.9 to 1.8 s
-PET_S = 1.5  # [s] critical below, grave below 1 s
-BRAKE_THREAT = 1.0  # as much as the brakes can
-LATERAL_ACCELERATION = 3.0  # [m/s2] more is uncomfortable; our choice
+PET_S = 1.5  # [s] criticality target; grave below 1 s
+BRAKE_THREAT = 1.0  # full braking
+LATERAL_ACCELERATION = 3.0  # [m/s2] uncomfortable above; our choice
 
 
 class EventKind(StrEnum):
-    """What can happen around an ego."""
+    """Kinds of events around an ego."""
 
     CUT_IN = "cut_in"
     CUT_OUT = "cut_out"
@@ -53,15 +53,15 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True)
 class Event:
-    """Something happens around an ego.
+    """An event around an ego.
 
     Attributes:
-        kind: what.
-        ego: id of the vehicle from whose seat it is seen.
-        other: id of the vehicle that it happens with, None where there is none.
-        begin, step, end: first step of it, the one that its numbers are of, and its last, in steps of the scenario.
-        severity: from 0 to 1; 0.5 is the criticality target of the measure that is worst, see :func:`severity`.
-        numbers: its measures by name, the unit at the end of each; None where there is nothing to measure.
+        kind: its kind.
+        ego: id of the ego.
+        other: id of the other vehicle; None for none.
+        begin, step, end: first step, step of its measures, and last step, in steps of the scenario.
+        severity: from 0 to 1, see :func:`severity`; 0.5 is the criticality target of its worst measure.
+        numbers: measures by name, which ends with the unit; None if there is nothing to measure.
     """
 
     kind: EventKind
@@ -74,7 +74,7 @@ class Event:
     numbers: Mapping[str, Number] = field(default_factory=dict)
 
     def entry(self) -> dict[str, Number]:
-        """The event as it stands in a suite, times in seconds of the scenario."""
+        """The event as an entry of a suite, with times in seconds of the scenario."""
         times = {"time_s": self.step, "begin_s": self.begin, "end_s": self.end}
         head: dict[str, Number] = {"kind": str(self.kind), "other": self.other}
         head |= {name: round(step * STEP_S, DECIMALS) for name, step in times.items()}
@@ -89,11 +89,11 @@ def severity(
     brake_threat: float | None = None,
     lateral_acceleration: float | None = None,
 ) -> float:
-    """How severe an event is, from 0 to 1: of its measures the worst, c / (c + x) where x may not be small.
+    """Severity of an event, from 0 to 1: the maximum over its measures.
 
-    c is the criticality target of a measure, so that 0.5 says it is met: TTC 2 s, time headway 0.9 s, PET 1.5 s. Of
-    measures that may not be great it is x / (c + x): brake threat number 1, lateral acceleration 3 m/s2. None and
-    infinity say nothing. The form is our choice: one scale for all kinds, without ties at either end.
+    A measure x with criticality target c has severity c / (c + x) if small values are critical (TTC 2 s, time headway
+    0.9 s, PET 1.5 s), and x / (c + x) if large ones are (brake threat number 1, lateral acceleration 3 m/s2), so that
+    0.5 is the target. None counts as 0. The form is our choice: one scale for all kinds, without ties at either end.
     """
     small = ((ttc, TTC_S), (headway, HEADWAY_S), (pet, PET_S))
     great = ((brake_threat, BRAKE_THREAT), (lateral_acceleration, LATERAL_ACCELERATION))
@@ -103,22 +103,22 @@ def severity(
 
 
 def measured(value: float) -> float | None:
-    """`value` rounded as events hold it, None where it is infinite: there is nothing to measure."""
+    """`value` rounded for an event; None if it is not finite."""
     return round(float(value), DECIMALS) if isfinite(value) else None
 
 
 @dataclass(frozen=True)
 class Situation:
-    """A log with everything that events are found by.
+    """A log with all data that events are found by.
 
     Attributes:
-        log: what every agent did.
-        lane_map: the lanes.
-        ways: how they lead into each other.
-        tracks: where agents are on them.
-        following: who follows whom; arrays (n, steps).
-        changes, passages, turns: of all agents.
-        signals: of the ways through junctions.
+        log: recorded motion of all agents.
+        lane_map: lanes of the net.
+        ways: connections between the lanes.
+        tracks: positions of the agents on the lanes.
+        following: leader of every agent, and how it is followed; arrays (n, steps).
+        changes, passages, turns: lane changes, passages of junctions and turns of all agents.
+        signals: signals of the ways through junctions.
     """
 
     log: Log
@@ -133,7 +133,7 @@ class Situation:
 
     @classmethod
     def of(cls, log: Log, lane_map: LaneMap, signals: WaySignals | None = None) -> Situation:
-        """Find who is where, follows whom, changes lanes and turns in `log` on the lanes of `lane_map`."""
+        """The situation of `log` on the lanes of `lane_map`."""
         tracks = LaneTracks.of(log, lane_map)
         return cls(
             log=log,
@@ -149,7 +149,7 @@ class Situation:
 
     @classmethod
     def of_scenario(cls, scenario: Scenario) -> Situation:
-        """The same of a scenario's log, net and signals."""
+        """The situation of a scenario's log, net and signals."""
         return cls.of(scenario.log, scenario.lane_map, WaySignals.of(scenario))
 
     def id_of(self, row: int) -> int:
@@ -157,12 +157,12 @@ class Situation:
         return int(self.log.ids[row])
 
     def followers(self, row: int, step: int) -> IntArray:
-        """Rows of the agents whose leader at `step` is the one in `row`, the nearest first."""
+        """Rows (k,) of the agents that follow the one in `row` at `step`, the nearest first."""
         behind = np.flatnonzero(self.following.leader[:, step] == row)
         return behind[np.argsort(self.following.gap[behind, step], kind="stable")]
 
     def ttc_min(self, row: int, first: int, last: int) -> float:
-        """The least time of the agent in `row` to its leader, from step `first` through `last` [s]; inf without."""
+        """Shortest time [s] to collision of the agent in `row` with its leader, steps `first` to `last`; else inf."""
         piece = slice(first, last + 1)
         gap, closing = self.following.gap[row, piece], self.following.closing[row, piece]
         times = np.divide(gap, closing, out=np.full(len(gap), np.inf), where=closing > CLOSING_MIN)

@@ -1,4 +1,4 @@
-"""Events along a lane: the leader brakes, traffic stops and goes, an ego follows steadily."""
+"""Events along a lane: a braking leader, stop and go, and steady following."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from litsim_sim.core.scene import STEP_S, BoolArray
 from litsim_sim.mining.events import HEADWAY_MAX_S, Event, EventKind, Number, Situation, measured, severity
 from litsim_sim.mining.lane_tracks import NOWHERE, true_runs
 
-HARD_MPS2, HARD_S, LOST_MPS = -3.0, 0.6, 1.0  # braking is hard at that acceleration, for so long, if so much is lost
-LEADER_MPS2 = -2.5  # a leader brakes
-AFTER = round(3.0 / STEP_S)  # steps after braking in which its worst is looked for
+HARD_MPS2, HARD_S, LOST_MPS = -3.0, 0.6, 1.0  # hard braking: acceleration, shortest duration, smallest loss of speed
+LEADER_MPS2 = -2.5  # largest acceleration of a braking leader
+AFTER = round(3.0 / STEP_S)  # steps after braking in which the shortest TTC is searched for
 FULL_BRAKING = 7.59  # [m/s2] 0.774 g, of UN Regulation 157's careful driver: brake threat number 1
 
-GOING, STOPPED = 5.0, 2.0  # [m/s] above and below which an ego goes and stands in a queue; our choice
-QUEUE_M = 30.0  # [m] to the leader that it stands behind; our choice
+GOING, STOPPED = 5.0, 2.0  # [m/s] speeds above and below which an ego moves and is stopped; our choice
+QUEUE_M = 30.0  # [m] largest gap to the leader in a queue; our choice
 
 FOLLOWING_HEADWAY_S, FOLLOWING_SPEED, FOLLOWING_TTC_S, FOLLOWING_S = (0.7, 3.0), 3.0, 3.0, 2.0
 
 
 def hard_braking(situation: Situation) -> Iterator[Event]:
-    """The leader brakes with 3 m/s2 or more for 0.6 s or longer and loses 1 m/s, less than 3.5 s ahead of the ego."""
+    """The leader, within a headway of 3.5 s, brakes at 3 m/s2 or more for at least 0.6 s and loses at least 1 m/s."""
     log = situation.log
     for row in range(len(log.ids)):
         for begin, end in true_runs(log.valid[row] & (log.acceleration[row] <= HARD_MPS2)):
@@ -33,7 +33,7 @@ def hard_braking(situation: Situation) -> Iterator[Event]:
 
 
 def leader_braking(situation: Situation) -> Iterator[Event]:
-    """The leader brakes with 2.5 m/s2 or more, less than 3.5 s ahead of the ego."""
+    """The leader, within a headway of 3.5 s, brakes at 2.5 m/s2 or more."""
     log = situation.log
     for row in range(len(log.ids)):
         for begin, end in true_runs(log.valid[row] & (log.acceleration[row] <= LEADER_MPS2)):
@@ -41,7 +41,7 @@ def leader_braking(situation: Situation) -> Iterator[Event]:
 
 
 def stop_and_go(situation: Situation) -> Iterator[Event]:
-    """An ego that has driven 5 m/s falls below 2 m/s behind its leader, at most 30 m away, and gets back to 5 m/s."""
+    """An ego slows from 5 m/s to below 2 m/s within 30 m behind its leader, and gets back to 5 m/s."""
     log, following = situation.log, situation.following
     for row in range(len(log.ids)):
         speed, there = log.speed[row], log.valid[row]
@@ -70,7 +70,7 @@ def stop_and_go(situation: Situation) -> Iterator[Event]:
 
 
 def steady_following(situation: Situation) -> Iterator[Event]:
-    """An ego follows one leader for 2 s or more with a headway of 0.7 to 3 s, as fast to 3 m/s, TTC over 3 s."""
+    """An ego follows one leader for 2 s or more: headway 0.7 to 3 s, closing speed within 3 m/s, TTC above 3 s."""
     following = situation.following
     low, high = FOLLOWING_HEADWAY_S
     steady: BoolArray = (following.headway >= low) & (following.headway <= high)
@@ -95,7 +95,7 @@ def steady_following(situation: Situation) -> Iterator[Event]:
 
 
 def _braking(situation: Situation, row: int, begin: int, end: int, kind: EventKind) -> Iterator[Event]:
-    """Braking of the agent in `row` from step `begin` through `end`, as each of those sees it that it leads."""
+    """Events of the agent in `row` braking from step `begin` to `end`, one for each of its followers."""
     log, following = situation.log, situation.following
     piece = slice(begin, end + 1)
     concerned = (following.leader[:, piece] == row) & (following.headway[:, piece] < HEADWAY_MAX_S)
@@ -120,15 +120,15 @@ def _braking(situation: Situation, row: int, begin: int, end: int, kind: EventKi
 
 
 def brake_threat(gap: float, speed: float, leader_speed: float, leader_braking: float) -> float:
-    """The share of full braking, 0.774 g, by which an ego just stops behind a leader that brakes to a stop.
+    """Brake threat number: the share of full braking, 0.774 g, that an ego needs behind a leader that brakes to a stop.
 
-    Above 1 it cannot, without any delay of its own. Brake threat number as of Brannstrom, Sjoberg and Coelingh (2008),
-    for a leader that goes on braking; inf in contact behind one that stands.
+    Above 1 a contact is unavoidable, even without reaction time; inf without any room. After Brannstrom, Sjoberg and
+    Coelingh (2008), for a leader that keeps braking.
 
     Args:
-        gap: from bumper to bumper [m].
-        speed, leader_speed: [m/s].
-        leader_braking: its deceleration, greater than 0 [m/s2].
+        gap: bumper-to-bumper distance [m].
+        speed, leader_speed: speeds of ego and leader [m/s].
+        leader_braking: deceleration of the leader [m/s2], greater than 0.
     """
     room = gap + leader_speed**2 / (2.0 * leader_braking)
     if speed <= 0.0:

@@ -1,4 +1,4 @@
-"""Events at junctions: turns, crossing and merging paths, left turns across oncoming traffic."""
+"""Events at junctions: turns, crossing and merging paths, and left turns across oncoming traffic."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from litsim_sim.mining.lane_tracks import TURN_RAD
 from litsim_sim.mining.passages import MARGIN, Passage, boxes
 from litsim_sim.mining.signals import Protection, Way
 
-LEFT_TURN_PET_S = 3.0  # [s] at most, of a left turn across oncoming traffic
+LEFT_TURN_PET_S = 3.0  # [s] largest post-encroachment time of a left turn across oncoming traffic
 
 
 def turn_events(situation: Situation) -> Iterator[Event]:
-    """The ego turns by more than 45 degrees, faster than 5 degrees a second."""
+    """The ego turns by more than 45 degrees at more than 5 degrees per second."""
     for turn in situation.turns:
         most = turn.lateral_acceleration
         numbers: dict[str, Number] = {
@@ -33,11 +33,10 @@ def turn_events(situation: Situation) -> Iterator[Event]:
 
 
 def encounters(situation: Situation) -> Iterator[Event]:
-    """Two vehicles that come to a junction from two roads use one place of it within 5 s of each other.
+    """Two vehicles that enter a junction from two roads use one place of it within 5 s of each other.
 
-    Left turn: one turns left across the way of one that comes straight from the opposite side, within 3 s, and its
-    light does not let it go alone. Merge: they leave in the same lane. Crossing: they leave in different ones. Each is
-    told once for either vehicle, with the role that it has.
+    Left turn: one turns left across the path of an oncoming vehicle that goes straight, within 3 s, without a protected
+    signal. Merge: they leave in the same lane. Crossing: all others. Each gives one event per vehicle, with its role.
     """
     by_junction: dict[str, list[Passage]] = {}
     for each in situation.passages:
@@ -49,7 +48,7 @@ def encounters(situation: Situation) -> Iterator[Event]:
 
 
 def _comparable(situation: Situation, a: Passage, b: Passage) -> bool:
-    """Whether two passages are of two vehicles, from two roads, and near in time."""
+    """Whether two passages are of different vehicles, from different roads, and close in time."""
     roads = {situation.lane_map.lanes[each.from_lane].edge_id for each in (a, b)}
     apart = max(a.first - b.last, b.first - a.last) - 2 * MARGIN
     return a.agent != b.agent and len(roads) == 2 and apart * STEP_S <= PET_HORIZON_S
@@ -86,12 +85,12 @@ def _encounter(situation: Situation, a: Passage, b: Passage) -> Iterator[Event]:
 
 
 def _speed(situation: Situation, row: int, step: int) -> float | None:
-    """Of the agent in `row` [m/s]; None where it has left the road before."""
+    """Speed [m/s] of the agent in `row` at `step`; None if it is not on the road."""
     return measured(situation.log.speed[row, step]) if situation.log.valid[row, step] else None
 
 
 def _kind(situation: Situation, a: Passage, b: Passage, pet: float) -> tuple[EventKind, Protection | None]:
-    """What two passages with post-encroachment time `pet` [s] are to each other; of a left turn also its signal."""
+    """Kind of an encounter with post-encroachment time `pet` [s], and the protection of a left turn."""
     if a.to_lane == b.to_lane:
         return EventKind.MERGE, None
     for turning, straight in ((a, b), (b, a)):
@@ -110,7 +109,7 @@ def _lanes(situation: Situation, passage: Passage) -> Way:
 
 
 def _steps(situation: Situation, passage: Passage) -> tuple[int, int]:
-    """First and last step of a passage with the way there and away, on the road."""
+    """First and last step of a passage, extended by the approach and the exit."""
     log, row = situation.log, passage.agent
     return max(passage.first - MARGIN, int(log.first_step[row])), min(passage.last + MARGIN, int(log.last_step[row]))
 

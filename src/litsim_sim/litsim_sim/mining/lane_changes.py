@@ -1,4 +1,4 @@
-"""Lane changes of every agent, told from swerves that come back and from turns."""
+"""Lane changes of every agent, as opposed to swerves and turns."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import numpy as np
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.mining.lane_tracks import NOWHERE, LaneTracks, runs
 
-CENTRE_M = 0.375  # [m] from a centre line within which an agent wanders in its lane (R157's wandering zone)
-LATERAL_SPEED_MIN = 0.1  # [m/s] slower is drift
-STAYED_S = 2.0  # [s] in a lane, off its centre, after which it is the agent's lane all the same
+CENTRE_M = 0.375  # [m] half width of the wandering zone around a centre line (R157)
+LATERAL_SPEED_MIN = 0.1  # [m/s] slower lateral motion is drift
+STAYED_S = 2.0  # [s] time in a lane after which it counts as taken, even off its centre
 
 
 @dataclass(frozen=True)
 class LaneChange:
-    """An agent goes to a neighbour lane and stays there.
+    """A change of an agent to an adjacent lane, in which it stays.
 
     Attributes:
         agent: row in the log.
-        begin: first step at which it leaves its wandering zone, moving at least 0.1 m/s across.
-        cross: first step at which its centre is in the new lane.
-        end: first step at which it is within the wandering zone of the new lane, or hardly moves across any more.
-        left: whether it goes to the left.
-        from_lane, to_lane: lanes before and at `cross`, as positions in the lane map.
-        lateral_speed: the greatest of the change [m/s].
+        begin: first step off the wandering zone with a lateral speed of at least 0.1 m/s.
+        cross: first step with its centre in the new lane.
+        end: first step in the wandering zone of the new lane, or with less lateral speed.
+        left: whether the change is to the left.
+        from_lane, to_lane: lanes before and at `cross`, as indices in the lane map.
+        lateral_speed: largest lateral speed of the change [m/s].
     """
 
     agent: int
@@ -40,16 +40,15 @@ class LaneChange:
 
     @property
     def duration_s(self) -> float:
-        """From leaving the wandering zone to arriving in the new one [s]."""
+        """Time from leaving the wandering zone to arriving in the new one [s]."""
         return (self.end - self.begin) * STEP_S
 
 
 def lane_changes(tracks: LaneTracks) -> list[LaneChange]:
-    """The lane changes of all agents, by agent and time.
+    """The lane changes of all agents, sorted by agent and time.
 
-    A lane counts as taken when the agent comes within 0.375 m of its centre line, or stays in it for 2 s, and the one
-    that it is first seen in; what comes back before is no change. Neither is what crosses two borders at once, nor what
-    turns at a junction.
+    A lane counts as taken if the agent comes within 0.375 m of its centre line, stays in it for 2 s, or is first seen
+    in it; excursions to other lanes are not changes, nor are crossings of two borders at once, nor turns at junctions.
     """
     found = []
     for row in range(len(tracks.lane)):
@@ -60,7 +59,7 @@ def lane_changes(tracks: LaneTracks) -> list[LaneChange]:
 
 
 def _changes(tracks: LaneTracks, row: int, first: int, last: int) -> list[LaneChange]:
-    """Changes within one stretch, the steps from `first` up to `last` (exclusive) of the agent in `row`."""
+    """Changes of the agent in `row` within one stretch, the steps from `first` to `last` (exclusive)."""
     level, centred = tracks.level[row], np.abs(tracks.d[row]) <= CENTRE_M
     taken = [
         (first + begin, first + end)
@@ -82,7 +81,7 @@ def _changes(tracks: LaneTracks, row: int, first: int, last: int) -> list[LaneCh
 
 
 def _borders(centred: BoolArray, speed: FloatArray, steps: tuple[int, int, int]) -> tuple[int, int]:
-    """First and last step of a change that crosses at the second of `steps`, between the first and the third."""
+    """First and last step of a change that crosses at the second of `steps`, bounded by the first and the third."""
     low, cross, high = steps
     still: BoolArray = centred | (speed < LATERAL_SPEED_MIN)
     before: IntArray = np.flatnonzero(still[low:cross])

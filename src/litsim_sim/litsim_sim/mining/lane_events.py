@@ -1,4 +1,4 @@
-"""Events across lanes: cut-in, cut-out, the ego's own lane change, merging over a lane's border."""
+"""Events across lanes: cut-in, cut-out, lane change of the ego, and merging from a ramp."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from litsim_sim.mining.events import HEADWAY_MAX_S, Event, EventKind, Number, Si
 from litsim_sim.mining.lane_changes import LaneChange
 from litsim_sim.mining.lane_tracks import NOWHERE
 
-CREEP = 1.0  # [m/s] for that, an ego drives at least so fast
-AROUND = round(3.0 / STEP_S)  # steps around a cut-in with no other change of the intruder
-AFTER = round(3.0 / STEP_S)  # steps after an event in which its worst is looked for
-ORIGIN_M = 300.0  # [m] upstream, within which two lanes came from two roads
+CREEP = 1.0  # [m/s] lower bound on the ego's speed in headways
+AROUND = round(3.0 / STEP_S)  # steps around a cut-in without another lane change of the intruder
+AFTER = round(3.0 / STEP_S)  # steps after an event in which the shortest TTC is searched for
+ORIGIN_M = 300.0  # [m] distance upstream within which the roads that lead to a lane are searched for
 
-R157_BRAKING, R157_DELAY = 6.0, 0.35  # [m/s2], [s] UN Regulation 157: a cut-in must be avoided above that TTC
+R157_BRAKING, R157_DELAY = 6.0, 0.35  # [m/s2], [s] UN Regulation 157: of the TTC above which a cut-in must be avoided
 
 
 def cut_ins(situation: Situation) -> Iterator[Event]:
-    """A neighbour becomes the leader of an ego that keeps its lane, by the only change that it makes around then."""
+    """A vehicle becomes the leader of an ego that keeps its lane, by its only lane change within 3 s."""
     leader = situation.following.leader
     for change in situation.changes:
         if _again(situation, change):
@@ -31,7 +31,7 @@ def cut_ins(situation: Situation) -> Iterator[Event]:
 
 
 def cut_outs(situation: Situation) -> Iterator[Event]:
-    """The leader of an ego that keeps its lane leaves to a neighbour lane, and shows what was ahead of it."""
+    """The leader of an ego that keeps its lane changes lanes and reveals the vehicle ahead of it."""
     following = situation.following
     for change in situation.changes:
         shown = int(following.leader[change.agent, change.cross - 1])
@@ -50,15 +50,15 @@ def cut_outs(situation: Situation) -> Iterator[Event]:
 
 
 def lane_change_events(situation: Situation) -> Iterator[Event]:
-    """The ego changes lanes, between a new leader and a new follower."""
+    """The ego changes lanes, between a new leader and a new follower, if any."""
     for change in situation.changes:
         yield _own_change(situation, change, EventKind.LANE_CHANGE)
 
 
 def lane_merges(situation: Situation) -> Iterator[Event]:
-    """A vehicle changes from a lane that comes from a smaller road, a ramp, to one that comes from a greater one.
+    """A vehicle changes from a lane of a smaller road, such as a ramp, to one of a larger road.
 
-    It happens to the one that merges, and to the one that it gets in front of.
+    Gives one event for the merging vehicle, and one for its new follower.
     """
     for change in situation.changes:
         if not _merging(situation, change):
@@ -92,7 +92,7 @@ def _cut_in(
 def _own_change(
     situation: Situation, change: LaneChange, kind: EventKind, more: dict[str, Number] | None = None
 ) -> Event:
-    """The change as the one sees it that makes it; with the new leader or follower, whichever is worse."""
+    """A lane change as an event of the vehicle that makes it, with the more critical of its new leader and follower."""
     at, row = change.cross, change.agent
     ahead, worst_ahead = _gap(situation, row, at)
     numbers: dict[str, Number] = {f"ahead_{name}": value for name, value in ahead.items()}
@@ -115,13 +115,13 @@ def _event(
     worst: float,
     numbers: dict[str, Number],
 ) -> Event:
-    who = None if other == NOWHERE else situation.id_of(other)
+    other_id = None if other == NOWHERE else situation.id_of(other)
     steps = (change.begin, change.cross, change.end)
-    return Event(kind, situation.id_of(ego), who, *steps, worst, numbers)
+    return Event(kind, situation.id_of(ego), other_id, *steps, worst, numbers)
 
 
 def _gap(situation: Situation, row: int, step: int) -> tuple[dict[str, Number], float]:
-    """Measures of how the agent in `row` follows at `step`, and their severity."""
+    """Measures of the agent in `row` with respect to its leader at `step`, and their severity."""
     following = situation.following
     gap, closing = float(following.gap[row, step]), float(following.closing[row, step])
     headway, ttc = float(following.headway[row, step]), situation.ttc_min(row, step, step)
@@ -136,7 +136,7 @@ def _gap(situation: Situation, row: int, step: int) -> tuple[dict[str, Number], 
 
 
 def _near(situation: Situation, row: int, step: int) -> bool:
-    """Whether the leader is within 3.5 s of an ego, which counts as driving 1 m/s at least."""
+    """Whether the leader is within a headway of 3.5 s, at the ego's speed or at least 1 m/s."""
     speed = max(float(situation.log.speed[row, step]), CREEP)
     return bool(situation.following.gap[row, step] <= HEADWAY_MAX_S * speed)
 
@@ -146,7 +146,7 @@ def _later(situation: Situation, row: int, step: int) -> int:
 
 
 def _again(situation: Situation, change: LaneChange) -> bool:
-    """Whether the agent makes another lane change around the same time."""
+    """Whether the agent makes another lane change within 3 s."""
     return any(
         other is not change and other.agent == change.agent and abs(other.cross - change.cross) <= AROUND
         for other in situation.changes
@@ -154,12 +154,12 @@ def _again(situation: Situation, change: LaneChange) -> bool:
 
 
 def _keeps_lane(situation: Situation, row: int, begin: int, end: int) -> bool:
-    """Whether the agent in `row` changes no lane from step `begin` through `end`."""
+    """Whether the agent in `row` makes no lane change from step `begin` to `end`."""
     return not any(other.agent == row and other.begin <= end and other.end >= begin for other in situation.changes)
 
 
 def _merging(situation: Situation, change: LaneChange) -> bool:
-    """Whether the lane that is left comes from another road than the new one, and from a smaller one."""
+    """Whether the old lane comes from another and smaller road than the new one."""
     left, entered = (_upstream(situation, lane) for lane in (change.from_lane, change.to_lane))
     lanes = situation.lane_map.lanes
 
@@ -170,7 +170,7 @@ def _merging(situation: Situation, change: LaneChange) -> bool:
 
 
 def _upstream(situation: Situation, lane: int) -> set[str]:
-    """The roads from which one comes to a lane without changing lanes, within 300 m."""
+    """Ids of the edges that lead to a lane without lane changes, within 300 m upstream."""
     lanes = situation.lane_map.lanes
     waiting, found, seen = [(lane, 0.0)], set[str](), set[int]()
     while waiting:

@@ -1,4 +1,4 @@
-"""A log on the lanes of its net: which lane each agent is in, where in it, and how that number of lanes changes.
+"""A log on the lanes of its net: lane and position of each agent, and its motion across lanes.
 
 Arrays have shape (n, steps), agents as in the log.
 """
@@ -18,29 +18,29 @@ from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.scenario.log import Log
 
-NOWHERE = -1  # a lane, where there is none
-OFF_LANE_M = 1.0  # [m] beyond the border of the nearest lane: on no lane at all
-TURN_RAD = np.deg2rad(45.0)  # from here on the way through a junction is a turn
-LATERAL_SPAN = 5  # steps before and after, over which a lateral speed is taken
-CHUNK = 4096  # poses that are looked up at once: at junctions each has hundreds of segments near it
-JUMP_M = 0.6  # [m] of lateral motion in a step: more is the border of two lanes that do not fit, not motion
+NOWHERE = -1  # index of no lane
+OFF_LANE_M = 1.0  # [m] distance beyond the border of the nearest lane at which an agent is on no lane
+TURN_RAD = np.deg2rad(45.0)  # smallest change of heading of a turn
+LATERAL_SPAN = 5  # steps before and after over which a lateral speed is measured
+CHUNK = 4096  # poses looked up at once, to bound memory: at junctions each is near hundreds of segments
+JUMP_M = 0.6  # [m] largest lateral motion in a step; more is a mismatch of successive lanes
 
 
 @dataclass(frozen=True)
 class LaneTracks:
-    """Where agents are on the road.
+    """Positions of agents on the lanes.
 
     Attributes:
-        lane: (n, steps) position in `LaneMap.lanes`; -1 where an agent is not on the road, or on no lane.
-        s: (n, steps) along the lane [m].
-        d: (n, steps) to the left of its centre line [m].
-        along: (n, steps) speed along it [m/s].
-        stretch: (n, steps) number of the piece of a track over which lanes can be counted; one begins where an agent is
-            back on the road, or comes to a lane that none of those before leads to. -1 where `lane` is.
-        level: (n, steps) how many lanes farther to the left than at the beginning of the stretch.
-        lateral_speed: (n, steps) to the left, across lanes, over a second [m/s].
-        following: (n, lanes) the lane that each agent takes after each: the one it took, otherwise the straightest; -1
-            where the net ends.
+        lane: (n, steps) index in `LaneMap.lanes`; -1 for an agent that is not on the road, or on no lane.
+        s: (n, steps) position along the lane [m].
+        d: (n, steps) offset to the left of its centre line [m].
+        along: (n, steps) speed along the lane [m/s].
+        stretch: (n, steps) number of the stretch of a track over which lanes can be counted; a new one begins when an
+            agent comes onto a lane from off the lanes, or from one that does not lead there. -1 where `lane` is.
+        level: (n, steps) number of lanes to the left of that at the beginning of the stretch.
+        lateral_speed: (n, steps) lateral speed to the left, across lanes, averaged over a second [m/s].
+        following: (n, lanes) the lane that each agent takes after each lane: as recorded, else the straightest; -1 at
+            the end of the net.
     """
 
     lane: IntArray
@@ -55,7 +55,7 @@ class LaneTracks:
     @classmethod
     def of(cls, log: Log, lane_map: LaneMap) -> LaneTracks:
         """Place the agents of `log` on the lanes of `lane_map`."""
-        valid = log.valid & ~log.obstacle[:, None]  # pedestrians and cyclists keep to no lanes
+        valid = log.valid & ~log.obstacle[:, None]  # pedestrians and cyclists do not keep to lanes
         width = np.array([lane.width for lane in lane_map.lanes])
         lane = np.full(valid.shape, NOWHERE)
         s, d, along = (np.zeros(valid.shape) for _ in range(3))
@@ -78,10 +78,10 @@ class LaneTracks:
 
 
 class Ways:
-    """How the lanes of a net lead into each other, by their positions in a lane map.
+    """Connections between the lanes of a net, by indices in a lane map.
 
     Attributes:
-        straightest: the successor of each lane that turns least, -1 where the net ends.
+        straightest: the successor of each lane that turns least; -1 for none.
     """
 
     def __init__(self, lanes: tuple[Lane, ...]) -> None:
@@ -99,13 +99,13 @@ class Ways:
         self.straightest = [NOWHERE if each is None else each for each in straightest_successors(lanes)]
 
     def angle(self, before: int, after: int) -> float:
-        """From the end of one lane to the beginning of another, positive to the left [rad]."""
+        """Angle from the end of one lane to the beginning of another, positive to the left [rad]."""
         end, begin = (np.diff(self._lanes[each].centerline, axis=0) for each in (before, after))
         turn = np.arctan2(begin[0, 1], begin[0, 0]) - np.arctan2(end[-1, 1], end[-1, 0])
         return float(wrap_angle(np.asarray(turn)))
 
     def levels(self, lane: IntArray) -> tuple[IntArray, IntArray]:
-        """`LaneTracks.stretch` and `level` (steps,) of one agent that is on `lane` (steps,)."""
+        """`LaneTracks.stretch` and `level` (steps,) of an agent on `lane` (steps,)."""
         stretch, level = np.full(len(lane), NOWHERE), np.zeros(len(lane), np.int64)
         number, height, last = -1, 0, NOWHERE
         for begin, end in runs(lane):
@@ -124,19 +124,19 @@ class Ways:
         return stretch, level
 
     def taken(self, lane: IntArray) -> Iterator[tuple[int, int]]:
-        """Pairs of lanes of which an agent on `lane` (steps,) took the second after the first."""
+        """Pairs of successive lanes of an agent on `lane` (steps,)."""
         passed = [int(lane[begin]) for begin, _ in runs(lane)]
         for before, after in pairwise(passed):
             if NOWHERE in (before, after):
                 continue
             if after in self.successors[before]:
                 yield before, after
-            for between in self.successors[before]:  # which was passed between two steps
+            for between in self.successors[before]:  # a lane passed between two steps
                 if after in self.successors[between]:
                     yield from ((before, between), (between, after))
 
     def _step(self, before: int, after: int) -> int | None:
-        """By how many lanes to the left an agent has changed; None where lanes of the two cannot be compared."""
+        """Number of lanes to the left by which an agent has changed; None if the two lanes are not comparable."""
         lanes = self._lanes
         if lanes[before].edge_id == lanes[after].edge_id:
             return lanes[after].index - lanes[before].index
@@ -146,7 +146,7 @@ class Ways:
         return None if step and abs(self.angle(before, after)) > TURN_RAD else step
 
     def _through_junction(self, lane: int) -> Iterator[int]:
-        """The lanes outside of junctions that follow a lane, directly or through lanes inside a junction."""
+        """The lanes outside junctions that follow a lane, directly or through lanes inside a junction."""
         waiting, seen = list(self.successors[lane]), set[int]()
         while waiting:
             each = waiting.pop()
@@ -160,7 +160,7 @@ class Ways:
 
 
 def runs(values: IntArray | BoolArray) -> list[tuple[int, int]]:
-    """Beginning and end (exclusive) of each run of equal `values` (k,)."""
+    """Start and end (exclusive) of each run of equal `values` (k,)."""
     if not len(values):
         return []
     cuts = np.flatnonzero(values[1:] != values[:-1]) + 1
@@ -168,12 +168,12 @@ def runs(values: IntArray | BoolArray) -> list[tuple[int, int]]:
 
 
 def true_runs(values: BoolArray) -> list[tuple[int, int]]:
-    """Beginning and end (exclusive) of each run of true `values` (k,)."""
+    """Start and end (exclusive) of each run of true `values` (k,)."""
     return [(begin, end) for begin, end in runs(values) if values[begin]]
 
 
 def _lateral_speed(lane: IntArray, d: FloatArray, stretch: IntArray, level: IntArray, width: FloatArray) -> FloatArray:
-    """`LaneTracks.lateral_speed`: of the way across lanes, put together over their borders."""
+    """`LaneTracks.lateral_speed`, from offsets `d` made continuous across the borders of lanes."""
     step = np.zeros(d.shape)
     together = (stretch[:, 1:] == stretch[:, :-1]) & (stretch[:, 1:] != NOWHERE)
     half = 0.5 * (width[lane[:, 1:]] + width[lane[:, :-1]])
@@ -181,7 +181,7 @@ def _lateral_speed(lane: IntArray, d: FloatArray, stretch: IntArray, level: IntA
     step[:, 1:] = np.where(together & (np.abs(moved) <= JUMP_M), moved, 0.0)
     way = np.cumsum(step, axis=1)
     at = np.arange(d.shape[1])
-    # Of a stretch, the first and last step within reach: they are ascending along a track.
+    # The first and last step within reach in the same stretch.
     early, late = np.maximum(at - LATERAL_SPAN, 0), np.minimum(at + LATERAL_SPAN, len(at) - 1)
     first, last = np.zeros(d.shape, np.int64), np.zeros(d.shape, np.int64)
     for row in range(len(d)):

@@ -1,4 +1,4 @@
-"""Who follows whom, along lanes and over their ends, at every step of a log."""
+"""Leaders of all agents along lanes, at every step of a log."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.mining.lane_tracks import NOWHERE, LaneTracks
 from litsim_sim.scenario.log import Log
 
-HOPS_MAX = 64  # lanes ahead: with a hundred metres of sight, lanes are longer
+HOPS_MAX = 64  # most lanes searched ahead; more than fit into 100 m
 
 
 def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
-    """How every agent follows at every step; arrays (n, steps), `leader` being rows of the log.
+    """Leader of every agent at every step, and how it is followed; arrays (n, steps), `leader` as rows of the log.
 
-    The leader is the nearest agent ahead whose centre is in the same lane, or in the lanes that the agent takes after
-    it (as it did; beyond its log the straightest), less than 100 m ahead. The gap runs along the lanes from bumper to
-    bumper; 0 where the two are beside each other in one lane.
+    The leader is the nearest agent ahead within 100 m with its centre in the same lane, or in the lanes that the agent
+    takes next (as recorded; beyond its log the straightest). The gap is measured along the lanes from bumper to bumper;
+    0 if the boxes overlap along the lane.
     """
     shape = log.valid.shape
     leader, distance = np.full(shape, NOWHERE), np.full(shape, np.inf)
@@ -31,7 +31,7 @@ def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
     distance[agent[:-1][same], step[:-1][same]] = (s[1:] - s[:-1])[same]
 
     first = np.concatenate([[True], ~same])[: len(agent)]
-    nearest = np.full((shape[1], len(lane_map.lanes)), NOWHERE)  # the last agent of each lane, seen from behind
+    nearest = np.full((shape[1], len(lane_map.lanes)), NOWHERE)  # rearmost agent of each lane
     nearest[step[first], lane[first]] = agent[first]
     _look_ahead(tracks, lane_map, nearest, leader, distance)
     return _followed(log, tracks.along, leader, distance)
@@ -40,7 +40,7 @@ def leaders(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> Following:
 def _look_ahead(
     tracks: LaneTracks, lane_map: LaneMap, nearest: IntArray, leader: IntArray, distance: FloatArray
 ) -> None:
-    """Fill `leader` and `distance` (n, steps) of those who are the first of their lane, from the lanes after it."""
+    """Fill `leader` and `distance` (n, steps) for the foremost agents of each lane, from the lanes that follow."""
     length = np.array([lane.length for lane in lane_map.lanes])
     agent, step = np.nonzero((tracks.lane != NOWHERE) & (leader == NOWHERE))
     lane = tracks.lane[agent, step]
@@ -59,7 +59,7 @@ def _look_ahead(
 
 
 def _followed(log: Log, along: FloatArray, leader: IntArray, distance: FloatArray) -> Following:
-    """The measures, from speeds `along` lanes [m/s], leaders, and distances to their centres [m]; all (n, steps)."""
+    """The measures from speeds `along` lanes [m/s], leaders, and distances to their centres [m]; all (n, steps)."""
     steps = np.arange(leader.shape[1])
     gap = distance - 0.5 * (log.length[:, None] + log.length[leader])
     leader = np.where(gap < SIGHT_M, leader, NOWHERE)

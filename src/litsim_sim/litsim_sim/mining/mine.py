@@ -1,4 +1,4 @@
-"""Every event around every possible ego of a scenario."""
+"""Search for the events around every possible ego of a scenario."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ FINDERS: tuple[tuple[Callable[[Situation], Iterator[Event]], tuple[EventKind, ..
     (junction_events.turn_events, (EventKind.TURN,)),
     (junction_events.encounters, (EventKind.CROSSING, EventKind.LEFT_TURN, EventKind.MERGE)),
 )
-"""What finds events, and of which kinds."""
+"""Functions that find events, and the kinds that each finds."""
 
 
 def events_in(situation: Situation, kinds: Collection[EventKind] = tuple(EventKind)) -> list[Event]:
-    """The events of the given kinds around every agent, by ego, time and kind."""
+    """The events of the given kinds around every agent, sorted by ego, time and kind."""
     found = [
         event
         for finder, finds in FINDERS
@@ -39,10 +39,9 @@ def events_in(situation: Situation, kinds: Collection[EventKind] = tuple(EventKi
 
 
 def mine(scenario: Scenario, kinds: Collection[EventKind] = tuple(EventKind)) -> list[Event]:
-    """The events of the given kinds around every vehicle that can be the ego of `scenario`, while it runs.
+    """The events of the given kinds around every possible ego of `scenario`, motorcycles excepted.
 
-    Those are its possible egos, motorcycles excepted. An event is of the run if its step is: after the history, and
-    before the scenario ends.
+    Only events with their step between the end of the history and the end of the scenario count.
     """
     egos = set(possible_egos(scenario))
     return [
@@ -53,7 +52,7 @@ def mine(scenario: Scenario, kinds: Collection[EventKind] = tuple(EventKind)) ->
 
 
 def possible_egos(scenario: Scenario) -> Sequence[int]:
-    """Ids of the vehicles that can be the ego: there from step 0 through the first simulated one, no motorcycles."""
+    """Ids of the vehicles that can be the ego: present from step 0 to the first simulated one, and not motorcycles."""
     ids = np.array(scenario.possible_egos, np.int64)
     kinds = scenario.log.kind[np.searchsorted(scenario.log.ids, ids)]
     return [int(each) for each in ids[np.isin(kinds, EGO_KINDS)]]

@@ -1,4 +1,4 @@
-"""Ways of agents through junctions, and turns."""
+"""Passages of agents through junctions, and turns."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.mining.lane_tracks import NOWHERE, TURN_RAD, LaneTracks, runs, true_runs
 from litsim_sim.scenario.log import Log
 
-TURN_RATE = np.deg2rad(5.0)  # [rad/s] slower is a bend
-RATE_SPAN = 5  # steps before and after, over which a yaw rate is taken
-PAUSE = 5  # steps without turning that do not end a turn
-STANDING = 1.0  # [m/s] whoever waits in the middle of a turn has not ended it
-MARGIN = 10  # steps before and after a passage: the way there and away
+TURN_RATE = np.deg2rad(5.0)  # [rad/s] smallest yaw rate of a turn; slower is a bend
+RATE_SPAN = 5  # steps before and after over which a yaw rate is measured
+PAUSE = 5  # longest pause within a turn [steps]
+STANDING = 1.0  # [m/s] speed below which waiting does not end a turn
+MARGIN = 10  # steps before and after a passage: approach and exit
 
 
 @dataclass(frozen=True)
 class Passage:
-    """An agent goes through a junction from one road to another.
+    """A passage of an agent through a junction from one road to another.
 
     Attributes:
         agent: row in the log.
-        junction: SUMO's name of it.
-        first, last: steps, both included, with its centre inside.
-        from_lane, to_lane: before and after, as positions in the lane map.
-        turned: change of heading over it and a second before and after, positive to the left [rad].
-        heading: before it [rad].
+        junction: id of the junction in SUMO.
+        first, last: first and last step with its centre inside.
+        from_lane, to_lane: lanes before and after, as indices in the lane map.
+        turned: change of heading, from a second before to a second after, positive to the left [rad].
+        heading: heading at the first step [rad].
     """
 
     agent: int
@@ -54,13 +54,13 @@ class Passage:
 
 @dataclass(frozen=True)
 class Turn:
-    """An agent turns by more than 45 degrees, faster than 5 degrees a second.
+    """A turn of an agent by more than 45 degrees at more than 5 degrees per second.
 
     Attributes:
         agent: row in the log.
         begin, end: first and last step.
-        angle: positive to the left [rad].
-        lateral_acceleration: the greatest, speed times yaw rate [m/s2].
+        angle: change of heading, positive to the left [rad].
+        lateral_acceleration: largest product of speed and yaw rate [m/s2].
     """
 
     agent: int
@@ -71,10 +71,10 @@ class Turn:
 
 
 def passages(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> list[Passage]:
-    """The ways of all agents through junctions, by agent and time.
+    """The passages of all agents through junctions, sorted by agent and time.
 
-    Whoever begins or ends inside a junction is left out: from where, or where to, is not known. So is whoever comes
-    back to the road that it came from: it waited at the border.
+    Passages of agents that appear or disappear inside a junction are left out, and so are those back to the same road:
+    the agent waited at the border.
     """
     lanes = lane_map.lanes
     found = []
@@ -94,7 +94,7 @@ def passages(log: Log, tracks: LaneTracks, lane_map: LaneMap) -> list[Passage]:
 
 
 def turns(log: Log) -> list[Turn]:
-    """The turns of all agents, by agent and time; who waits in the middle of one does not end it."""
+    """The turns of all agents, sorted by agent and time; waiting in the middle of a turn does not end it."""
     found = []
     for row in range(len(log.ids)):
         first, last = int(log.first_step[row]), int(log.last_step[row])
@@ -112,7 +112,7 @@ def turns(log: Log) -> list[Turn]:
 
 
 def _bridged(turning: BoolArray, standing: BoolArray) -> BoolArray:
-    """`turning` (k,) with its gaps closed that are short, or in which the agent stands."""
+    """`turning` (k,) with gaps closed that are short, or in which the agent stands."""
     closed = turning.copy()
     for begin, end in true_runs(~turning):
         inner = begin > 0 and end < len(turning)
@@ -122,7 +122,7 @@ def _bridged(turning: BoolArray, standing: BoolArray) -> BoolArray:
 
 
 def boxes(log: Log, row: int, first: int, last: int) -> FloatArray:
-    """(k, 5) x, y, yaw, length and width of an agent from step `first` through `last`, at which it is on the road."""
+    """Boxes (k, 5) of an agent on the road from step `first` to `last`: x, y, yaw, length, width."""
     piece = slice(first, last + 1)
     size = np.broadcast_to([log.length[row], log.width[row]], (last + 1 - first, 2))
     return np.column_stack([log.x[row, piece], log.y[row, piece], log.yaw[row, piece], size])

@@ -1,4 +1,4 @@
-"""How severe the found events are, by kind, as a picture."""
+"""Histograms of the severities of events, by kind."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def plot_severities(
 
     Raises:
         InputError: `path` cannot be written.
-        ValueError: its ending is that of no picture.
+        ValueError: its suffix is not that of a picture format.
     """
     kinds = [kind for kind in EventKind if kind in found]
     rows, columns = max(-(-len(kinds) // COLUMNS), 1), max(min(len(kinds), COLUMNS), 1)

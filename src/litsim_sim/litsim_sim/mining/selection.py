@@ -1,4 +1,4 @@
-"""Choices among found events: the hardest, or an even spread; each ego once for a kind."""
+"""Selection of events: the most severe, or an even spread; each ego counts once for a kind."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Found:
 
     Attributes:
         scenario: name or path, as the scenario was given.
-        event: what happens in it.
+        event: the event.
     """
 
     scenario: str
@@ -24,18 +24,18 @@ class Found:
 
     @property
     def seat(self) -> tuple[str, int]:
-        """Scenario and ego."""
+        """Its scenario and ego."""
         return self.scenario, self.event.ego
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A case of a suite: a scenario and an ego, and why it was chosen.
+    """A case of a suite: a scenario and an ego, and the events that it was chosen for.
 
     Attributes:
-        scenario, ego: from whose seat.
-        kinds: for which it was chosen.
-        events: those for which it was chosen, then everything else that was found around the ego, each by time.
+        scenario, ego: name or path of the scenario, and id of the ego.
+        kinds: kinds of the events that it was chosen for.
+        events: the events that it was chosen for, by time, then the other events around the ego.
     """
 
     scenario: str
@@ -45,14 +45,14 @@ class Chosen:
 
 
 def hardest(found: Sequence[Found], count: int) -> list[Found]:
-    """The `count` most severe of `found`, the hardest first; equal ones in their order."""
+    """The `count` most severe of `found`, in descending order; ties in the order of `found`."""
     return sorted(found, key=lambda each: -each.event.severity)[:count]
 
 
 def spread(found: Sequence[Found], count: int) -> list[Found]:
-    """`count` of `found` whose severities are spread as evenly as they can be from the least to the greatest.
+    """`count` of `found` with severities spread as evenly as possible over their range.
 
-    For each of as many evenly spaced severities, from the greatest down, the nearest event that is left.
+    For each of `count` evenly spaced severities, in descending order, the nearest event that is left.
     """
     left = hardest(found, len(found))
     if len(left) <= count:
@@ -65,7 +65,7 @@ def spread(found: Sequence[Found], count: int) -> list[Found]:
 
 
 def worst_of_each(found: Iterable[Found]) -> list[Found]:
-    """Of every scenario and ego the most severe event, the first of equal ones; in the order of `found`."""
+    """The most severe event of every scenario and ego, the first of ties; in the order of `found`."""
     best: dict[tuple[str, int], Found] = {}
     for each in found:
         if each.seat not in best or each.event.severity > best[each.seat].event.severity:
@@ -74,10 +74,10 @@ def worst_of_each(found: Iterable[Found]) -> list[Found]:
 
 
 def choose(found: Sequence[Found], wanted: Mapping[EventKind, int | None], *, evenly: bool = False) -> list[Chosen]:
-    """Cases for the kinds of `wanted`: as many of each as it says, the hardest or `evenly` spread; None is all.
+    """Cases for each kind of `wanted`, as many as it says (None: all), the most severe or `evenly` spread.
 
-    An ego counts once for a kind, with its most severe event. One that is chosen for several kinds is one case. Equal
-    arguments give equal cases, in the order of `found`.
+    An ego counts once for a kind, with its most severe event; one chosen for several kinds is one case. Deterministic;
+    in the order of `found`.
     """
     pick = spread if evenly else hardest
     chosen: dict[tuple[str, int], list[Event]] = {}

@@ -1,4 +1,4 @@
-"""Whether signals protect a turn: by what they showed, where the scenario knows that, otherwise by the net's plans."""
+"""Whether signals protect a turn: by their states, if the scenario knows them, else by the signal plans of the net."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ Way = tuple[str, str]
 
 
 class Protection(StrEnum):
-    """How a turn is protected from those whose way it crosses."""
+    """How a turn is protected from the traffic whose way it crosses."""
 
     PROTECTED = "protected"
-    """They had red when it went; where that is not known, there is a phase in which it has green and they have not."""
+    """The crossed traffic had red; if unknown, some phase gives green to the turn only."""
     PERMISSIVE = "permissive"
-    """They had no red when it went, or have no signal; where that is not known, it only ever has green with them."""
+    """The crossed traffic did not have red, or has no signal; if unknown, no phase gives green to the turn only."""
     NONE = "none"
-    """It has no signal."""
+    """The turn has no signal."""
 
 
 @dataclass(frozen=True)
 class WaySignals:
-    """What is known of the signals of ways through junctions.
+    """Signals of ways through junctions.
 
     Attributes:
-        plans: of every way that a light of the net controls, its letter in each phase of the light.
-        shown: of the ways of which the scenario knows it, the state at each step; arrays (steps,).
+        plans: SUMO's letter in each phase of the traffic light, by way that the net controls.
+        shown: (steps,) states, by way whose signals the scenario knows.
     """
 
     plans: Mapping[Way, tuple[str, ...]] = field(default_factory=dict)
@@ -48,11 +48,11 @@ class WaySignals:
 
     @classmethod
     def of(cls, scenario: Scenario) -> WaySignals:
-        """What the net and the signals of a scenario say."""
+        """The signals of a scenario and of its net."""
         return cls(signal_plans(scenario.net_path), _shown(scenario))
 
     def protection(self, turning: Way, crossed: Way, step: int) -> Protection:
-        """How one that goes `turning` at `step` is protected from those that go `crossed` at the same junction."""
+        """How a vehicle on way `turning` at `step` is protected from traffic on way `crossed` of the same junction."""
         if turning not in self.plans and turning not in self.shown:
             return Protection.NONE
         if turning in self.shown and crossed in self.shown:
@@ -60,16 +60,16 @@ class WaySignals:
             if state not in UNKNOWN:
                 return Protection.PROTECTED if state in CLOSED else Protection.PERMISSIVE
         own, theirs = self.plans.get(turning, ()), self.plans.get(crossed, ())
-        if not (own and theirs):  # who has no signal never has red
+        if not (own and theirs):  # traffic without a signal never has red
             return Protection.PERMISSIVE
-        # Two lights with different numbers of phases are not in step: at some time only one of them shows green.
+        # Two lights with different numbers of phases are not synchronised: at some time only one shows green.
         apart = len(own) != len(theirs)
         alone = apart or any(a in GREEN and b not in GREEN for a, b in zip(own, theirs, strict=True))
         return Protection.PROTECTED if alone else Protection.PERMISSIVE
 
 
 def signal_plans(net: Path) -> dict[Way, tuple[str, ...]]:
-    """The signal plans of a SUMO net that :func:`litsim_sim.maps.net_lanes.read_lanes` reads, by way."""
+    """The signal plans of a SUMO net, by way; see :class:`WaySignals`."""
     read: Any = sumolib.net.readNet(str(net), withPrograms=True, lxml=False)
     plans = {}
     for light in read.getTrafficLights():

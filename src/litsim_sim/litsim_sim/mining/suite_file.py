@@ -1,4 +1,4 @@
-"""From scenario files to the file of a suite: what to search, and how what was chosen is written."""
+"""Files of a mined suite: the scenarios to search, and the suite to write."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from litsim_sim.scenario.scenario import Scenario, packaged, packaged_nets, pack
 
 
 def scenario_names(given: Iterable[str]) -> list[str]:
-    """Packaged names and files of scenarios, each once: as given, and for a folder of segments those of its manifest.
+    """Unique names and files of scenarios, with each folder of segments replaced by the scenarios of its manifest.
 
     Raises:
         InputError: a folder has no manifest, or it cannot be read.
@@ -41,7 +41,7 @@ def scenario_names(given: Iterable[str]) -> list[str]:
 
 
 def suite_fields(chosen: Sequence[Chosen], folder: Path, **fields: Any) -> dict[str, Any]:
-    """The fields of a suite file in `folder` with the chosen cases; `fields` are those beside `cases`."""
+    """The fields of a suite file in `folder` with the chosen cases; `fields` are the other fields."""
     cases = [
         {
             "scenario": _seen_from(each.scenario, folder),
@@ -55,10 +55,10 @@ def suite_fields(chosen: Sequence[Chosen], folder: Path, **fields: Any) -> dict[
 
 
 def write_suite(path: Path, values: dict[str, Any]) -> Suite:
-    """Write the file of a suite, and return the suite.
+    """Write a suite file with the fields `values`, and return the suite.
 
     Raises:
-        InputError: there is no case in it, or it cannot be written.
+        InputError: it has no cases, or cannot be written.
     """
     if not values["cases"]:
         raise InputError("no scenario holds any of the events that were asked for: there is nothing to write")
@@ -70,9 +70,9 @@ def write_suite(path: Path, values: dict[str, Any]) -> Suite:
 
 
 def pack(chosen: Sequence[Chosen], folder: Path) -> list[Chosen]:
-    """Write the scenarios of `chosen` to `folder`, each with its piece of the recording; returns the cases of those.
+    """Copy the scenarios of `chosen` to `folder`, each with its part of the recording; return the cases of the copies.
 
-    What comes out needs nothing else: only packaged nets stay where they are, and packaged scenarios as they are.
+    The folder is self-contained, except for packaged nets and packaged scenarios, which are not copied.
 
     Raises:
         InputError: a scenario cannot be used, two have one name, or a file cannot be written.
