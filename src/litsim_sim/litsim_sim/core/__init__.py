@@ -1,1 +1,1 @@
-"""What every stage speaks of: tables of agents, boxes, vehicle dynamics, steps, parameters, errors."""
+"""Shared definitions: tables of agents, boxes, vehicle dynamics, steps, parameters, errors."""

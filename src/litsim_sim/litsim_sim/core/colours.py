@@ -1,4 +1,4 @@
-"""What moves an agent, and the colours by which pictures, the report and live views tell it apart."""
+"""Modes of motion of agents, and their colours in pictures, the report and live views."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ COLOURS = {  # as in the LitSim paper, and in assets/report.css
 """Colour and name of each mode."""
 
 INK, FAINT, ROAD = "#30343b", "#c9cdd3", "#e6e8eb"
-"""Colours of what is written and outlined, of what stays in the background, and of the road."""
+"""Colours of text and outlines, of background elements, and of the road."""
 
 CONFLICT = "#b3127b"
 """Colour of predicted overlaps."""
 
 
 def colour_of(controller: int) -> str:
-    """Colour of who is moved by a controller, see :class:`litsim_sim.core.scene.Controller`."""
+    """Colour of agents under a :class:`litsim_sim.core.scene.Controller`."""
     return COLOURS[Mode(controller)][0]

@@ -1,4 +1,4 @@
-"""What is expected of the columns of a table that somebody else has made, whatever the table is of."""
+"""Checks of the columns of tables from outside."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 
 
 def check_columns(columns: Mapping[str, np.ndarray]) -> None:
-    """Check that columns hold one value a row, that ids ascend, and that no number is NaN or infinite.
+    """Check that columns have equal lengths, that ids ascend, and that all numbers are finite.
 
     Args:
-        columns: arrays by name, of which `id` is (n,) and tells the rows apart; the others are (n, ...).
+        columns: arrays by name: `id` (n,), the others (n, ...).
 
     Raises:
-        ValueError: they are not so; the message names the column.
+        ValueError: a check fails; the message names the column.
     """
     ids = columns["id"]
     for name, values in columns.items():

@@ -1,4 +1,4 @@
-"""The one error type that a user is meant to read, how errors are told, and the exit statuses of every program."""
+"""The error type for users, printing of errors, and the exit statuses of every program."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import sys
 import traceback
 from pathlib import Path
 
-EXIT_FAILED = 1  # the program did its work, and the answer is no: a run that failed or is not valid, a difference
+EXIT_FAILED = 1  # negative result: a run failed or is not valid, or a comparison found differences
 EXIT_INPUT = 2  # input that cannot be used
-EXIT_INTERRUPTED = 130  # Ctrl-C, as shells count it
+EXIT_INTERRUPTED = 130  # Ctrl-C: 128 + SIGINT, as in shells
 INTERRUPTED = "interrupted"
-"""The reason of what a signal has ended."""
+"""The :func:`reason` of a KeyboardInterrupt."""
 
 
 class InputError(Exception):
@@ -21,17 +21,17 @@ class InputError(Exception):
 
 
 def not_installed(package: str) -> InputError:
-    """The error of what needs a `package` that runs do not, and that is not there."""
+    """The error for a missing optional `package`."""
     return InputError(f"{package} is not installed here, and this needs it: `make setup-all` installs it")
 
 
 def print_error(what: object) -> None:
-    """Tell the user of an error, on stderr."""
+    """Print an error to stderr."""
     print(f"error: {what}", file=sys.stderr)
 
 
 def reason(error: BaseException) -> str:
-    """`error` in one line; one that nobody foresaw also says where it was raised."""
+    """`error` as one line; for errors other than InputError with the place where it was raised."""
     text = " ".join(str(error).split())
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED

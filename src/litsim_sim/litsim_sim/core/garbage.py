@@ -1,4 +1,4 @@
-"""Python's garbage collector, kept from where it costs much and finds nothing."""
+"""Control of Python's garbage collector where it is expensive and finds nothing."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """Nothing is collected meanwhile: for what makes many objects that stay, as imports and loading of kernels do.
+    """Disable collection in the context, for code that makes many lasting objects, such as imports.
 
-    The collector, which goes through them again and again, takes a quarter of such a time.
+    Repeated passes over these objects take a quarter of the time of imports and of loading of kernels.
     """
     collecting = gc.isenabled()
     gc.disable()
@@ -24,9 +24,9 @@ def without_collection() -> Iterator[None]:
 
 @contextmanager
 def spared_from_collection() -> Iterator[None]:
-    """What there is by now is left alone meanwhile: for a run, which makes objects of its own and drops them.
+    """Exempt all existing objects from collection in the context, for a run.
 
-    Going through all libraries, the scenario and the cores takes as long as several steps, and finds nothing.
+    A pass over all libraries, the scenario and the cores takes as long as several steps.
     """
     gc.freeze()
     try:

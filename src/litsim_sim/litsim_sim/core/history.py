@@ -1,4 +1,4 @@
-"""The past of all agents as arrays, which a stage fills from the agent states alone."""
+"""The past states of all agents as arrays."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class History:
 
     def _restart(self) -> None:
         self._step, self._held = 0, 0
-        self._ids: IntArray = np.empty(0, np.int64)  # ascending: whoever was there in the steps that are kept
-        # Row k is the step whose number leaves k when divided by `length`: nothing moves when a step is added.
+        self._ids: IntArray = np.empty(0, np.int64)  # ascending: agents present in the steps kept
+        # Ring buffer: a step is in the row given by its number modulo `length`.
         self._values = np.zeros((self._length, 0, len(self._fields)))
         self._there = np.zeros((self._length, 0), np.bool_)
 
@@ -34,7 +34,7 @@ class History:
         return self._held
 
     def push(self, table: AgentTable) -> None:
-        """Append a step; a step that does not follow the last one starts the history afresh."""
+        """Append a step; one that does not follow the last step clears the history."""
         if self._held and table.step != self._step + 1:
             self._restart()
         self._step, self._held = table.step, min(self._held + 1, self._length)
@@ -73,7 +73,7 @@ class History:
         return values, valid
 
     def _let_in(self, agents: IntArray) -> None:
-        """Give columns to `agents` (m,), and take them from those that are not in any step any more."""
+        """Add columns for `agents` (m,), and remove those of agents that are in no step any more."""
         kept = self._there.any(axis=0)
         ids = np.union1d(self._ids[kept], agents)
         columns = np.searchsorted(ids, self._ids[kept])

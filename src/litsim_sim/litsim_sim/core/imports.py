@@ -1,4 +1,4 @@
-"""Imports that libraries make just in case, left out where they take long and nobody here uses what they bring."""
+"""Suppression of slow optional imports of libraries."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, cast
 
 @contextmanager
 def left_out(*modules: str) -> Iterator[None]:
-    """Imports of `modules` fail meanwhile, but for those that are there already: for libraries that do without them."""
+    """Make imports of `modules` fail in the context, unless imported before: libraries that can, do without them."""
     absent = [name for name in modules if name not in sys.modules]
     sys.modules.update(dict.fromkeys(absent, cast(Any, None)))
     try:

@@ -1,4 +1,4 @@
-"""The lock-step rule, without ROS: who waits for what, which answers are stale, what is sent again.
+"""The lock-step protocol, without ROS: waiting for answers, stale answers, and repeated requests.
 
 The bridge publishes a step and waits in a :class:`Gate` until every required answer to it is in. A stage collects
 its inputs in a :class:`Joiner` and answers each step once; asked for the same step again, it repeats its answer.

@@ -1,4 +1,4 @@
-"""Which agents of a step are near which others."""
+"""Agents within a radius of others."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 
 
 def around(table: AgentTable, centres: BoolArray, radius: float) -> BoolArray:
-    """Return who (n,) is no farther than `radius` [m] from one of the mask `centres` (n,) of his scene, or is one."""
+    """Mask (n,) of agents within `radius` [m] of an agent of the mask `centres` (n,) in the same scene."""
     return _around(table.scene, table.x, table.y, centres, radius)
 
 

@@ -1,7 +1,7 @@
-"""Parameters of stages by name: how they are given on command lines and to nodes, and how they are checked.
+"""Parameters of stages: reading them from command lines and nodes, and checking them.
 
-A stage has its parameters in configurations (see :mod:`litsim_sim.core.quantities`). A field is a parameter of the same
-name; the fields of a configuration in a field are called `field.name`.
+A stage has its parameters in configurations (see :mod:`litsim_sim.core.quantities`). Each field is a parameter of the
+same name; fields of a nested configuration are named `field.name`.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ SET_HELP = "parameters of the stages, as their nodes declare them, such as confl
 
 
 class ParameterReader(Protocol):
-    """What a stage reads its configurations with: it asks for each, with the defaults of this stage."""
+    """Callable with which a stage reads each of its configurations."""
 
     def __call__(self, default: Config, prefix: str = "") -> Config:
-        """Return `default` with the given values in place of its fields, whose names begin with `prefix`.
+        """Return `default` with given values in place of defaults; names of parameters begin with `prefix`.
 
         Raises:
             InputError: a value does not fit its field.
@@ -39,7 +39,7 @@ class ParameterReader(Protocol):
 
 
 class ParameterOverrides:
-    """Reads the configurations of `stage` with `values`, which are given by name, in place of defaults."""
+    """Reads the configurations of `stage` with the given `values`, by name, in place of defaults."""
 
     def __init__(self, stage: str, values: Mapping[str, Any]) -> None:
         self._stage, self._given = stage, values
@@ -63,11 +63,11 @@ class ParameterOverrides:
 
     @property
     def unknown(self) -> list[str]:
-        """Names of given values that no configuration of the stage has asked for."""
+        """Names of given values that no configuration of the stage has."""
         return sorted(set(self._given) - set(self.values))
 
     def check(self) -> None:
-        """Refuse values that no configuration has asked for; to be called when all have been read.
+        """Refuse given values that no configuration has; to be called after all have been read.
 
         Raises:
             InputError: there are such values.
@@ -77,12 +77,12 @@ class ParameterOverrides:
 
 
 def problems(error: ValidationError, config: type, values: Mapping[str, Any]) -> list[str]:
-    """What is wrong with the fields of a configuration, in a line each: name, value, and what was expected.
+    """Descriptions of invalid fields of a configuration: name, value, and what was expected.
 
     Args:
-        error: what making the configuration has raised.
+        error: error that the constructor raised.
         config: class of the configuration.
-        values: that it was to be made of.
+        values: arguments of the constructor.
     """
     said = []
     for problem in error.errors():
@@ -100,7 +100,7 @@ def problems(error: ValidationError, config: type, values: Mapping[str, Any]) ->
 
 
 def not_among(names: Iterable[str], known: Iterable[str]) -> str:
-    """Name what is not known, what is known that is called nearly so, and all that is known."""
+    """Text that lists unknown `names`, similar `known` ones, and all `known` ones."""
     known = sorted(known)
     said = []
     for name in names:
@@ -110,7 +110,7 @@ def not_among(names: Iterable[str], known: Iterable[str]) -> str:
 
 
 def by_stage(settings: Iterable[tuple[str, str, Any]]) -> dict[str, dict[str, Any]]:
-    """Arrange settings, each of a stage, a name and a value, as :data:`Parameters`; of two alike the later counts."""
+    """Arrange settings (stage, name, value) as :data:`Parameters`; later ones override earlier ones."""
     found: dict[str, dict[str, Any]] = {}
     for stage, name, value in settings:
         found.setdefault(stage, {})[name] = value
@@ -118,7 +118,7 @@ def by_stage(settings: Iterable[tuple[str, str, Any]]) -> dict[str, dict[str, An
 
 
 def setting(text: str) -> tuple[str, str, list[Any]]:
-    """Stage, name and values of ``STAGE.NAME=VALUE[,VALUE]...``, as a command line has them; values are YAML.
+    """Parse ``STAGE.NAME=VALUE[,VALUE]...`` of a command line to stage, name and values; values are YAML.
 
     Raises:
         argparse.ArgumentTypeError: the text is not of that form.
@@ -135,7 +135,7 @@ def setting(text: str) -> tuple[str, str, list[Any]]:
 
 
 def one_setting(text: str) -> tuple[str, str, Any]:
-    """As :func:`setting`, where there can be but one value.
+    """Like :func:`setting`, for exactly one value.
 
     Raises:
         argparse.ArgumentTypeError: the text is not of that form.

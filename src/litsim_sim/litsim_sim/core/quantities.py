@@ -1,8 +1,8 @@
-"""Types of the fields of configurations: what may stand in a field, between which bounds, and in which unit.
+"""Types of the fields of configurations, with bounds and units.
 
 A configuration is a frozen dataclass whose fields have these types, as in ``duration: Positive[Duration]``. Pydantic
-checks them when the configuration is made, and never again: reading a field costs what it costs in any
-dataclass. A whole number is taken where a number is declared, a list where a tuple is; nothing else is converted.
+checks them once, when the configuration is made. An integer is accepted for a number and a list for a tuple; nothing
+else is converted.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ _T = TypeVar("_T")
 
 @dataclasses.dataclass(frozen=True)
 class Unit:
-    """The unit of a field, as part of its type."""
+    """Annotation of a type with the unit of the field."""
 
     symbol: str
 
 
 @dataclasses.dataclass(frozen=True)
 class OneOf:
-    """The values that a text may have, as part of its type, where they are not written there as a ``Literal``."""
+    """Annotation of a text type with its possible values, for values that are not written as a ``Literal``."""
 
     values: tuple[str, ...]
 
@@ -57,7 +57,7 @@ AngularRate = Annotated[Number, Unit("rad/s")]
 AngularAcceleration = Annotated[Number, Unit("rad/s2")]
 Curvature = Annotated[Number, Unit("1/m")]
 Rate = Annotated[Number, Unit("1/s")]
-"""Of what decays or grows, such as the gain of a controller on a speed."""
+"""A rate of decay or growth, such as the gain of a controller on a speed."""
 SquaredRate = Annotated[Number, Unit("1/s2")]
 """The gain of a controller on a position."""
 
@@ -66,10 +66,10 @@ NonNegative = Annotated[_T, Field(ge=0)]
 Share = Annotated[Number, Field(ge=0, le=1)]
 """A probability, or a part of a whole."""
 OpenShare = Annotated[Number, Field(gt=0, lt=1)]
-"""A probability that is neither impossible nor certain."""
+"""A probability other than 0 and 1."""
 
 Horizon = Annotated[Duration, Field(ge=STEP_S)]
-"""How far something looks ahead: by a step of the simulation at least."""
+"""A horizon of at least one step of the simulation."""
 
 _KINDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
 _BOUNDS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
@@ -77,21 +77,21 @@ _BOUNDS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at mos
 
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field, Field))
 def configuration(cls: type[_T]) -> type[_T]:
-    """Make a class a frozen dataclass whose fields are checked against their types when it is made.
+    """Class decorator: a frozen dataclass whose fields are checked against their types on construction.
 
-    Making one raises :class:`pydantic.ValidationError`, a ValueError; :mod:`litsim_sim.core.parameters` turns it into
-    one line for users. A check of fields against each other is a ``model_validator(mode="after")`` that raises
-    ValueError with a text that begins with the name of a field, such as :func:`at_most`.
+    The constructor raises :class:`pydantic.ValidationError`, a ValueError, which :mod:`litsim_sim.core.parameters`
+    turns into one line for users. A check of fields against each other is a ``model_validator(mode="after")`` that
+    raises ValueError with a message that begins with the name of a field, such as :func:`at_most`.
     """
     made: Any = pydantic.dataclasses.dataclass(frozen=True, config=ConfigDict(extra="forbid"))(cls)
     return made
 
 
 def at_most(config: object, field: str, bound: str) -> None:
-    """Check a field of `config` against another that bounds it.
+    """Check that a field of `config` does not exceed another, its bound.
 
     Raises:
-        ValueError: it is above the other.
+        ValueError: it does.
     """
     value, most = getattr(config, field), getattr(config, bound)
     if value > most:
@@ -99,7 +99,7 @@ def at_most(config: object, field: str, bound: str) -> None:
 
 
 def expected(annotation: Any) -> str:
-    """What may stand in a field with this type, in words, such as ``a number of more than 0 [s]``."""
+    """Description of the values that a field of this type may have, such as ``a number of more than 0 [s]``."""
     if get_origin(annotation) is Literal:
         return f"one of {', '.join(map(str, get_args(annotation)))}"
     if get_origin(annotation) is tuple:
@@ -121,7 +121,7 @@ def expected(annotation: Any) -> str:
 
 
 def unit(annotation: Any) -> str:
-    """The unit of a field with this type, empty where it has none; that of a tuple is the one of its first part."""
+    """The unit of a field of this type, empty for none; for a tuple that of its first item."""
     if get_origin(annotation) is tuple:
         return unit(get_args(annotation)[0])
     notes = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
@@ -129,7 +129,7 @@ def unit(annotation: Any) -> str:
 
 
 def field_type(config: type, field: str) -> Any:
-    """The whole type of a field of a :func:`configuration`, with its bounds and unit."""
+    """The full type of a field of a :func:`configuration`, with its bounds and unit."""
     info: FieldInfo = config.__pydantic_fields__[field]  # type: ignore[attr-defined]
     return Annotated[(info.annotation or NoneType, *info.metadata)] if info.metadata else info.annotation
 

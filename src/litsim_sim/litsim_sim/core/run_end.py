@@ -1,4 +1,4 @@
-"""Why and when a run is over."""
+"""Why and when a run ends."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 
 class EndReason(StrEnum):
-    """Why no step follows the last one of a run."""
+    """Why a run ends."""
 
     TIME = "time"  # all steps of the scenario are done
-    NET_END = "net_end"  # the ego has passed an end of the net: it has come through
-    CONTACT = "contact"  # the ego has touched another agent, and the scenario asks for no more
-    LOG_OVER = "log_over"  # the ego followed its log to where that ends, and is gone with it
+    NET_END = "net_end"  # the ego has left the net at one of its ends
+    CONTACT = "contact"  # the ego has touched another agent, and the scenario ends runs after that
+    LOG_OVER = "log_over"  # the ego has followed its log to the end of that
 
 
 SENTENCES = {
@@ -29,9 +29,9 @@ class RunEnd:
     """The end of a run.
 
     Attributes:
-        reason: why it is over.
-        step: the last step; where the ego has left, the first one without it.
-        lane: SUMO's name of the lane by which the ego has left the net; empty where it has not.
+        reason: why the run ends.
+        step: last step; if the ego has left, the first one without it.
+        lane: SUMO id of the lane by which the ego has left the net; empty if it has not.
     """
 
     reason: EndReason
@@ -40,16 +40,16 @@ class RunEnd:
 
     @property
     def sentence(self) -> str:
-        """Why the run is over, in words."""
+        """The reason as text."""
         return SENTENCES[self.reason] + (f", by lane {self.lane}" if self.lane else "")
 
     def plain(self) -> dict[str, Any]:
-        """The fields as YAML and JSON know them; :meth:`of_plain` makes the same of them."""
+        """The fields as values for YAML and JSON; the inverse of :meth:`of_plain`."""
         return {"reason": str(self.reason), "step": self.step, "lane": self.lane}
 
     @classmethod
     def of_plain(cls, fields: Any) -> RunEnd | None:
-        """The end that :meth:`plain` has told; None where `fields` is nothing of the kind."""
+        """The inverse of :meth:`plain`; None if `fields` is malformed."""
         try:
             return cls(EndReason(fields["reason"]), int(fields["step"]), str(fields["lane"]))
         except (KeyError, TypeError, ValueError):

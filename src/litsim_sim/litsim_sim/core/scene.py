@@ -38,7 +38,7 @@ class Kind(IntEnum):
 
 
 OBSTACLE_KINDS = (Kind.BICYCLE, Kind.PEDESTRIAN)
-"""Kinds that keep to no lanes and always follow their log: everybody else yields to them, nobody takes them over."""
+"""Kinds that do not keep to lanes and always follow their log: they are never taken over, and others yield to them."""
 
 
 _BICYCLE, _PEDESTRIAN = (int(kind) for kind in OBSTACLE_KINDS)  # numpy compares plain numbers much faster
@@ -50,7 +50,7 @@ def is_obstacle(kind: ByteArray) -> BoolArray:
 
 
 class Controller(IntEnum):
-    """Who moves an agent, numbered as in ``litsim_msgs/AgentStates``; BASELINE is reserved, nobody produces it."""
+    """Controller of an agent, numbered as in ``litsim_msgs/AgentStates``; BASELINE is reserved and not used."""
 
     LOG = 0
     POLICY = 1
@@ -167,7 +167,7 @@ class AgentTable:
 
     @classmethod
     def empty(cls, step: int) -> AgentTable:
-        """The table of a step at which nobody is on the road."""
+        """The table of a step without agents."""
         return cls(step, *(np.empty(0, DTYPES[f]) for f in ARRAY_FIELDS))
 
 
@@ -204,7 +204,7 @@ class ControlTable:
 
     @classmethod
     def empty(cls, step: int) -> ControlTable:
-        """The answer to `step` that lists nobody: everybody follows the log."""
+        """The answer to `step` that lists no agents: all follow their logs."""
         none = np.empty(0)
         return cls(step, np.empty(0, np.int64), none, none, none, np.empty(0, np.uint8))
 

@@ -1,4 +1,4 @@
-"""Traffic signals: what the groups of a junction's signals show at a step."""
+"""Traffic signals: states of signal groups at a step."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from litsim_sim.core.scene import BoolArray, ByteArray
 
 
 class SignalState(IntEnum):
-    """What a signal group shows, numbered as MovementPhaseState of SAE J2735 and as in ``litsim_msgs/SignalStates``."""
+    """State of a signal group, numbered as MovementPhaseState of SAE J2735 and in ``litsim_msgs/SignalStates``."""
 
-    UNAVAILABLE = 0  # nothing is known of it
+    UNAVAILABLE = 0  # unknown
     DARK = 1
     FLASHING_RED = 2  # stop, then proceed
     RED = 3
@@ -26,7 +26,7 @@ class SignalState(IntEnum):
 
 
 STOP_STATES = (SignalState.RED, SignalState.RED_AMBER)
-"""At which nobody may pass the stop line."""
+"""States that forbid passing the stop line."""
 
 SUMO_LETTERS = {
     SignalState.UNAVAILABLE: "O",
@@ -40,7 +40,7 @@ SUMO_LETTERS = {
     SignalState.AMBER: "y",
     SignalState.FLASHING_AMBER: "o",
 }
-"""The letter of SUMO's states for each of ours; of signals that are dark or unknown SUMO has ``O``, off."""
+"""SUMO's letter for each state; dark and unknown signals are ``O``, off."""
 
 OF_SUMO = {
     "r": SignalState.RED,
@@ -58,7 +58,7 @@ OF_SUMO = {
 
 @dataclass(frozen=True)
 class SignalTable:
-    """What every signal group shows at one step; arrays (g,), groups in the order of the scenario.
+    """State of every signal group at one step; arrays (g,), groups in the order of the scenario.
 
     Attributes:
         step: integer step of 0.1 s since the start of the scenario.
@@ -75,5 +75,5 @@ class SignalTable:
 
     @property
     def stop(self) -> BoolArray:
-        """(g,) groups at which nobody may pass."""
+        """(g,) groups that forbid passing."""
         return np.isin(self.state, STOP_STATES)

@@ -1,9 +1,9 @@
-"""The stages that the installed packages have, and their parameters checked before a run begins.
+"""Registry of the stages of installed packages, and the check of their parameters before a run.
 
 A package registers each of its stages as an entry point of :data:`GROUP`: a function that reads the stage's
-configurations with the :class:`~litsim_sim.core.parameters.ParameterReader` that it is given, and returns what builds
-the stage once the scenario is known. So the launcher, which may not import the packages above it, checks parameters
-with the functions that the nodes and the in-process runner use.
+configurations with a :class:`~litsim_sim.core.parameters.ParameterReader`, and returns a factory of the stage for a
+scenario. The launcher, which may not import the packages above it, thus checks parameters with the same functions as
+the nodes and the in-process runner.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ GROUP = "litsim.stages"
 
 
 def registered_name(stage: str, ego: str) -> str:
-    """The name under which a stage is registered, and that of its executable: the ego's depends on who drives it."""
+    """Name under which a stage is registered, and name of its executable; that of the ego depends on its driver."""
     return f"ego_{ego}" if stage == EGO else stage
 
 
 def configured(stages: Mapping[str, str], parameters: Parameters) -> dict[str, Any]:
-    """Read the parameters of the stages of a run; returns by stage what its registered function has made of them.
+    """Read the parameters of the stages of a run; return the result of each stage's registered function, by stage.
 
     Args:
-        stages: the stages of the run, and the name under which each is registered.
-        parameters: what was given; what was not is at its default.
+        stages: names under which the stages of the run are registered, by stage.
+        parameters: given parameters; others have their defaults.
 
     Raises:
         InputError: a stage takes no part in the run or is not installed; or a parameter is unknown or does not fit.
@@ -50,5 +50,5 @@ def configured(stages: Mapping[str, str], parameters: Parameters) -> dict[str, A
 
 @cache
 def _registered() -> dict[str, EntryPoint]:
-    """The stages of the installed packages by name; to find them, the metadata of all packages are read."""
-    return {each.name: each for each in reversed(tuple(entry_points(group=GROUP)))}  # of two, the first
+    """The stages of the installed packages, by name; cached, as it reads the metadata of all packages."""
+    return {each.name: each for each in reversed(tuple(entry_points(group=GROUP)))}  # of duplicates, the first

@@ -1,4 +1,4 @@
-"""The parts of a graph by name, and the states in which they may be."""
+"""Names of the stages of a graph, and their states."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ POLICY_STAGES = (PREDICTOR, CONFLICT, POLICY)
 
 
 class StageState(IntEnum):
-    """What a stage says of its part in a run; numbered as in ``litsim_msgs/StageStatus``.
+    """State of a stage in a run, numbered as in ``litsim_msgs/StageStatus``.
 
-    The bridge says ENDING, before FINISHED, where a run is over before its time: no step follows the one that it names.
+    The bridge reports ENDING before FINISHED if a run ends early: no step follows the one named.
     """
 
     READY = 0

@@ -1,6 +1,6 @@
-"""Where the wall time of a step goes: the marks that a stage sets on the clock while it serves a step.
+"""Marks: clock times that a stage takes while it serves a step, for the analysis of wall time.
 
-The clock is the monotonic one, which all processes of a machine share; marks of different machines do not compare.
+The clock is monotonic and shared by all processes of a machine; marks of different machines are not comparable.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from collections.abc import Mapping
 
 
 def step_marks(marks: Mapping[str, float]) -> str:
-    """Marks of one step, times of the performance counter [s] by name, as the `text` of a stage's timing."""
+    """Marks of one step, clock times [s] by name, as the `text` of a timing message."""
     return " ".join(f"{name}={time:.6f}" for name, time in marks.items())
 
 
 def marks_of(text: str) -> dict[str, float]:
-    """The marks that :func:`step_marks` wrote [s]; words that are no marks are passed over."""
+    """The inverse of :func:`step_marks`; words that are not marks are ignored."""
     found = {}
     for word in text.split():
         name, _, value = word.partition("=")

@@ -1,4 +1,4 @@
-"""Successive steps as one array program: what is asked of every step is answered in one call for all of them."""
+"""Successive steps as arrays, for computations over all steps in one call."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class StackedTable(AgentTable):
 
 
 class Steps(Sequence[AgentTable]):
-    """S tables of successive steps, none of which changes any more, and the same as arrays."""
+    """S immutable tables of successive steps, also as arrays."""
 
     def __init__(self, tables: Iterable[AgentTable]) -> None:
         self._tables = tuple(tables)
@@ -53,7 +53,7 @@ class Steps(Sequence[AgentTable]):
 
     @classmethod
     def of(cls, tables: Iterable[AgentTable]) -> Steps:
-        """`tables` themselves where they are steps already."""
+        """The steps of `tables`, which are returned themselves if they are a :class:`Steps`."""
         return tables if isinstance(tables, Steps) else cls(tables)
 
     @overload
@@ -73,17 +73,17 @@ class Steps(Sequence[AgentTable]):
 
     @cached_property
     def follows(self) -> BoolArray:
-        """(S,) whether the table before is of the step before: of the first it is not, nor behind a gap in a record."""
+        """(S,) whether a table directly follows the one before: False for the first, and after a gap in a recording."""
         return np.diff(self.step, prepend=self.step[:1]) == 1
 
     @cached_property
     def begin(self) -> IntArray:
-        """(S + 1,) row in :attr:`stacked` at which each step begins; at last the number of rows."""
+        """(S + 1,) row in :attr:`stacked` at which each step begins; the last entry is the number of rows."""
         return np.cumsum([0, *(len(table) for table in self._tables)])
 
     @cached_property
     def stacked(self) -> StackedTable:
-        """All agents of all steps, whose numbers are positions among these steps."""
+        """All agents of all steps; `number` is the index of the step."""
         columns = {
             f: np.concatenate([np.empty(0, DTYPES[f]), *(getattr(table, f) for table in self._tables)])
             for f in ARRAY_FIELDS
@@ -93,13 +93,13 @@ class Steps(Sequence[AgentTable]):
 
     @cached_property
     def _agents(self) -> tuple[IntArray, IntArray]:
-        """Ids (n,) of everybody who is ever on the road, and the position among them of the agent of each row (m,)."""
+        """Ids (n,) of all agents, and the index among them of the agent of each row (m,)."""
         ids, agent = np.unique(self.stacked.id, return_inverse=True)
         return ids, agent
 
     @property
     def ids(self) -> IntArray:
-        """(n,) everybody who is ever on the road, ascending."""
+        """(n,) ids of all agents that are ever on the road, ascending."""
         return self._agents[0]
 
     @property
@@ -133,14 +133,14 @@ class Steps(Sequence[AgentTable]):
         return overlapping_pairs(table.x, table.y, table.yaw, table.length, table.width, table.scene)
 
     def after(self, step: int) -> Steps:
-        """Those after `step`, which are the same object every time."""
+        """The steps after `step`; the same object for every call."""
         return self.once(_after, step)
 
     def once(self, function: Callable[..., T], *arguments: Hashable) -> T:
-        """What `function` makes of these steps and of `arguments`, made once and kept for as long as these steps are.
+        """The result of `function` for these steps and `arguments`, computed once and kept as long as these steps.
 
-        It is for what several measures ask, and for the log, whose steps are the same object for all runs of a
-        scenario: see :meth:`litsim_sim.scenario.log.Log.replay`.
+        For intermediate results of several measures, and for those of the log, whose steps are shared by all runs of a
+        scenario; see :meth:`litsim_sim.scenario.log.Log.replay`.
         """
         key = function, arguments
         if key not in self._made:

@@ -1,4 +1,4 @@
-"""A takeover: why an agent is off its log, and where it is going. One definition, for the loop and for the record."""
+"""Takeovers: why an agent is off its log, and where it is headed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Pose = tuple[float, float, float]
 
 
 class TakeoverState(IntEnum):
-    """How far a takeover has come, numbered as in ``litsim_msgs/Takeover``."""
+    """Phase of a takeover, numbered as in ``litsim_msgs/Takeover``."""
 
     HELD = 0
     HANDBACK = 1
@@ -29,9 +29,9 @@ class TakeoverReason(IntEnum):
 
 
 class PathSource(IntEnum):
-    """Where a reference path comes from; numbered as in ``litsim_msgs/Takeover``.
+    """Origin of a reference path, numbered as in ``litsim_msgs/Takeover``.
 
-    A LANE is the one that an agent of a baseline keeps to, or the one beside that an agent takes to pass.
+    LANE: the lane that an agent of a baseline keeps to, or an adjacent one that an agent takes to pass.
     """
 
     ROUTE = 0
@@ -42,20 +42,20 @@ class PathSource(IntEnum):
 @quickly_made
 @dataclass(frozen=True)
 class Takeover:
-    """One agent off its log at one step; see ``litsim_msgs/Takeover``. Older records lack the fields with a default.
+    """One agent off its log at one step; see ``litsim_msgs/Takeover``. Older recordings lack fields with a default.
 
     Attributes:
         agent, opponent: ids.
         detected_step: step at which the agent was taken over.
         time_to_conflict: from then to the predicted overlap [s].
         overlap_probability: largest within the horizon, at detection.
-        conflict_pose, goal_pose: of the agent at the predicted overlap, and where it is headed for.
+        conflict_pose, goal_pose: pose of the agent at the predicted overlap, and the pose that it is headed for.
         reference_path: (m, 2) points in frame map [m], from a little behind the agent on.
         log_collision_predicted: whether the agent's log itself leads into the opponent's forecast, at this step.
-        residual_position, residual_speed: from the log that it goes back to [m], [m/s]: the logged pose of `time_shift`
-            before this step. -1 and 0 where there is none.
-        path_source: how the reference path came about.
-        time_shift: [s] lag of the log that it goes back to.
+        residual_position, residual_speed: distance from the delayed log [m], and speed minus that of it [m/s]; -1 and 0
+            without a logged pose `time_shift` before this step.
+        path_source: origin of the reference path.
+        time_shift: lag of the log that the agent returns to [s].
     """
 
     agent: int
@@ -78,11 +78,11 @@ class Takeover:
 @quickly_made
 @dataclass(frozen=True)
 class TakeoverTable:
-    """Everybody who is off the log at `step`, agents ascending.
+    """All agents off their logs at `step`, ascending.
 
     Attributes:
-        iterations: of detection, until nothing new was found.
-        converged: False where the bound on iterations was hit.
+        iterations: iterations of the detection until nothing new was found.
+        converged: False if the bound on iterations was reached.
     """
 
     step: int

@@ -1,6 +1,6 @@
-"""Names of the topics: the one place where they are written down, for nodes and for what reads bags without ROS.
+"""Names of the topics, for nodes and for readers of bags without ROS.
 
-Types and QoS stand in :mod:`litsim_sim.ros.topics`.
+Types and QoS are defined in :mod:`litsim_sim.ros.topics`.
 """
 
 from __future__ import annotations

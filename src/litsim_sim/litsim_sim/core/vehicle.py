@@ -75,7 +75,7 @@ VEHICLE_FIELDS: tuple[str, ...] = tuple(each.name for each in fields(VehicleMode
 
 
 class Actuators:
-    """What lies between the ego's command and its motion; commands pass unchanged where the model has no actuators."""
+    """Actuators between the ego's command and its motion; without actuators in the model, commands pass unchanged."""
 
     def __init__(self, model: VehicleModel) -> None:
         self._model = model
@@ -92,7 +92,7 @@ class Actuators:
     def apply(
         self, acceleration: float, yaw_rate: float, moving: tuple[float, float], speed: float
     ) -> tuple[float, float]:
-        """What a command brings about during one step of 0.1 s.
+        """Apply the actuators to a command for one step of 0.1 s.
 
         Args:
             acceleration, yaw_rate: commanded [m/s2], [rad/s].
@@ -100,7 +100,7 @@ class Actuators:
             speed: now [m/s].
 
         Returns:
-            what takes effect in this step, before the limits of :func:`litsim_sim.core.dynamics.bicycle_step`.
+            Effective acceleration and yaw rate, before the limits of :func:`litsim_sim.core.dynamics.bicycle_step`.
         """
         if self._ideal:
             return acceleration, yaw_rate
