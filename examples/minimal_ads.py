@@ -24,7 +24,7 @@ def on_message(message):
     x, y = (rows[:, offset[name] : offset[name] + 4].copy().view("<f4")[:, 0] for name in ("x", "y"))
     pose, speed = ego.pose.pose, ego.twist.twist.linear.x
     at, yaw = complex(pose.position.x, pose.position.y), 2.0 * np.arctan2(pose.orientation.z, pose.orientation.w)
-    away = (x + 1j * y - at) * np.exp(-1j * yaw)  # [m] of everybody: ahead, and to the left
+    away = (x + 1j * y - at) * np.exp(-1j * yaw)  # [m] other agents: ahead, and to the left
     gap = np.min(away.real[(away.real > 0) & (abs(away.imag) < 1.8)], initial=100.0) - 7.0
     corners = np.array([complex(p.pose.position.x, p.pose.position.y) for p in route.poses])
     line = np.interp(np.arange(1000.0), np.append(0.0, np.cumsum(abs(np.diff(corners)))), corners)  # metre by metre

@@ -296,9 +296,9 @@ STALE = f"/mine: it does not answer this step: {CONTROL}: the answer to step 3, 
 @pytest.mark.parametrize(
     ("answered", "there", "known", "words"),
     [
-        ((), (), (), f"nobody publishes on {CONTROL}; is it running in here?"),
+        ((), (), (), f"no node publishes on {CONTROL}; is it running in here?"),
         ((), (DEAF,), (), f"/mine: its publisher on {CONTROL} is BEST_EFFORT and cannot be heard, expected RELIABLE"),
-        ((), (HERE,), (), f"/mine: it publishes on {CONTROL}, but nothing has come"),
+        ((), (HERE,), (), f"/mine: it publishes on {CONTROL}, but no message has been received"),
         ((3, 4), (), ("/mine",), "/mine: it has answered until step 4; its publisher has left"),
         ((3, 4), (HERE,), (), "/mine: it has answered until step 4; its publisher is still announced, so it hangs, or"),
         ((3, 4), (NAMELESS,), ("/mine",), "/mine: it has answered until step 4; its publisher is still announced"),

@@ -1,1 +1,1 @@
-"""The nodes: bridge, recorder, replay and live view. Each is a shell around a core of another folder."""
+"""The nodes bridge, recorder, replay and live view; each wraps a core of another folder."""

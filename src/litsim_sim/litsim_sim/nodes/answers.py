@@ -1,7 +1,7 @@
-"""What comes in while the bridge waits, and what follows from it. Without ROS.
+"""Answers and states that the bridge waits for, and the handling of missing ones. Without ROS.
 
-:class:`Attendance` knows what the stages have said of themselves, :class:`Answers` which answers to the step at hand
-are there, what becomes of a missing one, and whether what came can be used.
+:class:`Attendance` holds the states of the stages; :class:`Answers` collects the answers to the current step, checks
+them, and decides what happens if one is missing.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from litsim_sim.ego_port.port import COUNTS, AnswerInvalid, EgoPort, ego_state
 
 
 class RunFailed(Exception):
-    """The run cannot go on; the message says what was missing, and where."""
+    """The run cannot continue; the message says what was missing, and where."""
 
 
 class Attendance:
-    """What the stages of a run have said of themselves: ready, failed, how far they are. Of other runs nothing counts.
+    """Reported states of the stages of a run: ready, failed, and progress; messages of other runs are ignored.
 
     Attributes:
         recorded: newest step up to which the recorder has confirmed its record; -1 before the first.
-        recorder_done: whether the recorder has closed its file, for better or worse.
+        recorder_done: whether the recorder has closed its file, complete or not.
     """
 
     def __init__(self, run_id: str, stages: Sequence[str]) -> None:
-        """Begin with no stage heard; `stages` take part, the recorder included if it does."""
+        """`stages` are those that take part, including the recorder if it does."""
         self.recorded = -1
         self.recorder_done = False
         self._run_id = run_id
         self._stages = tuple(stages)
-        self._ready: dict[str, str] = {}  # what each stage has said of its parameters
+        self._ready: dict[str, str] = {}  # parameters that each stage has reported
         self._failures: list[str] = []
-        self._foreign = ""  # another run that is published here
+        self._foreign = ""  # id of another run published in this domain
         self._heard: dict[str, int] = {}  # last step that each stage is known to have answered
 
     def take_status(self, run_id: str, stage: str, state: int, text: str) -> None:
-        """A stage says that it is ready, with its parameters, has finished or has failed, and then why.
+        """Take the state of a stage: ready, with its parameters; finished; or failed, with the reason.
 
-        A stage that takes no part is an idle node of another graph. One that is ready twice, with other parameters, is
-        two nodes, and the run would depend on which of them answers first.
+        Stages that take no part are ignored: idle nodes of another graph. A stage that is ready twice with different
+        parameters is two nodes, and the run would depend on which of them answers first.
         """
         if run_id != self._run_id or stage not in self._stages:
             return
@@ -60,41 +60,41 @@ class Attendance:
             self.recorder_done = True
 
     def take_timing(self, run_id: str, stage: str, step: int) -> None:
-        """A stage says how long it took for a step, and so that it has answered it."""
+        """Take the timing of a stage for a step, which it has thus answered."""
         if run_id == self._run_id and stage != BRIDGE:
             self._heard[stage] = max(step, self._heard.get(stage, -1))
 
     def take_run(self, run_id: str) -> None:
-        """A node publishes the run `run_id`."""
+        """Take notice of a run published in this domain."""
         if run_id != self._run_id:
             self._foreign = run_id
 
     def take_confirmation(self, run_id: str, step: int) -> None:
-        """The recorder confirms the record up to `step`."""
+        """Take the recorder's confirmation of the record up to `step`."""
         if run_id == self._run_id:
             self.recorded = max(self.recorded, step)
 
     @property
     def all_ready(self) -> bool:
-        """Whether every stage has said that it is ready."""
+        """Whether every stage is ready."""
         return set(self._stages) <= set(self._ready)
 
     @property
     def awaited(self) -> list[str]:
-        """Stages that have not said that they are ready; the recorder, which waits for all others, only as the last."""
+        """Stages that are not ready; the recorder, which waits for all others, only when it is the last."""
         missing = set(self._stages) - set(self._ready)
         return sorted(missing - {RECORDER}) or sorted(missing)
 
     @property
     def recorder_closing(self) -> bool:
-        """Whether there is a recorder that has not closed its file yet."""
+        """Whether there is a recorder that has not closed its file."""
         return RECORDER in self._ready and not self.recorder_done
 
     def check(self) -> None:
-        """See that no stage has failed, and that there is no other run.
+        """Check that no stage has failed, and that there is no other run.
 
         Raises:
-            RunFailed: some have, and the message quotes each of them; or another bridge or a replay publishes.
+            RunFailed: stages have failed, with the reason of each; or another bridge or a replay publishes.
         """
         if self._foreign:
             raise RunFailed(
@@ -105,7 +105,7 @@ class Attendance:
             raise RunFailed("; ".join(self._failures))
 
     def check_recorded(self, last: int) -> None:
-        """See that the recorder, if there is one, has confirmed the step `last`.
+        """Check that the recorder, if there is one, has confirmed step `last`.
 
         Raises:
             RunFailed: it has not.
@@ -114,7 +114,7 @@ class Attendance:
             raise RunFailed(f"{RECORDER}: has confirmed {self._confirmed} of {last} on {RECORDED}")
 
     def check_recorder_keeps_up(self, step: int) -> None:
-        """See that the bridge may go on after `step`.
+        """Check that the recorder, if there is one, is not too far behind `step`.
 
         Raises:
             RunFailed: the recorder is too far behind.
@@ -126,14 +126,14 @@ class Attendance:
             )
 
     def recorder_keeps_up(self, step: int) -> bool:
-        """Whether the recorder is not too far behind `step`; behind step 0 it may not be at all."""
+        """Whether the recorder is not too far behind `step`; step 0 must be confirmed."""
         return self.recorded >= max(0, step - RECORDER_WINDOW)
 
     def silent(self, step: int, missing: Sequence[str]) -> list[str]:
         """Stages other than the recorder that have not answered `step`; `missing` are the topics without an answer.
 
-        A step goes from one stage of the policy to the next: of those that have not answered it, all but the first wait
-        themselves. If no stage has been heard at all, they cannot be told apart.
+        The stages of the policy answer one after the other: of those that have not answered, only the first is silent,
+        the others wait for it. If no stage has been heard at all, they cannot be distinguished.
         """
         silent = [stage for stage in self._stages if stage != RECORDER and self._heard.get(stage, -1) < step]
         waiting = [stage for stage in POLICY_STAGES if stage in silent and CONTROLS in missing]
@@ -150,7 +150,7 @@ class EgoPublisher:
 
     Attributes:
         topic: its name.
-        node: full name of its node; empty where that is not known.
+        node: full name of its node; empty if unknown.
         reliable: whether the bridge can hear it.
     """
 
@@ -160,33 +160,33 @@ class EgoPublisher:
 
 
 def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], domain: str) -> str:
-    """In words, why an external ego has not answered the step at hand, as far as it can be told.
+    """Text that says why an external ego has not answered the current step, as far as known.
 
     Args:
-        port: has heard it, or has not.
-        there: its publishers that are announced now.
-        known: names of the nodes whose publishers have ever been announced.
-        domain: where it should be, in words.
+        port: port of the ego.
+        there: its currently announced publishers.
+        known: names of all nodes with publishers ever announced.
+        domain: description of the domain in which it should be.
     """
     name = ", ".join(dict.fromkeys([each.node for each in there if each.node] or known))
-    who = f"{name}: " if name else ""
+    prefix = f"{name}: " if name else ""
     deaf = [each for each in there if not each.reliable]
     if port.unfit:
-        return f"{who}it does not answer this step: {port.unfit}"
+        return f"{prefix}it does not answer this step: {port.unfit}"
     if not port.heard and deaf:
-        return f"{who}its publisher on {deaf[0].topic} is BEST_EFFORT and cannot be heard, expected RELIABLE"
+        return f"{prefix}its publisher on {deaf[0].topic} is BEST_EFFORT and cannot be heard, expected RELIABLE"
     if not port.heard and not there:
-        return f"{who}nobody publishes on {' or '.join(port.topics)}; is it running in {domain}?"
+        return f"{prefix}no node publishes on {' or '.join(port.topics)}; is it running in {domain}?"
     if not port.heard:
-        return f"{who}it publishes on {there[0].topic}, but nothing has come"
-    until = f"{who}it has answered until step {port.answered}"
+        return f"{prefix}it publishes on {there[0].topic}, but no message has been received"
+    until = f"{prefix}it has answered until step {port.answered}"
     if not there:
         return f"{until}; its publisher has left"
     return f"{until}; its publisher is still announced, so it hangs, or has died without leaving"
 
 
 class Answers:
-    """The answers to the step at hand: of the policy, if one moves the background, and of whatever drives the ego."""
+    """The answers to the current step: of the policy, if there is one, and of the ego's driver."""
 
     def __init__(
         self,
@@ -199,17 +199,17 @@ class Answers:
         with_policy: bool,
         stop_on_missing: bool,
     ) -> None:
-        """Wait for the answers of a run.
+        """Prepare to collect the answers of a run.
 
         Args:
-            port: takes the answers for the ego.
-            attendance: knows how far the recorder is.
-            convert: reads the policy's message; raises ValueError where it cannot.
-            run_id: answers to other runs are stale.
-            ego_id: the ego, which no policy controls.
-            with_policy: whether a policy answers; otherwise the log alone moves the background.
-            stop_on_missing: whether a missing answer ends the run; otherwise the newest one stays in force. To
-                step 0 all answers have to come.
+            port: port of the ego.
+            attendance: states of the stages.
+            convert: converts the policy's message; raises ValueError if it is malformed.
+            run_id: id of the run; answers to other runs are stale.
+            ego_id: id of the ego, which no policy controls.
+            with_policy: whether a policy answers; else the background follows the log.
+            stop_on_missing: whether a missing answer ends the run; else the newest one stays in force. Answers to
+                step 0 are always required.
         """
         self._port = port
         self._attendance = attendance
@@ -217,45 +217,45 @@ class Answers:
         self._ego_id = ego_id
         self._stop_on_missing = stop_on_missing
         self._gate = Gate(run_id, (CONTROLS,) if with_policy else ())
-        self._command = EgoCommand(-1)  # for the step that it names
+        self._command = EgoCommand(-1)  # valid for the step that it names
         self._missed: dict[str, int] = {}
 
     @property
     def step(self) -> int:
-        """The step at hand; -1 before the first."""
+        """The current step; -1 before the first."""
         return self._gate.step
 
     @property
     def missing(self) -> list[str]:
-        """Topics on which an answer is still waited for."""
+        """Topics on which an answer is missing."""
         return self._gate.missing + ([" or ".join(self._port.topics)] if self._port.missing else [])
 
     @property
     def complete(self) -> bool:
-        """Whether all answers are in, and the recorder is not too far behind."""
+        """Whether all answers are there, and the recorder is not too far behind."""
         return not self.missing and self._attendance.recorder_keeps_up(self.step)
 
     @property
     def commanded(self) -> bool:
-        """Whether the command of the ego for the step at hand has been taken from the port."""
+        """Whether the ego's command for the current step has been taken from the port."""
         return self._command.step == self.step
 
     def open(self, table: AgentTable, *, driven: bool) -> None:
-        """Wait for the answers to the step of `table`; `driven` says whether that for the ego counts."""
+        """Start collecting the answers to the step of `table`; `driven`: whether an answer for the ego is needed."""
         self._gate.open(table.step)
         self._port.open(table.step, ego_state(table, self._ego_id), driven=driven)
 
     def ask(self) -> None:
-        """The step at hand is published, maybe again: one answer more to it on each topic is no fault."""
+        """Note that the current step is published, first or again: one more answer per topic is then legitimate."""
         self._gate.ask()
         self._port.ask()
 
     def offer_controls(self, run_id: str, step: int, message: Any) -> None:
-        """Take an answer of the policy, which is read only if it counts."""
+        """Take an answer of the policy; it is converted only if it is used."""
         self._gate.offer(CONTROLS, run_id, step, message)
 
     def command(self) -> EgoCommand:
-        """The ego's command for the step at hand; where its answer is missing, the newest one.
+        """The ego's command for the current step; the newest one if its answer is missing.
 
         Raises:
             RunFailed: its answer cannot be used.
@@ -268,14 +268,14 @@ class Answers:
         return self._command
 
     def settle(self, waited_s: float, silent: Callable[[], str]) -> list[str]:
-        """Give up waiting: count what is missing, or end the run. Returns the topics without an answer.
+        """Stop waiting: count missing answers, or end the run. Returns the topics without an answer.
 
         Args:
-            waited_s: for how long the answers were waited for [s].
-            silent: returns words for which stages have not answered; called only if the run ends.
+            waited_s: time waited [s].
+            silent: returns a text that names the silent stages; called only if the run ends.
 
         Raises:
-            RunFailed: an answer is missing that must not, or the recorder is too far behind.
+            RunFailed: a required answer is missing, or the recorder is too far behind.
         """
         missing = self.missing
         if not missing:
@@ -287,7 +287,7 @@ class Answers:
         return missing
 
     def controls(self) -> ControlTable:
-        """The controls for the step at hand; where the answer is missing, the newest one, or none.
+        """The controls for the current step; if the answer is missing, the newest ones, or none.
 
         Raises:
             RunFailed: they cannot be used.
@@ -303,7 +303,7 @@ class Answers:
         return replace(controls, step=self.step)
 
     def summary(self) -> dict[str, Any]:
-        """Answers by topic that were `missed` and that came `stale`, and what became of those on the `ego_port`."""
+        """Counts of `missed` and `stale` answers by topic, and those of the `ego_port`."""
         counts = self._port.counts
         late = counts["late"] + counts["stale"]
         stale = self._gate.stale | ({self._port.topics[0]: late} if late else {})
@@ -312,10 +312,10 @@ class Answers:
 
 
 def check_controls(controls: ControlTable, ego_id: int) -> None:
-    """See that controls are such as the world expects them from any policy.
+    """Check controls of a policy.
 
     Raises:
-        ValueError: they are not.
+        ValueError: they cannot be applied.
     """
     check_columns({each.name: getattr(controls, each.name) for each in fields(controls) if each.name != "step"})
     if ego_id in controls.id:

@@ -45,12 +45,12 @@ from litsim_sim.ros.topics import (
 from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.world import World, WorldConfig
 
-NOTE_PERIOD = 5.0  # [s] between two lines in the log that say the same
+NOTE_PERIOD = 5.0  # [s] period of repeated lines in the log
 ENDED = {StageState.FINISHED: diagnostics.FINISHED, StageState.FAILED: diagnostics.FAILED}
 
 
 class BridgeNode(Node):
-    """The graph as a run sees it, see :class:`litsim_sim.nodes.run_loop.Graph`; :meth:`run` runs one run."""
+    """Implements :class:`litsim_sim.nodes.run_loop.Graph`; :meth:`run` runs one run."""
 
     declared = Endpoints(
         BRIDGE,
@@ -92,7 +92,7 @@ class BridgeNode(Node):
         self._executor = executor_of(self)
 
     def run(self) -> None:
-        """Run it; returns when it is over and recorded.
+        """Run; return when the run is over and recorded.
 
         Raises:
             RunFailed: a stage failed or did not answer; all stages have been told.
@@ -109,7 +109,7 @@ class BridgeNode(Node):
 
     def _set_up(self) -> World:
         """The world of the run, with its mirror and kernels."""
-        from litsim_sim.world.sumo import SumoMirror  # not before the stages know of the run
+        from litsim_sim.world.sumo import SumoMirror  # imported here so that the stages know of the run first
 
         scenario = self.plan.scenario
         mirror = SumoMirror(scenario.net_path, scenario.seed, scenario.signals)
@@ -193,7 +193,7 @@ class BridgeNode(Node):
         serve(self._executor)
 
     def _ego_publishers(self) -> list[EgoPublisher]:
-        """Publishers on the ego port's topics that are announced; the names of their nodes are kept."""
+        """The announced publishers on the ego port's topics; the names of their nodes are remembered."""
         found = [
             EgoPublisher(name, node_of(info), _is_reliable(info))
             for name in self._port.topics
@@ -214,7 +214,7 @@ def _is_reliable(info: Any) -> bool:
 
 
 def port_of(options: BridgeOptions, plan: RunPlan) -> EgoPort:
-    """The port that takes the answers for the ego: of an external one over any interface, else commands alone."""
+    """The port for the ego's answers: over any interface for an external ego, else commands only."""
     interface = options.ego_interface if plan.ego == EXTERNAL else Interface.CONTROL
     return EgoPort(plan.run_id, plan.scenario.vehicle, interface, stop_on_invalid=options.on_invalid == "stop")
 

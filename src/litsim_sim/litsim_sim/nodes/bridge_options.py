@@ -16,7 +16,7 @@ from litsim_sim.scenario.run_info import EGOS, POLICIES, RunPlan, new_execution
 from litsim_sim.scenario.scenario import Scenario
 
 OF_THE_SCENARIO = -1
-"""Value of a parameter that leaves it to the scenario."""
+"""Value of a parameter that stands for the scenario's value."""
 
 _TYPES = {name: Annotated[Number, Unit(unit(field_type(VehicleModel, name)))] for name in VEHICLE_FIELDS}
 VehicleOptions: Any = configuration(
@@ -24,7 +24,7 @@ VehicleOptions: Any = configuration(
         "VehicleOptions", [(name, kind, float(OF_THE_SCENARIO)) for name, kind in _TYPES.items()], frozen=True
     )
 )
-"""The fields of :class:`litsim_sim.core.vehicle.VehicleModel`, each with the value that leaves it to the scenario."""
+"""The fields of :class:`litsim_sim.core.vehicle.VehicleModel`, each with the value that stands for the scenario's."""
 
 
 @configuration
@@ -35,21 +35,21 @@ class BridgeOptions:
         scenario: packaged scenario, or a YAML file.
         ego: what drives the ego.
         policy: what moves the background.
-        ego_id: vehicle of the recording that is the ego.
-        seed: of everything random in the run.
-        end_after_contact_s: time after the ego's first contact at which the run is over.
-        mode: whether the bridge waits for answers, or keeps pace with the clock.
-        on_missing: what happens in lock-step where an answer does not come.
-        on_invalid: what happens where an answer of the ego cannot be used.
-        ego_interface: with what an external ego answers; auto is the interface of its first message.
-        answer_timeout_s: for the answers to one step.
-        handshake_timeout_s: for every stage to get ready; on a busy machine that takes its time, and the stages waited
-            for are reported every few seconds.
-        external_timeout_s: for an external ego to answer step 0.
+        ego_id: id of the recorded vehicle that the ego replaces.
+        seed: seed of all randomness in the run.
+        end_after_contact_s: time after the ego's first contact at which the run ends.
+        mode: whether the bridge waits for answers, or runs in real time.
+        on_missing: what happens in lock-step if an answer is missing.
+        on_invalid: what happens if an answer of the ego cannot be used.
+        ego_interface: interface of an external ego; auto is that of its first message.
+        answer_timeout_s: time limit for the answers to one step.
+        handshake_timeout_s: time limit for all stages to get ready, generous for busy machines; stages waited for are
+            reported every few seconds.
+        external_timeout_s: time limit for an external ego to answer step 0.
         progress: how the progress of the run is shown.
-        vehicle: of the ego.
-        stage_parameters: what the stages' parameters are set to, by stage and name, in YAML; part of the identity
-            of the run, not set by it.
+        vehicle: vehicle model of the ego.
+        stage_parameters: values of the stages' parameters, by stage and name, in YAML; they enter the identity of the
+            run, but do not set the parameters.
     """
 
     scenario: str = "demo"
@@ -83,7 +83,7 @@ class BridgeOptions:
         return {name: value for name, value in asdict(self.vehicle).items() if value != OF_THE_SCENARIO}
 
     def plan(self) -> RunPlan:
-        """Load the run, as an execution of its own.
+        """Load the run, as a new execution.
 
         Raises:
             InputError: the scenario cannot be used, or not with these options.
@@ -95,7 +95,7 @@ class BridgeOptions:
 
 
 def _by_stage(text: str) -> Parameters:
-    """Parameters by stage and name, as they come in a text: the launcher's is JSON.
+    """Parse parameters by stage and name from YAML (the launcher sends JSON).
 
     Raises:
         ValueError: the text holds something else.

@@ -1,4 +1,4 @@
-"""What the bridge publishes of a run: its description, the scene of every step, the ego's route and the lanes."""
+"""Publishing of a run by the bridge: its description, the scene of every step, the ego's route and the lanes."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ from litsim_sim.scenario.scenario import Scenario
 PUBLISHED = (RUN_INFO, CLOCK, AGENTS, EGO_STATE, OBJECTS, EGO_ROUTE, LANES)
 PUBLISHED_OF_SIGNALS = (SIGNAL_MAP, SIGNALS)
 """Published in addition if the scenario has signals."""
-ROUTE_LENGTH = 1000.0  # [m] of the route that the ego is given
+ROUTE_LENGTH = 1000.0  # [m] length of the ego's route
 
 
 class Broadcast:
-    """Publishes a run as it goes; the state of a step as often as requested."""
+    """Publishes a run step by step."""
 
     def __init__(self, node: Node, plan: RunPlan) -> None:
         self._plan = plan
@@ -50,7 +50,7 @@ class Broadcast:
         self._scene: list[tuple[Topic, Any]] = []
 
     def begin(self, info: RunInfo) -> None:
-        """Publish what holds for the whole run."""
+        """Publish the messages for the whole run."""
         self._publishers[RUN_INFO].publish(info)
         self._publishers[EGO_ROUTE].publish(route(self._plan.scenario))
         self._publishers[LANES].publish(standard.lanes(self._plan.scenario.lane_map))
@@ -58,13 +58,13 @@ class Broadcast:
             self._publishers[SIGNAL_MAP].publish(messages.signal_map_to_message(signals, self._plan.run_id))
 
     def show(self, table: AgentTable) -> None:
-        """The agents of a step, which the stages wait for."""
+        """Publish the agents of a step, which the stages wait for."""
         plan = self._plan
         message = messages.agents_to_message(table, plan.run_id, plan.scenario.total_steps, plan.scenario.ego_id)
         self._scene = [self._publish(AGENTS, message)]
 
     def accompany(self, table: AgentTable) -> None:
-        """What goes with the step that was shown last; the standard types if there are subscribers."""
+        """Publish the other messages of the last step shown; standard types only if there are subscribers."""
         ego_id = self._plan.scenario.ego_id
         self._scene += [
             self._publish(EGO_STATE, messages.ego_odometry(table, ego_id)),
@@ -77,7 +77,7 @@ class Broadcast:
             self._scene.append(self._publish(OBJECTS, standard.objects(table, ego_id)))
 
     def repeat(self) -> None:
-        """The step that was shown last."""
+        """Publish the last step shown again."""
         for topic, message in self._scene:
             self._publish(topic, message)
 
@@ -87,12 +87,12 @@ class Broadcast:
 
 
 def of_signals(scenario: Scenario) -> tuple[Topic, ...]:
-    """Topics of the signals, if the scenario knows of some."""
+    """Topics of the signals; empty if the scenario has none."""
     return PUBLISHED_OF_SIGNALS if scenario.signals is not None else ()
 
 
 def route(scenario: Scenario) -> Path:
-    """The centre line of the lane that the ego begins on."""
+    """The centre line of the ego's first lane and its continuation."""
     table = scenario.log.table(0)
     row = np.array([table.row(scenario.ego_id)])
     at = scenario.lane_map.nearest(table.x[row], table.y[row], table.yaw[row])
@@ -100,7 +100,7 @@ def route(scenario: Scenario) -> Path:
 
 
 def run_info(plan: RunPlan, mode: str, configuration: dict[str, dict[str, Any]]) -> RunInfo:
-    """A run and the stages that take part; `configuration` has their parameters, by stage and name."""
+    """``RunInfo`` of a run; `configuration` has the parameters of its stages, by stage and name."""
     per_step = (
         (CLOCK, AGENTS, EGO_STATE)
         + tuple(topic for topic in of_signals(plan.scenario) if topic.per_step)

@@ -1,4 +1,4 @@
-"""What the bridge says of a run on ``/diagnostics``, where a driving system learns of start, end and faults."""
+"""Diagnostics of the bridge on ``/diagnostics``: start, end and faults of a run, for driving systems."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from litsim_sim.ros.topics import DIAGNOSTICS
 BRIDGE_NAME = "litsim: bridge"
 PORT_NAME = "litsim: ego port"
 RUNNING, FINISHED, FAILED = "RUNNING", "FINISHED", "FAILED"
-EVERY = 10  # steps between two messages when there is nothing to say
+EVERY = 10  # [steps] period of messages without news
 
 
 class Diagnostics:
@@ -24,22 +24,22 @@ class Diagnostics:
         self._publisher = publisher_on(node, DIAGNOSTICS)
 
     def step(self, step: int) -> None:
-        """Say that the run is on, now and then."""
+        """Publish periodically that the run is active."""
         if step % EVERY == 0:
             self.say(step, RUNNING)
 
     def remarks(self, step: int) -> None:
-        """Say what the port has remarked since, in the log as well."""
+        """Publish the port's new remarks, and log them."""
         for remark in self._port.remarks:
             self.say(step, RUNNING, remark.level, remark.text)
-            if remark.level == Level.OK:  # rclpy wants one severity for each line of code
+            if remark.level == Level.OK:  # rclpy allows one severity per call site
                 self._node.get_logger().info(remark.text)
             else:
                 self._node.get_logger().warning(remark.text)
         self._port.remarks.clear()
 
     def say(self, step: int, state: str, level: Level = Level.OK, text: str = "") -> None:
-        """Publish one array: on the bridge, and on the ego port, with `text` while the run is on."""
+        """Publish the status of the bridge and of the ego port, with `text`."""
         port = self._port
         on = state == RUNNING
         bridge = DiagnosticStatus(

@@ -14,9 +14,9 @@ _SEQUENCES = {"\x1b[C": "right", "\x1b[D": "left", "\x1bOC": "right", "\x1bOD": 
 
 
 class Keyboard:
-    """Keys that were pressed since the last question; none where standard input is no terminal.
+    """Keys pressed since the last call; none if standard input is not a terminal.
 
-    Use it as a context manager: the terminal is given back as it was, also after an error.
+    A context manager that restores the terminal on exit.
     """
 
     def __init__(self) -> None:
@@ -47,15 +47,15 @@ class Keyboard:
 
 
 def _in_foreground(descriptor: int) -> bool:
-    """Whether keys go to this process: a background job that touches its terminal is stopped."""
+    """Whether this process is in the foreground: a background job that uses its terminal is stopped."""
     try:
         return os.tcgetpgrp(descriptor) == os.getpgrp()
-    except OSError:  # a terminal without jobs
+    except OSError:  # a terminal without job control
         return True
 
 
 def split_keys(text: str) -> list[str]:
-    """Keys in what a terminal sends; sequences of other keys than the arrows are dropped."""
+    """Keys in the output of a terminal; escape sequences other than the arrows are dropped."""
     found: list[str] = []
     while text:
         if text[0] == "\x1b":

@@ -1,9 +1,9 @@
 """The live view: markers of the newest step for RViz and Foxglove, and optionally a WebSocket server.
 
-The server passes on the topics of a bag beside the markers, so that one layout serves both.
+The server also forwards the topics that a bag holds, so that one layout serves bags and live runs.
 
-It is no stage: no node waits for it, its subscriptions acknowledge nothing, it draws at a rate of its own and only what
-is being viewed, and it yields the processor to the others.
+It cannot slow down a run: no node waits for it, its subscriptions are best-effort, it draws at its own rate and only
+what is being viewed, and it has a low priority.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ from litsim_sim.ros.topics import (
 )
 
 NAME = "live"
-DEPTH = 10  # messages of a topic that wait; the oldest go first
-NICENESS = 10  # where processors are scarce, the loop comes first
+DEPTH = 10  # most waiting messages of a topic; the oldest are dropped
+NICENESS = 10  # the loop has priority
 DRAWN = (AGENTS, FORECASTS, TAKEOVERS)
 
 
@@ -54,7 +54,7 @@ class LiveNode(Node):
 
     def __init__(self, server: LiveServer | None = None) -> None:
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
-        check_given(self, undeclare_given(self))  # it has none
+        check_given(self, undeclare_given(self))  # it has no parameters
         self._server = server
         self._agents, self._forecasts, self._conflicts = AgentLayer(), ForecastLayer(), ConflictLayer()
         self._newest: dict[Topic, bytes] = {}
@@ -68,7 +68,7 @@ class LiveNode(Node):
             self.create_subscription(topic.type, topic.name, self._receiver(topic), _unacknowledged(topic), raw=True)
 
     def draw(self) -> None:
-        """Publish the markers of the newest step, if there is a new one since the last call, or a new viewer."""
+        """Publish the markers of the newest step if there is a new step or a new viewer since the last call."""
         if self._server is not None:
             self._server.welcome()
         audience = {topic: self._count(topic) for topic in MARKERS}
@@ -104,7 +104,7 @@ class LiveNode(Node):
         return receive
 
     def _of_run(self, topic: Topic, run_id: str) -> Any:
-        """The newest message of `topic`, or an empty one where that is of another run or has not come."""
+        """The newest message of `topic`; an empty one if that is of another run, or there is none."""
         if topic in self._newest:
             message = deserialize_message(self._newest[topic], topic.type)
             if message.run_id == run_id:
@@ -112,7 +112,7 @@ class LiveNode(Node):
         return topic.type()
 
     def _count(self, topic: Topic) -> int:
-        """How many look at markers."""
+        """Number of viewers of a topic."""
         return int(self._outlets[topic].get_subscription_count()) + (
             0 if self._server is None else self._server.wants(topic.name)
         )
@@ -126,7 +126,7 @@ class LiveNode(Node):
 
 def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int] | None) -> None:
     """Draw `rate` times a second until Ctrl-C; serve Foxglove at a host and port, if given."""
-    sys.argv[1:] = ros_arguments  # where the frame of a node's process looks for them
+    sys.argv[1:] = ros_arguments  # read by rclpy's initialisation
     with process(interrupted=0):
         os.nice(NICENESS)
         server = LiveServer(map(_described, (*RECORDED_TOPICS, *MARKERS)), *server_at) if server_at else None
@@ -148,7 +148,7 @@ def live(ros_arguments: Sequence[str], rate: float, server_at: tuple[str, int] |
 
 
 def _unacknowledged(topic: Topic) -> QoSProfile:
-    """QoS that keeps the newest and costs a publisher nothing; latched topics are taken as they are offered."""
+    """QoS that keeps the newest messages without acknowledgement; that of latched topics is unchanged."""
     return topic.qos if topic.latched else QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 

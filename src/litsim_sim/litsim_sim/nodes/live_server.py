@@ -1,4 +1,4 @@
-"""A WebSocket server that Foxglove connects to: serialised ROS messages as they are, with their definitions. No ROS."""
+"""A WebSocket server for Foxglove, which forwards serialised ROS messages with their definitions. Without ROS."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.record.bag import BagTopic
 
 HOST, PORT = "127.0.0.1", 8765
-BACKLOG = 256  # messages that a client which is too slow may lag behind, before it misses the oldest
+BACKLOG = 256  # most messages that a slow client may lag behind; it misses older ones
 
 
 class LiveServer:
-    """Serves topics to any number of clients; none of them can make :meth:`send` wait.
+    """Serves topics to any number of clients; :meth:`send` never blocks.
 
-    A client that subscribes gets the last message of the topic, however long ago that came.
+    A client that subscribes gets the last message of the topic.
     """
 
     def __init__(self, topics: Iterable[BagTopic], host: str = HOST, port: int = PORT) -> None:
         """Listen on `host`:`port`; port 0 is a free one.
 
         Raises:
-            InputError: foxglove-sdk is not installed, or the address cannot be had.
+            InputError: foxglove-sdk is not installed, or the address is not available.
         """
         try:
             foxglove = importlib.import_module("foxglove")
@@ -35,7 +35,7 @@ class LiveServer:
         self._host = host
         self._subscribed: SimpleQueue[str] = SimpleQueue()
         self._last: dict[str, tuple[bytes, int]] = {}
-        self._context = context = foxglove.Context()  # of its own; once it is released, its channels close
+        self._context = context = foxglove.Context()  # a separate context: its channels close when it is released
         self._channels = {
             topic.name: foxglove.Channel(
                 topic.name,
@@ -62,7 +62,7 @@ class LiveServer:
 
     @property
     def url(self) -> str:
-        """What a client connects to."""
+        """The URL for clients."""
         return f"ws://{self._host}:{self._server.port}"
 
     def wants(self, topic: str) -> bool:
@@ -70,16 +70,16 @@ class LiveServer:
         return bool(self._channels[topic].has_sinks())
 
     def send(self, topic: str, cdr: bytes, time_ns: int) -> None:
-        """A serialised message at a simulation time [ns]."""
+        """Send a serialised message at a simulation time [ns]."""
         self._last[topic] = (cdr, time_ns)
         self._channels[topic].log(cdr, log_time=time_ns)
 
     def time(self, time_ns: int) -> None:
-        """The simulation time [ns]."""
+        """Send the simulation time [ns]."""
         self._server.broadcast_time(time_ns)
 
     def welcome(self) -> None:
-        """Send earlier messages to clients that have subscribed since the last call."""
+        """Send the last messages to clients that have subscribed since the last call."""
         names = set()
         try:
             while True:
@@ -91,7 +91,7 @@ class LiveServer:
             self._channels[name].log(cdr, log_time=time_ns)
 
     def close(self) -> None:
-        """Let the clients go."""
+        """Disconnect all clients and stop listening."""
         self._server.stop()
 
 

@@ -1,4 +1,4 @@
-"""The recorder: every topic of a run to MCAP, raw CDR, in the order of the simulation."""
+"""The recorder: writes every topic of a run to MCAP, as raw CDR, in the order of the simulation."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ from litsim_sim.ros.process import process, spin
 from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
-HEARING_S = 10.0  # for every stage to be heard before the run begins: its READY holds its parameters
-SETTLE_S = 0.05  # between two looks at whether all has come in
-REST_S = 0.02  # between two looks at what has come in: the bridge is ahead by many steps
-NICENESS = 5  # where processors are scarce, the loop comes first; the bridge does not run far ahead of the record
-WAITING = 2000  # messages of a topic that may wait to be written: others may speak on it, too, and push out the run's
-LAST_WORD_S = 0.2  # for which others may take to hear how a record has ended
-LINGER_S = 1.0  # for which a recorder that failed answers the bridge, which may not have heard it
+HEARING_S = 10.0  # longest wait for READY of every stage, which holds its parameters
+SETTLE_S = 0.05  # period of checks whether all messages have been received
+REST_S = 0.02  # pause between rounds of serving callbacks: the bridge may be many steps ahead
+NICENESS = 5  # the loop has priority; the bridge waits if the recorder is far behind
+WAITING = 2000  # queue of a topic: messages of foreign publishers must not displace those of the run
+LAST_WORD_S = 0.2  # longest wait for the delivery of the last messages
+LINGER_S = 1.0  # time for which a failed recorder repeats its state for the bridge
 
 
 class RecorderNode(Node):
-    """Records one run, then :attr:`finished`; a step buffer decides what is written when.
+    """Records one run, then sets :attr:`finished`; a step buffer puts messages in order.
 
-    The recorder is ready once it has heard every other stage be ready. It says of the end of the run that it has
-    finished, or that it failed because of gaps in the record.
+    The recorder is ready once every other stage is. At the end of the run it reports FINISHED, or FAILED if the record
+    has gaps.
     """
 
     declared = Endpoints(STAGE, (STATUS, RECORDED), (*RECORDED_TOPICS, HELLO))
@@ -57,35 +57,35 @@ class RecorderNode(Node):
         self._writer = BagWriter(output, output.resolve().name, {}, overwrite=options.overwrite)
         self.finished = False
         self._run_id = ""
-        self._buffer: StepBuffer | None = None  # once a run has begun
-        self._word: StageStatus | None = None  # on the run at hand, repeated when the bridge greets
+        self._buffer: StepBuffer | None = None  # None before a run has begun
+        self._word: StageStatus | None = None  # state in the current run, repeated when the bridge greets
         self._unheard: set[str] = set()
-        self._of_this_run: set[Topic] = set()  # on which messages of other runs are not recorded
-        self._early: dict[Topic, bytes] = {}  # latched messages that came before the run was known
+        self._of_this_run: set[Topic] = set()  # topics of which messages of other runs are not recorded
+        self._early: dict[Topic, bytes] = {}  # latched messages received before RunInfo
         self._ending = False
         self._status = publisher_on(self, STATUS)
         self._recorded = publisher_on(self, RECORDED)
         for topic in RECORDED_TOPICS:
             subscribe(self, topic, self._receiver(topic), raw=True, depth=WAITING)
         subscribe(self, HELLO, self._on_hello)
-        for topic in RECORDED_TOPICS:  # while DDS makes itself known to the others
+        for topic in RECORDED_TOPICS:  # during DDS discovery
             add_topic(self._writer, topic)
 
     @property
     def gaps(self) -> str:
-        """In words, what the record lacks that it should hold; empty where it is whole."""
+        """Text that lists the gaps of the record; empty for none."""
         return "" if self._buffer is None else self._buffer.gaps
 
     def abandon(self, text: str, linger: float) -> None:
-        """Finish the file before the run is over, for `text`, and tell the bridge for `linger` seconds."""
-        with suppress(InputError, ValueError):  # the file may be the obstacle
+        """Finish the file before the run is over, and report `text` as the reason for `linger` seconds."""
+        with suppress(InputError, ValueError):  # writing the file may be what failed
             self._close(amid_step=False)
         self._say(StageState.FAILED, text)
         until = time.monotonic() + linger
         spin(self, lambda: time.monotonic() > until)
 
     def be_heard(self) -> None:
-        """Wait until the bridge and all other subscribers have the last messages, which end with this node."""
+        """Wait until the bridge and all other subscribers have received the last messages."""
         self._status.wait_for_all_acked(Duration(seconds=LAST_WORD_S))
 
     def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
@@ -108,7 +108,7 @@ class RecorderNode(Node):
             self._buffer.take(topic.name, step_of(topic, data), data)
 
     def _on_run_info(self, data: bytes) -> bool:
-        """Begin to record the run; returns False where it is not the one that is being recorded already."""
+        """Start to record the run; return False if another run is being recorded already."""
         info: RunInfo = deserialize_message(data, RunInfo)
         if self._run_id:
             self.get_logger().warning(
@@ -130,7 +130,7 @@ class RecorderNode(Node):
         return True
 
     def _ready(self) -> None:
-        """Let the run begin."""
+        """Report READY, so that the run can begin."""
         self._hearing.cancel()
         if self._word is None:
             self._say(StageState.READY)
@@ -141,7 +141,7 @@ class RecorderNode(Node):
             self._status.publish(self._word)
 
     def _on_status(self, data: bytes) -> bool:
-        """Take what a node says of itself; returns whether it is to be recorded, as anything said is."""
+        """Take the status of a node; return whether it is to be recorded."""
         status: StageStatus = deserialize_message(data, StageStatus)
         if self._buffer is None or status.run_id != self._run_id:
             return True
@@ -159,9 +159,9 @@ class RecorderNode(Node):
         return True
 
     def _settle(self, buffer: StepBuffer, status: StageStatus) -> None:
-        """End once a while has passed after the last step came in: others may have said something on it.
+        """End a while after the last step has been received, so that other messages on it are recorded.
 
-        A run that has finished has all of that step, unless another recorder was what the bridge has waited for.
+        After a finished run all of that step has been received, unless the bridge waited for another recorder.
         """
         until, seen = time.monotonic() + LINGER_S, [-1]
         failed = status.state == StageState.FAILED
@@ -200,7 +200,7 @@ class RecorderNode(Node):
 
 
 def _tells_run(topic: Topic, info: RunInfo) -> bool:
-    """Whether LitSim alone publishes on `topic` in the run of `info`, and each message names its run.
+    """Whether only LitSim publishes on `topic` in the run of `info`, and each message names its run.
 
     Messages on /litsim/status are recorded whichever run they name.
     """
@@ -209,7 +209,7 @@ def _tells_run(topic: Topic, info: RunInfo) -> bool:
 
 
 def add_topic(writer: BagWriter, topic: Topic) -> None:
-    """Announce a topic of the graph to a bag: its definition, the QoS that publishers offer, its type's hash."""
+    """Add a topic of the graph to a bag, with its definition, offered QoS and type hash."""
     name = type_name(topic.type)
     durability = "transient_local" if topic.latched else "volatile"
     writer.add_topic(
@@ -218,7 +218,7 @@ def add_topic(writer: BagWriter, topic: Topic) -> None:
 
 
 def describe(writer: BagWriter, info: RunInfo) -> None:
-    """Write the run's description to a bag, with the files that are needed to run it again.
+    """Write the run's description to a bag, with all files needed to repeat it.
 
     Raises:
         InputError: the scenario in `info` cannot be read, or the file not be written.
@@ -232,17 +232,17 @@ def describe(writer: BagWriter, info: RunInfo) -> None:
 
 
 def step_of(topic: Topic, data: bytes) -> int:
-    """The step that a serialised message of a recorded topic is of, by its stamp; 0 of the lanes, which have none."""
+    """The step of a serialised message of a recorded topic, by its stamp; 0 for the lanes, which have none."""
     return 0 if topic == LANES else round(stamp_ns(data) / STEP_NS)
 
 
 def give_way() -> None:
-    """Let others have the processor first; to be called before there are threads, which take it over."""
+    """Lower the priority of this process; to be called before threads are started, which inherit it."""
     os.nice(NICENESS)
 
 
 def let_other_sessions_go_first() -> None:
-    """The same among sessions, where this process has one of its own; once the run begins, which waits until then.
+    """Lower the priority of this process's session, if it has its own; to be called when the run begins.
 
     Linux shares processors between sessions first, each by a niceness of its own.
     """

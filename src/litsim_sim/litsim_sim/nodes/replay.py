@@ -1,4 +1,4 @@
-"""The replay: publishes the messages of a bag as they were recorded, in their own time."""
+"""The replay: publishes the messages of a bag as they were recorded, at their times."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from litsim_sim.ros.parameters import check_given, undeclare_given
 from litsim_sim.ros.process import process, serve
 
 NAME = "replay"
-ATTENTION_S = 0.05  # after which a key is noticed at the latest
-DELIVERY_S = 2.0  # that subscribers get to take the last messages
-SEEK_S = 1.0  # by an arrow key
+ATTENTION_S = 0.05  # longest delay until a key is noticed
+DELIVERY_S = 2.0  # longest wait for the delivery of the last messages
+SEEK_S = 1.0  # jump of an arrow key
 RATE_STEP = 1.25
 KEYS = "space: pause, s: step, arrows: seek 1 s (paused: one step), + -: rate, q: quit"
 
@@ -37,15 +37,15 @@ class ReplayNode(Node):
     """Plays one bag; services ``~/pause`` and ``~/step``, parameters `rate`, `loop` and `seek_to`.
 
     Attributes:
-        player: decides which messages are due when.
-        ended: whether its end has been requested.
+        player: schedule of the messages.
+        ended: whether the end has been requested.
     """
 
     def __init__(self, bag: Path, topics: Sequence[str] = (), **options: Any) -> None:
-        """Open `bag` to play `topics`, or all; `options` as those of :class:`litsim_sim.record.player.Player`.
+        """Open `bag` to play `topics` (default: all); `options` are those of :class:`litsim_sim.record.player.Player`.
 
         Raises:
-            InputError: the bag cannot be played like that.
+            InputError: the bag cannot be played with these options.
         """
         super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
         given = undeclare_given(self)
@@ -71,13 +71,13 @@ class ReplayNode(Node):
         self.create_service(Trigger, "~/step", self._on_step)
 
     def publish_due(self) -> float:
-        """Publish the due messages; returns the time until the next are due [s]."""
+        """Publish the messages that are due; return the time until the next is due [s]."""
         for message in self.player.take(time.monotonic()):
             self._outlets[message.topic].publish(message.data)
         return self.player.wait_s(time.monotonic())
 
     def press(self, key: str) -> None:
-        """Do what a key of the keyboard asks for."""
+        """Handle a key."""
         player, now = self.player, time.monotonic()
         playing: dict[str, Callable[[], None]] = {
             " ": lambda: player.pause(not player.paused, now),
@@ -95,7 +95,7 @@ class ReplayNode(Node):
             playing[key]()
 
     def deliver(self) -> None:
-        """Wait until the subscribers have the last messages."""
+        """Wait until the subscribers have received the last messages."""
         until = time.monotonic() + DELIVERY_S
         for outlet in self._outlets.values():
             outlet.wait_for_all_acked(Duration(seconds=max(0.0, until - time.monotonic())))
@@ -108,7 +108,7 @@ class ReplayNode(Node):
         return f"{at:7.1f} / {player.duration_s:.1f} s  x{player.rate:.2f}  {state}{', loop' if player.loop else ''}"
 
     def _open(self, topic: BagTopic) -> bool:
-        """Make a publisher; False, and a word to the user, where a subscriber here could not read the messages."""
+        """Create a publisher; return False, with a warning, if subscribers here could not read the messages."""
         package, kind, short = [*topic.type_name.split("/"), "", ""][:3]
         try:
             message_type = getattr(import_module(f"{package}.{kind}"), short)
@@ -124,7 +124,7 @@ class ReplayNode(Node):
 
     def _check(self, parameters: list[Any]) -> Any:
         wrong = ""
-        for parameter in parameters:  # rclpy has seen to their types
+        for parameter in parameters:  # rclpy has checked their types
             if parameter.name == "rate":
                 try:
                     checked_rate(parameter.value)
@@ -152,14 +152,14 @@ class ReplayNode(Node):
     def _on_step(self, _: Any, response: Any) -> Any:
         before = self.player.position_s(time.monotonic())
         self.player.step(time.monotonic())
-        response.success = self.player.wait_s(time.monotonic()) == 0.0  # something is due
+        response.success = self.player.wait_s(time.monotonic()) == 0.0  # a message is due
         response.message = self.status().strip() if response.success else f"{before:.1f} s is the last step"
         return response
 
     def _press_rate(self, rate: float) -> None:
         try:
             self.player.set_rate(rate, time.monotonic())
-        except InputError:  # as fast or slow as it goes
+        except InputError:  # the limit of the rate is reached
             return
 
     def _end(self) -> None:
@@ -167,7 +167,7 @@ class ReplayNode(Node):
 
 
 def qos_of(topic: BagTopic) -> QoSProfile:
-    """The recorded QoS; what a bag does not say, or what only the recording system could, is rclpy's default."""
+    """The recorded QoS, with rclpy's defaults for missing and system-dependent policies."""
     offered = offered_qos(topic)
     depth = int(offered.get("depth") or 0) or 10
     keep_all = offered.get("history") == "keep_all"
@@ -181,8 +181,8 @@ def qos_of(topic: BagTopic) -> QoSProfile:
 
 
 def play(bag: Path, ros_arguments: Sequence[str], topics: Sequence[str], delay_s: float, **options: Any) -> None:
-    """Play `bag` to its end, or until q or Ctrl-C; `options` as those of the node."""
-    sys.argv[1:] = ros_arguments  # where the frame of a node's process looks for them
+    """Play `bag` to its end, or until q or Ctrl-C; `options` are those of the node."""
+    sys.argv[1:] = ros_arguments  # read by rclpy's initialisation
     with process(interrupted=0):
         node = ReplayNode(bag, topics, **options)
         executor = SingleThreadedExecutor()
@@ -201,7 +201,7 @@ def play(bag: Path, ros_arguments: Sequence[str], topics: Sequence[str], delay_s
 
 
 class _StatusLine:
-    """One line at the bottom of a terminal; nothing elsewhere."""
+    """A status line at the bottom of a terminal; prints nothing elsewhere."""
 
     def __init__(self, wanted: bool) -> None:
         self._wanted = wanted and sys.stderr.isatty()

@@ -1,6 +1,6 @@
-"""The course of a run: handshake, one step after the other, farewell. Without ROS.
+"""The course of a run: handshake, steps, farewell. Without ROS.
 
-Messages are published and received through a :class:`Graph`, implemented by the bridge's node.
+Messages are exchanged through a :class:`Graph`, implemented by the bridge's node.
 """
 
 from __future__ import annotations
@@ -25,95 +25,95 @@ from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.world import World
 
 LOOK_S = 1.0
-"""[s] from its start that the bridge looks for another run where there may be one: participants announce themselves
-once a second. The world is set up meanwhile."""
-PULSE_S = 1.0  # [s] between two signs of life
-HELLO_PERIOD = 0.03  # [s] between the greetings of the handshake: stages reply that they are ready to the next one
-RESEND_FIRST, RESEND = 0.25, 1.0  # [s] without all answers after which step 0, or any other, is published again
+"""[s] Time from its start for which the bridge looks for another run: participants announce themselves once a second.
+The world is set up meanwhile."""
+PULSE_S = 1.0  # [s] period of signs of life
+HELLO_PERIOD = 0.03  # [s] period of the greetings of the handshake, to which stages reply once they are ready
+RESEND_FIRST, RESEND = 0.25, 1.0  # [s] wait for answers after which step 0, or a later step, is published again
 LAST_CALL_S = 1.0
-"""[s] that the answers to a step get once the time for them is over: the step is published again, and what had come
-while the bridge itself had no processor is taken, so that a pause within the time does not end a run."""
-FAREWELL_S = 10.0  # [s] that the recorder gets to close its file
+"""[s] Grace period after a timeout: the step is published again, and answers are taken that arrived while the bridge
+itself was not scheduled, so that a pause of the machine does not end a run."""
+FAREWELL_S = 10.0  # [s] time limit for the recorder to close its file
 
 
 class Graph(Protocol):
-    """What a run needs of the graph of nodes."""
+    """Interface of the graph of nodes to a run."""
 
     @property
     def domain(self) -> str:
-        """Where the graph is, in words."""
+        """Description of the graph's domain."""
 
     @property
     def since(self) -> float:
-        """When this graph has begun to listen, on the performance counter [s]."""
+        """Time of the performance counter since which this graph listens [s]."""
 
     @property
     def alone(self) -> bool:
-        """Whether it is known without listening that there was no other run when this one was started."""
+        """Whether it is known without listening that there was no other run at the start."""
 
     def begin(self) -> None:
-        """Publish what holds for the whole run."""
+        """Publish the messages for the whole run."""
 
     def greet(self) -> None:
-        """Ask all stages to say again whether they are ready."""
+        """Ask all stages to report their state again."""
 
     def show(self, table: AgentTable) -> None:
         """Publish a step: what the stages wait for."""
 
     def accompany(self, table: AgentTable) -> None:
-        """Publish what goes with the step that was shown last: clock, state of the ego, standard types, diagnostics."""
+        """Publish the other messages of the last step shown: clock, state of the ego, standard types, diagnostics."""
 
     def show_again(self) -> None:
-        """Publish the step that was shown last once more."""
+        """Publish the last step shown again."""
 
     def apply(self, command: EgoCommand) -> None:
-        """Publish, of an external ego, what its answer was turned into."""
+        """Publish the command that the answer of an external ego was converted to."""
 
     def report_time(self, step: int, compute_time: float, marks: str) -> None:
-        """Publish how long the bridge itself took for a step [s], and its marks on the clock."""
+        """Publish the compute time of the bridge for a step [s], and its marks."""
 
     def say(self, state: StageState, step: int, compute_time: float = 0.0, text: str = "") -> None:
         """Publish the state of the run."""
 
     def ask_around(self) -> None:
-        """Begin to listen for which stages have answered; costs time that is better saved while all is well."""
+        """Start to listen to timings, to find out which stages have answered; not done by default as it costs time."""
 
     def waiting(self, step: int, text: str) -> None:
-        """Tell the user, and the ego's driver, what a step waits for."""
+        """Report to the user and to the ego's driver what a step waits for."""
 
     def note(self, text: str) -> None:
-        """Tell the user the state of the run; the same text only now and then."""
+        """Report the state of the run to the user; repeated texts are throttled."""
 
     def silent_ego(self) -> str:
-        """In words, why an external ego has not answered the step at hand."""
+        """Text that says why an external ego has not answered the current step."""
 
     def serve_until(self, done: Callable[[], bool], until: float) -> bool:
-        """Take what arrives until `done`, or until `until` of the performance counter; returns `done()`.
+        """Serve messages until `done()`, or until time `until` of the performance counter; return `done()`.
 
         Raises:
             RunFailed: a stage has failed.
         """
 
     def serve(self) -> None:
-        """Take what arrives, or wait a little."""
+        """Serve a message, or wait for one for a short time."""
 
 
 class Pace:
-    """When steps are due in real time, on the performance counter [s]. A pace that was lost is not made up for.
+    """Deadlines of steps in real time, on the performance counter [s]. Lost time is not made up for.
 
     Attributes:
-        due: when the answers to the step at hand are due.
+        due: deadline of the answers to the current step.
     """
 
     def __init__(self) -> None:
         self.due = 0.0
 
     def next_step(self, now: float) -> None:
-        """A step begins: it is due a step's time after the one before, but no sooner than in half of that."""
+        """Begin a step: it is due a step's time after the previous one, but not before half of that has passed."""
         self.due = max(self.due + STEP_S, now + 0.5 * STEP_S)
 
     def restart(self, now: float) -> None:
-        """Count from `now`, as if the step at hand were due now."""
+        """Restart at `now`, as if the current step were due now."""
         self.due = now
 
 
@@ -130,15 +130,15 @@ class RunLoop:
         attendance: Attendance,
         answers: Answers,
     ) -> None:
-        """`set_up` makes the world: while the stages get ready, or while the bridge looks for other runs."""
+        """`set_up` makes the world; called while the stages get ready, or while the bridge looks for other runs."""
         self._graph, self._plan, self._options, self._set_up = graph, plan, options, set_up
         self._port, self._attendance, self._answers = port, attendance, answers
         self._external = plan.ego == EXTERNAL
         self._realtime = options.mode == "realtime"
         self._asked_around = False
-        self._compute = 0.0  # [s] that it took to make the newest step
-        self._reported = 0.0  # the same of the step whose times are reported next
-        self._marks: dict[str, float] = {}  # of the step that was shown last
+        self._compute = 0.0  # [s] compute time of the newest step
+        self._reported = 0.0  # [s] compute time of the step that is reported next
+        self._marks: dict[str, float] = {}  # marks of the last step shown
 
     def run(self) -> None:
         """Wait for all stages, run every step, and let the recorder finish.
@@ -156,7 +156,7 @@ class RunLoop:
             self._run()
 
     def _run(self) -> None:
-        """See :meth:`run`, from when the stages have been told which run it is."""
+        """See :meth:`run`; after RunInfo has been published."""
         self._meet()
         last, wall = self._all_steps(self._plan.scenario.total_steps)
         if RECORDER in self._plan.stages:
@@ -170,13 +170,13 @@ class RunLoop:
         self._attendance.check()
 
     def farewell(self) -> None:
-        """Let the recorder close its file."""
+        """Wait for the recorder to close its file."""
         until = time.monotonic() + FAREWELL_S
         while self._attendance.recorder_closing and time.monotonic() < until:
             self._graph.serve()
 
     def _meet(self) -> None:
-        """Greet until every stage has said that it is ready."""
+        """Greet until every stage is ready."""
         attendance, begin = self._attendance, time.monotonic()
         while not attendance.all_ready:
             waiting, since = ", ".join(attendance.awaited), time.monotonic() - begin
@@ -194,7 +194,7 @@ class RunLoop:
         """Run steps 0 to `total`, or until the ego has left.
 
         Returns:
-            the last step, and the wall time from when step 0 was answered [s].
+            The last step, and the wall time since step 0 was answered [s].
         """
         graph, pace, start = self._graph, Pace(), 0.0
         table = self._world.reset()
@@ -202,7 +202,7 @@ class RunLoop:
             for step in range(total + 1):
                 pace.next_step(time.perf_counter())
                 self._wait_for_answers(table, pace.due)
-                if step == 0:  # waiting for all stages at step 0 is no part of the run's pace
+                if step == 0:  # the wait for all stages at step 0 does not count
                     start = time.perf_counter()
                     pace.restart(start)
                 controls, command = self._take(step)
@@ -221,7 +221,7 @@ class RunLoop:
         return step, time.perf_counter() - start
 
     def _announce_end(self, total: int) -> None:
-        """Announce it if the step just made is an early last one, so that no node waits for more."""
+        """Announce an early end if the step just made is the last, so that no node waits for more."""
         if (ended := self._world.ended) is not None and ended.step < total:
             self._graph.say(StageState.ENDING, ended.step, text=ended.sentence)
 
@@ -256,7 +256,7 @@ class RunLoop:
             graph.show_again()
 
     def _ask_around(self, step: int) -> None:
-        """An answer is missing: report it; the stages repeat their timings, which tell which one is silent."""
+        """Report missing answers; the stages repeat their timings, which show which one is silent."""
         if not self._asked_around:
             self._asked_around = True
             self._graph.ask_around()
@@ -265,12 +265,12 @@ class RunLoop:
             self._graph.waiting(step, f"waiting for {', '.join(waiting)}")
 
     def _report_time(self, step: int) -> None:
-        """Publish the times of a step, once the next one is on its way, since no node waits for them."""
+        """Publish the times of a step; called after the next step is published, since no node waits for them."""
         self._graph.report_time(step, self._reported, step_marks(self._marks))
         self._reported = self._compute
 
     def _take(self, step: int) -> tuple[ControlTable, EgoCommand]:
-        """The answers to `step`; where one is missing, the newest one stays in force, or the run ends."""
+        """The answers to `step`; if one is missing, the newest one stays in force, or the run ends."""
         missed = self._answers.settle(self._timeout(step), lambda: self._silent(step))
         if missed:  # the recorder need not wait for them
             self._graph.say(StageState.RUNNING, step, text=f"missed {', '.join(missed)}")
@@ -285,43 +285,43 @@ class RunLoop:
             raise RunFailed(str(error)) from error
 
     def _timeout(self, step: int) -> float:
-        """How long the answers to a step are waited for [s]; an external ego is met at step 0."""
+        """Time limit for the answers to a step [s]; at step 0 that of an external ego."""
         if step > 0:
             return self._options.answer_timeout_s
         return self._options.external_timeout_s if self._external else self._options.handshake_timeout_s
 
     def _silent(self, step: int) -> str:
-        """In words, which stages have not answered `step`, as far as is known."""
+        """Text that names the stages that have not answered `step`, as far as known."""
         silent = self._attendance.silent(step, self._answers.missing)
         if self._external and self._port.missing:
             silent.append(f"the external ego ({self._graph.silent_ego()})")
         return f"; silent: {', '.join(silent)}" if silent else ""
 
     def _summary(self) -> str:
-        """What only the bridge knows, for the record, in YAML."""
+        """Summary of the run by the bridge, in YAML, for the recording."""
         return yaml.safe_dump(self._answers.summary() | self._world.summary(), sort_keys=False)
 
 
 class Pulse:
-    """Signs of life for the launcher, while a run waits as while it goes on."""
+    """Signs of life for the launcher."""
 
     def __init__(self, wanted: bool) -> None:
         self._wanted, self._last = wanted, -math.inf
 
     def beat(self, step: int) -> None:
-        """Give one, if none was given for a while; `step` is the one at hand."""
+        """Print one unless one was printed recently; `step` is the current one."""
         if self._wanted and time.monotonic() >= self._last + PULSE_S:
             self._last = time.monotonic()
             print(f"alive at step {max(0, step)}", flush=True)
 
     def fail(self) -> None:
-        """Tell that the run has failed: before all others are told, so that who ends then is known to have heard."""
+        """Print that the run has failed; before the stages learn of it, so that the launcher knows why they end."""
         if self._wanted:
             print("failed", flush=True)
 
 
 class Progress:
-    """How far a run is: a `bar` on a terminal, `lines` that the launcher reads, or `none`."""
+    """Progress of a run: a `bar` on a terminal, `lines` for the launcher, or `none`."""
 
     def __init__(self, kind: str, total: int) -> None:
         self._lines = kind == "lines"
@@ -334,7 +334,7 @@ class Progress:
         self._bar.close()
 
     def show(self, step: int, last: int) -> None:
-        """The answers to `step` have come; `last` is the last one, as far as it is known."""
+        """Show that `step` is answered; `last` is the last step as far as known."""
         self._bar.update(step > 0)
         if self._lines and (step % 10 == 0 or step == last):
             print(f"step {step} of {last}", flush=True)

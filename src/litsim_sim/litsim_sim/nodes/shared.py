@@ -1,4 +1,4 @@
-"""What all nodes have in common, for a process that forks them: see :mod:`litsim_sim.launch.forked`."""
+"""Imports that all nodes share, for the process that forks them; see :mod:`litsim_sim.launch.forked`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from litsim_sim.launch.forked import keep_imports
 from litsim_sim.ros.topics import RECORDED_TOPICS
 
 OF_EVERY_NODE = (ParameterEvent, GetTypeDescription)
-"""A message and a service of the packages from which every node of rclpy has some."""
+"""One message and one service of each package that every rclpy node uses."""
 
 
 def prepare_nodes() -> None:
-    """Have all that nodes share be there by now, and stay shared."""
+    """Import all that nodes share, and keep it in shared memory pages."""
     load_kernels()
     with left_out("rosidl_generator_py.generate_py_impl"):  # which is for building messages, and brings parsers along
         import_module("rosidl_generator_py")
