@@ -1,1 +1,1 @@
-"""Everything that knows ROS: topic names, QoS, conversion between arrays and messages, the stage shell."""
+"""All code that depends on ROS: topics, QoS, conversion between arrays and messages, and the base of stages."""

@@ -1,7 +1,7 @@
-"""Serialised messages: their stamp, and how they become equal where their content is.
+"""Serialised messages: reading their stamp, and clearing their padding so that equal messages have equal bytes.
 
-In the bytes between fields that are there for alignment alone, Fast CDR leaves what was in memory. Recorded as they
-come, equal runs would give unequal files, and those files a little of the writers' memory.
+Fast CDR leaves uninitialised memory in the padding between fields. Recorded unchanged, equal runs would give different
+files, which would contain parts of the writers' memory.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 from rosidl_parser import definition as idl  # type: ignore[import-untyped]
 
-_HEADER = 4  # bytes of encapsulation, from the end of which alignment counts
+_HEADER = 4  # bytes of encapsulation; alignment counts from their end
 _LITTLE_ENDIAN = b"\x00\x01"  # plain CDR: what every ROS 2 middleware on a PC writes
 _SIZES = {
     **dict.fromkeys(("boolean", "octet", "char", "int8", "uint8"), 1),
@@ -24,7 +24,7 @@ _SIZES = {
 }
 
 _Walk = Callable[[bytearray, int], int]
-"""Steps over a value that begins at an offset, clears the padding on the way, and returns where the value ends."""
+"""Function that steps over a value at an offset, clears the padding in it, and returns the offset of its end."""
 
 
 def stamp_ns(data: bytes) -> int:
@@ -56,9 +56,9 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
 
 
 def without_padding(message_type: Any) -> Callable[[bytes], bytes]:
-    """A function that clears the padding in serialised messages of `message_type`, and cuts off what follows them.
+    """A function that clears the padding in serialised messages of `message_type`, and removes trailing bytes.
 
-    What it does not understand (another encapsulation, data that end before the fields do) it returns as it is.
+    Data with another encapsulation, or that end too early, are returned unchanged.
     """
     walk = _message(message_type)
 
@@ -68,7 +68,7 @@ def without_padding(message_type: Any) -> Callable[[bytes], bytes]:
         buffer = bytearray(data)
         try:
             end = walk(buffer, _HEADER)
-        except struct.error:  # it ends before its fields do
+        except struct.error:  # the data end too early
             return data
         if end > len(data):
             return data

@@ -1,7 +1,7 @@
-"""Stages that share a process: what comes for several of them is read once, and what one answers is handed to the next.
+"""Stages that share a process: inputs are read once for all of them, and answers are passed on within the process.
 
-As with the components of rclcpp, topics, QoS and what is published are those of stages that have a process each. But
-nobody waits for a message between two of them: they publish once the last of them has answered.
+As with components of rclcpp, topics, QoS and published messages are those of stages in separate processes. But no stage
+waits for a message of another one of the process: all publish after the last of them has answered.
 """
 
 from __future__ import annotations
@@ -18,50 +18,50 @@ from litsim_sim.ros.topics import RUN_INFO, Topic
 from litsim_sim.scenario.scenario import Scenario
 
 Read = Callable[[Any], Any]
-"""What a stage's core is given of a message; it is called as soon as the message is there, while others work."""
+"""Converts a message to the input of a stage's core; called as soon as the message is there."""
 
 Receive = Callable[[str, int, Callable[[], Any]], None]
-"""Takes, of a run and a step, what its third argument reads, or leaves it unread."""
+"""Takes run id, step, and a function that reads the message, which is called only if needed."""
 
 
 class Company:
-    """The stages of one process, which join it one after the other; who waits for another is after that one."""
+    """The stages of one process, in the order in which they join: a stage joins after those that it waits for."""
 
     def __init__(self) -> None:
-        self._answered: set[Topic] = set()  # by a stage of this process
+        self._answered: set[Topic] = set()  # topics answered by a stage of this process
         self._listeners: dict[Topic, list[tuple[Read, Receive]]] = {}
         self._afterwards: list[Callable[[], None]] = []
         self._serving = False
         self._scenario: tuple[str, Scenario] | None = None
 
     def listen(self, node: Node, topic: Topic, read: Read, receive: Receive) -> None:
-        """Have `receive` called with what comes on `topic`: from a stage of this company, else to `node` over DDS."""
+        """Call `receive` for messages on `topic`: from a stage of this company if one answers on it, else over DDS."""
         if topic not in self._answered and topic not in self._listeners:
             subscribe(node, topic, lambda message: self._deliver(topic, message))
         self._listeners.setdefault(topic, []).append((read, receive))
 
     def join(self, outputs: Iterable[Topic]) -> None:
-        """Take in a stage that answers on `outputs`."""
+        """Add a stage that answers on `outputs`."""
         self._answered.update(outputs)
 
     def waits_for(self, outputs: Iterable[Topic]) -> bool:
-        """Whether a stage of this company listens to one of `outputs`, on which another one answers."""
+        """Whether a stage of this company listens to one of `outputs`."""
         return any(topic in self._answered and topic in self._listeners for topic in outputs)
 
     def hand_on(self, answers: Mapping[Topic, Any], run_id: str, step: int) -> None:
-        """Hand what a stage has answered, by topic, to those of this company that listen."""
+        """Pass the answers of a stage, by topic, to the stages of this company that listen."""
         for topic, answer in answers.items():
             for _, receive in self._listeners.get(topic, ()):
                 receive(run_id, step, partial(_same, answer))
 
     def afterwards(self, do: Callable[[], None]) -> None:
-        """Do what nobody waits for once the message at hand has been served."""
+        """Call `do` after the current message has been served, for work that no node waits for."""
         self._afterwards.append(do)
         if not self._serving:
             self._catch_up()
 
     def scenario(self, info: RunInfo) -> Scenario:
-        """The scenario of a run, which is read once.
+        """The scenario of a run, read once.
 
         Raises:
             InputError: it cannot be read.
@@ -72,7 +72,7 @@ class Company:
         return self._scenario[1]
 
     def _deliver(self, topic: Topic, message: Any) -> None:
-        """Give a message to all who listen; each way to read it is gone once."""
+        """Deliver a message to all listeners; each conversion of it is done once."""
         known: dict[Read, Any] = {}
 
         def reader(read: Read) -> Any:

@@ -1,4 +1,4 @@
-"""Message definitions as text and type hashes, for the recorder."""
+"""Message definitions and type hashes, for the recorder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def type_name(message_type: Any) -> str:
 
 
 def definition(name: str) -> str:
-    """The definition of `package/msg/Name` followed by those of all types in it, as the `ros2msg` encoding asks."""
+    """The definition of `package/msg/Name` with those of all its types, in the `ros2msg` encoding of MCAP."""
     package, _, short = name.split("/")
     parts, seen = [_read(package, short)], {(package, short)}
     queue = _dependencies(package, parts[0])
@@ -37,7 +37,7 @@ def definition(name: str) -> str:
 
 
 def type_hash(name: str) -> str:
-    """`RIHS01_...` of `package/msg/Name` as rosidl has written it beside the definition; empty where it has not."""
+    """Type hash `RIHS01_...` of `package/msg/Name`, from the file that rosidl has generated; empty without one."""
     package, kind, short = name.split("/")
     path = Path(get_package_share_directory(package)) / kind / f"{short}.json"
     if not path.is_file():

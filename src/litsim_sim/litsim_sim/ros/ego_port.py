@@ -1,4 +1,4 @@
-"""The ego port's subscriptions: messages of a driving system into :class:`litsim_sim.ego_port.port.EgoPort`."""
+"""Subscriptions of the ego port: messages of a driving system for :class:`litsim_sim.ego_port.port.EgoPort`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from litsim_sim.ros.topics import EGO_INPUTS
 
 
 def subscribe(node: Node, port: EgoPort, interfaces: tuple[Interface, ...]) -> None:
-    """Offer what comes on the topics of `interfaces` to `port`; say so where a publisher's QoS does not match."""
+    """Pass messages on the topics of `interfaces` to `port`; log publishers whose QoS does not match."""
     for interface in interfaces:
         topic, convert = EGO_INPUTS[interface], CONVERT[interface]
 
@@ -77,4 +77,4 @@ CONVERT: dict[Interface, Callable[[Any], Answer]] = {
     Interface.TWIST: from_twist,
     Interface.TRAJECTORY: from_path,
 }
-"""From a message on each interface's topic to an :class:`litsim_sim.ego_port.answer.Answer`."""
+"""Conversion of a message to an :class:`litsim_sim.ego_port.answer.Answer`, by interface."""

@@ -1,8 +1,8 @@
-"""Publishers and subscriptions of the graph's topics that cost a waiting node as little as they can; whose they are.
+"""Publishers and subscriptions of the graph's topics with little overhead, and their declaration by node.
 
-rclpy's executor goes through all that a node might wait for whenever it waits. By default each publisher and each
-subscription brings two events along, which would warn of QoS and types that do not match; between LitSim's own nodes,
-which take both from one place, they cannot differ, and foreign nodes are warned by their own side.
+Whenever it waits, rclpy's executor iterates over all entities of a node. By default each publisher and subscription
+adds two events that warn of mismatched QoS and types. LitSim's own nodes share one definition of both, so the events
+are left out; foreign nodes get the warnings on their side.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from rclpy.publisher import Publisher
 from litsim_sim.ros.topics import Topic
 
 NAMELESS = "_NODE_NAME_UNKNOWN_"
-"""What the middleware calls the node of an endpoint that it has found before its node, or that outlives it."""
+"""Name that the middleware gives to the node of an endpoint discovered before its node, or outliving it."""
 
 
 @dataclass(frozen=True)
 class Endpoints:
-    """What a node may publish and hear, of which a run may need a part; its class holds it as `declared`.
+    """All topics that a node may publish and subscribe to; attribute `declared` of its class.
 
-    Nodes make no other endpoints on LitSim's topics: :mod:`litsim_sim.ros.security` allows them what stands here.
+    :mod:`litsim_sim.ros.security` grants these only, so nodes must not make others on LitSim's topics.
 
     Attributes:
         node: name of the node.
@@ -47,9 +47,9 @@ def publisher_on(node: Node, topic: Topic) -> Publisher:
 def subscribe(
     node: Node, topic: Topic, receive: Callable[[Any], None], *, raw: bool = False, depth: int | None = None
 ) -> None:
-    """Have `node` call `receive` with what comes on `topic`: messages, or their serialised form where it is `raw`.
+    """Subscribe `node` to `topic`; `receive` gets messages, or their serialised form if `raw`.
 
-    Of a topic that is not latched, up to `depth` messages wait to be served, else as many as the topic says.
+    `depth` is the length of the queue; for a latched topic it is that of the topic.
     """
     silent, qos = SubscriptionEventCallbacks(use_default_callbacks=False), topic.qos
     if depth is not None and not topic.latched:
@@ -58,5 +58,5 @@ def subscribe(
 
 
 def node_of(endpoint: Any) -> str:
-    """Full name of the node of an endpoint, as rclpy's TopicEndpointInfo has it; empty where it is not known."""
+    """Full name of the node of a TopicEndpointInfo of rclpy; empty if unknown."""
     return "" if endpoint.node_name == NAMELESS else f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"

@@ -1,6 +1,6 @@
 """Agents, forecasts and conflicts as ``visualization_msgs/MarkerArray``, in frame map and the report's colours.
 
-Markers have no lifetime, so that a paused replay stays on the screen: what has vanished is deleted in the next array.
+Markers have no lifetime, so that a paused replay stays visible; vanished ones are deleted by the next array.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from litsim_sim.core.colours import COLOURS, CONFLICT, Mode
 from litsim_sim.core.scene import AgentTable, FloatArray, Kind
 from litsim_sim.ros.messages import from_array, header
 
-HEIGHT = 1.6  # [m] of the boxes, whose real height no recording tells
-LABEL = 1.4  # [m] of the capitals
-LINE = 0.15  # [m] wide
-POINTS_MAX = 13  # of a forecast
+HEIGHT = 1.6  # [m] height of the boxes; recordings do not have it
+LABEL = 1.4  # [m] height of text
+LINE = 0.15  # [m] width of lines
+POINTS_MAX = 13  # most points of a forecast
 
 _Key = tuple[str, int]
-"""What tells a marker from the others of its topic: its namespace, and the id of its agent."""
+"""Identity of a marker in its topic: namespace, and id of the agent."""
 
 
 class Layer:
-    """The markers of one topic. They are kept and moved: making messages is what takes time in Python."""
+    """The markers of one topic, which are reused, since constructing messages is slow in Python."""
 
     def __init__(self) -> None:
-        self._numbers: dict[int, int] = {}  # ids of a marker have 32 bits, those of a recording 64
+        self._numbers: dict[int, int] = {}  # marker id by agent id: the former have 32 bits, the latter 64
         self._shown: dict[_Key, Marker] = {}
 
     def array(self, step: int, wanted: Iterable[tuple[_Key, Marker]]) -> MarkerArray:
-        """The `wanted` markers at a step, and the removal of those that were shown before and are not among them."""
+        """The `wanted` markers at a step, with deletions of those shown before and no longer wanted."""
         before, self._shown = self._shown, dict(wanted)
         stamped = header(step)
         gone = [
@@ -48,7 +48,7 @@ class Layer:
         return MarkerArray(markers=[*gone, *self._shown.values()])
 
     def marker(self, namespace: str, agent: int, kind: int, **fields: Any) -> tuple[_Key, Marker]:
-        """The marker of an agent in a namespace: the one that is shown already, or a new one with `fields`."""
+        """The marker of an agent in a namespace: the one shown already, or a new one with `fields`."""
         key = (namespace, agent)
         if key not in self._shown:
             number = self._numbers.setdefault(agent, len(self._numbers))
@@ -100,7 +100,7 @@ class ForecastLayer(Layer):
 
 
 class ConflictLayer(Layer):
-    """Why agents are off their logs: of each that is held, four namespaces.
+    """Conflicts of the agents that are held, in four namespaces.
 
     `conflicts`: its box at the predicted overlap. `opponents`: a line from it to its opponent. `paths`: the reference
     path. `goals`: the crossing point that the path leads to.

@@ -71,10 +71,10 @@ def agents_from_message(message: AgentStates) -> AgentTable:
 
 
 def received_agents(message: AgentStates) -> AgentTable:
-    """Table of an ``AgentStates`` that has come to a stage.
+    """Table of an ``AgentStates`` received by a stage, checked.
 
     Raises:
-        InputError: it is none that a bridge would send: columns of unequal lengths, ids that do not ascend, no numbers.
+        InputError: columns differ in length, ids do not ascend, or values are not finite.
     """
     table = agents_from_message(message)
     with refused(topic_names.AGENTS):
@@ -84,10 +84,10 @@ def received_agents(message: AgentStates) -> AgentTable:
 
 @contextmanager
 def refused(topic: str) -> Iterator[None]:
-    """Turn what is wrong with a message into an error that names its topic.
+    """Convert ValueErrors about a message into errors that name its topic.
 
     Raises:
-        InputError: a ValueError was raised meanwhile.
+        InputError: a ValueError was raised in the context.
     """
     try:
         yield
@@ -145,7 +145,7 @@ def ego_to_message(command: EgoCommand, run_id: str) -> EgoControl:
 
 
 def ego_from_message(message: EgoControl) -> EgoCommand:
-    """Command of an ``EgoControl``; raises ValueError where its mode is none."""
+    """Command of an ``EgoControl``; raises ValueError for an unknown mode."""
     if message.mode not in [*EgoMode]:
         raise ValueError(f"mode is {message.mode}, expected {' or '.join(f'{each} ({each.name})' for each in EgoMode)}")
     return EgoCommand(message.step, message.acceleration, message.yaw_rate, EgoMode(message.mode))
@@ -164,7 +164,7 @@ def ego_odometry(table: AgentTable, ego_id: int) -> Odometry:
 
 
 def route_path(points: FloatArray, step: int) -> Path:
-    """``nav_msgs/Path`` through `points` (m, 2), each pose looking at the next."""
+    """``nav_msgs/Path`` through `points` (m, 2) [m], each pose heading to the next."""
     message = Path(header=header(step))
     direction = np.diff(points, axis=0, append=2.0 * points[-1:] - points[-2:-1])
     for (x, y), yaw in zip(points.tolist(), np.arctan2(direction[:, 1], direction[:, 0]).tolist(), strict=True):
@@ -189,7 +189,7 @@ def _pose(place: FloatArray, heading: float) -> Pose2D:
 
 
 def _quaternion(yaw: float) -> tuple[float, float]:
-    """Z and w of the quaternion of a turn by `yaw` about the vertical."""
+    """Components z and w of the quaternion of a rotation by `yaw` [rad] about the vertical."""
     return float(np.sin(0.5 * yaw)), float(np.cos(0.5 * yaw))
 
 

@@ -1,4 +1,4 @@
-"""The parameters of nodes: read, checked and declared as the configurations of their stages say."""
+"""Parameters of nodes: read, checked and declared by the configurations of their stages."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Made = TypeVar("Made")
 
 
 def read_parameters(node: Node, stage: Callable[[ParameterReader], Made]) -> Made:
-    """Let `stage` read its configurations from what `node` was given, and declare them as read-only parameters.
+    """Let `stage` read its configurations from the parameters of `node`, and declare these as read-only.
 
-    The node has to be made with ``automatically_declare_parameters_from_overrides``: ROS would refuse a whole number
-    for a parameter whose default is none, and say nothing of one that nobody declares.
+    The node must be made with ``automatically_declare_parameters_from_overrides``: ROS would refuse an integer for a
+    parameter with a float as default, and silently ignore undeclared parameters.
 
     Raises:
         InputError: a parameter is unknown, or does not fit.
@@ -39,10 +39,10 @@ def read_parameters(node: Node, stage: Callable[[ParameterReader], Made]) -> Mad
 
 
 def undeclare_given(node: Node) -> frozenset[str]:
-    """Take back the declarations of what `node` was given, to be declared with a type and a default; returns the names.
+    """Undeclare the given parameters of `node`, for declaration with type and default; return their names.
 
-    The node has to be made with ``automatically_declare_parameters_from_overrides``. For nodes whose parameters may
-    change while they run; all others use :func:`read_parameters`.
+    The node must be made with ``automatically_declare_parameters_from_overrides``. For nodes whose parameters may
+    change at run time; all others use :func:`read_parameters`.
     """
     given = frozenset(parameters(node))
     for name in given:
@@ -51,10 +51,10 @@ def undeclare_given(node: Node) -> frozenset[str]:
 
 
 def check_given(node: Node, given: frozenset[str]) -> None:
-    """Refuse parameters that were given and that `node` has not declared; ROS would ignore them.
+    """Refuse given parameters that `node` has not declared, which ROS would ignore.
 
     Raises:
-        InputError: there are such.
+        InputError: there are such parameters.
     """
     declared = parameters(node)
     if unknown := sorted(given - declared.keys()):
@@ -64,13 +64,13 @@ def check_given(node: Node, given: frozenset[str]) -> None:
 
 
 def parameters(node: Node) -> dict[str, Any]:
-    """The parameters of `node` by name, in their order, but for those that rclpy declares itself; arrays as lists."""
+    """The parameters of `node` by name, without those that rclpy declares; arrays as lists."""
     found = sorted(node.get_parameters_by_prefix("").items())
     return {name: _plain(parameter.value) for name, parameter in found if name not in OF_EVERY_NODE}
 
 
 def parameters_yaml(node: Node) -> str:
-    """The node's parameters as it runs with them, by name, in YAML."""
+    """The node's current parameters by name, in YAML."""
     return yaml.safe_dump(parameters(node))
 
 

@@ -1,4 +1,4 @@
-"""What the processes of all nodes share: how callbacks are served, signals, exit statuses, arguments nobody knows."""
+"""Common parts of the processes of all nodes: serving callbacks, signals, exit statuses, and unknown arguments."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from litsim_sim.launch.middleware import use_middleware_settings
 
 try:
     from rclpy.experimental import EventsExecutor as LoopExecutor
-except ImportError:  # rclpy before 7.1.4 has none; this one serves the same, and takes twice the time
+except ImportError:  # rclpy before 7.1.4; the fallback is equivalent, at twice the cost
     from rclpy.executors import SingleThreadedExecutor as LoopExecutor
 
 USAGE = """\
@@ -32,18 +32,18 @@ usage: {name} [--ros-args -p NAME:=VALUE ... --params-file FILE ...]
 One node of a run; `litsim_sim launch` starts all of them. Its parameters, with units and defaults, are in
 config/{name}.yaml of its package.
 """
-SIGNAL_PERIOD = 0.05  # [s] for which Ctrl-C may go unnoticed: waiting for DDS does not wake up for signals
-TOGETHER_S = 0.5  # [s] within which signals are one
+SIGNAL_PERIOD = 0.05  # [s] longest delay until Ctrl-C is noticed: signals do not interrupt waiting for DDS
+TOGETHER_S = 0.5  # [s] signals within this time count as one
 
 
 def spin(node: Node, done: Callable[[], bool] = lambda: False, rest: float = 0.0) -> None:
     """Serve the callbacks of `node` until `done`.
 
     Args:
-        node: whose callbacks are served.
-        done: is asked between two of them.
-        rest: a node that nobody waits for may rest that long [s] whenever it has served all there is: serving many
-            messages at a time costs much less than waking for each of them.
+        node: the node.
+        done: called between callbacks.
+        rest: pause [s] after all waiting messages have been served, for nodes that no other waits for: serving many
+            messages at once costs much less than waking up for each.
 
     Raises:
         KeyboardInterrupt: Ctrl-C or SIGTERM.
@@ -61,10 +61,10 @@ def spin(node: Node, done: Callable[[], bool] = lambda: False, rest: float = 0.0
 
 
 def executor_of(*nodes: Node) -> Executor:
-    """What serves the callbacks of nodes that are waited for.
+    """An executor for nodes that others wait for.
 
-    Other executors go through all that a node might wait for whenever they wait, in Python; the events executor is told
-    by DDS, and takes half of their time for a message.
+    Other executors iterate over all entities of a node, in Python, whenever they wait; the events executor is notified
+    by DDS and takes half of their time per message.
     """
     executor: Executor = LoopExecutor()
     for node in nodes:
@@ -83,30 +83,30 @@ def serve(executor: Executor, timeout: float = SIGNAL_PERIOD) -> None:
 
 
 def _serve_round(executor: SingleThreadedExecutor) -> bool:
-    """Serve what is ready, of each subscription one message; returns whether there was any."""
+    """Serve one message of each subscription that is ready; return whether there was any."""
     served = False
     while True:
         _interruption.check()
         try:
             callback, _, _ = executor.wait_for_ready_callbacks(timeout_sec=0.0)
-        except TimeoutException:  # rclpy says so at the end of a round that found something, too
+        except TimeoutException:  # rclpy raises it at the end of successful rounds, too
             return served
         callback()
-        callback.result()  # raises what the callback has raised
+        callback.result()  # re-raises the callback's exception
         served = True
 
 
 class _Interruption:
-    """Ctrl-C and SIGTERM: the first is noticed between two callbacks, so that none is cut in two; another at once.
+    """Ctrl-C and SIGTERM: the first takes effect between callbacks, so that none is interrupted; the next at once.
 
-    Signals that come together count as one: when a launcher is killed, its nodes get one for each of its threads.
+    Signals in quick succession count as one: when a launcher is killed, its nodes get one for each of its threads.
     """
 
     def __init__(self) -> None:
         self._asked, self._since = False, 0.0
 
     def install(self) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):  # SIGINT too: background jobs of scripts begin with it ignored
+        for number in (signal.SIGINT, signal.SIGTERM):  # SIGINT too: background jobs of scripts ignore it
             signal.signal(number, self._on_signal)
 
     def check(self) -> None:
@@ -127,10 +127,10 @@ _interruption = _Interruption()
 
 @contextmanager
 def process(interrupted: int = EXIT_INTERRUPTED) -> Iterator[None]:
-    """The frame of a node's process: rclpy, and how it ends.
+    """Context of a node's process: initialises rclpy, and turns errors into exit statuses.
 
-    SIGTERM does what Ctrl-C does: :func:`serve` raises KeyboardInterrupt, and the exit status is `interrupted`. An
-    input error, which a wrong parameter is too, is one line on stderr and exit status 2.
+    SIGTERM acts like Ctrl-C: :func:`serve` raises KeyboardInterrupt, and the exit status is `interrupted`. An input
+    error, such as a wrong parameter, is one line on stderr and exit status 2.
     """
     _interruption.install()
     _know_callers()
@@ -143,29 +143,29 @@ def process(interrupted: int = EXIT_INTERRUPTED) -> Iterator[None]:
     except KeyboardInterrupt:
         sys.exit(interrupted)
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is ending already
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process is ending already
         rclpy.try_shutdown()
 
 
 def spare_from_collection() -> None:
-    """Have the garbage collector leave alone what there is by now: libraries, scenario, core.
+    """Exempt all existing objects (libraries, scenario, core) from garbage collection.
 
-    Going through all of that takes a tenth of a second, a whole step in real time, and finds nothing.
+    A pass over them takes a tenth of a second, a whole step in real time, and finds nothing.
     """
     gc.freeze()
 
 
 def _know_callers() -> None:
-    """Tell :mod:`inspect` which modules the files of source are.
+    """Fill the cache of :mod:`inspect` that maps source files to modules.
 
-    rclpy asks it who logs a line, and at the first it would follow the links in the paths of all modules (0.05 s).
+    rclpy looks up the caller of each log line; the first look-up would resolve the paths of all modules (0.05 s).
     """
     files = {name: getattr(module, "__file__", None) for name, module in sys.modules.items()}
     inspect.modulesbyfile.update({file: name for name, file in files.items() if file})
 
 
 def _init() -> None:
-    """Initialise rclpy from the command line, which may hold nothing but ROS arguments."""
+    """Initialise rclpy from the command line, which may hold ROS arguments only."""
     name = Path(sys.argv[0]).name
     extra = remove_ros_args(sys.argv)[1:]
     if extra[:1] in (["-h"], ["--help"]):

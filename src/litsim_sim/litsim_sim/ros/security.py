@@ -1,6 +1,6 @@
-"""Who may publish and hear what, as a policy of SROS2, from which it makes keys and permissions for DDS Security.
+"""SROS2 policy of all nodes: topics that each may publish and subscribe to, for keys and permissions of DDS Security.
 
-Its format is that of ``ros2 security`` (policy.xsd, version 0.2.0). What is not allowed there is denied.
+The format is that of ``ros2 security`` (policy.xsd, version 0.2.0). Anything not allowed is denied.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from litsim_sim.ros.topics import EGO_FEEDS, EGO_INPUTS
 
 VERSION = "0.2.0"
 OF_EVERY_NODE = ("/parameter_events", "/rosout")
-"""Topics that every node of rclpy publishes."""
+"""Topics that every rclpy node publishes."""
 SERVICES = (
     "~/describe_parameters",
     "~/get_parameter_types",
@@ -30,15 +30,15 @@ SERVICES = (
     "~/set_parameters",
     "~/set_parameters_atomically",
 )
-"""Services that every node of rclpy has; no node calls any."""
+"""Services that every rclpy node has; no node calls any."""
 ALLOW = "ALLOW"
 
 
 def stack_endpoints(node: str, interface: Interface) -> Endpoints:
-    """What the node called `node` of a stack under test may do: answer by `interface`, and read what is there for it.
+    """Endpoints of node `node` of a stack under test: its answers by `interface`, and the topics for it to read.
 
     Raises:
-        InputError: ROS has no nodes of that name.
+        InputError: the name is not a valid name of a node.
     """
     try:
         namespace, name = _split(node)
@@ -50,10 +50,10 @@ def stack_endpoints(node: str, interface: Interface) -> Endpoints:
 
 
 def policy_xml(nodes: Mapping[str, Sequence[Endpoints]]) -> str:
-    """The policy that gives each program an enclave of its own.
+    """The policy with one enclave per program.
 
     Args:
-        nodes: by program, see :func:`litsim_sim.launch.middleware.enclave_of`, the endpoints of its nodes.
+        nodes: endpoints of the nodes of each program, see :func:`litsim_sim.launch.middleware.enclave_of`.
     """
     policy = ET.Element("policy", version=VERSION)
     enclaves = ET.SubElement(policy, "enclaves")
@@ -81,7 +81,7 @@ def _split(node: str) -> tuple[str, str]:
 
 
 def _rule(profile: ET.Element, kind: str, verb: str, names: Iterable[str]) -> None:
-    """Allow to do `verb` on the topics or services `names`; of none, there is no rule."""
+    """Allow `verb` on the topics or services `names`; adds nothing for no names."""
     if ordered := sorted(set(names)):
         rule = ET.SubElement(profile, kind, {verb: ALLOW})
         for name in ordered:

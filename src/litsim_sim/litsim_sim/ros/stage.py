@@ -1,4 +1,4 @@
-"""The shell around a stage's core: handshake, joining of inputs, one answer per step, timing, errors."""
+"""The base class of stage nodes: handshake, joining of inputs, one answer per step, timing, errors."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from litsim_sim.ros.topics import HELLO, RUN_INFO, STATUS, TIMING, Topic
 from litsim_sim.scenario.scenario import Scenario
 
 BRIDGE_QUIET_S = 5.0
-"""[s] without anything of a run after which another may begin: what is waited for is published each second."""
+"""[s] Time without messages of a run after which another may begin: unanswered steps are repeated each second."""
 
 Write = Callable[[Any, str], Any]
-"""The message of what a stage's core has answered, in the run that is named."""
+"""Converts an answer of a stage's core to a message of the run with the given id."""
 
 
 class StageNode(Node):
     """A node that answers every step of a run once all inputs of the step are in.
 
-    A subclass says what it reads and writes, builds its core in :meth:`configure`, and calls it in :meth:`answer`.
-    It serves one run after the other: an error ends its part in a run, not the node.
+    A subclass declares its topics, builds its core in :meth:`configure`, and calls it in :meth:`answer`. It serves
+    successive runs: an error ends its part in a run, not the node.
 
     Attributes:
-        stage: its name.
-        inputs: topics that it waits for, and how each is read; the first is the one that asks for a step.
-        outputs: topics that it answers on, and how each is written.
+        stage: name of the stage.
+        inputs: topics that it waits for, each with its conversion; the first one requests a step.
+        outputs: topics that it answers on, each with its conversion.
     """
 
     stage: str
@@ -50,19 +50,19 @@ class StageNode(Node):
     declared: Endpoints
 
     def __init_subclass__(cls, **given: Any) -> None:
-        """Note the endpoints of a stage: its own, and those that every stage has."""
+        """Declare the endpoints of a stage: its own, and those of every stage."""
         super().__init_subclass__(**given)
         reads, writes = ([topic for topic, _ in each] for each in (cls.inputs, cls.outputs))
         cls.declared = Endpoints(cls.stage, (*writes, STATUS, TIMING), (*reads, RUN_INFO, HELLO, STATUS))
 
     def __init__(self, company: Company | None = None) -> None:
-        """Make the node; `company` are the stages of its process: those that it waits for are there already."""
+        """Make the node; `company` holds the stages of its process that it waits for."""
         super().__init__(self.stage, automatically_declare_parameters_from_overrides=True)
         self._company = company or Company()
         self._joiner: Joiner | None = None
-        self._asked = 0.0  # when something came last of the run at hand [s]
-        self._next: RunInfo | None = None  # a run that began while another was on
-        self._word: StageStatus | None = None  # on the run at hand, READY or FAILED; repeated when the bridge greets
+        self._asked = 0.0  # time of the last message of the current run [s]
+        self._next: RunInfo | None = None  # a run that was announced during another
+        self._word: StageStatus | None = None  # READY or FAILED of the current run; repeated when the bridge greets
         self._last: list[tuple[Publisher, Any]] = []
         self._status = publisher_on(self, STATUS)
         self._timing = publisher_on(self, TIMING)
@@ -83,11 +83,11 @@ class StageNode(Node):
         raise NotImplementedError
 
     def answer(self, inputs: dict[str, Any]) -> Sequence[Any]:
-        """What `outputs` are written of, in their order, from what was read of the inputs of a step, by topic name."""
+        """The answers for `outputs`, in order, to the converted inputs of a step, by topic name."""
         raise NotImplementedError
 
     def leave(self) -> None:
-        """Tell the bridge, which would wait, that no more answers come."""
+        """Tell the bridge that there will be no more answers."""
         if self._joiner is not None:
             self._say(self._joiner.run_id, StageStatus.FAILED, self._joiner.answered + 1, "the node was ended")
 
@@ -108,7 +108,7 @@ class StageNode(Node):
         self.get_logger().info(f"ready for run {info.run_id}; waiting for its steps on {self.inputs[0][0].name}")
 
     def _busy(self, run_id: str) -> bool:
-        """Whether another run is on, whose bridge is alive: whoever begins one beside it has to wait, not this one."""
+        """Whether another run with a live bridge is active, which a new run must not displace."""
         on = self._joiner is not None and self._joiner.run_id != run_id and self._joiner.answered >= 0
         return on and time.monotonic() < self._asked + BRIDGE_QUIET_S
 
@@ -146,7 +146,7 @@ class StageNode(Node):
         return receive
 
     def _take(self, name: str, run_id: str, step: int, read: Callable[[], Any]) -> None:
-        """Take an input of the run at hand, and answer its step if it is the last of it."""
+        """Take an input of the current run, and answer its step once it is complete."""
         start = time.perf_counter()
         try:
             given = read()
@@ -180,7 +180,7 @@ class StageNode(Node):
         self._last.append((self._timing, status))
 
     def _fail(self, run_id: str, step: int, text: str, error: Exception) -> None:
-        """Leave the run; the bridge gets one line, the log of this node all there is."""
+        """Leave the run; report one line to the bridge, and the traceback to the log of this node."""
         self._forget()
         self._say(run_id, StageStatus.FAILED, step, text)
         self.get_logger().error(text if isinstance(error, InputError) else "".join(traceback.format_exception(error)))
@@ -191,14 +191,14 @@ class StageNode(Node):
 
     def _forget(self) -> None:
         self._joiner, self._word, self._last, self._next = None, None, [], None
-        gc.unfreeze()  # what the run has left can go
+        gc.unfreeze()  # the objects of the run can be collected
 
 
 def run_stages(*makes: Callable[[Company], StageNode]) -> None:
     """Serve runs until Ctrl-C or SIGTERM, which are the ordinary end: exit status 0.
 
     Args:
-        makes: make the stages of this process; who waits for another is after that one.
+        makes: factories of the stages of this process, each after those that it waits for.
     """
     with process(interrupted=0):
         company = Company()

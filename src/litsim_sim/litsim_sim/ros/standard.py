@@ -1,4 +1,4 @@
-"""The scene in standard types: agents as a point cloud, lanes as markers. Any stack and any viewer reads them."""
+"""The scene in standard message types, readable for any stack and viewer: agents as point cloud, lanes as markers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FIELDS = [
         ("kind", PointField.UINT8),
     )
 ]
-_ID_MASK = 0xFFFFFFFF  # PointCloud2 knows no 64-bit integers
+_ID_MASK = 0xFFFFFFFF  # PointCloud2 has no 64-bit integers
 _CENTRE = ColorRGBA(r=0.55, g=0.55, b=0.6, a=0.6)
 _BOUNDARY = ColorRGBA(r=1.0, g=1.0, b=1.0, a=0.9)
 _LINE_WIDTH = 0.12  # [m]
@@ -60,8 +60,8 @@ def objects(table: AgentTable, ego_id: int) -> PointCloud2:
 def lanes(lane_map: LaneMap) -> MarkerArray:
     """Centre lines (namespace ``centre``) and borders (``boundary``, left and right) of all lanes, in frame map.
 
-    Lines are in driving direction. `text` is SUMO's id of the lane; `id` its position, of borders twice that, plus one
-    for the right.
+    Lines are in driving direction. `text` is SUMO's id of the lane; `id` is its index, for borders twice the index,
+    plus one for the right border.
     """
     markers = []
     for row, lane in enumerate(lane_map.lanes):

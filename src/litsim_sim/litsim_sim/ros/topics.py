@@ -1,4 +1,4 @@
-"""Topics with their types and QoS: the one place where these are written down; names are those of the core.
+"""Topics with their types and QoS; names are defined in :mod:`litsim_sim.core.topic_names`.
 
 All topics are RELIABLE. Those of the loop are VOLATILE with a depth that outlasts the window by which the bridge
 may run ahead of the recorder; run information, route and lanes are latched (TRANSIENT_LOCAL).
@@ -87,20 +87,20 @@ MARKERS_AGENTS = Topic(topic_names.MARKERS_AGENTS, MarkerArray)
 MARKERS_FORECASTS = Topic(topic_names.MARKERS_FORECASTS, MarkerArray)
 MARKERS_CONFLICTS = Topic(topic_names.MARKERS_CONFLICTS, MarkerArray)
 MARKERS = (MARKERS_AGENTS, MARKERS_FORECASTS, MARKERS_CONFLICTS)
-"""What the live view publishes; it is never recorded."""
+"""Topics that the live view publishes; never recorded."""
 
 EGO_INPUTS = {
     Interface.CONTROL: EGO_CONTROL,
     Interface.TWIST: EGO_TWIST,
     Interface.TRAJECTORY: EGO_TRAJECTORY,
 }
-"""Where an external ego may answer."""
+"""Topics on which an external ego may answer."""
 
 EGO_FEEDS = (EGO_STATE, OBJECTS, EGO_ROUTE, LANES, SIGNALS, SIGNAL_MAP, CLOCK, DIAGNOSTICS, AGENTS, RUN_INFO)
-"""What an external ego may read."""
+"""Topics for an external ego to read."""
 
 FOREIGN = (EGO_CONTROL, EGO_TWIST, EGO_TRAJECTORY, DIAGNOSTICS)
-"""Topics that others than LitSim publish as well: nothing is to be taken for granted of what comes on them."""
+"""Topics that foreign nodes publish on as well: their messages must be checked."""
 
 RECORDED_TOPICS = (
     RUN_INFO,
@@ -122,4 +122,4 @@ RECORDED_TOPICS = (
     EGO_APPLIED,
     TIMING,
 )
-"""What the recorder writes; within a step in this order."""
+"""Topics that the recorder writes, within a step in this order."""
