@@ -1,1 +1,1 @@
-"""What is run: a scenario of a recording, a net and an ego; its log; the plan of a run."""
+"""Scenarios (a recording, a net and an ego), their logs, and plans of runs."""

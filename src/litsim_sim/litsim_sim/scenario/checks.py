@@ -1,4 +1,4 @@
-"""Whether what a scenario file names fits together: its egos with the recording, the net with both."""
+"""Checks that egos, recording and net of a scenario file fit together."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from litsim_sim.scenario.scenario_file import ScenarioFile
 
 
 class Demand(StrEnum):
-    """What a scenario has to meet to be loaded: its length, its egos, how the net lies under its recording."""
+    """Demands on the content of a scenario: on its length, its egos, and the coverage of the recording by the net."""
 
     LENGTH = "length"
     EGO = "ego"
@@ -21,19 +21,19 @@ class Demand(StrEnum):
 
 
 class UnmetDemandError(InputError):
-    """A scenario whose files can be read, but that does not meet a demand on its content."""
+    """A demand on the content of a scenario, with readable files, is not met."""
 
     def __init__(self, demand: Demand, message: str) -> None:
-        """`message` is what the user reads."""
+        """`message` is the text for the user."""
         super().__init__(message)
         self.demand = demand
 
 
 def check_agents(file: ScenarioFile, log: Log, history_steps: int, where: str) -> None:
-    """Check that every ego that `file` names is there from step 0 through the first simulated step.
+    """Check that every ego that `file` names is present from step 0 to the first simulated step.
 
     Raises:
-        UnmetDemandError: one is not, or is both for tuning and for experiments; `where` names the scenario.
+        UnmetDemandError: one is not, or is in both `tuning` and `egos`; `where` names the scenario.
     """
     both = sorted(set(file.egos) & set(file.tuning))
     if both:
@@ -64,17 +64,17 @@ def check_agents(file: ScenarioFile, log: Log, history_steps: int, where: str) -
 def coverage(lane_map: LaneMap, log: Log) -> float:
     """Share of the recorded box centres that lie within half a lane width of some lane's centre line.
 
-    Pedestrians and cyclists keep to no lanes and do not count; NaN where there is nobody else.
+    Pedestrians and cyclists do not count: they do not keep to lanes. NaN without other agents.
     """
     counts = log.valid & ~log.obstacle[:, None]
     return float(lane_map.inside_road(log.x[counts], log.y[counts]).mean()) if counts.any() else float("nan")
 
 
 def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, where: str) -> float:
-    """Check that the net lies under the recording; returns :func:`coverage`.
+    """Check that the net covers the recording; return :func:`coverage`.
 
     Raises:
-        UnmetDemandError: it is less than `demanded`; `where` names the scenario.
+        UnmetDemandError: the coverage is below `demanded`; `where` names the scenario.
     """
     share = coverage(lane_map, log)
     if share < demanded:

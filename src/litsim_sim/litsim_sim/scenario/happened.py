@@ -1,6 +1,6 @@
-"""What happened in an earlier run of the same case, for stages that are to know the future: oracles of experiments.
+"""Motion in an earlier run of the same case, for oracles: stages of experiments that know the future.
 
-The earlier run is not the one that is looked into: as soon as somebody does otherwise in this one, others may, too.
+The future is that of the earlier run: once an agent moves differently in the current run, others may, too.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.setting import Setting
 
 UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error)
-"""What numpy raises on what is no archive of arrays, or is damaged."""
+"""Exceptions that numpy raises for files that are damaged or not archives of arrays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Happened:
     Attributes:
         pose: (N, S, 3) box centre x, y [m] and heading [rad], frame map.
         there: (N, S) whether the agent was on the road.
-        meetings: (m, 3) row of an agent whose logged box met that of somebody off his log, step, row of that one.
+        meetings: (m, 3) row of an agent whose logged box met that of an agent off its log, step, row of the latter.
     """
 
     pose: FloatArray
@@ -41,7 +41,7 @@ class Happened:
 
     @classmethod
     def of_run(cls, ids: IntArray, tables: Sequence[AgentTable], log: Sequence[AgentTable], ego_id: int) -> Happened:
-        """Return what happened in a run.
+        """Extract the motion of a run.
 
         Args:
             ids: (N,) of the agents of the log, ascending.
@@ -59,10 +59,10 @@ class Happened:
 
     @classmethod
     def read(cls, folder: Path, scenario: Setting) -> Happened:
-        """Read what happened in the runs of the scene or the scenes of `scenario`; rows are those of its log.
+        """Read the motion of the runs of all scenes of `scenario`; rows are those of its log.
 
         Raises:
-            InputError: there is no file of a scene in `folder`, or it is of another log.
+            InputError: the file of a scene is missing in `folder`, or is of another log.
         """
         scenes = scenario.scenes if isinstance(scenario, JoinedScenario) else (scenario,)
         parts = [_read(file_of(folder, scene), len(scene.log.ids)) for scene in scenes if isinstance(scene, Scenario)]
@@ -77,7 +77,7 @@ class Happened:
         )
 
     def write(self, path: Path) -> None:
-        """Write the file of a scene, whole.
+        """Write the file of a scene atomically.
 
         Raises:
             Unwritable: it cannot be written.
@@ -87,7 +87,7 @@ class Happened:
 
 
 def file_of(folder: Path, scenario: Scenario) -> Path:
-    """Where what happened in a run of `scenario` lies."""
+    """File with the motion of a run of `scenario`."""
     return folder / f"{scenario.name}_{scenario.ego_id}_{scenario.seed}.npz"
 
 
@@ -103,7 +103,7 @@ def _read(path: Path, agents: int) -> Happened:
 
 
 def _meetings(ids: IntArray, movers: AgentTable, logged: AgentTable) -> list[tuple[int, int, int]]:
-    """Whose logged box overlaps that of one of `movers`, but for himself: rows in `ids`, and the step."""
+    """Overlaps of logged boxes with those of other agents among `movers`: row in `ids`, step, row of the mover."""
     dx, dy = movers.x[None] - logged.x[:, None], movers.y[None] - logged.y[:, None]
     size = (logged.length[:, None], logged.width[:, None])
     hit = boxes_overlap(dx, dy, logged.yaw[:, None], movers.yaw[None], size, (movers.length, movers.width))

@@ -1,8 +1,8 @@
-"""Several scenes as one scenario, so that the stages step them together in the same array programs.
+"""Several scenes joined to one scenario, so that the stages process them together in the same array operations.
 
-An agent's id in it begins with the number of its scene, so that tables which hold agents of several scenes are tables
-like any other: what is asked of an agent is answered in one go for all scenes, and what is asked of two agents only of
-those whose scene is the same. A scene's answers are those that it would get alone, to the last bit.
+The high bits of an agent's id are the number of its scene, so that tables with agents of several scenes are ordinary
+tables. Computations on single agents run over all scenes at once; those on pairs are restricted to agents of the same
+scene. The answers for a scene are bitwise equal to those that it would get alone.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from litsim_sim.scenario.scenario import Scenario
 from litsim_sim.scenario.signals import Signals
 
 BITS = 32
-"""Of an id that say which row of its scene's log an agent is; those above are the number of the scene."""
+"""Low bits of an id, which give the agent's row in the log of its scene; the bits above are the number of the scene."""
 
 
 class JoinedTable(AgentTable):
@@ -47,7 +47,7 @@ class JoinedLog(Log):
 
     @classmethod
     def of(cls, logs: Sequence[Log]) -> JoinedLog:
-        """Return `logs` as one, which is as long as the longest: nobody is on the road beyond the end of his."""
+        """Join `logs`; the result is as long as the longest, and no agent is on the road beyond the end of its log."""
         steps = max(log.steps for log in logs)
         columns = {
             field.name: _stacked([getattr(log, field.name) for log in logs], steps)
@@ -56,7 +56,7 @@ class JoinedLog(Log):
         }
         ids = np.concatenate([(k << BITS) + np.arange(len(log.ids)) for k, log in enumerate(logs)])
         joined = cls(ids=ids, **columns)
-        object.__setattr__(joined, "logs", tuple(logs))  # the columns are all that its table is made of
+        object.__setattr__(joined, "logs", tuple(logs))  # set beside the fields, which are the columns of its tables
         return joined
 
     def recorded(self, agent: int) -> tuple[Log, int]:
@@ -169,16 +169,16 @@ class JoinedScenario:
         return self.scenes[0].vehicle
 
     def tables(self, table: AgentTable) -> list[AgentTable]:
-        """`table` taken apart: the agents of each scene, by the ids of its recording."""
+        """`table` split by scene, with the ids of the recordings."""
         return [self._own_table(k, table, part) for k, part in enumerate(self._parts(table.id))]
 
     def table(self, scene: int, table: AgentTable) -> AgentTable:
-        """The agents of one scene of `table`, by the ids of its recording."""
+        """The agents of one scene of `table`, with the ids of its recording."""
         begin, end = np.searchsorted(table.id, np.array([scene, scene + 1]) << BITS).tolist()
         return self._own_table(scene, table, slice(begin, end))
 
     def controls(self, controls: ControlTable) -> list[ControlTable]:
-        """`controls` taken apart likewise."""
+        """`controls` split likewise."""
         names = [field.name for field in fields(ControlTable)][2:]
         return [
             ControlTable(controls.step, self.own(k, controls.id[part]), *(getattr(controls, f)[part] for f in names))
@@ -186,7 +186,7 @@ class JoinedScenario:
         ]
 
     def takeovers(self, takeovers: Sequence[Takeover]) -> list[tuple[Takeover, ...]]:
-        """`takeovers`, agents ascending, taken apart likewise."""
+        """`takeovers`, agents ascending, split likewise."""
         ids = np.array([(each.agent, each.opponent) for each in takeovers], np.int64).reshape(-1, 2)
         return [
             tuple(
@@ -197,15 +197,15 @@ class JoinedScenario:
         ]
 
     def told(self, scene: int) -> Callable[[int], int | None]:
-        """What gives the id of an agent in the recording of `scene`, None of agents of others."""
+        """A function from an agent's id to its id in the recording of `scene`; None for agents of other scenes."""
         return lambda agent: int(self.own(scene, np.array([agent]))[0]) if agent >> BITS == scene else None
 
     def agent(self, scene: int, agent: int) -> int:
-        """Id of the agent that is `agent` in the recording of `scene`."""
+        """Id of the agent with id `agent` in the recording of `scene`."""
         return (scene << BITS) + self.scenes[scene].log.row(agent)
 
     def own(self, scene: int, ids: IntArray) -> IntArray:
-        """Ids (m,) in the recording of `scene`, of agents of it."""
+        """Ids (m,) in the recording of `scene` of its agents `ids` (m,)."""
         return self.scenes[scene].log.ids[ids & ((1 << BITS) - 1)]
 
     def _own_table(self, scene: int, table: AgentTable, part: slice) -> AgentTable:
@@ -220,14 +220,14 @@ class JoinedScenario:
 
 
 def kind(scenario: Scenario) -> Hashable:
-    """Scenarios of which this is equal can be joined: what stages ask of all scenes at once is the same."""
+    """Key of a scenario; scenarios with equal keys can be joined, as they share all that stages query once for all."""
     vehicle = tuple(vars(scenario.vehicle).items())
     controlled = None if scenario.signals is None else scenario.signals.link_names
     return scenario.net_path, scenario.history_steps, scenario.roi_m, controlled, vehicle
 
 
 def _stacked(parts: Sequence[np.ndarray], steps: int) -> np.ndarray:
-    """All of `parts` (n,) or (n, s), one below the other; rows of the latter with zeros up to (n, `steps`)."""
+    """`parts` (n,) or (n, s) concatenated along the first axis, the latter padded with zeros to (n, `steps`)."""
     if parts[0].ndim == 1:
         return np.concatenate(parts)
     found, first = np.zeros((sum(map(len, parts)), steps), parts[0].dtype), 0

@@ -1,4 +1,4 @@
-"""The log: what every agent of a scenario really did, as dense arrays."""
+"""The log: recorded motion of the agents of a scenario, as dense arrays."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from litsim_sim.core.steps import Steps
 from litsim_sim.recordings.recording import Recording
 
 REPLAYS = 4
-"""Kept replays of a log: most runs of a scenario end with it, a few before."""
+"""Number of cached replays of a log: most runs of a scenario end with it, a few earlier."""
 LOG = int(Controller.LOG)
-LAG_TOLERANCE = 0.2  # [m] by which one place may be farther than another and yet count as near
+LAG_TOLERANCE = 0.2  # [m] difference in distance up to which two places count as equally near
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Log:
         ids: (n,) ascending.
         kind: (n,) :class:`litsim_sim.core.scene.Kind`.
         length, width: (n,) of the boxes [m].
-        first_step, last_step: (n,) between which, both included, an agent is on the road.
-        valid: (n, steps) mask of that.
+        first_step, last_step: (n,) first and last step at which an agent is on the road.
+        valid: (n, steps) mask of agents on the road.
         x, y: (n, steps) box centres in frame map [m].
         yaw: (n, steps) heading, counter-clockwise from +x, in [-pi, pi) [rad].
         speed, acceleration: (n, steps) along the heading, as recorded [m/s], [m/s2].
@@ -49,7 +49,7 @@ class Log:
     """
 
     table_type: ClassVar[type[AgentTable]] = AgentTable
-    """Class of the tables that it makes."""
+    """Class of the tables."""
 
     ids: IntArray
     kind: ByteArray
@@ -67,7 +67,7 @@ class Log:
 
     @classmethod
     def from_recording(cls, recording: Recording, start_frame: int, steps: int) -> Log:
-        """The log of `steps` steps from `start_frame`, of the agents that appear in them."""
+        """The log of `steps` steps from `start_frame`, with the agents that appear in them."""
         step = recording.columns["frame"] - start_frame
         inside = (step >= 0) & (step < steps)
         table, step = recording.take(inside).columns, step[inside]
@@ -108,7 +108,7 @@ class Log:
 
     @property
     def obstacle(self) -> BoolArray:
-        """(n,) pedestrians and cyclists, who are never off their log; see :func:`is_obstacle`."""
+        """(n,) mask of pedestrians and cyclists, which are never off their log; see :func:`is_obstacle`."""
         return is_obstacle(self.kind)
 
     @property
@@ -118,15 +118,15 @@ class Log:
 
     @cached_property
     def paths(self) -> dict[Hashable, Any]:
-        """Paths that others have made of it, kept for all runs of it in this process; by what they were made of."""
+        """Cache of paths derived from the log, shared by all runs in this process; keyed by what defines them."""
         return {}
 
     def recorded(self, agent: int) -> tuple[Log, int]:
-        """The log of the scenario that `agent` is in, and its id there: this one."""
+        """The log of the scene of `agent`, which is this log, and its id there."""
         return self, agent
 
     def row(self, agent: int) -> int:
-        """Row of `agent`, or -1 where the log has no such agent."""
+        """Row of `agent`; -1 if the log lacks it."""
         at = int(np.searchsorted(self.ids, agent))
         return at if at < len(self.ids) and self.ids[at] == agent else -1
 
@@ -135,7 +135,7 @@ class Log:
 
         Args:
             step: integer step of the scenario.
-            lag: (n,) steps by which the replay of each log lags; None is not at all.
+            lag: (n,) lag of the replay of each agent [steps]; None for no lag.
         """
         at = np.full(len(self.ids), step) if lag is None else step - lag
         rows = _on_road(self.valid, at)
@@ -158,9 +158,9 @@ class Log:
         )
 
     def replay(self, last: int) -> Steps:
-        """The tables of the steps 0 .. `last`: the same object for all runs that end there, for as long as it is kept.
+        """The tables of the steps 0 to `last`; the same object for every call as long as it is cached.
 
-        Kept are those of the last :data:`REPLAYS` ends that were asked for, and what was made of them.
+        The last :data:`REPLAYS` distinct values of `last` are cached, with all results computed from their tables.
         """
         kept = self._replays
         found = kept.pop(last, None) or Steps(self.table(step) for step in range(last + 1))
@@ -171,14 +171,14 @@ class Log:
 
     @cached_property
     def _replays(self) -> dict[int, Steps]:
-        """By their last steps, those that were asked for last at the end."""
+        """Cached replays by last step, the most recently used at the end."""
         return {}
 
     def lag(self, row: int, step: int, x: float, y: float) -> int:
-        """Steps ago at which the agent in `row` was logged nearest to (x, y) [m]; of places as near, the latest.
+        """Lag [steps] at which the agent's logged pose is nearest to (x, y) [m]; the smallest of ties.
 
-        0 where that is now, or where the agent has no logged pose up to `step`. A log that stands and waits is near
-        for long: the time that it waited is not waited again.
+        0 if the agent in `row` has no logged pose up to `step`. A log that stands is near for a long time: by the
+        smallest lag, the agent does not wait again.
         """
         return int(self.lags(np.array([row]), step, np.array([x]), np.array([y]))[0])
 
@@ -191,7 +191,7 @@ class Log:
 def _lags(
     log_x: FloatArray, log_y: FloatArray, valid: BoolArray, rows: IntArray, step: int, x: FloatArray, y: FloatArray
 ) -> IntArray:
-    """Return what :meth:`Log.lags` does, of the poses and the mask (n, steps) of the log."""
+    """See :meth:`Log.lags`; `x`, `y` and `valid` of the log are (n, steps)."""
     found = np.zeros(len(rows), np.int64)
     for k, row in enumerate(rows):
         until, least = min(step + 1, log_x.shape[1]), np.inf
@@ -208,7 +208,7 @@ def _lags(
 
 @kernel(OUT_INTS(BOOLS2, INTS))
 def _on_road(valid: BoolArray, at: IntArray) -> IntArray:
-    """Rows of the agents whose log, `valid` (n, steps), has them on the road at their steps `at` (n,)."""
+    """Rows of the agents that are on the road, by `valid` (n, steps), at their steps `at` (n,)."""
     rows, count = np.empty(len(at), np.int64), 0
     for i in range(len(at)):
         if 0 <= at[i] < valid.shape[1] and valid[i, at[i]]:

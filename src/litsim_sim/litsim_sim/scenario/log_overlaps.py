@@ -8,13 +8,13 @@ from litsim_sim.core.geometry import boxes_overlap
 from litsim_sim.core.scene import RATE_HZ, BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.log import Log
 
-ABOUT_THEN = round(1.0 * RATE_HZ)  # steps by which an overlap of the log may be sooner or later
-ON_THE_WAY = round(3.0 * RATE_HZ)  # steps by which it may be later for somebody who is on the way into it
-IN_PLACE = 1.0  # [m] within which an agent is where its log has it
+ABOUT_THEN = round(1.0 * RATE_HZ)  # [steps] tolerance of the time of an overlap in the log
+ON_THE_WAY = round(3.0 * RATE_HZ)  # [steps] tolerance for an agent that is on the way into the overlap
+IN_PLACE = 1.0  # [m] distance from its logged position within which an agent is in place
 
 
 class LogOverlaps:
-    """Tells overlaps that the log has anyway from those that are new. Pairs are looked at when they are asked for."""
+    """Distinguishes overlaps that are in the log from new ones; pairs are computed on demand."""
 
     def __init__(self, log: Log) -> None:
         self._log = log
@@ -28,17 +28,17 @@ class LogOverlaps:
         return self._steps[pair]
 
     def any(self, pairs: IntArray) -> BoolArray:
-        """(m,) whether the boxes of agents overlap at some step, in `pairs` (m, 2) of rows of the log."""
+        """(m,) whether the boxes of each of `pairs` (m, 2), rows of the log, overlap at any step."""
         return np.array([len(self.steps(a, b)) > 0 for a, b in pairs.tolist()], np.bool_)
 
     def excuse(self, a: int, b: int, now: IntArray, x: FloatArray, y: FloatArray, later: int = ABOUT_THEN) -> BoolArray:
-        """(m,) whether the log has an overlap of both agents at about steps `now` (m,), with b in its place there.
+        """(m,) whether the log has an overlap of both agents near steps `now` (m,), with b at its logged position.
 
         Args:
             a, b: rows of the log.
             now: (m,) steps of the log at which a is.
-            x, y: (m,) where b is then [m].
-            later: steps by which the overlap may be later than `now`; ABOUT_THEN sooner it may always be.
+            x, y: (m,) positions of b at these steps [m].
+            later: largest number of steps by which the overlap may be later than `now`; it may be ABOUT_THEN earlier.
         """
         at = self.steps(a, b)
         if not len(at):
@@ -48,12 +48,12 @@ class LogOverlaps:
         return np.asarray((then & (off <= IN_PLACE)).any(axis=1))
 
     def meets(self, a: int, b: int, now: int, x: float, y: float) -> bool:
-        """Whether a, on the way to its place in the log at step `now`, meets b there as in the log.
+        """Whether agent a, on the way to its logged position at step `now`, meets b there as in the log.
 
         Args:
             a, b: rows of the log.
             now: step of the log at which a is.
-            x, y: where b is [m].
+            x, y: position of b [m].
         """
         if not len(self.steps(a, b)):
             return False

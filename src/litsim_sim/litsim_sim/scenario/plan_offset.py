@@ -1,4 +1,4 @@
-"""When a timing plan began, by what vehicles did: for recordings whose signals are known by their plan alone."""
+"""Fit of the offset of a timing plan to recorded vehicles, for recordings with signals known only by their plan."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from litsim_sim.maps.signal_links import SignalLink
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.signals import Signals, SignalsFile, heed, shown
 
-TRIED_S = 0.5  # [s] between the offsets that are tried
-START_S = 3.0  # [s] of green after which whoever is first at a line has begun to move
-FIRST = 5.0  # [m] from the stop line, either way, within which somebody is first at it
-STANDS = 0.4  # [m/s] below which somebody stands
+TRIED_S = 0.5  # [s] step of the search over offsets
+START_S = 3.0  # [s] time of green after which the first vehicle at a stop line has begun to move
+FIRST = 5.0  # [m] distance from the stop line, either way, within which a vehicle is first at it
+STANDS = 0.4  # [m/s] speed below which a vehicle stands
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class OffsetFit:
     """An offset of a plan, and how well it fits.
 
     Attributes:
-        offset_s: when the first phase begins, from step 0 of the log on [s].
-        passed, at_red: by group, how many vehicles pass its stop lines, and how many of them at red.
-        waits_s: how long vehicles stand at a line that has been open for START_S, all together [s].
-        range_s: first and last offset of the range that fits as well [s]; it may go over the end of the cycle.
+        offset_s: start of the first phase, from step 0 of the log [s].
+        passed, at_red: numbers of vehicles that pass the stop lines, in total and at red, by group.
+        waits_s: total time that vehicles stand at lines that have been open for START_S [s].
+        range_s: first and last offset of the range that fits equally well [s]; it may wrap around the cycle.
     """
 
     offset_s: float
@@ -38,14 +38,14 @@ class OffsetFit:
 
 
 def fit_offset(plan: SignalsFile, links: Sequence[SignalLink], log: Log) -> OffsetFit:
-    """The offset at which the fewest vehicles pass at red and, of several, those at open lines wait the least.
+    """The offset with the fewest passages at red and, among ties, the shortest waits at open lines.
 
-    Where a whole range of offsets is as good, its middle is taken; of several ranges, the first.
+    Of a range of equally good offsets the middle is taken; of several ranges, the first.
 
     Args:
-        plan: whose program is moved; its own offset means nothing.
-        links: the controlled connections of the net.
-        log: from frame 0 of the recording on.
+        plan: signals with a program; its offset is ignored.
+        links: controlled connections of the net.
+        log: log from frame 0 of the recording on.
 
     Raises:
         InputError: the plan does not fit the net.
@@ -55,7 +55,7 @@ def fit_offset(plan: SignalsFile, links: Sequence[SignalLink], log: Log) -> Offs
     offsets = np.arange(0.0, cycle, TRIED_S)
     costs = [_cost(_at(plan, float(offset), links, log), log) for offset in offsets]
     good = [cost == min(costs) for cost in costs]
-    begin = good.index(False) if not all(good) else 0  # ranges may go on from the end of the cycle to its beginning
+    begin = good.index(False) if not all(good) else 0  # ranges may wrap around the cycle
     best = begin + np.flatnonzero(np.roll(good, -begin))
     first = offsets[np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)[0] % len(offsets)]
     offset = float(first[len(first) // 2])
@@ -76,7 +76,7 @@ def _at(plan: SignalsFile, offset: float, links: Sequence[SignalLink], log: Log)
 
 
 def _cost(signals: Signals, log: Log) -> tuple[int, int]:
-    """How many vehicles pass at red, and steps that vehicles stand first at a line that has long been open."""
+    """Number of passages at red, and number of steps that vehicles stand first at a line that has long been open."""
     waiting = 0
     front_x = log.x + 0.5 * log.length[:, None] * np.cos(log.yaw)
     front_y = log.y + 0.5 * log.length[:, None] * np.sin(log.yaw)

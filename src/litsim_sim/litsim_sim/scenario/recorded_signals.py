@@ -1,4 +1,4 @@
-"""Signals that a whole recording carries: whether its vehicles heed them."""
+"""Check whether the vehicles of a recording heed its signals."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from litsim_sim.recordings.recording import Recording
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.signals import SignalsFile, check_heeded, check_known, heed, shown
 
-PIECE = round(60 * RATE_HZ)  # frames of the recording that are looked at together, so that memory does not grow with it
+PIECE = round(60 * RATE_HZ)  # frames processed at once, to bound memory
 
 
 def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) -> list[str]:
-    """A line for each group of `signals`, resolved: how many vehicles pass its stop lines, and how many at red.
+    """Lines with the numbers of vehicles that pass the stop lines of each group of `signals`, in total and at red.
 
     Raises:
-        InputError: the signals do not fit the net, are not what the vehicles heed, or show nothing all the time;
-            `where` names them.
+        InputError: the signals do not fit the net, are not heeded by the vehicles, or are never known; `where` names
+            them.
     """
     frames = recording.columns["frame"]
     first, last, known = int(frames.min()), int(frames.max()), False
     links, counts = read_links(net), dict[str, tuple[int, int]]()
     for start in range(first, last + 1, PIECE):
-        log = Log.from_recording(recording, start, PIECE + 1 + LEAVES)  # to see where the last ones go
+        log = Log.from_recording(recording, start, PIECE + 1 + LEAVES)  # LEAVES: to see the way of the last ones
         lights = shown(signals, links, log.steps, start, where)
         known |= lights.known
         for group, (passed, at_red) in heed(lights, log, PIECE).items():

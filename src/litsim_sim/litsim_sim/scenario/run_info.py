@@ -1,4 +1,4 @@
-"""What is being run, said once: which stages take part, which topics they fill, under which name."""
+"""Description of a run: scenario, ego, policy, stages, parameters, and its identity."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.stages import EGO, POLICY_STAGES, RECORDER
 from litsim_sim.scenario.scenario import Scenario
 
-EXTERNAL = "external"  # whoever answers on the ego port
+EXTERNAL = "external"  # any stack that answers on the ego port
 OWN_EGOS = ("bat", "idm", "log", "perturbed")
-"""Egos that have a stage here, over DDS or in process."""
+"""Egos implemented as a stage of LitSim, over DDS or in process."""
 
 EGOS = (*OWN_EGOS, EXTERNAL)
-"""What may drive the ego; `external` is any stack that answers on the ego port."""
+"""Drivers of the ego; `external` is any stack that answers on the ego port."""
 
-REPLAY = "replay"  # the recording alone: no stage of the policy takes part
+REPLAY = "replay"  # pure log replay, without stages of the policy
 BASELINES = ("idm", "gail", "rail", "simnet")
-"""Policies that drive whoever comes near the ego, for good, and ask for no forecasts."""
+"""Policies that take over, for good, every agent that comes near the ego, and need no forecasts."""
 
 POLICIES = ("litsim", "yield", *BASELINES, REPLAY)
-"""What moves the background: `replay` is policy L alone. `litsim` takes over with the best policy that there is."""
+"""Policies of the background: `replay` is policy L alone; `litsim` takes over with the best policy available."""
 
 VERSIONED = ("litsim_sim", "numpy", "libsumo", "onnxruntime", "torch", "mcap")
 
@@ -41,12 +41,12 @@ class RunPlan:
     """A run of a scenario.
 
     Attributes:
-        scenario: with the ego and the seed of this run.
+        scenario: scenario with the ego and the seed of this run.
         ego: one of :data:`EGOS`.
         policy: one of :data:`POLICIES`.
-        parameters: those of the stages that are set to something, by stage and name; the others are at their defaults.
-        execution: which of all executions of this run it is, a word of :func:`new_execution`; empty in process, where
-            no message of another execution can come in.
+        parameters: parameters of the stages that are set explicitly, by stage and name.
+        execution: unique name of this execution, see :func:`new_execution`; empty in process, where messages of other
+            executions cannot arrive.
     """
 
     scenario: Scenario
@@ -69,15 +69,15 @@ class RunPlan:
         vehicle: Mapping[str, float] | None = None,
         settings: Iterable[tuple[str, str, Any]] = (),
     ) -> RunPlan:
-        """The run that somebody asks for; None leaves a thing to the scenario, or to the stage's default.
+        """The run with the given options; None stands for the scenario's value, or the stage's default.
 
         Args:
             scenario: name of a packaged scenario, or a YAML file.
             ego, policy: see the attributes.
-            predictor: model that forecasts; without meaning in a replay, where nothing is forecast.
-            ego_id: vehicle of the recording that is the ego.
-            seed: of everything random in the run.
-            end_after_contact_s: time after the ego's first contact at which the run is over [s].
+            predictor: model of the predictor; ignored in a replay.
+            ego_id: id of the recorded vehicle that the ego replaces.
+            seed: seed of all randomness in the run.
+            end_after_contact_s: time after the ego's first contact at which the run ends [s].
             vehicle: fields of the ego's vehicle model.
             settings: stage, name and value of parameters.
 
@@ -96,17 +96,17 @@ class RunPlan:
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """Stages that the bridge waits for before step 0; an external ego is met at step 0."""
+        """Stages that the bridge waits for before step 0; an external ego is waited for at step 0."""
         driven = () if self.policy == REPLAY else POLICY_STAGES
         return (*driven, *(() if self.ego == EXTERNAL else (EGO,)), RECORDER)
 
     @property
     def identity(self) -> str:
-        """The same for equal runs, wherever their files lie; of runs that may differ in anything, not the same."""
+        """Identity of the run: equal for equal runs, independent of the locations of files; else different."""
         file = self.scenario.file
         names = {each: Path(getattr(file, each)).name for each in ("recording", "net")}
-        without = {"coverage_min"}  # decides whether there is a run, not what happens in it
-        # runs of before these were fields keep their names
+        without = {"coverage_min"}  # affects whether a run is possible, not its result
+        # left out at their defaults, so that runs of older versions keep their identities
         without |= {name for name in ("vehicle", "end_after_contact_s") if getattr(file, name) in ({}, None)}
         described = file.model_copy(update=names).model_dump_json(exclude=without)
         described = f"{described}\n{self.ego}\n{self.policy}"
@@ -117,16 +117,16 @@ class RunPlan:
 
     @property
     def stage_parameters(self) -> Parameters:
-        """Those of :attr:`parameters` that change what happens: of all but the bridge and the recorder."""
+        """Those of :attr:`parameters` that affect the result: all but the bridge's and the recorder's."""
         return {stage: self.parameters[stage] for stage in (*POLICY_STAGES, EGO) if self.parameters.get(stage)}
 
     @property
     def run_id(self) -> str:
-        """The name under which messages travel: the identity, and the execution where it has a word of its own."""
+        """Id of the run in messages: the identity, with the execution if it has a name."""
         return f"{self.identity}@{self.execution}" if self.execution else self.identity
 
     def facts(self) -> dict[str, Any]:
-        """What holds of the run however it is run: fields of ``RunInfo``, the message and that of a record."""
+        """Fields of ``RunInfo``, in the message and in the recording, that do not depend on how the run is executed."""
         return {
             "run_id": self.run_id,
             "scenario": self.scenario.name,
@@ -143,12 +143,12 @@ class RunPlan:
 
 
 def new_execution() -> str:
-    """A word that no execution of a run had before: what an earlier one has left behind is not taken for this one's."""
+    """A unique name of an execution, so that messages left over from earlier ones are not taken for its own."""
     return secrets.token_hex(4)
 
 
 def plain_values(value: Any) -> Any:
-    """`value` for JSON, numbers of equal value alike: 2 sets a parameter to the same as 2.0."""
+    """`value` for JSON, with equal numbers in equal form: 2 and 2.0 set a parameter to the same value."""
     if isinstance(value, Mapping):
         return {str(key): plain_values(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
@@ -157,7 +157,7 @@ def plain_values(value: Any) -> Any:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a run depends on, and the commit of this tree where it is a git checkout."""
+    """Versions of the dependencies of a run, and the commit of this source tree if it is a git checkout."""
     found = {"python": platform.python_version(), "commit": commit()}
     for package in VERSIONED:
         try:
@@ -169,7 +169,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def commit() -> str:
-    """The commit of this tree where it is a git checkout, as it is when that is asked for first: git takes 15 ms."""
+    """The commit of this source tree if it is a git checkout; cached at the first call, as git takes 15 ms."""
     where = Path(__file__).resolve().parent
     command = ["git", "-C", str(where), "describe", "--always", "--dirty", "--abbrev=12"]
     try:

@@ -1,4 +1,4 @@
-"""Scenarios: which recording, on which net, from when, around which ego."""
+"""Scenarios: a part of a recording on a net, with an ego."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PACKAGE = "litsim_sim"
 
 @dataclass(frozen=True)
 class Sources:
-    """A recording and its net as they are in memory, for many scenarios of the same ones."""
+    """A recording and its net in memory, to be shared by several scenarios."""
 
     recording: Recording
     lane_map: LaneMap
@@ -46,26 +46,26 @@ class Scenario:
 
     Attributes:
         file: the resolved fields, with absolute paths.
-        recording: cut to the frames of the scenario.
-        log: the same as dense arrays.
+        recording: the recording, cut to the frames of the scenario.
+        log: the recording as dense arrays.
         start_frame: frame of step 0.
         history_steps: step from which on the ego is free.
         total_steps: the last step.
-        signals: what signals show at each step; None where nothing is known of any.
+        signals: states of the signals at each step; None if unknown.
         shortened: whether the recording ends before `simulation_s` have passed.
         coverage: share of the recorded box centres that lie on lanes of the net.
     """
 
     def __init__(self, file: ScenarioFile, where: str, sources: Sources | None = None) -> None:
-        """Read and check everything that `file`, with resolved paths, names; `where` names it in errors.
+        """Read and check all files that `file`, with resolved paths, names.
 
         Args:
             file: the fields.
-            where: names them in errors.
-            sources: the recording, cropped, and the net, where they have been read already.
+            where: name of the scenario file in errors.
+            sources: the cropped recording and the net, if read already.
 
         Raises:
-            InputError: a file or its content cannot be used; an :class:`UnmetDemandError` where the fields do not fit
+            InputError: a file or its content cannot be used; an :class:`UnmetDemandError` if the fields do not fit
                 the recording, or the net does not.
         """
         self.net_path = Path(file.net)
@@ -99,7 +99,7 @@ class Scenario:
         self.signals: Signals | None = None
         if isinstance(given, SignalsFile):
             self.signals = build(given, self.net_path, self.log, self.start_frame, where)
-            if self.file.signals:  # those of a recording may be known for a part of it only
+            if self.file.signals:  # signals of a recording may be known for a part of it only
                 shown = (self.start_frame, self.start_frame + self.total_steps)
                 check_known(given, self.signals.known, shown, where)
 
@@ -109,12 +109,12 @@ class Scenario:
 
         Args:
             name_or_path: such as ``demo``, or a path of a YAML file.
-            sources: recording and net that it names, where they have been read already.
+            sources: recording and net that it names, if read already.
             overrides: fields of the file to replace, such as `ego`, `seed`, `roi_m`; None leaves a field as it is.
                 Of `vehicle`, only the values given are replaced.
 
         Raises:
-            InputError: there is no such scenario, or it cannot be used.
+            InputError: the scenario does not exist, or cannot be used.
         """
         path = Path(name_or_path)
         if not path.suffix and str(path) == path.name and str(path) in packaged_scenarios():
@@ -127,7 +127,7 @@ class Scenario:
 
     @classmethod
     def from_yaml(cls, text: str, where: str) -> Scenario:
-        """Build from the text of a scenario file; `where` names it in errors, paths in it are relative to here.
+        """Build from the text of a scenario file; `where` names it in errors; paths are relative to the current folder.
 
         Raises:
             InputError: the scenario cannot be used.
@@ -135,12 +135,12 @@ class Scenario:
         return cls._build(text, where, Path.cwd(), {})
 
     def around(self, ego: int | None, seed: int | None, end_after_contact_s: float | None = None) -> Scenario:
-        """The same scenario around another ego, with another seed and end; recording, log and lane map are shared.
+        """The scenario with another ego, seed and end; recording, log and lane map are shared.
 
-        None leaves a thing as it is.
+        None leaves a field unchanged.
 
         Raises:
-            InputError: the ego is not there from step 0 through the first simulated step, or a value does not fit.
+            InputError: the ego is not present from step 0 to the first simulated step, or a value does not fit.
         """
         asked = {"ego": ego, "seed": seed, "end_after_contact_s": end_after_contact_s}
         given = {name: value for name, value in asked.items() if value is not None}
@@ -201,17 +201,17 @@ class Scenario:
 
     @property
     def egos(self) -> tuple[int, ...]:
-        """Ids of the vehicles that experiments take as ego; the ego alone if the file lists none."""
+        """Ids of the egos of experiments; the ego alone if the file lists none."""
         return tuple(self.file.egos) or (self.file.ego,)
 
     @property
     def tuning_egos(self) -> tuple[int, ...]:
-        """Ids of the vehicles that a system may be tuned on before an experiment; none of them is one of `egos`."""
+        """Ids of the egos on which a system may be tuned before an experiment; disjoint from `egos`."""
         return tuple(self.file.tuning)
 
     @property
     def possible_egos(self) -> tuple[int, ...]:
-        """Ids of the vehicles that are there from step 0 through the first simulated step."""
+        """Ids of the vehicles that are present from step 0 to the first simulated step."""
         there = (self.log.first_step == 0) & (self.log.last_step > self.history_steps) & ~self.log.obstacle
         return tuple(self.log.ids[there].tolist())
 
@@ -222,7 +222,7 @@ class Scenario:
 
     @property
     def seed(self) -> int:
-        """Seed of everything random in a run."""
+        """Seed of all randomness in a run."""
         return self.file.seed
 
     @property
@@ -233,17 +233,17 @@ class Scenario:
 
     @cached_property
     def vehicle(self) -> VehicleModel:
-        """How the ego can move: its limits and actuators."""
+        """Vehicle model of the ego: limits and actuators."""
         return VehicleModel.of(self.file.vehicle)
 
     @cached_property
     def log_overlaps(self) -> LogOverlaps:
-        """Whose boxes overlap in the log itself, and when."""
+        """Overlaps of boxes in the log itself."""
         return LogOverlaps(self.log)
 
     @cached_property
     def last_logged(self) -> IntArray:
-        """(1,) the last step at which anybody is logged."""
+        """(1,) the last step at which any agent is logged."""
         return np.array([self.log.last_step.max()])
 
     @cached_property
@@ -253,7 +253,7 @@ class Scenario:
 
 
 def recorded_signals(header: RecordingHeader, net: Path, where: str) -> SignalsFile | None:
-    """The signals that a recording carries, if they are of this net."""
+    """The signals in the header of a recording, if it names this net."""
     if not header.signals or header.net != net.name:
         return None
     return validate_yaml(dict(header.signals), SignalsFile, f"{where}: signals in the header", "")

@@ -11,14 +11,14 @@ from litsim_sim.core.scene import STEP_S
 from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.scenario.signals import SignalsFile
 
-SEEDS = 2**64  # as many as RunInfo has a place for
+SEEDS = 2**64  # range of the field in RunInfo
 
 
 def usable_name(name: str) -> str:
-    """`name`, if a scenario can be called so.
+    """Return `name` if it is a valid name of a scenario.
 
     Raises:
-        ValueError: it cannot, with what is expected.
+        ValueError: it is not; the message says what is expected.
     """
     if not re.fullmatch(r"\w[\w.+=-]{0,99}", name):
         raise ValueError(
@@ -48,23 +48,23 @@ class ScenarioFile(BaseModel):
         name: short name; runs, reports and folders carry it.
         description: what happens in it.
         recording: file of the recording, relative to the YAML file; may begin with ``$LITSIM_DATA``.
-        crop: by column of that file, the [low, high] to keep.
+        crop: the [low, high] to keep, by column of that file.
         net: SUMO net, relative to the YAML file, or the name of a packaged net.
         start_frame: frame of step 0; the first of the recording if not given.
-        history_s: recorded past before the ego is free [s]; a step at least, as `simulation_s`.
-        simulation_s: simulated time after that [s]; shorter where the recording is.
+        history_s: recorded past before the ego is free [s]; at least one step, like `simulation_s`.
+        simulation_s: simulated time after that [s]; cut at the end of the recording.
         ego: id of the vehicle that the driving system under test moves.
-        egos: ids that experiments take as ego, one run each.
-        tuning: ids for tuning a system before such an experiment; disjoint from `egos`.
+        egos: ids of the egos of experiments, one run each.
+        tuning: ids of egos for tuning a system before such an experiment; disjoint from `egos`.
         roi_m: radius around the ego, and around every other agent off its log, within which agents are forecast and may
             be taken over [m].
-        seed: of everything random.
-        signals: file of the signals, relative to the YAML file, or its content, see :class:`SignalsFile`; those of the
-            recording, if it has some of this net, where not given.
-        end_after_contact_s: time after the first contact of the ego at which the run is over [s], to a step; null: it
-            goes on. Whoever touches the ego in the log as well does not count.
-        coverage_min: share, from 0 to 1, of the recorded box centres that have to lie on lanes of the net.
-        vehicle: of the ego, by the fields of :class:`litsim_sim.core.vehicle.VehicleModel` that are not the default.
+        seed: seed of all randomness.
+        signals: file of the signals, relative to the YAML file, or its content, see :class:`SignalsFile`; default:
+            those of the recording, if it has signals of this net.
+        end_after_contact_s: time after the ego's first contact at which the run ends [s], rounded to a step; null: it
+            continues. Contacts with agents that touch the ego in the log as well do not count.
+        coverage_min: smallest share, from 0 to 1, of the recorded box centres that must lie on lanes of the net.
+        vehicle: fields of :class:`litsim_sim.core.vehicle.VehicleModel` of the ego that differ from the defaults.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True)

@@ -1,4 +1,4 @@
-"""What the stages ask of a scenario, be it one or several that are joined."""
+"""Interface of a scenario to the stages, for a single scenario and for several joined ones."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Setting(Protocol):
 
     @property
     def log(self) -> Log:
-        """What everybody really did."""
+        """Recorded motion of all agents."""
 
     @property
     def ego_ids(self) -> IntArray:
@@ -26,7 +26,7 @@ class Setting(Protocol):
 
     @property
     def identities(self) -> IntArray:
-        """(N, 2) of each agent of the log, the seed of its scene and its id there: by these is drawn what is drawn."""
+        """(N, 2) seed of its scene and id there of each agent of the log; they seed its random draws."""
 
     @property
     def history_steps(self) -> int:
@@ -42,19 +42,19 @@ class Setting(Protocol):
 
     @property
     def steps_after_contact(self) -> tuple[int | None, ...]:
-        """Of each scene, how many steps follow the first contact of its ego; None where the run goes on."""
+        """Number of steps after the first contact of the ego of each scene; None if the run continues."""
 
     @property
     def log_overlaps(self) -> LogOverlaps:
-        """Whose boxes overlap in the log itself, and when."""
+        """Overlaps of boxes in the log itself."""
 
     @property
     def last_logged(self) -> IntArray:
-        """(scenes,) the last step at which anybody of the scene is logged."""
+        """(scenes,) the last step at which any agent of the scene is logged."""
 
     @property
     def signals(self) -> LinkSignals | None:
-        """What signals show at each step."""
+        """States of the signals at each step; None if unknown."""
 
     @property
     def net_path(self) -> Path:
@@ -62,8 +62,8 @@ class Setting(Protocol):
 
     @property
     def lane_map(self) -> LaneMap:
-        """Its lanes."""
+        """Lanes of the net."""
 
     @property
     def vehicle(self) -> VehicleModel:
-        """How egos can move."""
+        """Vehicle model of the egos."""

@@ -1,4 +1,4 @@
-"""The signals of a scenario: which connections of the net belong to which group, and what each group shows when.
+"""The signals of a scenario: the connections of each signal group, and its state at each step.
 
 docs/signals.md has an example of every kind.
 """
@@ -33,11 +33,11 @@ NAMES = {state.name.lower(): state for state in SignalState} | {
 }
 StateName = Annotated[str, OneOf(tuple(NAMES))]
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "frame": STEP_S}
-AT_RED_MAX, PASSED_MIN = 0.5, 5  # share and number of vehicles past the lines of a group from which on it is refused
+AT_RED_MAX, PASSED_MIN = 0.5, 5  # largest share of passages at red, of at least so many, before a group is refused
 
 
 def _words(value: Any) -> Any:
-    """Whole numbers as words, also those in lists and before colons: what files and maps count are names here."""
+    """Convert integers to text, also in lists and keys: ids of files and maps are names here."""
     if isinstance(value, dict):
         return {_words(key): each for key, each in value.items()}
     if isinstance(value, list):
@@ -53,13 +53,13 @@ class _Strict(BaseModel):
 
 
 class StateList(_Strict):
-    """A file (CSV or Parquet) with a row for each change of a group.
+    """A file (CSV or Parquet) with one row per change of a group.
 
     Attributes:
-        file: relative to the file that names it.
-        group, begin, state: its columns.
-        unit: of `begin`, counted from frame 0 of the recording; dates with times of the day have none.
-        codes: our names of states by those of the file, where they differ.
+        file: path relative to the file that names it.
+        group, begin, state: names of its columns.
+        unit: unit of `begin`, which counts from frame 0 of the recording; not used for dates with times.
+        codes: our names of states, by those of the file, if they differ.
     """
 
     file: Annotated[str, Field(min_length=1)]
@@ -71,18 +71,18 @@ class StateList(_Strict):
 
 
 class Phase(_Strict):
-    """A part of a fixed cycle; groups that are not named show red."""
+    """A phase of a fixed cycle; groups that are not named show red."""
 
     duration_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     states: Annotated[dict[str, StateName], _Named] = {}
 
 
 class Program(_Strict):
-    """A fixed cycle of phases, as timing plans publish it.
+    """A fixed cycle of phases, as in timing plans.
 
     Attributes:
-        offset_s: when the first phase begins, counted from frame 0 of the recording [s].
-        phases: in their order.
+        offset_s: start of the first phase, from frame 0 of the recording [s].
+        phases: phases in order.
     """
 
     offset_s: Annotated[float, Field(allow_inf_nan=False)] = 0.0
@@ -90,11 +90,11 @@ class Program(_Strict):
 
 
 class SignalsFile(_Strict):
-    """Signals as people write them: groups, and one of three ways to say what they show.
+    """A file of signals: groups, and their states in one of three forms.
 
     Attributes:
-        groups: by name, the connections ``FROM_LANE -> TO_LANE`` that it controls, or ``FROM_LANE`` for all of a lane,
-            or ``EDGE`` for all of its lanes; a group of the recording that is not needed has an empty list.
+        groups: connections of each group by its name: ``FROM_LANE -> TO_LANE``, or ``FROM_LANE`` for all of a lane, or
+            ``EDGE`` for all of its lanes; empty for a group of the recording that is not needed.
         changes: [seconds from frame 0 of the recording, group, state], ascending.
         states: a file of changes.
         program: a fixed cycle.
@@ -114,24 +114,24 @@ class SignalsFile(_Strict):
 
 
 class LinkSignals(Protocol):
-    """What the signals on one net show, in one scene or in several that are stepped together."""
+    """States of the signals on one net, in one scene or in several that are stepped together."""
 
     @property
     def links(self) -> tuple[SignalLink, ...]:
         """Controlled connections of the net, the same in all scenes."""
 
     def of_links(self, step: int) -> ByteArray:
-        """(scenes, links) :class:`SignalState` that each connection is shown at `step`, the last one beyond it."""
+        """(scenes, links) :class:`SignalState` of each connection at `step`; beyond the last step, that of the last."""
 
 
 @dataclass(frozen=True)
 class Signals:
-    """What every group shows at every step of a scenario.
+    """States of all signal groups at every step of a scenario.
 
     Attributes:
-        groups: names, sorted; g of them.
+        groups: names of the g groups, sorted.
         links: controlled connections, sorted by name.
-        link_group: (links,) position of the group that controls each.
+        link_group: (links,) index of the group that controls each connection.
         states: (g, steps) :class:`SignalState`.
     """
 
@@ -141,7 +141,7 @@ class Signals:
     states: ByteArray
 
     def table(self, step: int) -> SignalTable:
-        """What the groups show at `step`; beyond the last step, what they showed then."""
+        """States of the groups at `step`; beyond the last step, those of the last."""
         return SignalTable(step, self.groups, self.states[:, min(step, self.states.shape[1] - 1)])
 
     def of_links(self, step: int) -> ByteArray:
@@ -150,7 +150,7 @@ class Signals:
 
     @property
     def known(self) -> bool:
-        """Whether any group shows anything at any step."""
+        """Whether the state of any group is known at any step."""
         return bool((self.states != SignalState.UNAVAILABLE).any())
 
     @cached_property
@@ -160,7 +160,7 @@ class Signals:
 
 
 def read_signals(path: Path) -> SignalsFile:
-    """Read a file of signals; what it refers to is read as well, so that the result stands for itself.
+    """Read a file of signals, with the file of changes that it refers to.
 
     Raises:
         InputError: it cannot be read, a field does not fit, or a file of changes cannot be used.
@@ -169,7 +169,7 @@ def read_signals(path: Path) -> SignalsFile:
 
 
 def resolved(given: SignalsFile, folder: Path, where: str) -> SignalsFile:
-    """The same with the changes of its file, which is relative to `folder`; `where` names it in errors.
+    """`given` with its file of changes, relative to `folder`, replaced by the changes; `where` names it in errors.
 
     Raises:
         InputError: the file cannot be used.
@@ -187,7 +187,7 @@ def resolved(given: SignalsFile, folder: Path, where: str) -> SignalsFile:
 
 
 def on_clock(given: SignalsFile, zero_s: float, slower: float = 1.0) -> SignalsFile:
-    """The same, resolved, with times counted from `zero_s` on [s] instead of from 0, once changes are made `slower`."""
+    """`given`, resolved, with times multiplied by `slower` and then counted from `zero_s` [s] instead of 0."""
     if given.program is not None:
         program = given.program.model_copy(update={"offset_s": given.program.offset_s - zero_s})
         return given.model_copy(update={"program": program})
@@ -199,15 +199,15 @@ def build(given: SignalsFile, net: Path, log: Log, start_frame: int, where: str)
     """The signals of a scenario.
 
     Args:
-        given: resolved.
+        given: resolved signals.
         net: SUMO net of the scenario.
-        log: of the scenario.
+        log: log of the scenario.
         start_frame: frame of the recording at step 0.
         where: names the scenario in errors.
 
     Raises:
-        InputError: a connection is not in the net, or is in two groups; a group of a change is unknown; or most of the
-            vehicles that pass the stop lines of a group do so at red, so that groups or times cannot be right.
+        InputError: a connection is not in the net, or is in two groups; a group of a change is unknown; or most
+            vehicles pass the stop lines of a group at red, so that groups or times must be wrong.
     """
     made = shown(given, read_links(net), log.steps, start_frame, where)
     check_heeded(heed(made, log), where)
@@ -217,12 +217,12 @@ def build(given: SignalsFile, net: Path, log: Log, start_frame: int, where: str)
 def shown(
     given: SignalsFile, every: Sequence[SignalLink], steps: int, start_frame: int = 0, where: str = "signals"
 ) -> Signals:
-    """What `given`, resolved, says for some steps from `start_frame` on, whether vehicles heed it or not.
+    """The signals of `given` for `steps` steps from `start_frame` on, without the check that vehicles heed them.
 
     Args:
-        given: resolved.
+        given: resolved signals.
         every: the controlled connections of the net, see :func:`litsim_sim.maps.signal_links.read_links`.
-        steps: how many.
+        steps: number of steps.
         start_frame: frame of the recording at step 0.
         where: names the scenario in errors.
 
@@ -264,7 +264,7 @@ def _members(groups: Mapping[str, Sequence[str]], links: Iterable[SignalLink], w
 
 
 def _cycle(given: SignalsFile, start_frame: int, steps: int, where: str) -> list[tuple[float, str, str]]:
-    """The changes of a fixed cycle from before `start_frame` on for `steps` steps."""
+    """The changes of a fixed cycle that determine the states of `steps` steps from `start_frame` on."""
     program = given.program
     assert program is not None  # SignalsFile has checked
     unknown = sorted({group for phase in program.phases for group in phase.states} - set(given.groups))
@@ -289,7 +289,7 @@ def _states(
     steps: int,
     where: str,
 ) -> ByteArray:
-    """(g, steps) states; of a group that has not changed yet, nothing is known."""
+    """(g, steps) states; UNAVAILABLE before the first change of a group."""
     states = np.full((len(groups), steps), int(SignalState.UNAVAILABLE), np.uint8)
     rows = {group: row for row, group in enumerate(groups)}
     last: dict[str, float] = {}
@@ -310,12 +310,12 @@ def _states(
 
 
 def heed(signals: Signals, log: Log, until: int | None = None) -> dict[str, tuple[int, int]]:
-    """By group, how many vehicles of the log pass its stop lines, and how many of them at red.
+    """Numbers of vehicles of the log that pass the stop lines, in total and at red, by group.
 
     Args:
-        signals: of the same steps as `log`.
-        log: of the vehicles.
-        until: last step at which they are counted; what they do then shows where they go. The last one if None.
+        signals: signals over the steps of `log`.
+        log: log of the vehicles.
+        until: last step at which passages count, so that later steps show the way taken; None for the last of the log.
     """
     found = crossings(signals.links, log.x, log.y, log.yaw, log.length, log.valid & ~log.obstacle[:, None])
     counted = found.step <= (log.steps if until is None else until)
@@ -325,16 +325,16 @@ def heed(signals: Signals, log: Log, until: int | None = None) -> dict[str, tupl
 
 
 def check_known(given: SignalsFile, known: bool, frames: tuple[int, int], where: str) -> None:
-    """Refuse signals, resolved, of which nothing is known at any time: a red light could not be told from a green one.
+    """Refuse signals whose states are never known.
 
     Args:
-        given: what is to be shown.
-        known: whether any group shows anything from the first through the last of the `frames`.
-        frames: as the recording counts them.
+        given: resolved signals.
+        known: whether the state of any group is known within `frames`.
+        frames: first and last frame of the recording.
         where: names the signals in errors.
 
     Raises:
-        InputError: nothing is.
+        InputError: no state is known.
     """
     if known:
         return
@@ -348,10 +348,10 @@ def check_known(given: SignalsFile, known: bool, frames: tuple[int, int], where:
 
 
 def check_heeded(counts: Mapping[str, tuple[int, int]], where: str) -> None:
-    """Refuse signals that most vehicles do not heed, by what :func:`heed` counted.
+    """Refuse signals that most vehicles do not heed, by the counts of :func:`heed`.
 
     Raises:
-        InputError: there is such a group; `where` names the signals.
+        InputError: a group is not heeded; `where` names the signals.
     """
     for name, (passed, at_red) in counts.items():
         if passed >= PASSED_MIN and at_red > AT_RED_MAX * passed:
@@ -367,7 +367,7 @@ def _read_changes(given: StateList, path: Path) -> list[tuple[float, str, Any]]:
         raise InputError(f"{path}: no such file of signal states")
     source = TableFile.open(path)
     table = source.read([given.group, given.begin, given.state], may_be_empty=True)
-    from pandas import to_numeric  # a run without such a file needs none of it
+    from pandas import to_numeric  # imported here, as runs without such a file do not need it
 
     stamped = is_stamped(table[given.begin])
     times = since_1970(table[given.begin]) if stamped else table[given.begin]

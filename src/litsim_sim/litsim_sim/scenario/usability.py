@@ -1,4 +1,4 @@
-"""Which of many scenarios can be loaded, and what the others lack."""
+"""Survey of scenarios: which can be loaded, and what the others lack."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from litsim_sim.core.errors import InputError, reason
 from litsim_sim.scenario.checks import UnmetDemandError
 from litsim_sim.scenario.scenario import Scenario, Sources
 
-FILES = "files"  # what is lacking where a file, or a field by itself, cannot be used
-SHOWN = 10  # scenarios that are named by :func:`describe`
+FILES = "files"  # stands for a file, or a single field, that cannot be used
+SHOWN = 10  # most scenarios that :func:`describe` lists
 
 
 @dataclass(frozen=True)
@@ -20,11 +20,10 @@ class Usability:
     """Whether a scenario can be loaded.
 
     Attributes:
-        name: of the scenario file.
-        lacks: the demand that it does not meet, of :class:`litsim_sim.scenario.checks.Demand` or :data:`FILES`; empty
-            where it can be loaded.
-        why: what loading says of it; empty likewise.
-        coverage: share of the recorded box centres on lanes; None where it cannot be loaded.
+        name: name of the scenario file.
+        lacks: unmet demand, a :class:`litsim_sim.scenario.checks.Demand` or :data:`FILES`; empty if it can be loaded.
+        why: error of loading; empty likewise.
+        coverage: share of the recorded box centres on lanes; None if it cannot be loaded.
     """
 
     name: str
@@ -34,7 +33,7 @@ class Usability:
 
 
 def survey(paths: Iterable[Path], sources: Sequence[Sources | None]) -> list[Usability]:
-    """Load the scenario files at `paths`, each with the recording and net of `sources` where they are in memory."""
+    """Load the scenario files at `paths`, each with its recording and net from `sources`, if given."""
     found = []
     for path, given in zip(paths, sources, strict=True):
         try:
@@ -46,7 +45,7 @@ def survey(paths: Iterable[Path], sources: Sequence[Sources | None]) -> list[Usa
 
 
 def describe(found: Sequence[Usability]) -> str:
-    """How many can be loaded, how many lack what, and of the first of those what loading says, as lines of text."""
+    """Text with the numbers of scenarios that can and cannot be loaded, and the errors of the first of the latter."""
     shares = [each.coverage for each in found if each.coverage is not None]
     lacking = [each for each in found if each.lacks]
     range_text = f"; {min(shares):.1%} to {max(shares):.1%} of the box centres on lanes" if shares else ""
