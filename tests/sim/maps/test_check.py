@@ -43,7 +43,7 @@ def test_a_recording_without_vehicles_is_refused(tmp_path: Path, capsys: pytest.
             main(["map", "--check", "us101_like", "--recording", str(tmp_path / "w.parquet"), *more])
         captured = capsys.readouterr()
         assert not captured.out
-        assert "w.parquet: holds pedestrians and cyclists alone" in captured.err
+        assert "w.parquet: holds only pedestrians and cyclists" in captured.err
 
 
 def colours(path: Path) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""By which shift and turn recorded tracks would lie best on the lanes of a net, and what a turn may come from.
+"""Alignment of recorded tracks with the lanes of a net by a shift and a turn, and possible causes of a turn.
 
 Iterated closest points, point to line: every position is matched with the lane that it is on or nearest to, and the
 small rigid motion that brings the positions onto those centre lines is solved for by weighted least squares (Chen and
@@ -31,8 +31,8 @@ BETTER = 0.02  # share of the positions on lanes that another start must win to 
 UNDETERMINED = 1e-3  # of the largest eigenvalue, below which a direction is not determined
 FACING = math.radians(45.0)  # by which a vehicle on a lane may head elsewhere than the lane
 
-IN_PLACE_M, IN_PLACE_RAD = 0.3, math.radians(0.1)  # that are no misplacement but where people drive in their lanes
-GAIN_MIN = 0.01  # share of the positions that a motion must bring onto lanes to be worth a word
+IN_PLACE_M, IN_PLACE_RAD = 0.3, math.radians(0.1)  # largest motion that is not a misplacement but drivers' preference
+GAIN_MIN = 0.01  # smallest share of positions that a reported motion brings onto lanes
 CONVERGENCE_MAX = math.radians(3.6)  # of UTM, at the edge of a zone of 6 degrees, near the poles; more is another cause
 CONVERGENCE_MATCH = math.radians(0.15)  # by which a turn may differ from the convergence that explains it
 
@@ -104,7 +104,7 @@ def grid_convergence(latitude: float, longitude: float) -> float:
 
 
 def explained(turn: float, origin: tuple[float, float] | None) -> str:
-    """What a turn of the tracks [rad] may come from, given latitude and longitude [degrees] of the site; or nothing.
+    """Possible cause of a turn of the tracks [rad], given latitude and longitude [degrees] of the site; else empty.
 
     Tracks in metres east and true north that are brought onto a net in UTM turn by the convergence, those in UTM on a
     net along true north by its opposite.
@@ -170,7 +170,7 @@ def _descended(
 def _on_lanes(
     lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray
 ) -> tuple[FloatArray, BoolArray, IntArray]:
-    """Distances (n,) of poses to centre lines [m], whether those lead about where they head, and whose they are."""
+    """Distances (n,) of poses to centre lines [m], whether these have about the same direction, and their lanes."""
     at = lane_map.nearest(x, y, yaw)
     foot_x, foot_y, _ = lane_map.pose_at(at.lane, at.s)
     return np.hypot(x - foot_x, y - foot_y), np.abs(wrap_angle(at.heading - yaw)) <= FACING, at.lane

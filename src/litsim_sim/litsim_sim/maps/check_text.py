@@ -1,4 +1,4 @@
-"""A net's check in words."""
+"""The result of a net's check as text."""
 
 from __future__ import annotations
 

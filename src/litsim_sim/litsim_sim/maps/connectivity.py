@@ -1,7 +1,7 @@
-"""Where the lanes of a net lead, and where nothing leads onto them.
+"""Connectivity of the lanes of a net: dead ends, unreachable lanes, missing links and crossing edges.
 
-A net of one's own is often a drawing in which a link was forgotten, or lanes inside an intersection are not marked as
-such. Both load without a warning; here is said which lanes they are.
+Hand-made nets often lack a link, or have lanes inside an intersection that are not marked as such. Both load without a
+warning; this module finds the lanes.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Connectivity:
 
 
 def connectivity(lane_map: LaneMap) -> Connectivity:
-    """Everything that :class:`Connectivity` tells of the lanes."""
+    """Check the connectivity of the lanes of `lane_map`."""
     lanes = lane_map.lanes
     onwards = {lane.edge_id for lane in lanes if lane.successors}
     after = {lane.id: lane.successors for lane in lanes}

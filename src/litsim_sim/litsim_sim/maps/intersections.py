@@ -149,7 +149,7 @@ def _arms(rows: pd.DataFrame) -> tuple[list[_Arm], IntArray]:
 
 
 def _main_direction(vehicle: IntArray, x: FloatArray, y: FloatArray) -> FloatArray | None:
-    """Unit vector of most displacements over a second or so, None if nobody moves."""
+    """Unit vector of the prevailing direction of displacements over about a second; None if no vehicle moves."""
     ahead = 10
     if len(x) <= ahead:
         return None

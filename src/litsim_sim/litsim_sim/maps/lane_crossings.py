@@ -1,4 +1,4 @@
-"""Where lanes of a net cross: what tells an intersection from a road."""
+"""Crossings of lanes of a net, which distinguish an intersection from a road."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def lane_crossings(lanes: Sequence[Lane]) -> FloatArray:
 
 
 def crossing_pairs(lines: Sequence[shapely.LineString]) -> list[tuple[int, int]]:
-    """Positions of lines that cross each other, each pair both ways round."""
+    """Pairs of indices of lines that cross each other, each in both orders."""
     first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
     return list(zip(first.tolist(), second.tolist(), strict=True))
 
 
 def crossing_points(a: shapely.LineString, b: shapely.LineString) -> list[shapely.Point]:
-    """Points at which two lines cross; where they share more than a point is none."""
+    """Points at which two lines cross; stretches that they share do not count."""
     return [part for part in shapely.get_parts(shapely.intersection(a, b)).tolist() if part.geom_type == "Point"]
 
 

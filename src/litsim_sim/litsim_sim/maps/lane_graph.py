@@ -1,4 +1,4 @@
-"""How lanes follow each other: where a road goes on, and which lanes a vehicle may lie on at once."""
+"""Succession of lanes: straightest successors, and directly linked lanes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def directly_linked(lanes: Sequence[Lane]) -> BoolArray:
 
 
 def straightest_successors(lanes: Sequence[Lane]) -> list[int | None]:
-    """For each lane the position of the successor that turns least, the first by id of several; None at a net's end."""
+    """Index of the successor that turns least for each lane, the first by id of ties; None at an end of the net."""
     row = {lane.id: index for index, lane in enumerate(lanes)}
     first, last = 0, -1  # segment of a centre line
 

@@ -1,4 +1,4 @@
-"""Lane queries on a SUMO net: where is a pose on the road, and where does the road lead.
+"""Lane queries on a SUMO net: positions of poses on lanes, and paths along lanes.
 
 Everything is in frame map: metres of the net, x right, y up, headings in radians counter-clockwise from +x. Along a
 lane, `s` is the arc length of its centre line from its start and `d` the distance to the left of it.

@@ -1,4 +1,4 @@
-"""Where a net ends: the ends of the roads that lead out of it."""
+"""Ends of a net: the ends of the roads that lead out of it."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import shapely
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.maps.net_lanes import Lane
 
-BEYOND_MAX = 10.0  # [m] past an end within which somebody has just left by it: two steps at any speed
-SIDE_ROOM = 3.5  # [m] to either side of a lane within which one still leaves by it
-GOES_ON = 6.0  # [m] within which no other lane may go on in the same direction: a lane that is dropped is no end
+BEYOND_MAX = 10.0  # [m] longest distance past an end of a vehicle that has just left by it: two steps at any speed
+SIDE_ROOM = 3.5  # [m] lateral distance from a lane within which a vehicle leaves by it
+GOES_ON = 6.0  # [m] a lane that ends beside another of the same direction, within this distance, is not an end
 SAME_DIRECTION = np.deg2rad(60.0)
 
 
@@ -31,7 +31,7 @@ class NetEnds:
         self._reach = np.array([0.5 * lane.width + SIDE_ROOM for lane in self._ends])
 
     def passed(self, x: float, y: float) -> str | None:
-        """The lane by whose end whoever is at (x, y) [m], on no lane, has just left the net; None if by none."""
+        """Id of the lane by whose end a vehicle at (x, y) [m], on no lane, has just left the net; None for none."""
         ahead, left = to_body(x - self._x, y - self._y, self._heading)
         near = (ahead > 0.0) & (ahead <= BEYOND_MAX) & (np.abs(left) <= self._reach)
         for k in np.flatnonzero(near)[np.argsort(np.abs(left[near]), kind="stable")]:
@@ -40,7 +40,7 @@ class NetEnds:
         return None
 
     def _goes_on(self, x: float, y: float, heading: float) -> bool:
-        """Whether a road leads on beside (x, y) [m] in the direction `heading` [rad]."""
+        """Whether a road continues beside (x, y) [m] in the direction `heading` [rad]."""
         point = shapely.Point(x, y)
         for lane in self._lanes:
             line = shapely.LineString(lane.centerline)

@@ -14,7 +14,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
 UNREADABLE = (SAXException, OSError, KeyError, ValueError, AttributeError, TypeError, IndexError)
-"""What sumolib raises on what is no net, or is damaged."""
+"""Exceptions that sumolib raises for files that are damaged or not nets."""
 
 TOLERANCE = 1e-3  # [m] coordinates of a net are rounded to this
 
@@ -60,7 +60,7 @@ def read_lanes(path: Path) -> list[Lane]:
 
 
 def unreadable_net(path: Path, error: Exception) -> InputError:
-    """The error that the file at `path` is no SUMO net, and where in it sumolib has given up."""
+    """An error about the file at `path`, which is not a SUMO net, with the place at which sumolib failed."""
     if isinstance(error, SAXParseException):
         why = f"line {error.getLineNumber()}, column {(error.getColumnNumber() or 0) + 1}: {error.getMessage()}"
     else:

@@ -96,7 +96,7 @@ def import_opendrive(source: Path, path: Path) -> list[str]:
 def _convert(options: Sequence[str], path: Path, folder: Path, outlines: Mapping[str, str], source: str) -> list[str]:
     command = [
         *(str(find_netconvert()), *options, "--output-file", "made.net.xml", "--precision", str(DECIMALS)),
-        # The frame must stay as given.
+        # keep the frame of the input
         *("--offset.disable-normalization", "--no-turnarounds"),
     ]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)

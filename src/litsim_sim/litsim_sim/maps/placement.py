@@ -1,4 +1,4 @@
-"""How recorded positions lie on the lanes of a net, and which of them lie farthest beside."""
+"""Placement of recorded positions on the lanes of a net, and the worst misses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 
-WORST = 10  # vehicles whose worst miss is told
+WORST = 10  # most vehicles whose worst miss is reported
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,8 @@ class Miss:
     """A box centre on no lane.
 
     Attributes:
-        vehicle, frame: whose, and when.
-        x, y: where, in frame map [m].
+        vehicle, frame: vehicle and frame.
+        x, y: position in frame map [m].
         beyond: distance to the nearest edge of a lane [m].
         lane: that lane.
         past_end: whether it lies before the start or past the end of that lane rather than beside it.
@@ -53,7 +53,7 @@ class Placement:
         offset: median distance to the left of the lane's middle [m].
         missing: vehicles with a box centre on no lane.
         past_end: share of the misses that lie before the start or past the end of the nearest lane.
-        worst: of the WORST vehicles that are farthest off, the worst miss each, farthest first.
+        worst: the worst miss of each of the WORST farthest vehicles, farthest first.
     """
 
     rows: int

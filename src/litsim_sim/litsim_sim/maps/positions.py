@@ -1,4 +1,4 @@
-"""Positions for building and checking maps, from recordings of any format; the raw columns where a fit needs them."""
+"""Positions for building and checking maps, from recordings of any format, with raw columns if a fit needs them."""
 
 from __future__ import annotations
 
@@ -74,14 +74,14 @@ def for_fitting(path: Path, site: str = "") -> Positions:
 
 
 def vehicles_of(table: pd.DataFrame, where: str) -> pd.DataFrame:
-    """The rows of a neutral table without those of pedestrians and cyclists, who keep to no lanes.
+    """The rows of a neutral table without pedestrians and cyclists, which do not keep to lanes.
 
     Raises:
-        InputError: there is nobody else; `where` names the recording.
+        InputError: no other agents are left; `where` names the recording.
     """
     vehicles = table[~is_obstacle(table["kind"].to_numpy())]
     if vehicles.empty:
-        raise InputError(f"{where}: holds pedestrians and cyclists alone, who keep to no lanes: expected vehicles")
+        raise InputError(f"{where}: holds only pedestrians and cyclists, expected vehicles")
     return vehicles
 
 

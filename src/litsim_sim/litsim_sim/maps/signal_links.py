@@ -1,4 +1,4 @@
-"""Connections of a SUMO net that signals control, and where vehicles stop for them."""
+"""Signal-controlled connections of a SUMO net, and their stop lines."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _link(connection: Any, lanes: dict[str, Lane]) -> SignalLink:
 
 @dataclass(frozen=True)
 class Crossings:
-    """Who passed a stop line when, and on which way; arrays (c,), in the order of agents and steps.
+    """Passages of stop lines; arrays (c,), sorted by agent and step.
 
     Attributes:
         agent: row of the agent.
@@ -111,11 +111,10 @@ class Crossings:
 def crossings(
     links: Sequence[SignalLink], x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, valid: BoolArray
 ) -> Crossings:
-    """Who passes the stop lines of `links`.
+    """Passages of the stop lines of `links`.
 
-    A line is passed where the middle of the front comes to be `PASSED` beyond it, in the direction of the lane. Which
-    connection of the lane is taken shows after the junction; of a vehicle that is not seen there, the connection whose
-    way out it came nearest to counts.
+    A line is passed when the front centre gets `PASSED` beyond it, in the direction of the lane. The connection is
+    determined after the junction; for a vehicle that is not seen there, by the exit that it came nearest to.
 
     Args:
         links: connections.
