@@ -1,4 +1,4 @@
-"""What command lines share: errors in one line, help that names defaults, numbers that say what was expected."""
+"""Common parts of command lines: errors in one line, defaults in help, and checked numbers."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from typing import Any, NoReturn
 from litsim_sim.core.errors import EXIT_INPUT, print_error
 
 COMMAND = "--"
-"""After it comes the command of a stack, whose words are none of ours."""
+"""Separator before the command of a stack, which is not parsed."""
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse's parser, whose errors are one line like those of all input, and which takes no empty value.
+    """An argparse parser with errors in one line that refuses empty values.
 
-    An option with nothing in it is that of a script with a variable that is not set: the default that it stands for
-    elsewhere, or the current folder, is not what was meant.
+    An empty value usually comes from an unset variable in a script; a default or the current folder would not be what
+    was meant.
     """
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -43,7 +43,7 @@ class Parser(argparse.ArgumentParser):
 
 
 class DefaultsFormatter(argparse.ArgumentDefaultsHelpFormatter):
-    """Help that names the defaults of those options that have a value of their own."""
+    """Help with the defaults of all options that have one."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         plain = action.default is None or action.default == [] or isinstance(action.default, bool)
@@ -57,7 +57,7 @@ class DefaultsFormatter(argparse.ArgumentDefaultsHelpFormatter):
 
 
 def number(low: float, high: float = inf, *, above: bool = False) -> Callable[[str], float]:
-    """A type of finite numbers from `low` to `high`; greater than `low` where `above` is set."""
+    """An argparse type of finite numbers from `low` to `high`; greater than `low` if `above`."""
     least = f"more than {low:g}" if above else f"at least {low:g}"
     expected = f"a number of {least}" + (f" and at most {high:g}" if high < inf else "")
 

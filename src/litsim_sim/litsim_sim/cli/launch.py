@@ -29,15 +29,15 @@ from litsim_sim.record.failure import write_failure
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan, commit
 
 FIRST = {BRIDGE: 0, RECORDER: 1}
-"""In this order: the bridge takes longest to get ready, and who is late waits for its next greeting."""
+"""In order of start: the bridge takes longest to get ready, and late stages wait for its next greeting."""
 STATUS_HELP = "Exit status: 0, the run is valid; 1, it failed or is not valid, and stderr says why; 2, bad input."
 
 
 def launch(arguments: argparse.Namespace) -> int:
-    """Run the graph that the arguments ask for; returns the exit status.
+    """Run the graph; return the exit status.
 
     Raises:
-        InputError: something cannot be used; found before anything is started.
+        InputError: an input cannot be used; raised before anything is started.
     """
     with without_collection():
         check_security(os.environ)
@@ -54,7 +54,7 @@ def launch(arguments: argparse.Namespace) -> int:
             check_output(options.out, options.overwrite)
             prepare_nodes()
     with held_output(options.out):
-        make_room(options.out, options.overwrite)  # what fails before it is recorded is not to pass for what lay there
+        make_room(options.out, options.overwrite)  # else an earlier recording would remain if this run fails early
         with domain as domain_id:
             graph = Graph(options.out, domain_id, options.answer_timeout_s)
             _announce(arguments, plan, domain_id)
@@ -73,7 +73,7 @@ def launch(arguments: argparse.Namespace) -> int:
 
 
 def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments: argparse.Namespace) -> None:
-    """Start `nodes`, and the user's stack; wait for the run to end, and leave no process behind, whatever happens.
+    """Start `nodes` and the user's stack, and wait for the run to end; always end all processes.
 
     Raises:
         GraphFailed: the run has failed.
@@ -93,7 +93,7 @@ def _run(graph: Graph, nodes: list[GraphNode], paths: dict[str, Path], arguments
 
 
 def _show(out: Path) -> None:
-    """The report of what a run that has failed left in `out`, as far as it goes; none where that cannot be read."""
+    """Write the report of the partial recording that a failed run left in `out`, if it can be read."""
     from litsim_sim.report.run_report import write_report  # as below
 
     with suppress(InputError):
@@ -101,8 +101,8 @@ def _show(out: Path) -> None:
 
 
 def _measure(out: Path, quiet: bool) -> int:
-    """Measures and report of the recording in `out`; returns the exit status."""
-    from litsim_sim.analysis.analyze import measure  # the nodes need none of this, and begin without waiting for it
+    """Write measures and report of the recording in `out`; return the exit status."""
+    from litsim_sim.analysis.analyze import measure  # imported here, so that the nodes start without waiting for it
     from litsim_sim.record.run import read_run
     from litsim_sim.report.run_report import REPORT_FILE, render, save
     from litsim_sim.report.terminal import print_metrics
@@ -116,7 +116,7 @@ def _measure(out: Path, quiet: bool) -> int:
 
 
 def _check_no_campaign(out: Path) -> None:
-    """See that a run is not recorded among the runs of a campaign, where it would lie without being one.
+    """Check that a run is not recorded into the folder of a campaign.
 
     Raises:
         InputError: `out` is the folder of a campaign.

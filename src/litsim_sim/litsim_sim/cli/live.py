@@ -23,7 +23,7 @@ def parser() -> argparse.ArgumentParser:
     serving = p.add_argument_group("Foxglove over a WebSocket (needs foxglove-sdk)")
     serving.add_argument("--foxglove", action="store_true", help="serve all topics and the markers")
     serving.add_argument("--port", type=_port, help=f"default: {PORT}; 0 takes a free one")
-    serving.add_argument("--host", help=f"address to listen on (default: {HOST}, for this machine alone)")
+    serving.add_argument("--host", help=f"address to listen on (default: {HOST}, this machine only)")
     return p
 
 

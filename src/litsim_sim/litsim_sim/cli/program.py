@@ -1,4 +1,4 @@
-"""What every command-line program has in common: what it prints of an error, its exit status, numbers as options."""
+"""Common parts of command-line programs: printing of errors, exit statuses, and numbers as options."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from litsim_sim.launch.child import SIGNALS
 P = ParamSpec("P")
 
 RUN_STATUS_HELP = "Exit status: 0, the run is valid; 1, it is not, and stderr says why; 2, bad input."
-"""Of programs that end with :func:`run_status`."""
+"""Help of programs that end with :func:`run_status`."""
 
 NOT_OF_RUNS = ("lightning", "onnx", "torch")
-"""Libraries of training and of the development of networks, which `make setup` does not install."""
+"""Libraries for training, which `make setup` does not install."""
 
 
 def program(main: Callable[P, int | None]) -> Callable[P, None]:
-    """The entry point of a program whose work is `main`; it returns where the work went well, and exits otherwise.
+    """Decorator that makes `main` the entry point of a program, which returns on success and else exits.
 
     Args:
-        main: returns the exit status of what it did, or None for 0. An :class:`InputError` that it raises is one line
-            on stderr and status 2, and so is a library of training that is not there; Ctrl-C is status 130, without a
-            traceback; where whoever read its output has gone, as `head` does, it ends quietly with status 1.
+        main: returns the exit status, or None for 0. An :class:`InputError` that it raises, or a missing library for
+            training, is one line on stderr and status 2; Ctrl-C is status 130 without a traceback; a closed output
+            pipe, as with `head`, is status 1 without a message.
     """
 
     @wraps(main)
@@ -54,7 +54,7 @@ def program(main: Callable[P, int | None]) -> Callable[P, None]:
         except KeyboardInterrupt:
             status = EXIT_INTERRUPTED
         except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left would fail again at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else flushing at exit would fail again
             status = EXIT_FAILED
         if status:
             sys.exit(status)
@@ -63,11 +63,11 @@ def program(main: Callable[P, int | None]) -> Callable[P, None]:
 
 
 def run_status(metrics: Mapping[str, Any], what: object) -> int:
-    """Exit status of a program that has measured a run: that of failure where the run is not valid, which is said.
+    """Exit status of a program that has measured a run: EXIT_FAILED, with an error on stderr, if it is not valid.
 
     Args:
         metrics: the tree of `metrics.json`.
-        what: was run, as the error is to name it.
+        what: name of the run in the error.
     """
     if metrics["valid"]:
         return 0
@@ -76,9 +76,9 @@ def run_status(metrics: Mapping[str, Any], what: object) -> int:
 
 
 def interrupt_on_signals() -> None:
-    """Let SIGTERM, and SIGHUP where nohup does not hold it back, do what Ctrl-C does: end what was started in order.
+    """Let SIGTERM, and SIGHUP unless nohup ignores it, act like Ctrl-C: end all started processes in order.
 
-    SIGINT is set too, for background jobs of scripts begin with it ignored.
+    SIGINT is set too, since background jobs of scripts ignore it.
     """
     for number in SIGNALS:
         if number != signal.SIGHUP or signal.getsignal(number) == signal.SIG_DFL:

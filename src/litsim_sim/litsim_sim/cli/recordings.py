@@ -1,4 +1,4 @@
-"""What several commands do with a recording: say what it holds, find the net that it lies on."""
+"""Common parts of commands on recordings: describing one, and finding its net."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from litsim_sim.core.scene import STEP_S, Kind
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.scenario.scenario import packaged, packaged_nets
 
-LONG_NOTES = ("mapping", "ids", "moved_by_cleaning_m")  # of a header, which are whole tables
+LONG_NOTES = ("mapping", "ids", "moved_by_cleaning_m")  # notes of a header that are whole tables
 
 
 def describe(recording: Recording) -> str:
-    """What a recording holds, as text."""
+    """Description of a recording, as text."""
     header, table = recording.header, recording.table
     vehicles = table.drop_duplicates("vehicle_id")
     per_frame = table.groupby("frame").size()
@@ -36,7 +36,7 @@ def describe(recording: Recording) -> str:
 
 
 def net_of(header: RecordingHeader, recording: Path, named: str | None = None) -> Path:
-    """The net on which a recording lies.
+    """The net of a recording.
 
     Args:
         header: of the recording; its field `net` names a packaged net or a file.

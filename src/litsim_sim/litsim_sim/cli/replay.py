@@ -16,7 +16,7 @@ from litsim_sim.launch.executables import find_executable
 
 STAGES = (*POLICY_STAGES, EGO)
 RERUN = ("litsim_policy", "rerun")
-"""Package and executable that has all stages in one process; this package is below it and imports nothing of it."""
+"""Package and executable with all stages in one process; called as a program, since it depends on this package."""
 
 KEYS = "While it plays in a terminal: space pauses, s steps, arrows seek 1 s (paused: one step), + - rate, q quits."
 
@@ -96,7 +96,7 @@ def _repair(bag: Path, out: Path) -> None:
 
 
 def _rerun(arguments: argparse.Namespace) -> NoReturn:
-    """Hand over to the package that has the stages; its exit status is that of this command."""
+    """Replace this process by the program with the stages."""
     if arguments.node and arguments.node not in STAGES:
         raise InputError(f"--node: there is no stage {arguments.node!r}, expected one of {', '.join(STAGES)}")
     path = find_executable(*RERUN)
@@ -107,7 +107,7 @@ def _rerun(arguments: argparse.Namespace) -> NoReturn:
 
 
 def split_arguments(words: list[str]) -> tuple[list[str], list[str]]:
-    """Arguments of ours, and those of ROS."""
+    """Split the command line into own arguments and those of ROS."""
     at = words.index("--ros-args") if "--ros-args" in words else len(words)
     return words[:at], words[at:]
 

@@ -1,4 +1,4 @@
-"""The arguments that say what is run: the same of `launch` and `run`."""
+"""Arguments that define a run, shared by `launch` and `run`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ END_AFTER_CONTACT: dict[str, Any] = {
     "metavar": "SECONDS",
     "help": "end a run this long after the ego's first contact; default: as the scenario says, usually not at all",
 }
-"""What argparse is told of an option `--end-after-contact`."""
+"""Arguments of argparse for the option `--end-after-contact`."""
 
 
 def add_run_arguments(p: argparse.ArgumentParser, egos: Sequence[str]) -> None:
-    """What is run, once, with one of `egos`; :func:`plan_of` reads it."""
+    """Add the arguments of a single run with one of `egos`; see :func:`plan_of`."""
     p.add_argument("--scenario", default="demo", help="name of a packaged scenario, or a YAML file")
     external = "; external: your own stack" if EXTERNAL in egos else ""
     p.add_argument("--ego", default="idm", choices=tuple(egos), help=f"what drives the ego{external}")
@@ -28,7 +28,7 @@ def add_run_arguments(p: argparse.ArgumentParser, egos: Sequence[str]) -> None:
         "--predictor", metavar="MODEL", help="packaged model, or file of weights; default: parameter predictor.model"
     )
     p.add_argument("--ego-id", type=int, help="vehicle of the recording that is the ego; default: the scenario's")
-    p.add_argument("--seed", type=int, help="seed of everything random; default: the scenario's")
+    p.add_argument("--seed", type=int, help="seed of all randomness; default: the scenario's")
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
     p.add_argument(
         "--vehicle",
@@ -42,7 +42,7 @@ def add_run_arguments(p: argparse.ArgumentParser, egos: Sequence[str]) -> None:
 
 
 def plan_of(arguments: argparse.Namespace) -> RunPlan:
-    """The run that arguments of :func:`add_run_arguments` ask for.
+    """The run defined by arguments of :func:`add_run_arguments`.
 
     Raises:
         InputError: the scenario cannot be used.

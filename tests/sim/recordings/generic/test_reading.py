@@ -137,7 +137,7 @@ def test_tracks_are_cut_where_the_vehicle_is_another_one(converted: Callable[...
 def test_ids_that_vehicles_share_are_refused(converted: Callable[..., Any], traffic: Traffic) -> None:
     table = traffic()
     table.loc[(table["track_id"] == 1) & (table.index % 10 == 5), "x"] += 500.0
-    said = r"in.csv: lines 6 and 7: vehicle 1 moves by 500\.\d m within 0.04 s; 60 such jumps: has every vehicle an id"
+    said = r"in.csv: lines 6 and 7: vehicle 1 moves by 500\.\d m within 0.04 s; 60 such jumps: does every vehicle"
     with pytest.raises(InputError, match=said):
         converted(table)
 

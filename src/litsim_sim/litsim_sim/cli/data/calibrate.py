@@ -1,4 +1,4 @@
-"""`data calibrate`: fit drivers to recorded traffic, and compare what they make of it with recorded windows."""
+"""`data calibrate`: fit driver models to recorded traffic, and compare generated traffic with recorded windows."""
 
 from __future__ import annotations
 

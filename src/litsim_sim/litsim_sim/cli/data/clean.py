@@ -1,4 +1,4 @@
-"""`data clean`: a recording with smooth motion that agrees with itself, and what that changed."""
+"""`data clean`: smooth the motion of a recording consistently, and report the changes."""
 
 from __future__ import annotations
 

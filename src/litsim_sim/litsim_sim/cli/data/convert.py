@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from litsim_sim.recordings.generic.mapping import Mapping
 
 
-NOT_DRAFTED = ("mapping", "vehicles", "clip", "crop", "raw", "truncated")  # options that change no draft
+NOT_DRAFTED = ("mapping", "vehicles", "clip", "crop", "raw", "truncated")  # options that do not apply to a draft
 
 
 def add(subparsers: Any) -> None:
@@ -50,7 +50,7 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Convert and say what came out.
+    """Convert, and print the result.
 
     Raises:
         InputError: IN cannot be used, `--crop` or the mapping do not fit it, or OUT cannot be written.
@@ -109,7 +109,7 @@ def _convert_mapped(arguments: argparse.Namespace, crop: dict[str, list[float]])
 
 
 def _with_signals(recording: Recording, mapping: Mapping, file: Path, out: Path) -> tuple[Recording, list[str]]:
-    """The recording with the signals that the mapping in `file` names, and how vehicles heed them, in lines.
+    """The recording with the signals that the mapping in `file` names, and lines on how vehicles heed them.
 
     Frames of a file of states are those of the table, where it counts frames, and else those of the recording.
 
@@ -142,7 +142,7 @@ def _draft(arguments: argparse.Namespace) -> None:
         raise InputError(f"--draft goes without {', '.join(f'--{name}' for name in given)}")
     out = _file(arguments.out)
     if out.exists():
-        raise InputError(f"{out}: is there already; --draft replaces nothing")
+        raise InputError(f"{out}: exists already; --draft does not overwrite")
     text = draft(arguments.sources)
     with replacing(out) as new:
         new.write_text(text, encoding="utf-8")

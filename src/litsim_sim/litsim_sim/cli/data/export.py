@@ -26,5 +26,5 @@ def run(arguments: argparse.Namespace) -> None:
 
     rows = trajectories(read_run(arguments.bag))
     write(rows, arguments.out)
-    who = ", ".join(f"{count} {name}" for name, count in rows["controller"].value_counts().items())
-    print(f"{arguments.out}: {len(rows)} rows of {rows['vehicle_id'].nunique()} agents ({who})")
+    counts = ", ".join(f"{count} {name}" for name, count in rows["controller"].value_counts().items())
+    print(f"{arguments.out}: {len(rows)} rows of {rows['vehicle_id'].nunique()} agents ({counts})")

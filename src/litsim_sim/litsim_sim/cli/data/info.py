@@ -1,4 +1,4 @@
-"""`data info`: what a recording holds."""
+"""`data info`: describe a recording."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from litsim_sim.recordings.ngsim import formats as ngsim_format
 
 def add(subparsers: Any) -> None:
     """Add the parser of the command."""
-    command = subparsers.add_parser("info", help="what a recording holds; official NGSIM files are read, not converted")
+    command = subparsers.add_parser("info", help="describe a recording; official NGSIM files are read, not converted")
     command.add_argument("file", type=Path, help="recording of any known format")
     command.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Print what the file holds.
+    """Describe the file.
 
     Raises:
         InputError: it is no recording, or a line of an official file cannot be used.

@@ -49,7 +49,7 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Cut, write and say what came out; returns the exit status: 1 where none of the scenarios can be loaded.
+    """Cut, write and print the result; return the exit status: 1 if none of the scenarios can be loaded.
 
     Raises:
         InputError: as :func:`cut_files` and :func:`reproduce`, or the arguments do not fit each other.
@@ -86,7 +86,7 @@ def cut_files(
     """Cut the recordings at `paths` and write manifest and scenario files to the folder `out`.
 
     Returns:
-        the manifest, and the recordings, cropped.
+        The manifest, and the cropped recordings.
 
     Raises:
         InputError: a recording, its net or `out` cannot be used.
@@ -106,7 +106,7 @@ def cut_files(
 
 
 def reproduce(path: Path, out: Path) -> tuple[segments.Manifest, list[Recording]]:
-    """Cut again what the manifest at `path` says and write it to `out`; returns the same as :func:`cut_files`.
+    """Cut again by the manifest at `path`, and write to `out`; return the same as :func:`cut_files`.
 
     Raises:
         InputError: the manifest or a recording cannot be used, or `out` cannot be written.
@@ -131,7 +131,7 @@ def reproduce(path: Path, out: Path) -> tuple[segments.Manifest, list[Recording]
 
 
 def _stored(path: Path, folder: Path) -> str:
-    """`path` as the manifest in `folder` names it: below LITSIM_DATA by that, otherwise relative to the folder."""
+    """`path` in the form of the manifest in `folder`: relative to $LITSIM_DATA if below it, else to the folder."""
     data = os.environ.get(DATA_VARIABLE)
     if data and path.resolve().is_relative_to(Path(data).resolve()):
         return f"${{{DATA_VARIABLE}}}/{path.resolve().relative_to(Path(data).resolve()).as_posix()}"
@@ -158,4 +158,4 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise InputError(f"--crop: {text} is no number; expected a column and two numbers") from error
+        raise InputError(f"--crop: {text} is not a number; expected a column and two numbers") from error

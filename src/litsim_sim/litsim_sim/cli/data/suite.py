@@ -1,4 +1,4 @@
-"""`data suite`: find scenarios in recordings by what happens in them, and write a suite of them."""
+"""`data suite`: find events in recorded scenarios, and write a suite of them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from litsim_sim.scenario.scenario import Scenario
 
 CRITICAL = 0.5  # severity at which a measure meets its criticality target
 ASKED = tuple(kind for kind in EventKind if kind not in (EventKind.FOLLOWING, EventKind.TURN))
-"""What is looked for unless something else is asked for: everything but what happens all the time."""
+"""Kinds searched by default: all but the ubiquitous ones."""
 
 
 def add(subparsers: Any) -> None:
@@ -59,7 +59,7 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int | None:
-    """Find, choose, print and write; status 1 where nothing is found.
+    """Find, choose, print and write; return status 1 if nothing is found.
 
     Raises:
         InputError: a scenario cannot be used, an event is unknown, or a file cannot be written.
@@ -88,9 +88,9 @@ def run(arguments: argparse.Namespace) -> int | None:
 
 
 def find(names: Sequence[str], kinds: Sequence[EventKind]) -> list[Found]:
-    """The events of `kinds` in the scenarios named, in their order; a bar on stderr says how far it is.
+    """The events of `kinds` in the scenarios `names`, in order; with a progress bar on stderr.
 
-    Where scenarios are pieces of one recording that overlap, an event is of the first one that has it.
+    An event in several overlapping scenarios of one recording counts in the first.
 
     Raises:
         InputError: a scenario cannot be used.
@@ -111,10 +111,10 @@ def find(names: Sequence[str], kinds: Sequence[EventKind]) -> list[Found]:
 
 
 def parse_events(text: str | None) -> dict[EventKind, int | None]:
-    """The kinds that `--events` names, each with its own number where it has one.
+    """The kinds that `--events` names, each with its number, if given.
 
     Raises:
-        InputError: a kind is unknown, named twice, or its number is none.
+        InputError: a kind is unknown or named twice, or its number is malformed.
     """
     if text is None:
         return dict.fromkeys(ASKED)
@@ -132,7 +132,7 @@ def parse_events(text: str | None) -> dict[EventKind, int | None]:
 
 
 def table(found: Sequence[Found], chosen: Sequence[Chosen]) -> Table:
-    """How many events of each kind there are, around how many egos, how severe, and how many cases came of them."""
+    """Table of the events by kind: their number, egos, severities, and the number of cases chosen."""
     columns = ("event", "found", "egos", "least", "25 %", "median", "75 %", "most", f"from {CRITICAL:g} on", "cases")
     out = Table(title=f"severity of {len(found)} events", title_justify="left", box=None, pad_edge=False)
     for number, column in enumerate(columns):

@@ -35,7 +35,7 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Generate and say what came out.
+    """Generate, and print the result.
 
     Raises:
         InputError: the seed gives no usable traffic, `out` cannot be written, or the arguments do not fit each other.
