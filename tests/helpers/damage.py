@@ -1,4 +1,4 @@
-"""Damage done to files on purpose, and whether who reads them notices.
+"""Damage done to files on purpose, and checks that readers notice it.
 
 ``./litsim exec python tests/helpers/damage.py BAG [BAG …] --tries 20000`` damages copies of records of runs, measures
 each as ``analyze`` does, and prints how often which damage gave what.

@@ -1,4 +1,4 @@
-"""A pedestrian who crosses the embedded motorway and a cyclist beside it, as a recording and a scenario."""
+"""A pedestrian that crosses the embedded motorway and a cyclist beside it, as a recording and a scenario."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ROS messages as somebody might send them who means no good, or no LitSim: one field of a good one is made wrong."""
+"""Malformed ROS messages, as from a faulty or foreign node: valid ones with one wrong field."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class Case:
         name: for people, unique in a campaign.
         scenario: a packaged name, or the absolute path of a file.
         ego_id: vehicle that is the ego.
-        ego: who drives it.
+        ego: driver of the ego.
         policy: what moves the background.
         label: what tells its row from others of the same ego and policy; may be empty.
         seed: of everything random; None is the scenario's.

@@ -47,7 +47,7 @@ class CampaignFolder:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep other programs on this machine from running a campaign in this folder; a killed one keeps nobody.
+        """Lock the folder against other campaigns on this machine; the lock ends with the process.
 
         Raises:
             InputError: one is running here, or the folder cannot be used.

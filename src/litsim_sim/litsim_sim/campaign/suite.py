@@ -101,7 +101,7 @@ class CaseEntry(BaseModel):
 
 
 class EgoSetup(BaseModel):
-    """Who drives the ego.
+    """Driver of the ego.
 
     Attributes:
         name: in tables; that of the kind where none is given.
@@ -157,7 +157,7 @@ class Suite(BaseModel):
         include: other suites, packaged names or files relative to this one, whose cases come before its own;
             :meth:`load` has put them into `cases`.
         cases: scenarios, and which of their vehicles are the ego.
-        egos: who drives it.
+        egos: drivers of the ego.
         policies: of :data:`litsim_sim.scenario.run_info.POLICIES`, names of packaged setups, or setups.
         seeds: a run for each; where there are none, one with the scenario's seed.
         end_after_contact_s: time after the first contact of its ego at which a run is over [s]; null leaves it to the

@@ -49,11 +49,11 @@ class EgoPort:
     it is a future one, and dropped.
 
     Attributes:
-        interface: in use; None as long as nothing has come.
+        interface: interface in use; None before the first message.
         counts: messages by what became of them, under the names of :data:`COUNTS`: `answered`; `late`, of a step
             before, and held from then on; `stale`, of a step before or another run; `future`, of a step to come;
             `surplus`, another to the same step; `invalid`; `refused`, of another interface.
-        remarks: to be said; whoever says them clears the list.
+        remarks: remarks to be published; the publisher clears the list.
         answered: newest step that was answered, for better or worse; -1 before the first.
         heard: whether anything at all has come.
         unfit: in words, what has come last instead of an answer to the current step; empty for nothing.

@@ -153,7 +153,7 @@ class Graph:
         return child.name == STACK and self._progress is not None and self._progress.complete
 
     def _heard_of_failure(self, dead: Sequence[Child]) -> bool:
-        """Whether all of `dead` have ended after the bridge has told everybody that the run has failed."""
+        """Whether all of `dead` have ended after the bridge announced that the run has failed."""
         failed = self._progress.failed if self._progress else None
         return failed is not None and all(child.ended_at > failed for child in dead)
 
@@ -205,7 +205,7 @@ class Progress(threading.Thread):
         complete: whether the last step has been answered.
         step: that was named last; 0 before the first.
         heard: when a line has come last, on the monotonic clock [s].
-        failed: when the bridge was about to tell everybody that the run has failed; None where it was not.
+        failed: time at which the bridge was about to announce that the run has failed; None if it did not.
     """
 
     def __init__(self, lines: IO[str], quiet: bool) -> None:

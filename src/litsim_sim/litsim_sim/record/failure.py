@@ -1,4 +1,4 @@
-"""Why a run has failed, beside its recording: what who watched it saw, and the recording itself cannot hold."""
+"""The reason why a run has failed, in a file beside its recording, which cannot hold it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from litsim_sim.record.bag import FAILURE_FILE
 
 
 def write_failure(folder: Path, reason: str) -> None:
-    """Leave in the `folder` of a run, for :func:`read_failure`, in one line why the run has failed.
+    """Write the reason, one line, to the `folder` of a failed run, for :func:`read_failure`.
 
     Raises:
         Unwritable: it cannot be written.
@@ -20,7 +20,7 @@ def write_failure(folder: Path, reason: str) -> None:
 
 
 def read_failure(mcap: Path) -> str:
-    """Why the run has failed whose recording is the file `mcap`; empty where nobody has said so.
+    """Why the run recorded in the file `mcap` has failed; empty if no reason was written.
 
     Raises:
         InputError: the file that says so cannot be read.

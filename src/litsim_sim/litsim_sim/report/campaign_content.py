@@ -188,7 +188,7 @@ def address(path: Path, beside: Path) -> str:
 
 
 def _happenings(metrics: Mapping[str, Any] | None) -> dict[str, Any]:
-    """When somebody was off its log and when boxes touched that do not in the log, in steps of all `steps`."""
+    """Steps with agents off their logs, and steps with contacts that are not in the log, of all `steps`."""
     if metrics is None:
         return {"steps": 0, "takeovers": [], "contacts": []}
     steps = metrics["steps"]

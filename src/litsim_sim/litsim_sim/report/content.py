@@ -143,7 +143,7 @@ def _add_motion(packer: Packer, prefix: str, tracks: Tracks, names: tuple[str, .
 
 
 def _takeovers(run: Run, tracks: Tracks) -> dict[str, Any]:
-    """Who is off its log, by frame, and the reference paths that the records name by position."""
+    """Agents off their logs by frame, and the reference paths, which the entries name by index."""
     paths: dict[bytes, int] = {}
     frames: list[list[dict[str, Any]]] = [[] for _ in range(tracks.frames)]
     lines: list[list[float]] = []

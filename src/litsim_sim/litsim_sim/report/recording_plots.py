@@ -116,7 +116,7 @@ def intersection(
 ) -> Figure:
     """All tracks in frame map, coloured by speed, over the lanes and the stop lines; below, the signals over time.
 
-    Between them, at each of the `moments` [s] from the first frame on, who was where, and what the stop lines showed.
+    Between them, one plan with boxes and stop lines for each of the `moments` [s] from the first frame on.
 
     Raises:
         InputError: the recording is shorter than a moment says.
@@ -180,13 +180,13 @@ def _paths(axes: Axes, table: pd.DataFrame, speeds: Normalize) -> None:
 
 
 def _boxes(axes: Axes, recording: Recording, frame: int, speeds: Normalize) -> None:
-    """Everybody's box at `frame`, coloured by speed."""
+    """Draw the boxes of all agents at `frame`, coloured by speed."""
     agents = Log.from_recording(recording, frame, 1).table(0)
     draw_boxes(axes, agents, [to_hex(colour) for colour in colormaps[SPEEDS](speeds(agents.speed))])
 
 
 def _is_intersection(recording: Recording, lane_map: LaneMap) -> bool:
-    """Whether somebody goes over a crossing of lanes."""
+    """Whether any track goes over a crossing of lanes."""
     crossings = lane_crossings(lane_map.lanes)
     if not len(crossings):
         return False

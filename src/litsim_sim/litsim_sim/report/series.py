@@ -10,7 +10,7 @@ from litsim_sim.core.scene import Controller, FloatArray
 from litsim_sim.record.run import Run
 from litsim_sim.report.tracks import Tracks
 
-TTC_MAX = 12.0  # [s] above which nobody is in a hurry
+TTC_MAX = 12.0  # [s] largest time to collision that is plotted
 ON_LOG = 0.005  # [m]
 
 

@@ -60,7 +60,7 @@ def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _careful(avoids: bool | None) -> str:
-    """What the careful driver would have done; nothing where the other is nobody's vehicle."""
+    """What the careful driver would have done; a dash if the other agent is not a vehicle."""
     if avoids is None:
         return NOTHING
     return "avoids it" if avoids else "hits too"

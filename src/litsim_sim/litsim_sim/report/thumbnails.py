@@ -1,4 +1,4 @@
-"""A run as a small picture: who stood where at the moment that tells most, in a few hundred bytes of whole numbers."""
+"""Thumbnail of a run: the agents at the most telling moment, in a few hundred bytes of integers."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def read_thumbnail(folder: Path) -> dict[str, Any] | None:
 
 @dataclass(frozen=True)
 class _Moment:
-    """What a picture shows: the step, what happens there, whom it concerns, and whether they touch."""
+    """Moment of a picture: the step, what happens, the agents concerned, and whether they touch."""
 
     step: int
     what: str
@@ -107,7 +107,7 @@ def _moment(run: Run, metrics: dict[str, Any]) -> _Moment:
 
 
 def _focus(tracks: Tracks, ego: int, agents: tuple[int, ...], frame: int) -> int:
-    """Row of whom the picture is centred on: the ego, unless it is far from the first of `agents`; -1 for nobody."""
+    """Row of the agent in the centre: the ego, unless it is far from the first of `agents`; -1 for none."""
     rows = [tracks.row(agent) for agent in (ego, *agents[:1])]
     here = [row for row in rows if row >= 0 and tracks.mode[row, frame] != Mode.ABSENT]
     if len(here) == 2:

@@ -72,7 +72,7 @@ def recorded(data: Path) -> Sample:
     """The complete windows of the US-101 file in the folder `data`.
 
     Raises:
-        InputError: the file is missing, cannot be read, lacks columns, or shows nobody for long enough.
+        InputError: the file is missing, cannot be read, lacks columns, or has no vehicle for long enough.
     """
     columns = {"vehicle_id": "vehicle", "local_y_m": "front", "local_x_m": "lateral", "lane_est": "lane"}
     purpose = "the comparison needs it (README of the folder in LITSIM_DATA)"
@@ -89,7 +89,7 @@ def generated(recordings: Iterable[Recording]) -> Sample:
     """The stretch beside the auxiliary lane of recordings on ``us101_like``.
 
     Raises:
-        InputError: nobody is there for long enough.
+        InputError: no vehicle is there for long enough.
     """
     tables = []
     for recording in recordings:
@@ -125,7 +125,7 @@ def _sample(tables: list[pd.DataFrame], source: str) -> Sample:
     """Measures of tables with the columns vehicle, frame, front, lateral (from the left edge) and lane.
 
     Raises:
-        InputError: nobody is in them for long enough; `source` names them.
+        InputError: no vehicle is in them for long enough; `source` names them.
     """
     speeds, accelerations, gaps, times = [], [], [], []
     changes, metres = 0, 0.0

@@ -1,4 +1,4 @@
-"""Who drives in generated traffic: vehicles of every size, driven as calibration found or as SUMO does by default."""
+"""Vehicles and drivers of generated traffic, with calibrated parameters or SUMO's defaults."""
 
 from __future__ import annotations
 
