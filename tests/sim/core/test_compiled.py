@@ -67,7 +67,7 @@ def test_a_kernel_that_returns_arrays_calls_nothing_of_python() -> None:
         doubled, halved = doubled_and_halved(np.arange(3.0))
     finally:
         sys.setprofile(None)
-    assert called == ["doubled_and_halved"]
+    assert set(called) <= {"doubled_and_halved"}  # which numba reports itself, before Python 3.12
     assert (doubled.tolist(), halved.tolist()) == ([0.0, 2.0, 4.0], [0.0, 0.5, 1.0])
 
 

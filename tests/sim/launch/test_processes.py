@@ -103,7 +103,8 @@ def test_a_stack_is_in_an_enclave_of_its_own_where_runs_are_secured(
 def test_a_stack_that_ends_on_hearing_that_the_run_has_failed_did_not_quit(tmp_path: Path, status: int) -> None:
     wait = "until [ -e {0} ]; do sleep 0.01; done"
     heard, gone = tmp_path / "heard", tmp_path / "gone"
-    failing = f"echo failed; touch {heard}; {wait.format(gone)}; sleep 0.5; echo 'error: no answer' >&2; exit 1"
+    say = f"{sys.executable} -c \"import time; print('failed at', time.monotonic(), 's')\""
+    failing = f"{say}; touch {heard}; {wait.format(gone)}; sleep 0.5; echo 'error: no answer' >&2; exit 1"
     graph = Graph(tmp_path / "out", 7)
     try:
         graph.start_stack(["sh", "-c", f"{wait.format(heard)}; echo bye; touch {gone}; exit {status}"])

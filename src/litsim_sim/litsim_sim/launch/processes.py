@@ -171,6 +171,8 @@ class Graph:
         stack = self.children.get(STACK)
         if stack is None:
             return ""
+        if self._progress:
+            self._progress.join(timeout=1.0)  # what the bridge has printed last
         if not stack.running and not (stack.process.returncode == 0 and self._heard_of_failure([stack])):
             return f"; {stack.obituary()}"
         return f"; {stack} was running, and said last: {stack.last_line or 'nothing'}"
@@ -199,13 +201,14 @@ class Graph:
 class Progress(threading.Thread):
     """Reads the bridge's lines: of `step K of N` it makes a bar, unless `quiet`; any other is a sign of life.
 
-    By `failed` the bridge says that the run has, before it tells the nodes and the stack.
+    By `failed at T s` the bridge says that the run has, before it tells the nodes and the stack.
 
     Attributes:
         complete: whether the last step has been answered.
         step: that was named last; 0 before the first.
         heard: when a line has come last, on the monotonic clock [s].
-        failed: time at which the bridge was about to announce that the run has failed; None if it did not.
+        failed: when the bridge was about to tell the nodes that the run has failed, on the monotonic clock, which all
+            processes share [s]; None if it was not.
     """
 
     def __init__(self, lines: IO[str], quiet: bool) -> None:
@@ -224,8 +227,8 @@ class Progress(threading.Thread):
             words = line.split()
             if words[:1] == ["alive"]:
                 self.step = int(words[-1])
-            if words == ["failed"]:
-                self.failed = self.heard
+            if words[:1] == ["failed"]:
+                self.failed = float(words[2])
             if len(words) != 4 or words[0] != "step":
                 continue
             step, total = int(words[1]), int(words[3])
