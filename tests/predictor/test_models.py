@@ -15,6 +15,7 @@ from litsim_predictor.inference.compiled import CompiledNetwork
 from litsim_predictor.inference.weights import FORMAT, Weights, read_weights
 from litsim_predictor.models import MODELS, PredictorConfig, known_model, network
 from litsim_sim.core.errors import InputError
+from made_agents import scene
 
 
 def written(weights: Weights, path: Path) -> str:
@@ -60,3 +61,58 @@ def test_weights_that_do_not_fit_their_model_are_refused(tmp_path: Path) -> None
     wild = replace(shipped, arrays={**shipped.arrays, first: shipped.arrays[first] * np.float32(np.nan)})
     with pytest.raises(InputError, match=f"weights {first} hold values that are not finite"):
         network(written(wild, tmp_path / "wild.safetensors"))
+
+
+@pytest.mark.parametrize("kind", ["default", "cs_lstm"])
+@pytest.mark.parametrize("type_", [np.float64, np.float16, np.int32])
+def test_weights_of_another_precision_are_refused(tmp_path: Path, kind: str, type_: type) -> None:
+    shipped = read_weights(kind)
+    other = replace(shipped, arrays={name: array.astype(type_) for name, array in shipped.arrays.items()})
+    with pytest.raises(InputError, match=rf"mine.safetensors: weights .* are of type {type_.__name__}, expected"):
+        network(written(other, tmp_path / "mine.safetensors"))
+
+
+def default_with(parameters: object, path: Path) -> str:
+    """The name of a file with the default model's weights, and with `parameters` in its metadata."""
+    shipped = read_weights("default")
+    told = {"format": FORMAT, "provenance": json.dumps(vars(shipped.provenance) | {"parameters": parameters})}
+    save_file(dict(shipped.arrays), path, told)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("neighbours", -1, "a whole number of at least 0"),
+        ("neighbours", 3.5, "a whole number of at least 0"),
+        ("heads", 0, "a whole number of more than 0"),
+        ("heads", 7, "a divisor of 160"),
+        ("heads", "8", "a whole number of more than 0"),
+        ("layers", 0, "a whole number of more than 0"),
+        ("reach", -1.0, r"a number of more than 0 \[m\]"),
+        ("reach", "far", r"a number of more than 0 \[m\]"),
+        ("traffic", 2, "true or false"),
+        ("map_width", None, "a whole number of more than 0"),
+    ],
+)
+def test_parameters_that_no_model_can_have_are_refused(tmp_path: Path, name: str, value: object, expected: str) -> None:
+    parameters = read_weights("default").provenance.parameters | {name: value}
+    with pytest.raises(InputError, match=f"field parameters: {name} is {value!r}, expected {expected}") as caught:
+        network(default_with(parameters, tmp_path / "mine.safetensors"))
+    assert str(caught.value).startswith(f"{tmp_path}/mine.safetensors: ") and "\n" not in str(caught.value)
+
+
+def test_parameters_that_are_no_mapping_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"metadata provenance: parameters is \[\], expected") as caught:
+        network(default_with([], tmp_path / "mine.safetensors"))
+    assert "\n" not in str(caught.value)
+
+
+def test_as_many_neighbours_as_there_are_other_agents_are_enough(tmp_path: Path) -> None:
+    parameters = read_weights("default").provenance.parameters
+    few, many = (
+        network(default_with(parameters | {"neighbours": count}, tmp_path / f"{count}.safetensors"))
+        for count in (9, 10**12)
+    )
+    inputs, asked = scene(10), np.arange(10)
+    assert np.array_equal(few(inputs, asked).mean, many(inputs, asked).mean)

@@ -17,6 +17,7 @@ from litsim_predictor.inference.contract import (
 )
 from litsim_predictor.inference.joint_kernels import read_histories
 from litsim_predictor.inference.joint_network import JointNetwork, runs, shapes
+from litsim_predictor.inference.joint_parameters import JointParameters
 from litsim_predictor.inference.weights import read_weights
 from made_agents import scene
 
@@ -104,13 +105,13 @@ def test_further_manoeuvres_do_not_depend_on_who_else_is_asked(network: JointNet
 
 
 def test_shapes_are_those_of_the_weights_and_odd_models_are_not_run() -> None:
-    provenance = read_weights("default").provenance
     weights = read_weights("default")
-    assert shapes(provenance.parameters) == {name: array.shape for name, array in weights.arrays.items()}
-    assert runs(provenance)
-    for parameters in ({"relative": False}, {"decoder": "recurrent"}):
-        assert not runs(replace(provenance, parameters=parameters))
-    assert not runs(read_weights("paper").provenance) and not runs(read_weights("bat").provenance)
+    parameters = weights.parameters(JointParameters)
+    assert shapes(parameters) == {name: array.shape for name, array in weights.arrays.items()}
+    assert runs(weights)
+    for other in ({"relative": False}, {"decoder": "recurrent"}):
+        assert not runs(replace(weights, provenance=replace(weights.provenance, parameters=other)))
+    assert not runs(read_weights("paper")) and not runs(read_weights("bat"))
 
 
 def test_scenes_that_are_answered_together_are_answered_as_alone(network: JointNetwork) -> None:

@@ -239,9 +239,21 @@ def interrupt_at(epoch: int) -> Callable[..., float]:
         ("model: joint\nlearning: 1\n", "small.yaml: line 2, field learning"),
         ("model: [\n", "small.yaml: malformed YAML"),
         ("model: rnn\n", "field model is 'rnn', expected one of joint, cs_lstm, bat"),
-        ("model: joint\nparameters: {width: 8}\n", "field parameters does not fit model joint"),
+        ("model: joint\nparameters: {width: 8}\n", "training configuration: field parameters: width is unknown"),
+        ("model: joint\nparameters: {neighbours: -1}\n", "neighbours is -1, expected a whole number of at least 0"),
+        ("model: joint\nparameters: {heads: 7}\n", "heads is 7, expected a divisor of 160"),
+        ("model: joint\nparameters: {relative: false, heads: 5}\n", "heads is 5, expected a divisor of 32"),
+        ("model: joint\nparameters: {relative: false, traffic: true}\n", "traffic is True, expected False"),
+        ("model: joint\nparameters: {history_width: 33, heads: 1}\n", "history_width is 33, expected an even number"),
+        ("model: bat\nparameters: {heads: 5}\n", "embedding is 32, expected an even multiple of heads, 5"),
+        ("model: cs_lstm\nparameters: {encoder: 0}\n", "encoder is 0, expected a whole number of more than 0"),
         ("model: joint\nparameters: {history: dense}\n", "history is 'dense', expected one of direct, recurrent"),
         ("model: joint\nparameters: {decoder: gru}\n", "decoder is 'gru', expected one of direct, recurrent"),
+        ("model: joint\nseed: -1\n", "small.yaml: line 2, field seed"),
+        ("model: joint\nlearning_rate: .inf\n", "small.yaml: line 2, field learning_rate"),
+        ("model: joint\naugmentation: {mirror: 7.0}\n", "field augmentation.mirror"),
+        ("model: joint\naugmentation: {crop_m: [80, 20]}\n", "crop_m is [80.0, 20.0], expected the least value first"),
+        (SMALL + "learning_rate: 1.0e+30\n", "field learning_rate is 1e+30, with which the likelihood is not finite"),
         (SMALL.replace("made.parquet", "gone.parquet"), "gone.parquet: no such file"),
     ],
 )
@@ -261,6 +273,7 @@ def test_bad_configurations_are_named(
         ("--epochs", "0", "error: command line: field epochs"),
         ("--fraction", "0", "error: command line: field fraction"),
         ("--device", "abacus", "error: --device abacus"),
+        ("--threads", "-1", "error: --threads -1: expected 1 or more"),
     ],
 )
 def test_wrong_options_are_named(
@@ -280,6 +293,17 @@ def test_a_training_is_not_overwritten_and_another_one_not_resumed(
         with pytest.raises(SystemExit):
             run(config, tmp_path / "out", *options)
         assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", [b"garbage", b"PK\x03\x04"])
+def test_a_damaged_checkpoint_is_named(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes
+) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / CHECKPOINT).write_bytes(content)
+    with pytest.raises(SystemExit):
+        run(config, tmp_path / "out", "--resume")
+    assert f"{CHECKPOINT}: damaged checkpoint, expected one that train has written\n" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", sorted(train.packaged_configs()))

@@ -52,6 +52,8 @@ def _train(arguments: argparse.Namespace) -> int:
     from litsim_predictor.learned.device import check_device
     from litsim_predictor.learned.training import CHECKPOINT, CURVES, WEIGHTS, Locator, Training, TrainingConfig
 
+    if arguments.threads is not None and arguments.threads < 1:
+        raise InputError(f"--threads {arguments.threads}: expected 1 or more")
     file = packaged_configs().get(arguments.config, Path(arguments.config))
     chosen = {name: getattr(arguments, name) for name in ("fraction", "epochs", "seed")}
     chosen = {name: value for name, value in chosen.items() if value is not None}
@@ -64,7 +66,7 @@ def _train(arguments: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
-    if arguments.threads:
+    if arguments.threads is not None:
         torch.set_num_threads(arguments.threads)
     device = arguments.device
     if device == "auto":

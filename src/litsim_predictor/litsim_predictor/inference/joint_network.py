@@ -30,14 +30,11 @@ from litsim_predictor.inference.joint_kernels import (
     read_histories,
     write_gaussians,
 )
+from litsim_predictor.inference.joint_parameters import JointParameters
 from litsim_predictor.inference.joint_units import (
     DEVIATION_UNITS,
     GAUSSIAN_CHANNELS,
-    HEADS,
-    LAYERS,
     MAP_MIDDLE,
-    NEIGHBOURS,
-    REACH,
     RELATION_CHANNELS,
     RELATION_UNITS,
     RELATION_WIDTH,
@@ -58,20 +55,21 @@ from litsim_predictor.inference.map_kernels import (
 )
 from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.raster import CHANNELS
-from litsim_predictor.inference.weights import Provenance, Weights
+from litsim_predictor.inference.weights import Weights
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import ByteArray, IntArray
 
 
-def runs(provenance: Provenance) -> bool:
-    """Whether :class:`JointNetwork` runs models of this kind and configuration."""
-    parameters = provenance.parameters
-    return (
-        provenance.model == "joint"
-        and bool(parameters.get("relative", True))
-        and parameters.get("history", "recurrent") == "direct"
-        and parameters.get("decoder", "direct") == "direct"
-    )
+def runs(weights: Weights) -> bool:
+    """Whether :class:`JointNetwork` runs the model of these weights.
+
+    Raises:
+        InputError: they are of a joint predictor with parameters that it cannot have.
+    """
+    if weights.provenance.model != "joint":
+        return False
+    parameters = weights.parameters(JointParameters)
+    return parameters.relative and parameters.history == "direct" and parameters.decoder == "direct"
 
 
 class Linear:
@@ -98,7 +96,7 @@ class Linear:
 
 
 class MapEncoder:
-    """What the network makes of maps, remembered."""
+    """Encodes maps, and remembers the codes."""
 
     def __init__(self, arrays: Mapping[str, Float32Array]) -> None:
         channels = len(arrays["map.layers.0.bias"])
@@ -128,7 +126,7 @@ class MapEncoder:
 
 
 class HistoryEncoder:
-    """What the network makes of histories."""
+    """Encodes histories."""
 
     def __init__(self, arrays: Mapping[str, Float32Array]) -> None:
         self._first = Linear(
@@ -183,7 +181,7 @@ class Attention:
         self._norm = (arrays["norm.weight"], arrays["norm.bias"])
 
     def __call__(self, agents: Float32Array, near: Neighbours, rows: IntArray) -> Float32Array:
-        """The codes (m, W) of those in the `rows` (m,) of `agents` (n, W), with what each hears of others added."""
+        """The codes (m, W) of the `rows` (m,) of `agents` (n, W), after attention, with residual and normalisation."""
         asking = agents[rows]
         heard, out = np.empty_like(asking), np.empty_like(asking)
         key_value = self._key_value(agents)
@@ -203,17 +201,15 @@ class JointNetwork:
     """
 
     def __init__(self, weights: Weights) -> None:
-        parameters = weights.provenance.parameters
+        parameters = weights.parameters(JointParameters)
         weights.check(shapes(parameters))
         arrays = weights.arrays
-        self._neighbours, self._reach = parameters.get("neighbours", NEIGHBOURS), parameters.get("reach", REACH)
+        self._neighbours, self._reach, self._traffic = parameters.neighbours, parameters.reach, parameters.traffic
         self._maps, self._histories = MapEncoder(arrays), HistoryEncoder(arrays)
-        self._traffic = parameters.get("traffic", False)
         units = STATE_UNITS + TRAFFIC_UNITS * (TRAFFIC_PLACES * self._traffic)
         self._states = Linear(arrays["state.0.weight"], arrays["state.0.bias"], units, rectified=True)
         self._layers = [
-            Attention(_part(arrays, f"relative.{layer}."), parameters.get("heads", HEADS))
-            for layer in range(parameters.get("layers", LAYERS))
+            Attention(_part(arrays, f"relative.{layer}."), parameters.heads) for layer in range(parameters.layers)
         ]
         self._hidden, self._logits = (
             Linear(arrays[f"maneuver.{layer}.weight"], arrays[f"maneuver.{layer}.bias"], rectified=layer == 0)
@@ -244,7 +240,8 @@ class JointNetwork:
         return self._decoded(self._layers[-1](agents, near, asked), inputs.state[asked], modes)
 
     def _near(self, inputs: AgentInputs, begins: IntArray) -> Neighbours:
-        n, most = len(inputs.frame), self._neighbours + 1
+        n = len(inputs.frame)
+        most = min(self._neighbours + 1, n)
         near = Neighbours(
             np.empty((n, most), np.int64), np.empty(n, np.int64), np.empty((n, most, RELATION_CHANNELS), np.float32)
         )
@@ -268,12 +265,10 @@ class JointNetwork:
         return AgentFutures(maneuver, mean[:m], scale[:m], correlation[:m], further)
 
 
-def shapes(parameters: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
-    """Shapes of the weights of a joint predictor with these parameters; see :class:`.learned.models.joint`."""
-    maps, channels = parameters.get("map_width", 64), parameters.get("map_channels", 16)
-    history, hidden = parameters.get("history_width", 64), parameters.get("hidden", 128)
-    state = parameters.get("state_width", 32)
-    width = maps + history + state
+def shapes(parameters: JointParameters) -> dict[str, tuple[int, ...]]:
+    """The shapes of the weights of a joint predictor that kernels run, by their names in its model of torch."""
+    maps, channels, hidden = parameters.map_width, parameters.map_channels, parameters.hidden
+    history, state, width = parameters.history_width, parameters.state_width, parameters.width
     found: dict[str, tuple[int, ...]] = {}
 
     def layer(name: str, *shape: int) -> None:
@@ -285,8 +280,8 @@ def shapes(parameters: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
     layer("map.layers.8", maps, channels * QUARTER_ROWS * QUARTER_COLUMNS)
     layer("history.layers.0", 2 * history, HISTORY * (HISTORY_CHANNELS + 1))
     layer("history.layers.2", history, 2 * history)
-    layer("state.0", state, STATE_CHANNELS + TRAFFIC_CHANNELS * parameters.get("traffic", False))
-    for number in range(parameters.get("layers", LAYERS)):
+    layer("state.0", state, STATE_CHANNELS + TRAFFIC_CHANNELS * parameters.traffic)
+    for number in range(parameters.layers):
         for name, out in (("query", width), ("key_value", 2 * width), ("out", width)):
             layer(f"relative.{number}.{name}", out, width)
         layer(f"relative.{number}.relation.0", RELATION_WIDTH, RELATION_CHANNELS)

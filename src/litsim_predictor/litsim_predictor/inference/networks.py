@@ -23,7 +23,7 @@ def compiled(name: str) -> Network | None:
     if name.endswith(".onnx"):
         return _graph(Path(name))
     weights = read_weights(name)
-    if runs(weights.provenance):
+    if runs(weights):
         return JointNetwork(weights)
     for shipped in (name,) if name in GRAPHS else GRAPHS:
         like = read_weights(shipped)

@@ -7,19 +7,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
 
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference import SHIPPED
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import problems
+from litsim_sim.core.quantities import configuration
 
 FORMAT = "litsim_predictor/1"
+Config = TypeVar("Config")
 
 
-@dataclass(frozen=True)
+@configuration
 class Provenance:
     """What made a file of weights.
 
@@ -53,6 +57,14 @@ class Weights:
     provenance: Provenance
     path: Path
 
+    def parameters(self, config: type[Config]) -> Config:
+        """The configuration of the model, which is of the class `config`.
+
+        Raises:
+            InputError: see :func:`configured`.
+        """
+        return configured(config, self.provenance.parameters, str(self.path))
+
     def check(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
         """Refuse weights that are not those of a model with parameters of these `shapes`.
 
@@ -65,6 +77,18 @@ class Weights:
         for name, array in self.arrays.items():
             if array.shape != shapes[name]:
                 raise InputError(f"{self.path}: weights {name} have shape {array.shape}, expected {shapes[name]}")
+
+
+def configured(config: type[Config], values: Mapping[str, Any], where: str) -> Config:
+    """The configuration of the class `config` with `values`, which the file `where` gives as field `parameters`.
+
+    Raises:
+        InputError: a value is unknown, does not fit its field, or does not fit another.
+    """
+    try:
+        return config(**values)
+    except ValidationError as error:
+        raise InputError(f"{where}: field parameters: {'; '.join(problems(error, config, values))}") from error
 
 
 def weights_path(name: str) -> Path:
@@ -81,7 +105,8 @@ def read_weights(name: str) -> Weights:
     """Shipped weights, or those of a file.
 
     Raises:
-        InputError: the file is missing or damaged, is of another format, or holds values that are not finite.
+        InputError: the file is missing or damaged, is of another format, or holds values that are not finite numbers
+            of single precision.
     """
     path = weights_path(name)
     if not path.is_file():
@@ -90,10 +115,12 @@ def read_weights(name: str) -> Weights:
         with safe_open(path, framework="np") as file:
             metadata = file.metadata() or {}
             arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (no mapping)
-    except (SafetensorError, OSError, ValueError) as error:
+    except (SafetensorError, OSError, ValueError, TypeError) as error:
         raise InputError(f"{path}: damaged weights: {error}; expected a safetensors file") from error
     weights = Weights(arrays, _provenance(metadata, path), path)
     for key, array in arrays.items():
+        if array.dtype != np.float32:
+            raise InputError(f"{path}: weights {key} are of type {array.dtype}, expected float32")
         if not np.isfinite(array).all():
             raise InputError(f"{path}: weights {key} hold values that are not finite")
     return weights
@@ -103,6 +130,9 @@ def _provenance(metadata: Mapping[str, str], path: Path) -> Provenance:
     if metadata.get("format") != FORMAT:
         raise InputError(f"{path}: metadata format is {metadata.get('format')!r}, expected {FORMAT!r}")
     try:
-        return Provenance(**json.loads(metadata["provenance"]))
+        told = json.loads(metadata["provenance"])
+        return Provenance(**told)
+    except ValidationError as error:
+        raise InputError(f"{path}: metadata provenance: {'; '.join(problems(error, Provenance, told))}") from error
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: metadata provenance is unreadable: {error!r}") from error

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Annotated, Any, cast
 
 import numpy as np
@@ -84,7 +85,7 @@ class TrainingConfig(BaseModel):
         seed: decides everything but rounding.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     model: str
     parameters: dict[str, Any] = {}
@@ -107,7 +108,7 @@ class TrainingConfig(BaseModel):
     predicted_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     forcing_epochs: Annotated[int, Field(ge=0)] = 0
     augmentation: Augmentation = Augmentation()
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
 
 
 class Locator:
@@ -181,11 +182,20 @@ class Training:
         self._best: dict[str, float] = {}
 
     def run(self, *, progress: bool = True) -> None:
-        """Train what is left of the epochs; interrupted, what is done so far stays usable and resumable."""
+        """Train what is left of the epochs; interrupted, what is done so far stays usable and resumable.
+
+        Raises:
+            InputError: the training diverges.
+        """
         bar = tqdm(total=self._config.epochs, initial=len(self.history), unit="epoch", disable=not progress)
         with bar, suppress(KeyboardInterrupt):
             while len(self.history) < self._config.epochs:
                 figures = self._epoch(len(self.history), progress=progress)
+                if not np.isfinite(figures["val_nll"]):
+                    raise InputError(
+                        f"training configuration: field learning_rate is {self._config.learning_rate:g}, with which "
+                        f"the likelihood is not finite after epoch {len(self.history) + 1}; expected a smaller one"
+                    )
                 self.history.append(figures)
                 if not self._best or figures["val_nll"] <= self._best["val_nll"]:
                     self._best = figures
@@ -205,8 +215,8 @@ class Training:
             raise InputError(f"{path}: no checkpoint to resume")
         try:
             state = torch.load(path, map_location=self._device, weights_only=True)
-        except (RuntimeError, OSError, EOFError, ValueError) as error:
-            raise InputError(f"{path}: damaged checkpoint: {error}") from error
+        except (RuntimeError, OSError, EOFError, ValueError, UnpicklingError) as error:
+            raise InputError(f"{path}: damaged checkpoint, expected one that train has written") from error
         if json.loads(state["config"]) != self._config.model_dump(mode="json"):
             raise InputError(f"{path}: checkpoint of another configuration; train into another folder")
         self.model.load_state_dict(state["model"])

@@ -16,7 +16,15 @@ from torch import Tensor
 from litsim_predictor.inference.contract import DT, HISTORY, HORIZON, MANEUVERS
 from litsim_predictor.inference.joint_units import TRAFFIC_CHANNELS
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
-from litsim_predictor.learned.models.bat import CELL_LENGTH, CELL_WIDTH, Bat, motions_of, neighbours, polar
+from litsim_predictor.learned.models.bat import (
+    CELL_LENGTH,
+    CELL_WIDTH,
+    Bat,
+    BatParameters,
+    motions_of,
+    neighbours,
+    polar,
+)
 from litsim_predictor.learned.models.centrality import (
     ATTENUATION,
     CENTRALITIES,
@@ -195,7 +203,7 @@ def alone(*poses: tuple[float, float, float, float]) -> SceneBatch:
 @pytest.fixture(scope="module")
 def model() -> Bat:
     torch.manual_seed(1)
-    return Bat().eval()
+    return Bat(BatParameters()).eval()
 
 
 def answers(model: Bat, batch: SceneBatch, decode: str | Tensor = "all") -> tuple[Tensor, ...]:
@@ -308,7 +316,7 @@ def test_the_future_is_not_read(model: Bat) -> None:
 @pytest.mark.parametrize("agents", [1, 7])
 def test_who_was_seen_once_gets_a_finite_answer_and_gradients(agents: int) -> None:
     torch.manual_seed(1)
-    model, batch = Bat(), made(2, agents)
+    model, batch = Bat(BatParameters()), made(2, agents)
     batch.observed[:, :, :-1] = False
     batch.history[:, :, :-1] = 0.0
     found = model(batch)
@@ -340,7 +348,7 @@ def test_a_scene_of_nobody_has_an_answer(model: Bat) -> None:
 def test_bat_learns_motions_and_maneuvers() -> None:
     """Four scenes by heart: a twentieth of the squared error of constant velocity, and most manoeuvres."""
     torch.manual_seed(0)
-    model, batch = Bat(), made(4, 6, seed=5)
+    model, batch = Bat(BatParameters()), made(4, 6, seed=5)
     optimiser = torch.optim.Adam(model.parameters(), 5e-3)
     for _ in range(60):
         found = model(batch, batch.maneuver)
@@ -358,7 +366,7 @@ def test_bat_learns_motions_and_maneuvers() -> None:
 
 def test_the_likelihood_is_learnt_too() -> None:
     torch.manual_seed(0)
-    model, batch = Bat(), made(4, 6, seed=6)
+    model, batch = Bat(BatParameters()), made(4, 6, seed=6)
     optimiser = torch.optim.Adam(model.parameters(), 5e-3)
     losses = []
     for _ in range(60):

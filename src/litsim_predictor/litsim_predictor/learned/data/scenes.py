@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import torch
+from pydantic import model_validator
 
 from litsim_predictor.forecast import Float32Array
 from litsim_predictor.inference.contract import HISTORY, HORIZON, AgentInputs
@@ -18,6 +20,7 @@ from litsim_predictor.inference.ways import NO_WAYS, Ways
 from litsim_predictor.learned.data.batch import SceneBatch, maneuvers_of
 from litsim_predictor.learned.data.tracks import Tracks
 from litsim_sim.core.geometry import to_body, wrap_angle
+from litsim_sim.core.quantities import Angle, Length, NonNegative, Number, Positive, Share, Speed, configuration
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 NO_MAP = MapRaster(None)
@@ -25,7 +28,7 @@ SINE_CHANNEL = 3
 SAME_ROAD = 0.35  # [rad] by which headings differ from their mean, at most, where all drive along one road
 
 
-@dataclass(frozen=True)
+@configuration
 class Augmentation:
     """How scenes are varied in training; probabilities, and standard deviations of noise on what is observed.
 
@@ -35,22 +38,29 @@ class Augmentation:
         no_map: of a scene, that the map is not known.
         crop: of a scene, that only agents within a random distance of a target are seen, as in a region of interest;
             what is read of the traffic ahead stays.
-        crop_m: least and greatest such distance [m].
+        crop_m: least and greatest such distance.
         stretch: of a scene, that it is made longer along the road, for traffic at other speeds; see :func:`_stretched`.
         stretch_by: least and greatest factor, drawn evenly on a logarithmic scale.
         position_m, yaw_rad, speed_mps: noise.
     """
 
-    mirror: float = 0.5
-    occlude: float = 0.3
-    no_map: float = 0.1
-    crop: float = 0.5
-    crop_m: tuple[float, float] = (20.0, 80.0)
-    stretch: float = 0.0
-    stretch_by: tuple[float, float] = (0.8, 1.5)
-    position_m: float = 0.03
-    yaw_rad: float = 0.005
-    speed_mps: float = 0.1
+    mirror: Share = 0.5
+    occlude: Share = 0.3
+    no_map: Share = 0.1
+    crop: Share = 0.5
+    crop_m: tuple[NonNegative[Length], NonNegative[Length]] = (20.0, 80.0)
+    stretch: Share = 0.0
+    stretch_by: tuple[Positive[Number], Positive[Number]] = (0.8, 1.5)
+    position_m: NonNegative[Length] = 0.03
+    yaw_rad: NonNegative[Angle] = 0.005
+    speed_mps: NonNegative[Speed] = 0.1
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Self:
+        for name, (least, most) in (("crop_m", self.crop_m), ("stretch_by", self.stretch_by)):
+            if least > most:
+                raise ValueError(f"{name} is {[least, most]}, expected the least value first")
+        return self
 
 
 @dataclass(frozen=True)

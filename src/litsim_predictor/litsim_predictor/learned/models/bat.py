@@ -16,9 +16,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
+from typing import Self, cast
 
 import torch
+from pydantic import model_validator
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import DT, HORIZON, LATERAL, LONGITUDINAL, MANEUVERS, STATE_CHANNELS
@@ -40,6 +41,7 @@ from litsim_predictor.learned.models.model import (
     rows_of,
     same_agent,
 )
+from litsim_sim.core.quantities import Length, Positive, Whole, configuration
 
 GRID_ROWS, GRID_COLUMNS = 27, 3
 CELL_LENGTH, CELL_WIDTH = 4.57, 3.66  # [m]: 15 feet, as is usual on NGSIM, and a lane
@@ -91,38 +93,48 @@ class Neighbours:
         return Neighbours(*(torch.cat([v, v.new_zeros(1)]) for v in (self.target, self.other, self.cell, self.rank)))
 
 
-class Bat(SceneModel):
-    """About 0.3 million parameters; see the module.
+@configuration
+class BatParameters:
+    """Field `parameters` of a training configuration, and of a file of weights, whose model is `bat`.
 
-    Args:
-        radius: [m] within which agents are joined in the graph.
-        embedding: width of embeddings and of the codes of agents.
+    Attributes:
+        radius: distance within which agents are joined in the graph.
+        embedding: width of embeddings and of the codes of agents, a multiple of `heads`, and even.
         motion_units: of the LSTMs that read motions.
         behaviour_units: of the LSTMs that read centralities.
         decoder_units: of the LSTM that writes forecasts.
-        heads: of the attention; `embedding` is a multiple of it.
+        heads: of the attention.
     """
 
-    def __init__(
-        self,
-        *,
-        radius: float = 10.0,
-        embedding: int = 32,
-        motion_units: int = 64,
-        behaviour_units: int = 8,
-        decoder_units: int = 128,
-        heads: int = 4,
-    ) -> None:
+    radius: Positive[Length] = 10.0
+    embedding: Positive[Whole] = 32
+    motion_units: Positive[Whole] = 64
+    behaviour_units: Positive[Whole] = 8
+    decoder_units: Positive[Whole] = 128
+    heads: Positive[Whole] = 4
+
+    @model_validator(mode="after")
+    def _fit(self) -> Self:
+        if self.embedding % self.heads or self.embedding % 2:
+            raise ValueError(f"embedding is {self.embedding}, expected an even multiple of heads, {self.heads}")
+        return self
+
+
+class Bat(SceneModel):
+    """About 0.3 million weights; see the module."""
+
+    def __init__(self, parameters: BatParameters) -> None:
         super().__init__()
-        self.behaviour = BehaviourEncoder(radius, embedding, behaviour_units)
+        embedding = parameters.embedding
+        self.behaviour = BehaviourEncoder(parameters.radius, embedding, parameters.behaviour_units)
         behaviour = self.behaviour.size
-        self.target = MotionEncoder(embedding, motion_units, behaviour + STATE_CHANNELS)
-        self.other = MotionEncoder(embedding, motion_units, behaviour)
-        self.interaction = InteractionEncoder(embedding, heads)
+        self.target = MotionEncoder(embedding, parameters.motion_units, behaviour + STATE_CHANNELS)
+        self.other = MotionEncoder(embedding, parameters.motion_units, behaviour)
+        self.interaction = InteractionEncoder(embedding, parameters.heads)
         encoding = embedding + self.interaction.size
         self.lateral = nn.Linear(encoding, len(LATERAL))
         self.longitudinal = nn.Linear(encoding, len(LONGITUDINAL))
-        self.decoder = ManeuverDecoder(encoding, decoder_units)
+        self.decoder = ManeuverDecoder(encoding, parameters.decoder_units)
 
     def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`."""

@@ -34,6 +34,7 @@ from litsim_predictor.learned.models.model import (
     rows_of,
     same_agent,
 )
+from litsim_sim.core.quantities import Positive, Whole, configuration
 
 UNITS = (20.0, 2.0, 0.1, 10.0)  # of the channels of histories [m, m, rad, m/s]
 RELATIVE_UNIT = 2.5  # [m/s] of relative velocities
@@ -41,19 +42,30 @@ GRID = (27, 3)
 CELL_AHEAD, CELL_LEFT = 4.572, 3.66  # [m] 15 feet, and a lane
 
 
-class CsLstm(SceneModel):
-    """See the module.
+@configuration
+class CsLstmParameters:
+    """Field `parameters` of a training configuration, and of a file of weights, whose model is `cs_lstm`.
 
-    Args:
+    Attributes:
         encoder, decoder: sizes of the LSTMs.
-        embedding: of the steps of histories, and of the target's own dynamics.
-        convolution, second: channels of the social pooling.
+        embedding: width of the codes of a step of a history, and of the target's own dynamics.
+        convolution, second: channels of the two convolutions of the social pooling.
     """
 
-    def __init__(
-        self, *, encoder: int = 64, decoder: int = 128, embedding: int = 32, convolution: int = 64, second: int = 16
-    ) -> None:
+    encoder: Positive[Whole] = 64
+    decoder: Positive[Whole] = 128
+    embedding: Positive[Whole] = 32
+    convolution: Positive[Whole] = 64
+    second: Positive[Whole] = 16
+
+
+class CsLstm(SceneModel):
+    """See the module."""
+
+    def __init__(self, parameters: CsLstmParameters) -> None:
         super().__init__()
+        encoder, embedding = parameters.encoder, parameters.embedding
+        convolution, second = parameters.convolution, parameters.second
         self.embed = nn.Sequential(nn.Linear(HISTORY_CHANNELS + 1, embedding), nn.LeakyReLU(0.1))
         self.encoder = nn.LSTM(embedding, encoder, batch_first=True)
         self.dynamics = nn.Sequential(nn.Linear(encoder, embedding), nn.LeakyReLU(0.1))
@@ -67,7 +79,7 @@ class CsLstm(SceneModel):
         )
         width = embedding + 12 * second
         self.lateral, self.longitudinal = nn.Linear(width, len(LATERAL)), nn.Linear(width, len(LONGITUDINAL))
-        self.decoder = ManeuverDecoder(width, decoder)
+        self.decoder = ManeuverDecoder(width, parameters.decoder)
 
     def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`."""

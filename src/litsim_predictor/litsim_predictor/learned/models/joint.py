@@ -4,31 +4,28 @@ Map raster through a small CNN, history through a bidirectional GRU, current sta
 attention between the agents (the paper's dynamic encoder), latent manoeuvres learned from history and interaction, and
 a decoder conditioned on them that answers Gaussians: all agents of a scene in one pass.
 
-Three things are chosen by configuration, because the paper's choice measures worse: how histories are read (`history`),
-how agents attend to each other (`relative`) and how futures are decoded (`decoder`).
+Three things are chosen by configuration (:class:`.JointParameters`), because the paper's choice measures worse: how
+histories are read (`history`), how agents attend to each other (`relative`) and how futures are decoded (`decoder`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, cast, get_args
+from typing import cast
 
 import torch
 from torch import Tensor, nn
 
 from litsim_predictor.inference.contract import DT, HISTORY, HISTORY_CHANNELS, HORIZON, MANEUVERS, STATE_CHANNELS
+from litsim_predictor.inference.joint_parameters import JointParameters
 from litsim_predictor.inference.joint_units import (
     DEVIATION_UNITS,
     GAUSSIAN_CHANNELS,
-    HEADS,
     HISTORY_UNITS,
     LANE,
-    LAYERS,
     LENGTH,
     MAP_MIDDLE,
     NEAR,
-    NEIGHBOURS,
-    REACH,
     RELATION_CHANNELS,
     RELATION_UNITS,
     RELATION_WIDTH,
@@ -53,8 +50,6 @@ from litsim_predictor.learned.models.model import (
     rows_of,
     same_agent,
 )
-
-Kind = Literal["direct", "recurrent"]  # all steps at once, or one after the other as in the paper
 
 
 class MapEncoder(nn.Module):
@@ -256,66 +251,28 @@ class RecurrentDecoder(nn.Module):
 
 
 class JointPredictor(SceneModel):
-    """See the module.
+    """See the module."""
 
-    Args:
-        map_width, map_channels: of the map encoder.
-        history_width: of the history encoder; of a recurrent one, both directions together.
-        history: "direct" or "recurrent" (paper).
-        history_channels: that a recurrent one reads: 2 for coordinates alone (paper), 4 with yaw and speed.
-        state_width: of the current states.
-        traffic: whether they say how fast the traffic ahead drives; see :mod:`.inference.traffic`. Only if `relative`.
-        heads: of the attention.
-        relative: attention over relations between agents, `layers` times; else the paper's over states of the scene.
-        layers: of relative attention.
-        neighbours: nearest agents that relative attention attends to, so that its cost grows with the agents only.
-        reach: [m] within which these must be.
-        decoder: "direct" or "recurrent".
-        hidden: of the decoder.
-        dropout: on what the decoder reads.
-
-    Raises:
-        ValueError: `history` or `decoder` is neither of both.
-    """
-
-    def __init__(
-        self,
-        *,
-        map_width: int = 64,
-        map_channels: int = 16,
-        history_width: int = 64,
-        history: Kind = "recurrent",
-        history_channels: int = HISTORY_CHANNELS,
-        state_width: int = 32,
-        traffic: bool = False,
-        heads: int = HEADS,
-        relative: bool = True,
-        layers: int = LAYERS,
-        neighbours: int = NEIGHBOURS,
-        reach: float = REACH,
-        decoder: Kind = "direct",
-        hidden: int = 128,
-        dropout: float = 0.1,
-    ) -> None:
+    def __init__(self, parameters: JointParameters) -> None:
         super().__init__()
-        for name, kind in (("history", history), ("decoder", decoder)):
-            if kind not in get_args(Kind):
-                raise ValueError(f"{name} is {kind!r}, expected one of {', '.join(get_args(Kind))}")
-        self.map = MapEncoder(map_channels, map_width)
+        of = parameters
+        self.map = MapEncoder(of.map_channels, of.map_width)
         self.history = (
-            DirectHistory(history_width) if history == "direct" else RecurrentHistory(history_width, history_channels)
+            DirectHistory(of.history_width)
+            if of.history == "direct"
+            else RecurrentHistory(of.history_width, of.history_channels)
         )
-        self.scene = None if relative else SceneAttention(state_width, heads)
+        self.scene = None if of.relative else SceneAttention(of.state_width, of.heads)
         if self.scene is None:
-            read = STATE_CHANNELS + TRAFFIC_CHANNELS * traffic
-            self.state = nn.Sequential(nn.Linear(read, state_width), nn.ReLU())
-        self.traffic = traffic
-        width = map_width + history_width + state_width
-        self.relative = nn.ModuleList([RelativeAttention(width, heads) for _ in range(layers if relative else 0)])
-        self.neighbours, self.reach = neighbours, reach
-        self.dropout = nn.Dropout(dropout)
-        self.maneuver = nn.Sequential(nn.Linear(width, hidden), nn.ReLU(), nn.Linear(hidden, len(MANEUVERS)))
-        self.decoder = (DirectDecoder if decoder == "direct" else RecurrentDecoder)(width, hidden)
+            read = STATE_CHANNELS + TRAFFIC_CHANNELS * of.traffic
+            self.state = nn.Sequential(nn.Linear(read, of.state_width), nn.ReLU())
+        self.traffic, self.neighbours, self.reach = of.traffic, of.neighbours, of.reach
+        self.relative = nn.ModuleList(
+            [RelativeAttention(of.width, of.heads) for _ in range(of.layers if of.relative else 0)]
+        )
+        self.dropout = nn.Dropout(of.dropout)
+        self.maneuver = nn.Sequential(nn.Linear(of.width, of.hidden), nn.ReLU(), nn.Linear(of.hidden, len(MANEUVERS)))
+        self.decoder = (DirectDecoder if of.decoder == "direct" else RecurrentDecoder)(of.width, of.hidden)
 
     def forward(
         self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None, maps: Tensor | None = None

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from litsim_predictor.learned.models.bat import Bat
-from litsim_predictor.learned.models.cs_lstm import CsLstm
+from litsim_predictor.inference.joint_parameters import JointParameters
+from litsim_predictor.inference.weights import configured
+from litsim_predictor.learned.models.bat import Bat, BatParameters
+from litsim_predictor.learned.models.cs_lstm import CsLstm, CsLstmParameters
 from litsim_predictor.learned.models.joint import JointPredictor
 from litsim_predictor.learned.models.model import SceneModel
 from litsim_sim.core.errors import InputError
 
-KINDS: dict[str, type[SceneModel]] = {"joint": JointPredictor, "cs_lstm": CsLstm, "bat": Bat}
+KINDS: dict[str, tuple[type, Callable[[Any], SceneModel]]] = {
+    "joint": (JointParameters, JointPredictor),
+    "cs_lstm": (CsLstmParameters, CsLstm),
+    "bat": (BatParameters, Bat),
+}
+"""What each kind of model is configured by and made by."""
 
 
 def build(kind: str, parameters: dict[str, Any], where: str) -> SceneModel:
@@ -21,7 +29,5 @@ def build(kind: str, parameters: dict[str, Any], where: str) -> SceneModel:
     """
     if kind not in KINDS:
         raise InputError(f"{where}: field model is {kind!r}, expected one of {', '.join(KINDS)}")
-    try:
-        return KINDS[kind](**parameters)
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise InputError(f"{where}: field parameters does not fit model {kind}: {error}") from error
+    config, model = KINDS[kind]
+    return model(configured(config, parameters, where))

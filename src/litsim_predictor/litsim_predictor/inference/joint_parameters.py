@@ -1,0 +1,70 @@
+"""The configuration of a joint predictor, which its model of torch and its kernels share."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from litsim_predictor.inference.contract import HISTORY_CHANNELS
+from litsim_sim.core.quantities import Flag, Length, NonNegative, Positive, Share, Whole, configuration
+
+Kind = Literal["direct", "recurrent"]
+"""Whether steps are read or written all at once, or one after the other as in the paper."""
+
+
+@configuration
+class JointParameters:
+    """Field `parameters` of a training configuration, and of a file of weights, whose model is `joint`.
+
+    Attributes:
+        map_width, map_channels: width and channels of the map encoder.
+        history_width: width of the history encoder; of a recurrent one, both directions together.
+        history: how histories are read; "recurrent" is the paper's choice.
+        history_channels: channels that a recurrent encoder reads: 2 for coordinates (paper), 4 with yaw and speed.
+        state_width: width of the encoder of current states.
+        traffic: whether states include the speed of the traffic ahead; see :mod:`.inference.traffic`. Needs `relative`.
+        heads: number of heads of the attention.
+        relative: whether attention is over relations between agents, `layers` times; else it is the paper's attention
+            over states in the frame of the scene.
+        layers: number of layers of relative attention.
+        neighbours: greatest number of nearest agents to which relative attention attends, so that its cost grows with
+            the number of agents only.
+        reach: distance within which these must be.
+        decoder: how futures are decoded; "recurrent" is the paper's choice.
+        hidden: width of the decoder.
+        dropout: probability with which a value is hidden from the decoder in training.
+    """
+
+    map_width: Positive[Whole] = 64
+    map_channels: Positive[Whole] = 16
+    history_width: Positive[Whole] = 64
+    history: Kind = "recurrent"
+    history_channels: Annotated[Whole, Field(ge=1, le=HISTORY_CHANNELS)] = HISTORY_CHANNELS
+    state_width: Positive[Whole] = 32
+    traffic: Flag = False
+    heads: Positive[Whole] = 8
+    relative: Flag = True
+    layers: Positive[Whole] = 2
+    neighbours: NonNegative[Whole] = 12
+    reach: Positive[Length] = 80.0
+    decoder: Kind = "direct"
+    hidden: Positive[Whole] = 128
+    dropout: Share = 0.1
+
+    @model_validator(mode="after")
+    def _fit(self) -> Self:
+        attended = self.width if self.relative else self.state_width
+        if attended % self.heads:
+            raise ValueError(f"heads is {self.heads}, expected a divisor of {attended}, the width of the attention")
+        for name, kind in (("history_width", self.history), ("hidden", self.decoder)):
+            if kind == "recurrent" and getattr(self, name) % 2:
+                raise ValueError(f"{name} is {getattr(self, name)}, expected an even number: two directions share it")
+        if self.traffic and not self.relative:
+            raise ValueError("traffic is True, expected False where relative is False")
+        return self
+
+    @property
+    def width(self) -> int:
+        """Width of the code of an agent."""
+        return self.map_width + self.history_width + self.state_width
