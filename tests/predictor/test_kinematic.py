@@ -92,6 +92,11 @@ def test_other_horizons_and_steps(agent_table: Build) -> None:
     np.testing.assert_allclose(out.mean[0, :, 0], 10.0 + np.arange(1, 21), atol=MILLIMETRE)
 
 
+def test_a_horizon_without_a_step_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"dt is 0\.5, expected at most horizon, which is 0\.1"):
+        KinematicConfig(horizon=0.1, dt=0.5)
+
+
 def test_agents_at_rest_stay(agent_table: Build) -> None:
     out = forecast(agent_table, (EGO, 5.0, 6.0, 0.4, 0.0, 0.0))
     np.testing.assert_allclose(out.mean[0], np.tile([5.0, 6.0], (HORIZON_STEPS, 1)), atol=1e-6)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 import numpy as np
+from pydantic import model_validator
 
 from litsim_predictor.forecast import Forecast, Modes
 from litsim_predictor.selection import Egos, Wanted, selected
@@ -17,6 +20,7 @@ from litsim_sim.core.quantities import (
     Positive,
     Speed,
     Steps,
+    at_most,
     configuration,
 )
 from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
@@ -45,6 +49,11 @@ class KinematicConfig:
     sigma_along: tuple[NonNegative[Speed], NonNegative[Acceleration]] = (0.55, 0.16)
     sigma_across: tuple[NonNegative[Speed], NonNegative[Acceleration]] = (0.15, 0.02)
     sigma_start: NonNegative[Length] = 0.1
+
+    @model_validator(mode="after")
+    def _has_a_step(self) -> Self:
+        at_most(self, "dt", "horizon")
+        return self
 
 
 class KinematicPredictor:

@@ -222,6 +222,7 @@ def test_by_default_all_models_that_come_with_the_package_are_compared() -> None
         (["--recording", "nowhere.parquet"], "nowhere.parquet: no such file"),
         (["--scenario", "nowhere"], "no such scenario"),
         (["--stride", "0"], "--stride 0: expected 1 or more"),
+        (["--seed", "-1"], "--seed -1: expected 0 or more"),
         (["--batch", "-1"], "--batch -1"),
         (["--device", "abacus"], "--device abacus"),
     ],

@@ -95,6 +95,12 @@ def test_manoeuvres_that_matter_are_answered_beside_the_most_probable_one(networ
     assert (apart > 0.05).all(), "another manoeuvre leads elsewhere"
 
 
+def test_more_manoeuvres_than_there_are_are_all(network: JointNetwork) -> None:
+    inputs, asked = scene(3), np.arange(3)
+    every, beyond = (network(inputs, asked, ModeChoice(most=most, share=1e-9)).further for most in (8, 10**12))
+    assert len(every.row) and np.array_equal(every.maneuver, beyond.maneuver) and np.array_equal(every.row, beyond.row)
+
+
 def test_further_manoeuvres_do_not_depend_on_who_else_is_asked(network: JointNetwork) -> None:
     inputs, modes = scene(20), ModeChoice(most=3, share=0.02)
     everybody, some = network(inputs, np.arange(20), modes).further, network(inputs, np.array([4, 11]), modes).further

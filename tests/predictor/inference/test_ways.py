@@ -138,6 +138,14 @@ def test_gaussians_turn_with_the_way() -> None:
     assert bent[0][0, 0] == pytest.approx(mean[0, 0], abs=0.1)
 
 
+def test_what_is_not_a_number_stays_so_along_a_way() -> None:
+    """Such a forecast is then marked as invalid."""
+    pose = np.zeros((1, WAY, 3))
+    nothing, some = np.full((1, HORIZON, 2), np.nan, np.float32), np.ones((1, HORIZON, 2), np.float32)
+    mean, _, _ = bend(pose, nothing, some, np.zeros((1, HORIZON), np.float32))
+    assert np.isnan(mean).all()
+
+
 def test_only_agents_with_a_way_are_bent_with_all_they_may_do() -> None:
     mean, scale, correlation = (array.astype(np.float32) for array in gaussians(3))
     further = FurtherFutures(np.array([0, 1, 1]), np.array([3, 3, 6]), mean, scale, correlation)

@@ -101,9 +101,9 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
         summary,
     )
 
-    for name in ("stride", "batch"):
-        if getattr(arguments, name) < 1:
-            raise InputError(f"--{name} {getattr(arguments, name)}: expected 1 or more")
+    for name, least in (("stride", 1), ("batch", 1), ("seed", 0)):
+        if getattr(arguments, name) < least:
+            raise InputError(f"--{name} {getattr(arguments, name)}: expected {least} or more")
     if not 0.0 <= arguments.roi < float("inf"):
         raise InputError(f"--roi {arguments.roi}: expected 0 or more metres")
     models = load_models(arguments.models or COMPARED, arguments.device, along_lanes=not arguments.straight)

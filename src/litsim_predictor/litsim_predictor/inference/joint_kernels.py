@@ -31,12 +31,12 @@ SOFT_UNTIL = 20.0  # beyond, log(1 + exp(x)) is x in single precision
 
 @kernel(void(SINGLES3, BOOLS2, float64, OUT_SINGLES3))
 def read_histories(history: Float32Array, observed: BoolArray, dt: float, out: Float32Array) -> None:
-    """Write histories as what differs from constant speed straight ahead, zeros where they are not observed.
+    """Write how histories differ from constant speed straight ahead; zeros where they are not observed.
 
     Args:
         history, observed: (n, T, 4) x, y [m], yaw [rad] and speed [m/s], the present last, and (n, T).
         dt: between steps [s].
-        out: (n, T, 5) the four, and whether they are observed.
+        out: (n, T, 5) the differences in the four channels, and 1 where they are observed.
     """
     agents, steps, _ = history.shape
     for i in range(agents):
@@ -70,10 +70,11 @@ def further_maneuvers(probability: Float32Array, best: IntArray, most: int, shar
 
     Args:
         probability: (m, K).
-        best: most probable ones.
-        most: further ones of each row, at most.
-        share: probability of each of them, at least.
+        best: most probable manoeuvre of each row.
+        most: greatest number of further ones of each row.
+        share: least probability of each of them.
     """
+    most = min(most, probability.shape[1] - 1)
     row, other = np.empty(len(best) * most, np.int64), np.empty(len(best) * most, np.int64)
     count = 0
     for i in range(len(best)):
@@ -101,13 +102,13 @@ def write_gaussians(
     scale: Float32Array,
     correlation: Float32Array,
 ) -> None:
-    """Read what a decoder has said as Gaussians around constant velocity.
+    """Turn a decoder's output into Gaussians around constant velocity.
 
     Args:
-        raw: (m, T, GAUSSIAN_CHANNELS) velocity to be added [m/s], two scales and a correlation without bounds.
+        raw: (m, T, GAUSSIAN_CHANNELS) velocity to be added [m/s], then two scales and a correlation, all unbounded.
         state: (m, STATE_CHANNELS).
         dt: between steps [s].
-        mean, scale: (m, T, 2) [m].
+        mean, scale: (m, T, 2) in the agent frames [m].
         correlation: (m, T).
     """
     for i in range(len(raw)):

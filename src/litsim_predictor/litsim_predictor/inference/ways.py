@@ -144,7 +144,7 @@ def bend(
         pose: (r, WAY, 3) of the ways; see :class:`Ways`.
         mean, scale, correlation: (r, T, 2), (r, T, 2), (r, T) along and across them; see :class:`.AgentFutures`.
     """
-    metre = np.clip(np.floor(mean[..., 0]), 0, WAY - 1).astype(np.int64)
+    metre = np.fmin(np.fmax(np.floor(mean[..., 0]), 0), WAY - 1).astype(np.int64)  # 0 of what is not a number
     frame = np.take_along_axis(pose, metre[..., None], axis=1).reshape(-1, 3)
     ahead = (mean - np.stack([metre, np.zeros_like(metre)], axis=-1)).astype(np.float32)
     one_by_one = ahead.reshape(-1, 1, 2), scale.reshape(-1, 1, 2), correlation.reshape(-1, 1)
