@@ -21,7 +21,10 @@ class OraclePredictor:
     """
 
     def __init__(self, happened: Happened, ids: np.ndarray, ego_id: Egos, roi_m: float, wanted: Wanted) -> None:
-        """Know what happened to the agents `ids` (N,) of the log; the others as of other predictors."""
+        """Forecast by `happened`, whose rows are the agents `ids` (N,) of the log.
+
+        The other arguments are those of :class:`litsim_predictor.inference.predictor.LearnedPredictor`.
+        """
         self._happened, self._ids = happened, ids
         self._ego_id, self._roi_m, self._wanted = ego_id, roi_m, wanted
 

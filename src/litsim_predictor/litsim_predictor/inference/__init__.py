@@ -3,4 +3,4 @@
 SHIPPED = ("default", "paper", "cs_lstm", "bat")
 """Names of the models that come with the package."""
 GRAPHS = ("paper", "cs_lstm", "bat")
-"""Those that are run as graphs; the default one has kernels."""
+"""Those of them that are run as graphs; `default` is run by kernels."""

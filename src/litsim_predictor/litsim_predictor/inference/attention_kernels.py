@@ -1,6 +1,6 @@
 """Attention to neighbours, as compiled kernels in single precision: see :mod:`.joint_network`.
 
-Each neighbour is processed for many agents at a time, which are the last dimension, the lanes.
+The k-th neighbours of many agents are processed at a time. These agents are the last dimension of arrays, the lanes.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from litsim_sim.core.compiled import (
 )
 from litsim_sim.core.scene import FloatArray, IntArray
 
-LANES = 16  # that a processor computes at a time: with fewer agents, the rest is padding
+LANES_MULTIPLE = 16  # of which the number of lanes is a multiple; those beyond the last agent are padding
 
 
 @kernel(void(SINGLES2, float64, OUT_INTS2, OUT_INTS))
 def find_neighbours(position: Float32Array, reach: float, index: IntArray, many: IntArray) -> None:
-    """Find those nearest to each of n agents.
+    """Find the nearest neighbours of each of n agents: at most K - 1, the lowest rows first where distances are equal.
 
     Args:
         position: (n, 2) [m].
-        reach: [m] within which they are looked for.
-        index, many: (n, K) their rows, the agent's own first, and (n,) how many: the K - 1 nearest at most, of equally
-            near ones those of the lowest row.
+        reach: distance within which neighbours are looked for [m].
+        index: (n, K) rows of the agent itself, first, and of its neighbours by distance; undefined from `many` on.
+        many: (n,) number of rows in `index`, the agent included.
     """
     agents, most = index.shape
     within = float32(reach * reach)
@@ -55,7 +55,7 @@ def find_neighbours(position: Float32Array, reach: float, index: IntArray, many:
             apart = dx * dx + dy * dy
             if j == i or apart >= within or (used == most and apart >= far[used - 1]):
                 continue
-            used = min(used + 1, most)  # the last is let go where there are too many
+            used = min(used + 1, most)  # where there are too many, the farthest is dropped
             at = used - 1
             while at > 1 and far[at - 1] > apart:
                 far[at], near[at] = far[at - 1], near[at - 1]
@@ -78,7 +78,7 @@ def relate(
     Args:
         position, heading, speed: (n, 2) [m], (n,) [rad] and (n,) [m/s].
         index, many: see :func:`find_neighbours`.
-        relation: (n, K, RELATION_CHANNELS); see :data:`.joint_units.RELATION_UNITS`.
+        relation: (n, K, RELATION_CHANNELS); see :data:`.joint_units.RELATION_UNITS`. Undefined where `index` is.
     """
     agents = len(heading)
     cos, sin = np.empty(agents, np.float32), np.empty(agents, np.float32)
@@ -135,7 +135,7 @@ def read_relations(
     bias: Float32Array,
     near: Float32Array,
 ) -> None:
-    """Write to `near` (K, c, lanes) what a rectified layer, `weight` (c, RELATION_CHANNELS), makes of relations."""
+    """Write to `near` (K, c, lanes) the output of the rectified layer that reads relations; see :func:`attend`."""
     channels = relation.shape[2]
     neighbours, width, lanes = near.shape
     laid_out = np.zeros((channels, lanes), np.float32)
@@ -151,7 +151,10 @@ def read_relations(
 
 @kernel(void(SINGLES2, SINGLES3, SINGLES3, OUT_SINGLES3))
 def weigh_relations(query: Float32Array, of_key: Float32Array, near: Float32Array, logits: Float32Array) -> None:
-    """Add to `logits` (K, heads, lanes) what relations `near` (K, c, lanes) add to keys, `of_key`, times `query`."""
+    """Add to `logits` (K, heads, lanes) the products of queries and of what relations add to keys; see :func:`attend`.
+
+    `near` (K, c, lanes) are the relations as :func:`read_relations` writes them.
+    """
     heads, width, size = of_key.shape
     neighbours, lanes = near.shape[0], near.shape[2]
     part, asked = np.zeros((size, lanes), np.float32), np.empty((width, lanes), np.float32)
@@ -197,7 +200,7 @@ def weigh_keys(
 
 @kernel(void(INTS, INTS, OUT_SINGLES3))
 def share(rows: IntArray, many: IntArray, weights: Float32Array) -> None:
-    """Put in the place of logits, `weights` (K, heads, lanes), shares of neighbours that are there: a softmax."""
+    """Replace logits, `weights` (K, heads, lanes), by their softmax over the neighbours that each agent has."""
     neighbours, heads, lanes = weights.shape
     there = np.ones(lanes, np.int64)
     for i in range(len(rows)):
@@ -230,7 +233,7 @@ def hear_values(
     many: IntArray,
     out: Float32Array,
 ) -> None:
-    """Write to `out` (m, W) the values of neighbours by the `weights` (K, heads, lanes); see :func:`attend`."""
+    """Write to `out` (m, W) the sums of neighbours' values times `weights` (K, heads, lanes); see :func:`attend`."""
     heads, channels = weights.shape[1], out.shape[1]
     size = channels // heads
     for i in range(len(rows)):
@@ -247,7 +250,10 @@ def hear_values(
 
 @kernel(void(SINGLES3, SINGLES3, SINGLES3, OUT_SINGLES2))
 def hear_relations(weights: Float32Array, near: Float32Array, of_value: Float32Array, out: Float32Array) -> None:
-    """Add to `out` (m, W) what relations `near` (K, c, lanes) add to values, `of_value`, by the `weights`."""
+    """Add to `out` (m, W) the sums of what relations add to values, times `weights` (K, heads, lanes).
+
+    `near` (K, c, lanes) are the relations as :func:`read_relations` writes them; for `of_value` see :func:`attend`.
+    """
     heads, size, width = of_value.shape
     neighbours, lanes = near.shape[0], near.shape[2]
     last = neighbours - neighbours % INNER
@@ -288,20 +294,20 @@ def attend(  # noqa: PLR0917 - a kernel takes arrays and numbers
     of_key: Float32Array,
     of_value: Float32Array,
 ) -> None:
-    """Attend to neighbours, whose keys and values also know how they lie and move relative to an agent.
+    """Attend to neighbours, whose keys and values also hold how they lie and move relative to the agent that attends.
 
     Args:
         query: (m, W) of the agents in the `rows` (m,) of all n.
         key_value: (n, 2 W) keys, then values.
         index, many: see :func:`find_neighbours`.
         relation: see :func:`relate`.
-        out: (m, W) what each has heard.
-        weight, bias: (c, RELATION_CHANNELS) and (c,) of the layer that reads a relation.
-        of_key, of_value: (heads, c, W / heads) and (heads, W / heads, c), what it adds to keys and values: as it does
-            so by a matrix, it is taken out of the sums over neighbours and applied once an agent.
+        out: (m, W) sums of the neighbours' values, weighted by attention.
+        weight, bias: (c, RELATION_CHANNELS) and (c,) of the rectified layer that reads a relation.
+        of_key, of_value: (heads, c, W / heads) and (heads, W / heads, c) matrices by which the output of that layer is
+            added to keys and values. They are taken out of the sums over neighbours, and applied once for each agent.
     """
     heads, width, _ = of_key.shape
-    lanes = -(-len(rows) // LANES) * LANES
+    lanes = -(-len(rows) // LANES_MULTIPLE) * LANES_MULTIPLE
     near = np.empty((index.shape[1], width, lanes), np.float32)
     weights = np.zeros((index.shape[1], heads, lanes), np.float32)
     read_relations(relation, rows, many, weight, bias, near)

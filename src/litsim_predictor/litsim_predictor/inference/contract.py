@@ -26,7 +26,7 @@ HISTORY = 16
 HORIZON = 25
 """Steps of the future: 5 s."""
 SECONDS = tuple(range(1, round(HORIZON * DT) + 1))
-"""Horizons that measures are told for [s]."""
+"""Horizons for which measures are reported [s]."""
 AT_SECONDS = slice(round(1.0 / DT) - 1, None, round(1.0 / DT))
 """The steps of the future at :data:`SECONDS`."""
 HISTORY_CHANNELS = 4
@@ -71,8 +71,8 @@ class ModeChoice:
     """Which manoeuvres of an agent matter, beside the most probable one.
 
     Attributes:
-        most: of them, at most; 0 for none.
-        share: probability of each, at least.
+        most: greatest number of these; 0 for none.
+        share: least probability of each of these.
     """
 
     most: NonNegative[Whole] = 3
@@ -130,10 +130,10 @@ class Network(Protocol):
     """A trained model, independent of what runs it."""
 
     def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:
-        """Answer for the agents of a scene in the rows `asked` (m,), in that order; one at least. All are seen.
+        """Predict the agents of a scene in the rows `asked` (m,), at least one, in that order; it sees all agents.
 
-        Networks that are run by kernels answer with further manoeuvres by `modes`; graphs and eager models hold the
-        choice of the most probable one, and answer with no others.
+        Networks that are run by kernels also answer with the further manoeuvres that `modes` asks for. Graphs and eager
+        models answer with the most probable manoeuvre alone.
         """
 
 

@@ -51,14 +51,14 @@ def tanh(x: np.float32) -> np.float32:
 
 @kernel(float32(float32))
 def exp(x: np.float32) -> np.float32:
-    """The exponential of `x`, at most 0, to 1e-7; likewise."""
+    """The exponential of an `x` of at most 0, within 1e-7, by arithmetic alone, so that many are computed at a time."""
     half = tanh(float32(0.5) * x)
     return (float32(1.0) + half) / (float32(1.0) - half)
 
 
 @kernel(void(SINGLES2, SINGLES2, OUT_SINGLES2))
 def add_blocks(values: Float32Array, weight: Float32Array, out: Float32Array) -> None:
-    """As :func:`add_product`, but for the last columns of `out`, where their number is no multiple of LANES."""
+    """Do as :func:`add_product`, but leave out the last columns of `out` where their number is no multiple of LANES."""
     rows, columns = out.shape
     whole, wide = rows - rows % BLOCK_ROWS, columns - columns % (2 * LANES)
     for j in range(0, wide, 2 * LANES):
@@ -88,7 +88,7 @@ def add_product(values: Float32Array, weight: Float32Array, out: Float32Array) -
 
 @kernel(void(OUT_SINGLES2))
 def rectify(values: Float32Array) -> None:
-    """Put 0 in the place of negative `values` (m, n)."""
+    """Replace negative `values` (m, n) by 0."""
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
             values[i, j] = max(values[i, j], float32(0.0))
@@ -105,7 +105,7 @@ def linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: 
 
 @kernel(void(SINGLES2, SINGLES2, ROW, OUT_SINGLES2))
 def rectified_linear(values: Float32Array, weight: Float32Array, bias: Float32Array, out: Float32Array) -> None:
-    """Likewise, with negative values replaced by 0."""
+    """Write to `out` (m, n) what :func:`linear` does, with negative values replaced by 0."""
     linear(values, weight, bias, out)
     rectify(out)
 

@@ -63,7 +63,11 @@ def _modes_in_map(futures: AgentFutures, frame: FloatArray, agents: AgentTable, 
 def turned_gaussians(
     mean: Float32Array, scale: Float32Array, correlation: Float32Array, frame: FloatArray
 ) -> tuple[FloatArray, Float32Array, BoolArray]:
-    """Means (n, T, 2), sigmas with correlation (n, T, 3), outside of `frame` (n, 3), and which are numbers (n,)."""
+    """Gaussians from agent frames `frame` (n, 3) to frame map; see :func:`turn_gaussians`.
+
+    Returns:
+        means (n, T, 2) [m]; sigma_x, sigma_y [m] and correlation (n, T, 3); and (n,) whether all of these are finite.
+    """
     turned, covariance = np.empty(mean.shape), np.empty((*correlation.shape, 3), np.float32)
     valid = np.empty(len(mean), np.bool_)
     cos, sin = np.cos(frame[:, 2]), np.sin(frame[:, 2])
@@ -91,7 +95,7 @@ def turn_gaussians(  # noqa: PLR0917 - a kernel takes arrays and numbers
         cos, sin: (n,) of the headings.
         turned: (n, T, 2) means in frame map [m].
         covariance: (n, T, 3) sigma_x, sigma_y [m] and correlation there.
-        valid: (n,) whether all of an agent are numbers.
+        valid: (n,) whether all numbers of an agent are finite.
     """
     for i in range(len(mean)):
         c, s = cos[i], sin[i]

@@ -156,7 +156,7 @@ def starts_apart(channels: int, rows: int, columns: int) -> IntArray:
 
 
 def starts_in_halves(channels: int) -> IntArray:
-    """Likewise in the planes of :data:`HALVES`."""
+    """Where each cell of a kernel (channels, KERNEL, KERNEL) starts, in the planes of :data:`HALVES`."""
     c, y, x = np.ogrid[:channels, :KERNEL, :KERNEL]
     plane = 4 * c + 2 * (y != 1) + (x != 1)
     return np.asarray((plane * (HALF_ROWS + 1) + (y > 0)) * (HALF_COLUMNS + 1) + (x > 0)).ravel()

@@ -30,7 +30,7 @@ def first_alike(rows: IntArray) -> IntArray:
         total = 0
         for k in range(size):
             total += rows[i, k] * (2 * k + 1)
-        first[i], mixed[i] = i, total  # which differs where rows do, nearly always
+        first[i], mixed[i] = i, total  # rows with different sums differ, and nearly always the other way round
         for j in range(i):
             if mixed[j] == total and first[j] == j:
                 k = 0

@@ -1,4 +1,4 @@
-"""Products and sums for which numba has no words: multiplied and added at once, and summed in registers.
+"""Products and sums that numba cannot express: multiplied and added at once, and summed in registers.
 
 A product is added to a sum by one operation, which rounds once (FMA). Blocks of products of matrices keep their sums
 in the processor's registers: written out in Python, each sum is loaded and stored again for every few of its terms, and
@@ -16,7 +16,7 @@ from numba.extending import intrinsic
 
 BLOCK_ROWS = 4
 LANES = 16 if binding.get_host_cpu_features().get("avx512f") else 8
-"""Columns that one register holds; a block has them once or twice."""
+"""Columns that one register holds; a block is one or two registers wide."""
 
 SUMS = 8
 """Sums that :func:`dot` keeps beside each other."""
@@ -27,7 +27,7 @@ _EVERY_LANE = ir.Constant(ir.VectorType(ir.IntType(32), LANES), None)  # is the 
 
 
 def _fused(builder: Any, lanes: int) -> Any:
-    """The function a b + c of vectors of so many `lanes`."""
+    """The function a b + c of vectors with `lanes` entries."""
     vector = ir.VectorType(_FLOAT, lanes)
     kind = ir.FunctionType(vector, [vector] * 3)
     return cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{lanes}f32")
@@ -41,7 +41,7 @@ def multiply_add(_typing: Any, a: Any, b: Any, c: Any) -> tuple[Any, Any]:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def dot(_typing: Any, a: Any, b: Any, begin: Any, size: Any) -> tuple[Any, Any]:
-    """Return the sum of the products of `a` and `b`, arrays (n,), from `begin` on: of `size`, a multiple of SUMS."""
+    """Return the dot product of `a` and `b`, arrays (n,), over `size` entries from `begin` on, a multiple of SUMS."""
     eight, index = ir.VectorType(_FLOAT, SUMS), ir.IntType(32)
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:

@@ -48,7 +48,7 @@ class Traffic:
 
     @classmethod
     def of_table(cls, table: AgentTable, history: History) -> Self:
-        """All vehicles of `table`, the newest of a `history` of what agents are read by (HISTORY_CHANNELS)."""
+        """All vehicles of `table`, which is the newest in `history`, a history of the HISTORY_CHANNELS."""
         obstacle = table.obstacle
         vehicles = table.take(~obstacle) if obstacle.any() else table
         values, there = history.window(vehicles.id, 2, STRIDE * TRAFFIC_AGO)

@@ -20,8 +20,8 @@ Decode = Literal["all", "best"] | Tensor
 class SceneModel(nn.Module):
     """Base of all learned predictors.
 
-    A subclass is built from its configuration alone, and answers for padding and for agents seen in a single frame
-    with finite numbers. Answers do not depend on the order of agents nor on padding.
+    A subclass is built from its configuration alone. It answers with finite numbers for padding, too, and for agents
+    that are seen in a single frame. Its answers depend neither on the order of agents nor on padding.
 
     Attributes:
         forcing: share of the batches of training in which a decoder that reads positions is given the true ones.
