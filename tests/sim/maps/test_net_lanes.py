@@ -34,6 +34,15 @@ def test_a_lane_of_a_net(tmp_path: Path) -> None:
     assert right.successors == () and not right.is_internal
 
 
+def test_left_hand_nets_count_their_lanes_from_the_left(tmp_path: Path) -> None:
+    path = tmp_path / "a.net.xml"
+    mirrored = EDGE.replace(",-4", ",4").replace(",3", ",-3")
+    path.write_text(f'<net version="1.20" lefthand="true">{LOCATION}{mirrored}{NODES}</net>')
+    right, left = sorted(read_lanes(path), key=lambda lane: lane.index)  # the footpath lies to the left of both
+    assert (right.id, right.index, right.left, right.right) == ("a_2", 0, "a_1", None)
+    assert (left.id, left.index, left.left, left.right) == ("a_1", 1, None, "a_2")
+
+
 def test_lanes_inside_junctions_lie_between_others() -> None:
     lanes = {lane.id: lane for lane in read_lanes(packaged("nets/urban_like.net.xml"))}
     inside = [lane for lane in lanes.values() if lane.is_internal]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 from xml.sax import SAXException, SAXParseException
 
 import numpy as np
@@ -25,7 +26,7 @@ class Lane:
 
     Attributes:
         id, edge_id: SUMO's names.
-        index: position in its edge, 0 is the rightmost.
+        index: position in its edge, 0 is the rightmost; in nets of left-hand traffic SUMO counts from the left.
         width: [m].
         speed_limit: [m/s].
         centerline: (k, 2) in driving direction [m].
@@ -79,7 +80,8 @@ def read_net(path: Path) -> tuple[Any, list[Lane]]:
     try:
         net: Any = sumolib.net.readNet(str(path), withInternal=True, lxml=False)
         edges = net.getEdges(withInternal=True)
-        lanes = [_lane(lane) for edge in edges for lane in edge.getLanes() if _drivable(lane)]
+        left_hand = _is_left_hand(path)
+        lanes = [_lane(lane, left_hand) for edge in edges for lane in edge.getLanes() if _drivable(lane)]
     except UNREADABLE as error:
         raise unreadable_net(path, error) from error
     if not lanes:
@@ -97,7 +99,14 @@ def _drivable(lane: Any) -> bool:
     return bool(lane.allows("passenger"))
 
 
-def _lane(lane: Any) -> Lane:
+def _is_left_hand(path: Path) -> bool:
+    """Whether a net is of left-hand traffic, which sumolib does not tell."""
+    with sumolib.openz(str(path), "rb") as file:
+        _, root = next(iter(ET.iterparse(file, ("start",))))  # noqa: S314  sumolib has read all of it before
+    return bool(root.get("lefthand") == "true")
+
+
+def _lane(lane: Any, left_hand: bool) -> Lane:
     """A lane as sumolib has read it."""
     centerline = np.array([point[:2] for point in lane.getShape()], np.float64)
     steps = np.hypot(*np.diff(centerline, axis=0).T)
@@ -105,8 +114,10 @@ def _lane(lane: Any) -> Lane:
     closed = np.array([centerline[0], centerline[0] + [2 * TOLERANCE, 0.0]])  # by rounding, in a very short junction
     centerline = centerline[keep] if keep.sum() > 1 else closed
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centerline, axis=0).T))])
-    edge, index = lane.getEdge(), int(lane.getIndex())
-    beside = {int(other.getIndex()): other.getID() for other in edge.getLanes() if _drivable(other)}
+    edge = lane.getEdge()
+    from_right = edge.getLanes()[::-1] if left_hand else edge.getLanes()
+    index = from_right.index(lane)
+    beside = {place: other.getID() for place, other in enumerate(from_right) if _drivable(other)}
     following = []
     for connection in lane.getOutgoing():
         name = connection.getViaLaneID() or connection.getToLane().getID()
