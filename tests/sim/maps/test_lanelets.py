@@ -286,6 +286,13 @@ def test_opendrive_that_is_missing_or_malformed(tmp_path: Path) -> None:
         import_opendrive(tmp_path / "bad.xodr", tmp_path / "a.net.xml")
 
 
+def test_opendrive_of_left_hand_traffic_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "left.xodr").write_text(XODR.replace('junction="-1"', 'junction="-1" rule="LHT"'))
+    with pytest.raises(InputError, match=r"left\.xodr: line 3: a road of left-hand traffic \(rule LHT\)"):
+        import_opendrive(tmp_path / "left.xodr", tmp_path / "a.net.xml")
+    assert not (tmp_path / "a.net.xml").exists()
+
+
 def test_an_openstreetmap_is_no_lanelet2_map(tmp_path: Path) -> None:
     pytest.importorskip("lanelet2")
     nodes = "".join(f'<node id="{n}" lat="49.00{n}" lon="8.4"/>' for n in (1, 2))

@@ -88,6 +88,13 @@ def import_opendrive(source: Path, path: Path) -> list[str]:
     """
     if not source.is_file():
         raise InputError(f"{source}: no such OpenDRIVE file")
+    text = source.read_bytes()
+    if left_hand := re.search(rb"<road\b[^>]*\brule\s*=\s*[\"']LHT", text):
+        line = text.count(b"\n", 0, left_hand.end()) + 1
+        raise InputError(
+            f"{source}: line {line}: a road of left-hand traffic (rule LHT), whose lanes netconvert reads as "
+            f"leading the other way: expected right-hand traffic, or the map as Lanelet2 or CommonRoad"
+        )
     options = ["--opendrive-files", str(source.resolve()), "--opendrive.curve-resolution", "1"]
     with tempfile.TemporaryDirectory() as scratch:
         return _convert(options, path, Path(scratch), {}, str(source))
