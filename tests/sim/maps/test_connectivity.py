@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from litsim_sim.maps.connectivity import connectivity
+from litsim_sim.maps.connectivity import Connectivity, connectivity
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.scenario import packaged
 from made_lanes import made_lane
@@ -26,6 +26,11 @@ def test_lanes_that_lead_nowhere_and_that_nothing_leads_to() -> None:
     assert found.unreached == ("d_0", "e_0")
     assert "lane a_1 leads to no exit" in found.failures
     assert "lane e_0 cannot be reached from where vehicles come in" in found.failures
+
+
+def test_a_closed_net_has_no_way_in_and_lacks_nothing() -> None:
+    there, back = made_lane("a_0", (0, 0), (100, 0), ("b_0",)), made_lane("b_0", (100, 5), (0, 5), ("a_0",))
+    assert connectivity(LaneMap([there, back])) == Connectivity()
 
 
 def test_a_lane_that_begins_late_is_changed_onto() -> None:

@@ -53,7 +53,7 @@ class Connectivity:
             the lanes, where one changes lanes only off a lane that ends early.
         ending: lanes that end early: they lead nowhere while their edge goes on.
         unreached: lanes that cannot be reached from where vehicles come in, where one changes lanes only onto a lane
-            that begins late.
+            that begins late; none in a closed net, which has no way in.
         beginning: lanes that begin late: nothing leads to them while it does to others of their edge.
         gaps: lanes into which nothing leads though another lane ends where they begin.
         crossings: edges that cross: inside a junction there should be connections, not edges; a bridge is none.
@@ -78,7 +78,7 @@ class Connectivity:
         ]
         missed += [
             f"edges {each.one} and {each.other} cross at ({each.x:.1f}, {each.y:.1f}) without a junction: mark their "
-            "lanes there as lanes of an intersection"
+            "lanes there as lanes of an intersection; of a bridge, keep only one level in the recording"
             for each in self.crossings
         ]
         return missed
@@ -101,7 +101,7 @@ def connectivity(lane_map: LaneMap) -> Connectivity:
     return Connectivity(
         stuck=tuple(lane.id for lane in lanes if not before[lane.id] and lane.id not in leads_out),
         ending=ending,
-        unreached=tuple(lane.id for lane in lanes if lane.id not in comes_in),
+        unreached=tuple(lane.id for lane in lanes if comes_in and lane.id not in comes_in),
         beginning=beginning,
         gaps=_gaps(lanes, {lane.id for lane in lanes if lane.edge_id not in entered}),
         crossings=_crossings(lanes),
