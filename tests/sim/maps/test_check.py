@@ -14,6 +14,7 @@ from litsim_sim.core.scene import Kind
 from litsim_sim.maps.check import NetCheck
 from litsim_sim.maps.connectivity import Connectivity
 from litsim_sim.maps.lane_map import LaneMap
+from litsim_sim.maps.placement import Placement
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.recording import Recording, RecordingHeader
 from litsim_sim.report.map_picture import FITTED, MISS, TRACK
@@ -102,3 +103,7 @@ def test_a_picture_of_a_sound_net_alone(tmp_path: Path, capsys: pytest.CaptureFi
 def test_every_fault_is_a_failure() -> None:
     found = NetCheck(lanes=4, connectivity=Connectivity(stuck=("a_1",)), warnings=("odd",))
     assert found.failures == ["lane a_1 leads to no exit", "SUMO: odd"]
+    nan = float("nan")
+    wrong_way = Placement(100, 1.0, nan, nan, 0, 0.0, against=0.4)
+    (said,) = NetCheck(lanes=4, placements={"recording": wrong_way}).failures
+    assert said == "recording: 40.00% of the vehicle centres lie on lanes that lead the other way, goal at most 1%"

@@ -23,6 +23,12 @@ def test_vehicles_on_lanes_and_on_the_lane_that_is_named() -> None:
     assert unnamed.named == 0 and np.isnan(unnamed.agreement)
 
 
+def test_vehicles_on_lanes_that_lead_the_other_way() -> None:
+    table = rows(50.0, [-1.0, -3.0, -6.0, -9.0])
+    assert placement(LANES, table).against == 0.0
+    assert placement(LANES, table.assign(yaw=[0.1, 3.0, 3.1, 3.1])).against == 0.5  # the last is off the road
+
+
 def test_the_worst_miss_of_each_vehicle_has_its_place_and_time() -> None:
     found = placement(LANES, rows([50, 60, 105, 70], [1.0, 2.5, -5.25, -1.0], vehicle_id=[4, 4, 9, 9]))
     assert (found.missing, found.past_end) == (2, pytest.approx(1 / 3))

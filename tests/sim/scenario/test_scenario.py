@@ -288,6 +288,13 @@ def test_net_that_does_not_cover_the_recording(tmp_path: Path, fields: dict[str,
         assert "field coverage_min" in refusal(tmp_path, fields | {"coverage_min": share})
 
 
+def test_a_net_that_leads_the_other_way(make_scenario: Any, track: Any, lane_centres: Any) -> None:
+    along, against = track(1, x=50.0, y=lane_centres[1]), track(2, x=150.0, y=lane_centres[1], yaw=np.pi)
+    assert make_scenario(along, against).coverage == 1.0, "somebody may drive the wrong way"
+    with pytest.raises(InputError, match=r"leads the other way than the recording: 100\.0% of those who drive"):
+        make_scenario(replace(against, id=1))
+
+
 def test_pedestrians_and_cyclists_keep_to_no_lanes_and_are_no_egos(
     make_scenario: Any, track: Any, lane_centres: Any
 ) -> None:

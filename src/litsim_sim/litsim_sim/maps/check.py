@@ -76,6 +76,12 @@ class NetCheck:
             for name, part in self.placements.items()
             if part.inside < INSIDE_GOAL
         ]
+        missed += [
+            f"{name}: {part.against:.2%} of the vehicle centres lie on lanes that lead the other way, goal at most "
+            f"{1.0 - INSIDE_GOAL:.0%}"
+            for name, part in self.placements.items()
+            if part.against > 1.0 - INSIDE_GOAL
+        ]
         if self.cad is not None and not self.cad.median < CAD_GOAL:
             missed.append(f"the median distance to the CAD centre lines is {self.cad.median:.2f} m, goal {CAD_GOAL} m")
         return missed + self.connectivity.failures + [f"SUMO: {warning}" for warning in self.warnings]

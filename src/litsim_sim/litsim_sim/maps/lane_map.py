@@ -195,6 +195,10 @@ class LaneMap:
         """(n,) whether points lie within half a lane width of some lane's centre line."""
         return self._segments.any_within(_column(x), _column(y), self._reach)
 
+    def against(self, x: FloatArray, y: FloatArray, yaw: FloatArray) -> BoolArray:
+        """(n,) whether poses head the other way than the lanes there: none beside them leads where they head."""
+        return np.cos(self.nearest(x, y, yaw).heading - _column(yaw)) < 0.0
+
     def inside_lane(
         self, x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray
     ) -> BoolArray:

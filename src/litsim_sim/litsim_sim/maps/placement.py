@@ -54,6 +54,7 @@ class Placement:
         missing: vehicles with a box centre on no lane.
         past_end: share of the misses that lie before the start or past the end of the nearest lane.
         worst: the worst miss of each of the WORST farthest vehicles, farthest first.
+        against: share of those on a lane that head the other way than the lanes there.
     """
 
     rows: int
@@ -65,6 +66,7 @@ class Placement:
     missing: int = 0
     past_end: float = 0.0
     worst: tuple[Miss, ...] = ()
+    against: float = 0.0
 
 
 def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
@@ -100,6 +102,7 @@ def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
             Miss(int(who), int(frame), float(at_x), float(at_y), float(far), lane_map.lanes[int(lane)].id, bool(past))
             for who, frame, far, lane, past, at_x, at_y in worst.head(WORST).to_numpy(object)
         ),
+        against=float((inside & (np.cos(at.heading - yaw) < 0.0)).mean()),
     )
 
 

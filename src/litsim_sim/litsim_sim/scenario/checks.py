@@ -11,6 +11,9 @@ from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
 
+DRIVING = 1.0  # [m/s] from which on a heading is certain
+AGAINST_MAX = 0.5  # of the positions of those who drive, which may be on lanes that lead the other way
+
 
 class Demand(StrEnum):
     """Demands on the content of a scenario: on its length, its egos, and the coverage of the recording by the net."""
@@ -74,7 +77,7 @@ def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, wher
     """Check that the net covers the recording; return :func:`coverage`.
 
     Raises:
-        UnmetDemandError: the coverage is below `demanded`; `where` names the scenario.
+        UnmetDemandError: the coverage is below `demanded`, or the lanes lead the other way; `where` names the scenario.
     """
     share = coverage(lane_map, log)
     if share < demanded:
@@ -85,5 +88,13 @@ def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, wher
             f"{where}: net {net.name} does not cover the recording: {share:.1%} of the box centres are on its lanes, "
             f"expected {demanded:.0%} (field coverage_min); the recording spans x {x.min():.0f} to {x.max():.0f}, "
             f"y {y.min():.0f} to {y.max():.0f} m, the net x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} m",
+        )
+    driving = log.valid & ~log.obstacle[:, None] & (log.speed > DRIVING)
+    against = lane_map.against(log.x[driving], log.y[driving], log.yaw[driving]).mean() if driving.any() else 0.0
+    if against > AGAINST_MAX:
+        raise UnmetDemandError(
+            Demand.COVERAGE,
+            f"{where}: net {net.name} leads the other way than the recording: {against:.1%} of those who drive head "
+            f"against its lanes, expected at most {AGAINST_MAX:.0%}",
         )
     return share
