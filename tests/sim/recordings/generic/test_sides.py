@@ -63,6 +63,15 @@ def test_lanes_that_grow_to_the_left(tmp_path: Path) -> None:
         converted(tmp_path, road(3, 0, mirrored=True), lanes=True)
 
 
+def test_lanes_that_are_counted_across_both_directions(tmp_path: Path) -> None:
+    table = road(2, 2)
+    back = table["id"] >= 100  # numbers grow downwards in the picture, as highD's
+    table["lane"] = np.where(back, 3 - table["lane"], table["lane"])
+    assert converted(tmp_path, table)["vehicle_id"].nunique() == 16
+    with pytest.raises(InputError, match=r"higher number is 3\.5 m to the left for 50% of .*columns\.lane has to go"):
+        converted(tmp_path, table, lanes=True)
+
+
 def test_who_turns_or_stands_is_nobodys_opposite() -> None:
     table = road(1, 1).rename(columns={"id": "vehicle_id"}).sort_values(["vehicle_id", "t"], ignore_index=True)
     sides = Sides.of(table)

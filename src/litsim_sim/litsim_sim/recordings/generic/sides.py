@@ -65,11 +65,12 @@ def problems(table: pd.DataFrame) -> str:
             f"{len(right)} encounters: {DOWN}, or traffic keeps to the left there"
         )
     left = sides.next_lane > 0.0
-    if len(left) >= PAIRS_MIN and left.mean() >= SHARE:
+    if len(left) >= PAIRS_MIN and left.mean() > 1.0 - SHARE:
+        mirrored = f"{DOWN}, or " if left.mean() >= SHARE else ""
         said.append(
-            f"the lane of the next higher number is {np.median(sides.next_lane):.1f} m to the left for "
-            f"{left.mean():.0%} of {len(left)} pairs of vehicles, expected to the right: {DOWN}, or lanes are not "
-            f"counted from the left"
+            f"the lane of the next higher number is {np.median(sides.next_lane[left]):.1f} m to the left for "
+            f"{left.mean():.0%} of {len(left)} pairs of vehicles, expected to the right: {mirrored}lanes are not "
+            f"counted from the left in either direction, and field columns.lane has to go"
         )
     return "; ".join(said)
 
