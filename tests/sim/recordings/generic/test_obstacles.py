@@ -85,6 +85,15 @@ def test_they_say_nothing_of_the_units_of_vehicles(tmp_path: Path, traffic: Traf
         converted(pd.concat([traffic(length=1 / 0.3048, width=1 / 0.3048), many]), tmp_path)
 
 
+def test_who_jumps_is_named(tmp_path: Path, traffic: Traffic) -> None:
+    walking = people()
+    walking.loc[(walking["track_id"] == 11) & (walking["timestamp"] >= 4.0), "x"] += 3.0
+    named = walking.assign(track_id="P" + walking["track_id"].astype(str))
+    for table, who in ((walking, "11"), (named, "P11")):
+        with pytest.raises(InputError, match=rf"pedestrian {who} jumps 3\.\d s after frame 0.* rows: leave it out by"):
+            converted(pd.concat([traffic(), table]), tmp_path)
+
+
 def test_nobody_else(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="only pedestrians and cyclists are left"):
         converted(people(), tmp_path)

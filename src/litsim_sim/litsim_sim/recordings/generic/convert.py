@@ -53,6 +53,7 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
     table = without_outliers(table, source, counts)
     table = resampled(split(table, counts), source, counts)
     moving = _with_motion(table, mapping)
+    _check_walking(moving[obstacle_rows(moving)], names.get("ids", {}), source)
     if mapping.clean:
         walking = obstacle_rows(table)  # not cleaned: the motion model is that of vehicles
         raw = table[~walking].drop(columns="acceleration", errors="ignore")
@@ -223,6 +224,25 @@ def _with_motion(table: pd.DataFrame, mapping: Mapping) -> pd.DataFrame:
             acceleration=np.where(walking, rate, table["acceleration"]) if "acceleration" in table else rate
         )
     return table
+
+
+def _check_walking(table: pd.DataFrame, ids: dict[str, int], source: TableFiles) -> None:
+    """Refuse pedestrians and cyclists, rows of 10 Hz, who jump; `ids` are names of the file by vehicle_id's numbers.
+
+    Raises:
+        InputError: one does.
+    """
+    jumps = (np.abs(table["acceleration"]) > BOUNDS["acceleration"][1]).to_numpy()
+    if not jumps.any():
+        return
+    first = table.iloc[int(np.argmax(jumps))]
+    number = int(first["vehicle_id"]) % PIECE
+    who = next((name for name, given in ids.items() if given == number), number)
+    raise InputError(
+        f"{source}: {Kind(int(first['kind'])).name.lower()} {who} jumps {first['frame'] * STEP_S:.1f} s after frame 0, "
+        f"as an acceleration of {first['acceleration']:.0f} m/s2 by its positions shows; {int(jumps.sum())} such rows: "
+        f"leave it out by field rows of the mapping, or all of its kind by field kinds"
+    )
 
 
 def _moved(raw: pd.DataFrame, cleaned: pd.DataFrame, ahead: float) -> dict[int, float]:
