@@ -32,6 +32,9 @@ def drafted(path: Path) -> Mapping:
         lambda table: table.rename(
             columns={"timestamp": "timestamp_s", "heading": "psi_rad", "x": "xCenter", "y": "yCenter"}
         ),
+        lambda table: table.assign(timestamp=(1e6 * table["timestamp"]).round().astype(int)).rename(
+            columns={"timestamp": "timestamp_micros", "x": "center_x", "y": "center_y", "track_id": "object_id"}
+        ),
         lambda table: table.assign(length=100.0 * table["length"], width=180.0).rename(
             columns={
                 "heading": "Course_rad",
@@ -65,6 +68,27 @@ def test_kinds_clips_and_what_is_missing(tmp_path: Path, traffic: Traffic) -> No
     assert "not used: note." in text.splitlines()[0]
     assert "the file has no length and width" in text
     assert set(convert(tmp_path / "case.csv", mapping)[0].table["vehicle_id"]) == {1, 3, 4, 5}
+
+
+def test_numbers_of_kinds_mean_what_ngsim_means_by_them_in_its_column_alone(tmp_path: Path, traffic: Traffic) -> None:
+    table = traffic().assign(agent_type=lambda rows: rows["track_id"] % 3 + 1)
+    table.to_csv(tmp_path / "case.csv", index=False)
+    assert drafted(tmp_path / "case.csv").kinds == dict.fromkeys("123", "unknown")  # of Waymo's, 2 is a pedestrian
+    assert "unknown ones are vehicles, too: say what they are" in draft(tmp_path / "case.csv")
+    table.rename(columns={"agent_type": "v_Class"}).to_csv(tmp_path / "case.csv", index=False)
+    assert drafted(tmp_path / "case.csv").kinds == {"1": "motorcycle", "2": "car", "3": "truck"}
+
+
+def test_kinds_of_argoverse(tmp_path: Path, traffic: Traffic) -> None:
+    said = ["vehicle", "motorcyclist", "riderless_bicycle", "background", "bus"]
+    table = traffic().assign(
+        object_type=lambda rows: rows["track_id"].map(dict(enumerate(said, 1))),
+        timestep=lambda rows: (rows["timestamp"] * 25).round().astype(int),
+    )
+    table.drop(columns=["timestamp", "agent_type"]).to_parquet(tmp_path / "case.parquet")
+    mapping = drafted(tmp_path / "case.parquet")
+    assert mapping.columns.frame == "timestep"
+    assert mapping.kinds == dict(zip(said, ["car", "motorcycle", "drop", "drop", "truck"], strict=True))
 
 
 def test_frames_have_a_rate_that_only_the_source_knows(tmp_path: Path, traffic: Traffic) -> None:

@@ -31,10 +31,10 @@ from litsim_sim.recordings.generic.sides import MOVING
 
 NAMES: dict[str, str] = {
     "vehicle_id": r"(vehicle|track|agent|object|car|obj|veh)?_?id",
-    "time": r"(global_?)?(time|timestamp)(_?(s|ms|us|ns|sec|seconds))?|t|stamp",
-    "frame": r"frame(_?(id|number|no))?|step",
-    "x": r"(local_?|pos_?|position_?|utm_?|map_?)?x(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?east(ing)?",
-    "y": r"(local_?|pos_?|position_?|utm_?|map_?)?y(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?north(ing)?",
+    "time": r"(global_?)?(time|timestamp)(_?(s|ms|us|ns|sec|seconds|micros|millis|nanos))?|t|stamp",
+    "frame": r"frame(_?(id|number|num|no))?|(time_?)?step",
+    "x": r"((local|pos(ition)?|utm|map|cent(er|re))_?)?x(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?east(ing)?",
+    "y": r"((local|pos(ition)?|utm|map|cent(er|re))_?)?y(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?north(ing)?",
     "length": r"(v_?|vehicle_?)?length(_?(m|ft|cm))?",
     "width": r"(v_?|vehicle_?)?width(_?(m|ft|cm))?",
     "yaw": r"(yaw|heading|course|psi|theta|orientation|angle)(_?(rad|deg))?",
@@ -49,12 +49,15 @@ NAMES: dict[str, str] = {
 """Pattern of a file's column names, in lower case with words joined by underscores or nothing, by our name."""
 
 KINDS: dict[str, str] = {
-    "car": r"car|van|suv|taxi|auto|passenger.*|vehicle|2",
-    "truck": r"truck.*|bus|lorry|trailer|heavy.*|medium.*|3",
-    "motorcycle": r"motor_?(cycle|bike).*|moped|scooter|1",
-    "drop": r"ped.*|person|bi?cycl.*|bike.*|cyclist|animal|static.*|unknown_obstacle",
+    "car": r"car|van|suv|taxi|auto|passenger.*|vehicle",
+    "truck": r"truck.*|bus|lorry|trailer|heavy.*|medium.*",
+    "motorcycle": r"motor_?(cycl|bik).*|moped|scooter",
+    "drop": r"ped.*|person|bi?cycl.*|bike.*|cyclist|riderless.*|animal|static.*|background|construction"
+    r"|unknown_obstacle",
 }
-"""Pattern of a file's kinds, in lower case, by our name; the numbers are NGSIM's."""
+"""Pattern of a file's kinds, in lower case, by our name."""
+NUMBERED = {"1": "motorcycle", "2": "car", "3": "truck"}
+"""Our names of NGSIM's numbers, whose column is `v_class`; numbers of other data sets mean something else."""
 
 USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, for files without sizes
 CAMERA_RATES_HZ = (10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
@@ -272,10 +275,12 @@ def _kinds(made: _Draft, kinds: pd.Series) -> None:
         str(said): next((ours for ours, like in KINDS.items() if re.fullmatch(like, str(said).lower())), "unknown")
         for said in counts.index
     }
+    if made.fields["columns"]["kind"].lower() == "v_class":
+        found = {said: NUMBERED.get(said, ours) for said, ours in found.items()}
     made.fields["kinds"] = found
-    made.remarks["kinds"] = "drop leaves rows out; pedestrian and bicycle keep them as obstacles: " + ", ".join(
-        f"{said or 'empty'} {rows}" for said, rows in counts.items()
-    )
+    vehicles = "unknown ones are vehicles, too: say what they are; " if "unknown" in found.values() else ""
+    held = ", ".join(f"{said or 'empty'} {rows}" for said, rows in counts.items())
+    made.remarks["kinds"] = f"{vehicles}drop leaves rows out; pedestrian and bicycle keep them as obstacles: {held}"
 
 
 def _written(made: _Draft, head: str) -> str:
