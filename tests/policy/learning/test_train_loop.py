@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pytest
@@ -138,8 +138,8 @@ def test_a_run_that_dies_while_it_writes_can_be_resumed(config, tmp_path: Path, 
     train.run(count(config, 1), tmp_path, progress=False)
     whole = (tmp_path / checkpoint.CHECKPOINT).read_bytes()
 
-    def dies(_: Any, path: Path) -> None:
-        Path(path).write_bytes(whole[: len(whole) // 2])
+    def dies(_: Any, file: BinaryIO) -> None:
+        file.write(whole[: len(whole) // 2])
         raise KeyboardInterrupt
 
     monkeypatch.setattr(torch, "save", dies)

@@ -16,6 +16,7 @@ from litsim_policy.learning.critic import Critic
 from litsim_policy.learning.network import GaussianPolicy, multilayer, save
 from litsim_policy.learning.plots import PANELS, Lines, plot_curves
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
 
 CHECKPOINT, HISTORY, CURVES, LAST, BEST = (
     "checkpoint.pt",
@@ -119,11 +120,15 @@ class Training(AdversarialTraining):
 
 
 def keep_state(path: Path, config: BaseModel, parts: Mapping[str, Any], more: Mapping[str, Any]) -> None:
-    """Write a checkpoint: the states of `parts` (networks and optimisers), `more`, and `config`."""
+    """Write a checkpoint: the states of `parts` (networks and optimisers), `more`, and `config`.
+
+    Raises:
+        Unwritable: the file cannot be written; the previous checkpoint is kept.
+    """
     described = json.dumps(config.model_dump(mode="json"))
-    fresh = path.with_name(f"{path.name}.new")
-    torch.save({name: part.state_dict() for name, part in parts.items()} | dict(more) | {"config": described}, fresh)
-    fresh.replace(path)  # a run that is killed while writing keeps its previous checkpoint
+    state = {name: part.state_dict() for name, part in parts.items()} | dict(more) | {"config": described}
+    with replacing(path) as new, new.open("wb") as file:  # given a path, torch does not say that the disk is full
+        torch.save(state, file)
 
 
 def read_state(

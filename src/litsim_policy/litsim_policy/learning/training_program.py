@@ -10,8 +10,10 @@ from pathlib import Path
 
 import torch
 
+from litsim_policy.learning.checkpoint import CHECKPOINT
 from litsim_sim.cli.arguments import Parser
 from litsim_sim.cli.program import at_least_one
+from litsim_sim.core.errors import InputError
 
 
 def training_parser(prog: str, doc: str | None, example: str) -> argparse.ArgumentParser:
@@ -26,10 +28,22 @@ def training_parser(prog: str, doc: str | None, example: str) -> argparse.Argume
 
 @contextmanager
 def training_program(arguments: argparse.Namespace) -> Iterator[None]:
-    """Set the number of threads from `arguments`, and tell how to resume if the training is interrupted."""
+    """Make the output folder, set the number of threads, and tell how to resume if the training is interrupted.
+
+    Raises:
+        InputError: the folder cannot be made, or holds a training that would be lost.
+    """
+    out: Path = arguments.out
+    if (out / CHECKPOINT).exists() and not arguments.resume:
+        raise InputError(f"{out}: holds a training already; --resume continues it")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written: {error.strerror}") from error
     torch.set_num_threads(arguments.threads)
     try:
         yield
     except KeyboardInterrupt:
-        print(f"\ninterrupted; to continue: --resume with --out {arguments.out}", file=sys.stderr)
+        if (out / CHECKPOINT).exists():
+            print(f"\ninterrupted; to continue: --resume with --out {out}", file=sys.stderr)
         raise

@@ -359,8 +359,8 @@ class Training:
             "history": json.dumps(self.history),
             "best": json.dumps(self._best),
         }
-        with replacing(self._folder / CHECKPOINT) as new:
-            torch.save(state, new)
+        with replacing(self._folder / CHECKPOINT) as new, new.open("wb") as file:
+            torch.save(state, file)
         summary = {"best": self._best, "manifest": self._manifest, "epochs": self.history, "maneuvers": list(MANEUVERS)}
         with replacing(self._folder / HISTORY_FILE) as new:
             new.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")

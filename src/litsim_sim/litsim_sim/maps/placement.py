@@ -54,7 +54,7 @@ class Placement:
         missing: vehicles with a box centre on no lane.
         past_end: share of the misses that lie before the start or past the end of the nearest lane.
         worst: the worst miss of each of the WORST farthest vehicles, farthest first.
-        against: share of those on a lane that head the other way than the lanes there.
+        against: on a lane, but heading the other way than it leads.
     """
 
     rows: int
