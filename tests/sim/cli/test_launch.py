@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 from litsim_sim.campaign.results import CAMPAIGN_FILE
+from litsim_sim.cli import launch
 from litsim_sim.cli.launch import main
+from litsim_sim.launch.processes import GraphFailed
+from litsim_sim.record.bag import FAILURE_FILE
 
 COMPILER = "numba.np.arraymath"  # which numba imports before it compiles anything
 NOT_NEEDED = ("matplotlib", "onnxruntime", "pandas", "scipy.linalg", "scipy.sparse", "scipy.special", "torch", COMPILER)
@@ -45,3 +48,17 @@ def test_no_run_is_recorded_into_the_folder_of_a_campaign(
     said = f"error: {tmp_path}: the folder of a campaign, expected one of a run; give another --out\n"
     assert capsys.readouterr().err == said
     assert [path.name for path in tmp_path.iterdir()] == [CAMPAIGN_FILE]
+
+
+def test_a_run_that_has_failed_ends_so_where_its_reason_cannot_be_written_down(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*_: object) -> None:
+        (tmp_path / "out" / FAILURE_FILE).mkdir()  # nothing can be written in its place
+        raise GraphFailed("the disk is full")
+
+    monkeypatch.setattr(launch, "_run", fails)
+    with pytest.raises(SystemExit) as stop:
+        launch.main(["--ego", "log", "--policy", "replay", "--out", str(tmp_path / "out"), "--no-analyze", "--quiet"])
+    assert stop.value.code == 1
+    assert capsys.readouterr().err == f"error: the disk is full (logs: {tmp_path / 'out' / 'log'})\n"

@@ -16,6 +16,7 @@ from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
 from litsim_sim.core.garbage import without_collection
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.ego_port.answer import AUTO, INPUTS, INTERFACES, Interface
+from litsim_sim.io.files import Unwritable
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.launch.executables import find_executable
 from litsim_sim.launch.libraries import loading_sumo, meanwhile
@@ -62,7 +63,8 @@ def launch(arguments: argparse.Namespace) -> int:
                 _run(graph, nodes, paths, arguments)
             except GraphFailed as error:
                 print_error(f"{error} (logs: {options.out / 'log'})")
-                write_failure(options.out, str(error))
+                with suppress(Unwritable):  # as on a disk that is full, of which the run may have failed
+                    write_failure(options.out, str(error))
                 if arguments.analyze:
                     _show(options.out)
                 return EXIT_FAILED
