@@ -289,7 +289,7 @@ def test_a_training_is_not_overwritten_and_another_one_not_resumed(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run(config, tmp_path / "out", "--epochs", "1")
-    for options, named in (((), "--resume goes on with it"), (("--resume", "--seed", "5"), "another configuration")):
+    for options, named in (((), "--resume continues it"), (("--resume", "--seed", "5"), "another configuration")):
         with pytest.raises(SystemExit):
             run(config, tmp_path / "out", *options)
         assert named in capsys.readouterr().err

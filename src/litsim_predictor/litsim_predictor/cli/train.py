@@ -61,7 +61,7 @@ def _train(arguments: argparse.Namespace) -> int:
     config = validate_yaml(config.model_dump() | chosen, TrainingConfig, "command line", "")
     folder: Path = arguments.out
     if (folder / CHECKPOINT).exists() and not arguments.resume:
-        raise InputError(f"{folder}: holds a training already; --resume goes on with it")
+        raise InputError(f"{folder}: holds a training already; --resume continues it")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
