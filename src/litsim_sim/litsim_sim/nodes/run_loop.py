@@ -315,7 +315,7 @@ class Pulse:
             print(f"alive at step {max(0, step)}", flush=True)
 
     def fail(self) -> None:
-        """Print that the run has failed, and when; before the stages learn of it: the launcher then knows why they end."""
+        """Print when the run has failed, before the stages learn of it: the launcher then knows why they end."""
         if self._wanted:
             print(f"failed at {time.monotonic()} s", flush=True)
 
