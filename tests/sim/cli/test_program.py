@@ -93,3 +93,14 @@ def test_to_be_ended_is_to_be_interrupted() -> None:
 def test_a_module_of_ours_that_is_missing_is_no_bad_input() -> None:
     with pytest.raises(ModuleNotFoundError):
         program(raising(ModuleNotFoundError("No module named 'litsim_sim.core'", name="litsim_sim.core")))()
+
+
+@pytest.mark.parametrize("package", ["litsim_sim", "litsim_predictor", "litsim_policy"])
+def test_interrupted_while_it_loads_a_program_says_nothing_but_other_errors_are_shown(package: str) -> None:
+    def loading(error: str) -> subprocess.CompletedProcess[str]:
+        words = [sys.executable, "-c", f"import {package}.cli\nraise {error}"]
+        return subprocess.run(words, capture_output=True, text=True, check=False)
+
+    interrupted, broken = loading("KeyboardInterrupt"), loading("ValueError('of no use')")
+    assert (interrupted.returncode, interrupted.stderr) == (-signal.SIGINT, "")
+    assert broken.returncode == 1 and broken.stderr.endswith("ValueError: of no use\n")
