@@ -16,6 +16,7 @@ import numpy.typing as npt
 from numba import types
 
 from litsim_sim.core.compiled import FLOATS, INTS, float32, int32, int64, kernel, read_array, uint8, void, written_array
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import ByteArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
@@ -27,7 +28,8 @@ AHEAD = np.arange(ROWS) * 4.0 - 18.0
 LEFT = np.arange(COLUMNS) * 1.0 - 11.5
 """(COLUMNS,) [m] to the left of the agent: a column every metre, three lanes to each side."""
 CELL = 0.5  # [m] of the drawn net
-MOST_CELLS = 16_000_000  # beyond, cells are made larger: a net of 2 km by 2 km at 0.5 m
+MOST_CELLS = 400_000_000  # of a net of 10 km by 10 km; of their 0.8 GB, only the parts with roads take up memory
+MOST_AT_ONCE = 1_000_000  # cells around a piece of a lane: longer ones are halved
 MARGIN = 6.0  # [m] around the centre lines
 NO_DIRECTION = 128  # where there is no road
 TURNS = np.arange(256) * (2 * np.pi / 256)
@@ -110,10 +112,12 @@ class MapRaster:
 
     Args:
         lane_map: the net; None for no map, whose cut-outs are empty.
+
+    Raises:
+        InputError: the net is too large.
     """
 
     def __init__(self, lane_map: LaneMap | None) -> None:
-        self._cell = CELL
         self._origin = (0.0, 0.0)
         # One more row and column than the net needs: empty, where everything outside of it is looked up.
         self._cells = np.zeros((2, 2), np.uint16)
@@ -124,12 +128,12 @@ class MapRaster:
     def drawn(self) -> DrawnNet:
         """What is drawn."""
         closeness, angle = self._cells & 255, self._cells >> 8
-        return DrawnNet(self._origin, self._cell, closeness.astype(np.uint8), angle.astype(np.uint8))
+        return DrawnNet(self._origin, CELL, closeness.astype(np.uint8), angle.astype(np.uint8))
 
     def cut(self, x: FloatArray, y: FloatArray, heading: FloatArray) -> ByteArray:
         """(n, CHANNELS, ROWS, COLUMNS) around poses (n,) [m, rad]; directions are relative to `heading`."""
-        cos, sin = np.cos(heading) / self._cell, np.sin(heading) / self._cell
-        x, y = (x - self._origin[0]) / self._cell, (y - self._origin[1]) / self._cell
+        cos, sin = np.cos(heading) / CELL, np.sin(heading) / CELL
+        x, y = (x - self._origin[0]) / CELL, (y - self._origin[1]) / CELL
         cut = np.empty((len(x), CHANNELS, ROWS, COLUMNS), np.uint8)
         cut_out(x, y, cos, sin, _angle_byte(heading).astype(np.int64), self._cells, cut)
         return cut
@@ -137,10 +141,14 @@ class MapRaster:
     def _draw(self, lane_map: LaneMap) -> None:
         x_min, y_min, x_max, y_max = lane_map.bounds
         width, height = x_max - x_min + 2 * MARGIN, y_max - y_min + 2 * MARGIN
-        while width * height / self._cell**2 > MOST_CELLS:
-            self._cell *= 2.0
+        if width * height / CELL**2 > MOST_CELLS:
+            raise InputError(
+                f"the net covers {width / 1e3:.1f} km by {height / 1e3:.1f} km, expected at most "
+                f"{MOST_CELLS * CELL**2 / 1e6:.0f} km2 for a learned predictor, which reads it as a raster; cut it to "
+                f"where the traffic is (netconvert --keep-edges.in-boundary), or use --predictor kinematic"
+            )
         self._origin = (x_min - MARGIN, y_min - MARGIN)
-        shape = int(np.ceil(height / self._cell)) + 1, int(np.ceil(width / self._cell)) + 1
+        shape = int(np.ceil(height / CELL)) + 1, int(np.ceil(width / CELL)) + 1
         self._cells = np.zeros(shape, np.uint16)
         for lane in lane_map.lanes:
             for start, end in zip(lane.centerline[:-1], lane.centerline[1:], strict=True):
@@ -152,10 +160,15 @@ class MapRaster:
         low = np.minimum(start, end) - half - self._origin
         high = np.maximum(start, end) + half - self._origin
         last_row, last_column = self._cells.shape[0] - 1, self._cells.shape[1] - 1
-        columns = np.arange(max(int(low[0] / self._cell), 0), min(int(high[0] / self._cell) + 1, last_column))
-        rows = np.arange(max(int(low[1] / self._cell), 0), min(int(high[1] / self._cell) + 1, last_row))
-        dx = self._origin[0] + (columns[None, :] + 0.5) * self._cell - start[0]
-        dy = self._origin[1] + (rows[:, None] + 0.5) * self._cell - start[1]
+        columns = np.arange(max(int(low[0] / CELL), 0), min(int(high[0] / CELL) + 1, last_column))
+        rows = np.arange(max(int(low[1] / CELL), 0), min(int(high[1] / CELL) + 1, last_row))
+        if len(rows) * len(columns) > MOST_AT_ONCE:
+            middle = 0.5 * (start + end)
+            self._draw_segment(lane, start, middle)
+            self._draw_segment(lane, middle, end)
+            return
+        dx = self._origin[0] + (columns[None, :] + 0.5) * CELL - start[0]
+        dy = self._origin[1] + (rows[:, None] + 0.5) * CELL - start[1]
         size = float(np.hypot(*(end - start)))
         along_x, along_y = (end - start) / size
         along, across = dx * along_x + dy * along_y, dy * along_x - dx * along_y
@@ -178,7 +191,10 @@ def raster_of_net(path: Path) -> tuple[LaneMap, MapRaster]:
     """The lanes and the raster of the net at `path`, drawn once per process.
 
     Raises:
-        InputError: see :meth:`LaneMap.from_net`.
+        InputError: see :meth:`LaneMap.from_net`; or the net is too large.
     """
     lane_map = LaneMap.from_net(path)
-    return lane_map, MapRaster(lane_map)
+    try:
+        return lane_map, MapRaster(lane_map)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
