@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -101,3 +103,26 @@ def test_a_run_that_failed_at_its_first_step_has_an_overview_without_warnings(
 ) -> None:
     plots.overview(make_run([table(0, {"id": 1, "x": 200.0, "y": -5.5})]), tmp_path / "overview.png")
     assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("passed", "shown"), [((), ["a"]), (("b", "a"), ["b", "a"])])
+def test_an_overview_shows_all_signals_that_the_ego_passes_and_says_how_many_it_leaves_out(
+    make_run: Any,
+    table: Any,
+    signals: Signals,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    passed: tuple[str, ...],
+    shown: list[str],
+) -> None:
+    monkeypatch.setattr(plots, "GROUPS_MAX", 1)
+    tables = [table(k, {"id": 1, "x": 2.0 * k - 140.0, "y": -5.0}) for k in range(80)]
+    run = replace(make_run(tables, net_xml=STREET.read_bytes()), signals=signals)
+    passages = [SimpleNamespace(agent=run.info.ego_id, group=name, step=20) for name in passed]
+    monkeypatch.setattr(plots, "run_passages", lambda _: passages)
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    plots.overview(run, tmp_path / "overview.png")
+    (axes,) = [each for part in drawn[0].subfigs for each in part.axes if "ignals" in each.get_title(loc="left")]
+    assert [label.get_text() for label in axes.get_yticklabels()] == shown
+    assert axes.get_title(loc="left").startswith("Signals" if passed else "1 of 2 signals")

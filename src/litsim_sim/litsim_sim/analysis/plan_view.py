@@ -25,7 +25,6 @@ NEAR = 15.0  # [m] distance from a crossing of lanes within which a path goes ov
 ROOM = 12.0  # [m] margin of the view
 SIDE_MIN = 60.0  # [m] smallest width and height of the view
 ISLAND = 200.0  # [m2] smallest hole between lanes that is no road; smaller ones are inside a junction
-GROUPS_MAX = 12  # rows of the diagram of the signals
 GROUND = "#ffffff"
 
 LIGHTS = {
@@ -154,10 +153,10 @@ def frame(axes: Axes, area: Area) -> None:
 
 
 def groups_in(signals: Signals, area: Area, first: list[str]) -> list[int]:
-    """Indices of the signal groups named `first`, then of others with a stop line in `area`; at most GROUPS_MAX."""
+    """Indices of the signal groups named `first`, then of others with a stop line in `area`."""
     inside = {int(g) for g, link in zip(signals.link_group, signals.links, strict=True) if area.holds(link.stop)}
     order = [signals.groups.index(name) for name in dict.fromkeys(first) if name in signals.groups]
-    return [*order, *sorted(inside - set(order))][:GROUPS_MAX]
+    return [*order, *sorted(inside - set(order))]
 
 
 def draw_signals(axes: Axes, signals: Signals, groups: list[int], steps: int) -> None:

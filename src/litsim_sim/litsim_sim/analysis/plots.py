@@ -44,6 +44,7 @@ SIZE_PX, DPI = (1600, 1120), 100
 AHEAD, BEHIND = 70.0, 70.0  # [m] of road around the ego in the bird's-eye view
 SAME_LANE, BESIDE = 1.8, 5.5  # [m] lateral distance up to which an agent is in the ego's lane, or in an adjacent one
 LATER = 5  # steps after a contact at which it is shown
+GROUPS_MAX = 12  # signal groups that are shown, unless the ego passes more
 ROUTE_MAX = 3000.0  # [m]
 LOG_BESIDE = -1  # kind of line next to those of the controllers: log replay in an adjacent lane
 
@@ -101,7 +102,9 @@ def _intersection(
     area = Area.around(np.concatenate([_way(run), crossings]))
     signals = run.signals
     passed = [each for each in run_passages(run) or [] if each.agent == run.info.ego_id]
-    groups = [] if signals is None else groups_in(signals, area, [each.group for each in passed])
+    names = [each.group for each in passed]
+    known = [] if signals is None else groups_in(signals, area, names)
+    groups = known[: max(GROUPS_MAX, len(set(names)))]
     rows = (3.0, 0.55 + 0.16 * len(groups)) if groups else (3.0, 0.01)
     left, right = figure.subfigures(1, 2, width_ratios=(2.0, 1.0))
     grid = left.add_gridspec(2, 1, height_ratios=rows)
@@ -112,7 +115,8 @@ def _intersection(
         for each in passed:
             row = groups.index(signals.groups.index(each.group))
             axes.plot(each.step * run.info.dt, row, "D", color=COLOURS[Controller.EGO], mec="white", ms=9, zorder=5)
-        title = "Signals; the diamond is the ego at the stop line" if passed else "Signals"
+        title = f"{len(groups)} of {len(known)} signals" if len(groups) < len(known) else "Signals"
+        title += "; the diamond is the ego at the stop line" if passed else ""
         axes.set_title(title, loc="left", fontsize=12, color=INK)
         axes.axvline(moment.step * run.info.dt, color=INK, lw=0.9, ls=":")
         _plain(axes)
