@@ -113,7 +113,7 @@ def test_a_stack_that_others_have_started(graph: Any) -> None:
     stack = graph.start_script("standard_ego.py", "--interface", "trajectory")
     done = graph.finish(start(graph))
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "of /standard_ego" in why(graph, "discovery")
+    assert "by /standard_ego" in why(graph, "discovery")
     assert "its publisher is still there, idle" in why(graph, "end of run")
     assert graph.end(stack, signal.SIGKILL)[0] == -signal.SIGKILL  # it was left alone
 

@@ -25,7 +25,7 @@ def arguments(out: Path, *, resume: bool = False) -> Namespace:
 def test_a_training_that_is_there_already_is_not_begun_anew(tmp_path: Path) -> None:
     (tmp_path / CHECKPOINT).touch()
     with (
-        pytest.raises(InputError, match="holds a training already; --resume goes on"),
+        pytest.raises(InputError, match="holds a training already; --resume continues it"),
         training_program(arguments(tmp_path)),
     ):
         pytest.fail("begun")

@@ -165,7 +165,7 @@ def test_a_run_that_takes_too_long_leaves_a_report_of_what_it_recorded(launcher:
     folder = launcher(f"cp {recorded} $out; exec sleep 600")
     found = over_graph(case("idm"), folder, time_limit_s=0.5)
     assert (found.metrics, found.report) == (None, "run/report.html")
-    assert "not over within 0.5 s" in (folder / "case/run/report.html").read_text()
+    assert "time limit of 0.5 s exceeded" in (folder / "case/run/report.html").read_text()
 
 
 def test_a_run_of_a_campaign_that_has_ended_says_nothing(launcher: Any) -> None:

@@ -211,7 +211,7 @@ def test_manifests_refuse_other_recordings_and_edits(tmp_path: Path, capsys: pyt
     refused("field litsim_segments")
     (out / "manifest.yaml").write_text(text)
     long_recording(610).write(file)
-    refused("another digest")
+    refused("the digest of its content differs")
     file.unlink()
     refused("no such recording")
 
@@ -224,7 +224,7 @@ def test_manifests_refuse_other_recordings_and_edits(tmp_path: Path, capsys: pyt
         (["my run (1).parquet"], "my run (1).parquet: scenarios are named after the file: expected up to 100 letters"),
         ([str(packaged("scenarios/us101_like.parquet")), "--net", "absent.net.xml"], "name a packaged net"),
         ([str(packaged("scenarios/us101_like.parquet")), "--stride", "0"], "stride_s is 0.0"),
-        ([str(packaged("scenarios/us101_like.parquet")), "--crop", "frame", "1", "x"], "x is no number"),
+        ([str(packaged("scenarios/us101_like.parquet")), "--crop", "frame", "1", "x"], "x is not a number"),
     ],
 )
 def test_errors_of_the_command(

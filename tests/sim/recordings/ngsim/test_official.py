@@ -389,7 +389,7 @@ def test_nothing_in_it(tmp_path: Path) -> None:
 def portal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Three recordings in some forty blocks, laid aside in some eight goes."""
     monkeypatch.setattr(ngsim_blocks, "BLOCK", 1 << 14)
-    monkeypatch.setattr(ngsim_conversion, "LAID_ASIDE", 600)
+    monkeypatch.setattr(ngsim_conversion, "SPOOLED", 600)
     path = tmp_path / "portal.csv"
     parts = [made(US101, "0750"), made(US101, "0805", seed=1), made(LANKERSHIM, "0830")]
     write_portal(pd.concat(parts).sample(frac=1.0, random_state=2), path)
