@@ -61,4 +61,6 @@ def test_a_run_that_has_failed_ends_so_where_its_reason_cannot_be_written_down(
     with pytest.raises(SystemExit) as stop:
         launch.main(["--ego", "log", "--policy", "replay", "--out", str(tmp_path / "out"), "--no-analyze", "--quiet"])
     assert stop.value.code == 1
-    assert capsys.readouterr().err == f"error: the disk is full (logs: {tmp_path / 'out' / 'log'})\n"
+    said = capsys.readouterr().err.splitlines()  # kernels of other tests may be compiled as well
+    errors = [line for line in said if line.startswith("error")]
+    assert errors == [f"error: the disk is full (logs: {tmp_path / 'out' / 'log'})"]
