@@ -32,7 +32,7 @@ class PerturbedConfig:
         deceleration: of braking.
         duration: of braking.
         lane_change_time: duration of the move to the centre of the adjacent lane.
-        lane_gap: least gap behind and ahead at the begin of a lane change.
+        lane_gap: least gap behind and ahead at the beginning of a lane change.
         patience: time for which a lane change waits for that gap; then the ego brakes instead.
         speed_gain: of the return to the logged speed.
     """

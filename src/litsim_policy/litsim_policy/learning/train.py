@@ -58,7 +58,7 @@ def run(config: TrainConfig, out: Path, *, resume: bool = False, progress: bool 
 def _train(
     training: Training, data: TrainingData, driving: Driving, validation: Driving, out: Path, *, progress: bool
 ) -> None:
-    """Make the warm start unless `training` is resumed, and the remaining iterations."""
+    """Make the warm start or read the start weights, unless `training` is resumed; then the remaining iterations."""
     config = training.config
     random = np.random.default_rng([config.seed, 1])
     each_once = list({scenario.name: scenario for scenario in data.train}.values())

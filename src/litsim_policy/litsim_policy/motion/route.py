@@ -86,7 +86,7 @@ class Router:
 
         Args:
             pose: of the agent.
-            reach: length of road for the lane change [m]; longer if it would have to bend too much.
+            reach: length of road for the lane change [m]; longer if it would bend too much or leave the road.
             lane: row of the lane.
         """
         on_road = bool(self._lanes.inside_road(pose[:1], pose[1:2])[0])

@@ -37,7 +37,7 @@ ABLATION: tuple[Policy, ...] = (
     _row("M2", OURS, **WITHIN_15_M),
     OURS,
 )
-"""The paper's ablation: kinematic instead of joint prediction, rules instead of policy C; M* is ours with defaults."""
+"""The paper's ablation: kinematic instead of joint prediction, rules instead of policy C; M* is LitSim."""
 
 AT_ONCE = {"conflict.handback": "catch_up", "conflict.release_position": 1000.0}
 AT_ONCE |= {"conflict.release_speed": 1000.0, "conflict.release_yaw": 7.0}

@@ -154,7 +154,7 @@ def table(
 
 
 def differences(methods: Methods, measures: Sequence[Measure]) -> list[str]:
-    """Lines of a table of each method minus LitSim, with confidence intervals; none without LitSim."""
+    """Lines of a table of each other method minus LitSim, with confidence intervals; none without LitSim."""
     parts = parts_of(methods, measures)
     if OURS not in methods:
         return []

@@ -252,6 +252,8 @@ def table_rows(by_agents: dict[int, list[Sample]]) -> Iterator[list[str]]:
 def execute(program: Path, *arguments: str, environment: Mapping[str, str] | None = None) -> str:
     """Run a program, outside of this process's ROS domain, and return its standard output.
 
+    `environment` replaces the environment of this process; None keeps it.
+
     Raises:
         InputError: it cannot be run, or fails.
     """

@@ -26,8 +26,8 @@ Found = dict[str, Any] | str
 def batches(cases: Sequence[Case], processes: int) -> list[tuple[Case, ...]]:
     """Divide `cases` into batches for processes, of runs that may be stepped together.
 
-    Runs over DDS get batches of their own. There are at least two batches per process, if there are enough cases, so
-    that all processes end at about the same time; those of pure replay, which are fast, come last.
+    Runs over DDS get batches of their own. With enough cases there are about two batches per process or more, so that
+    all processes end at about the same time; those of pure replay, which are fast, come last.
     """
     groups: dict[Hashable, list[Case]] = {}
     for case in sorted(cases, key=lambda case: case.policy == REPLAY):

@@ -67,7 +67,7 @@ class Side:
     Attributes:
         python: command that runs Python in its environment.
         train: module of its training.
-        environment: environment variables.
+        environment: environment variables to run it with.
     """
 
     python: tuple[str, ...]

@@ -19,7 +19,7 @@ from litsim_sim.launch.child import end_with_parent, how_it_ended
 
 
 class Workers:
-    """One process for each thread that runs cases; a context manager."""
+    """One process for each thread that runs cases, as libsumo allows one simulation per process; a context manager."""
 
     def __init__(self) -> None:
         self._context = multiprocessing.get_context("spawn")
