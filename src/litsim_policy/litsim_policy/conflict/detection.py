@@ -60,8 +60,8 @@ class ConflictConfig:
             an agent off its log keeping its acceleration and heading; twice that in an emergency; 0 for the forecast
             alone.
         intent: how agents under control are assumed to continue.
-        happened: folder of the outcomes of earlier runs, with contacts that replace detection as an oracle, for
-            experiments; empty for none.
+        happened: folder of the outcomes of earlier runs; agents are then taken over by the contacts in it instead of
+            predictions, as by an oracle, for experiments; empty for predictions.
     """
 
     horizon: Horizon = 3.0
@@ -361,7 +361,7 @@ class ConflictDetector:
         return pairs[within_bounds(pairs, logged.bounds, anywhere, length, table.width, tail)]
 
     def _closing(self, table: AgentTable, logged: PredictedMotion, pairs: IntArray, goes_on: FloatArray) -> FloatArray:
-        """1 where the first of `pairs` (m, 2), by its log, meets the second, which continues as now; else 0. (m, T)."""
+        """Array (m, T): 1 where the first of `pairs` (m, 2), by its log, hits the second, which continues; else 0."""
         length = table.length + self._config.margin
         now = table.x, table.y, table.yaw, table.speed, table.acceleration
         return closing_chances(pairs, logged.states, logged.valid, *now, length, table.width, goes_on)

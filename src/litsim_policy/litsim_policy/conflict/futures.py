@@ -31,7 +31,7 @@ from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 X, Y, YAW, XX, YY, XY = range(6)  # columns of `PredictedMotion.states`
 LOW_X, LOW_Y, HIGH_X, HIGH_Y, SPREAD = range(5)  # columns of `PredictedMotion.bounds`
-ROUNDING = 1e-9  # of a step, by which instants of a forecast and steps may miss each other
+ROUNDING = 1e-9  # share of a step by which an instant of a forecast may differ from a step that it falls on
 
 _SINGLES2, _SINGLES3 = read_array(types.float32, 2), read_array(types.float32, 3)
 
@@ -54,7 +54,7 @@ class OtherMotions:
 
     @classmethod
     def none(cls, steps: int = 0) -> OtherMotions:
-        """No further motions."""
+        """Return no alternative motions, for futures of T = `steps`."""
         return cls(np.empty(0, np.int64), np.empty(0), np.empty((0, steps, 6)), np.empty((0, steps), np.bool_))
 
     def __len__(self) -> int:
@@ -62,7 +62,7 @@ class OtherMotions:
 
     @cached_property
     def bounds(self) -> FloatArray:
-        """(q, 5) as in :class:`PredictedMotion`, of each motion."""
+        """Bounds (q, 5) of the motions, as in :class:`PredictedMotion`."""
         return bounds(self.states, self.valid)
 
 
@@ -83,29 +83,29 @@ class PredictedMotion:
 
     @property
     def x(self) -> FloatArray:
-        """(n, T) of the centre [m]."""
+        """Coordinate x (n, T) of the centre [m]."""
         return self.states[..., X]
 
     @property
     def y(self) -> FloatArray:
-        """(n, T) of the centre [m]."""
+        """Coordinate y (n, T) of the centre [m]."""
         return self.states[..., Y]
 
     @property
     def yaw(self) -> FloatArray:
-        """(n, T) heading [rad]."""
+        """Heading (n, T) [rad]."""
         return self.states[..., YAW]
 
     @property
     def covariance(self) -> FloatArray:
-        """(n, T, 3) xx, yy, xy of the centre [m2]."""
+        """Covariance (n, T, 3) xx, yy, xy of the centre [m2]."""
         return self.states[..., XX:]
 
     @cached_property
     def bounds(self) -> FloatArray:
-        """(n, 5) least x, y and greatest x, y of the centre while it is valid [m], else inf and -inf; largest spread.
+        """Bounds (n, 5): least x, y, greatest x, y of the centre over valid steps [m], and the largest spread [m].
 
-        The spread is the root of the sum of both variances [m].
+        Without valid steps the former are inf and -inf. The spread is the root of the sum of both variances.
         """
         return bounds(self.states, self.valid)
 
@@ -150,9 +150,9 @@ def widest(
 
     Args:
         bounds: (n, 5) of their first motions.
-        row, further: (q,), (q, 5) of their other motions: rows of the agents, and bounds.
+        row, further: (q,), (q, 5) of their alternative motions: rows of the agents, and bounds.
         x, y, speed, acceleration: (n,) of the agents now [m], [m/s], [m/s2].
-        time: (n,) for which they may go straight on [s].
+        time: (n,) for which they may continue straight on [s].
     """
     found = bounds.copy()
     for k in range(len(x)):

@@ -25,7 +25,7 @@ class IntentConfig:
     """How an agent under control is assumed to continue.
 
     Attributes:
-        used: whether it is expected on its path; otherwise it is forecast as other agents.
+        used: whether it is expected on its path; otherwise it is forecast as other agents are.
         hold: time for which it keeps its acceleration; after that, it keeps its speed.
         fade: time, after `hold`, within which the forecast's progress along the path takes over.
         settle: time constant of its return to the path.

@@ -37,10 +37,10 @@ if TYPE_CHECKING:
     from litsim_policy.conflict.takeover import TakeoverConfig
 
 Excuse = Callable[[int, int], bool]
-"""Whether the agent in the first row of a table overlaps that in the second in the log itself, about where it goes."""
+"""Whether the agent in the first row of a table, on the way to its place in the log, overlaps the second there, too."""
 
 HELD, HANDBACK, RELEASED = int(TakeoverState.HELD), int(TakeoverState.HANDBACK), int(TakeoverState.RELEASED)
-OBSTACLE_SIGHT = 30.0  # [m] beyond the place in the log: range of the centres of agents standing in front
+OBSTACLE_SIGHT = 30.0  # [m] range, beyond the distance to the place in the log, of agents that may block the way
 
 
 @quickly_made
@@ -80,7 +80,7 @@ class Residuals:
 
     @property
     def reported(self) -> tuple[FloatArray, FloatArray]:
-        """Residuals (r,) of position [m] and speed [m/s] as published; -1 and 0 for agents without a log."""
+        """Residuals (r,) of position [m] and speed [m/s] as published; -1 and 0 of agents that are not `known`."""
         return np.where(self.known, self.position, -1.0), np.where(self.known, self.speed, 0.0)
 
     def take(self, which: BoolArray) -> Residuals:
@@ -108,7 +108,7 @@ def _residuals(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         log_valid, log_x, log_y, log_yaw, log_speed: (N, S) of the log [m], [rad], [m/s].
         log_rows: (r,) of the agents in it.
-        now: (r,) step of it at which each of them is.
+        now: (r,) present step of each agent's log.
         rows: (r,) of the agents in the table.
         x, y, yaw, speed: (n,) of the table.
     """
@@ -229,7 +229,7 @@ def _move_on(  # noqa: PLR0917 - a kernel takes arrays and numbers
     release_speed: float,
     release_yaw: float,
 ) -> None:
-    """Write the next state of r agents, and for how many steps they have been free, in place; see :func:`review`.
+    """Update the state of r agents and their numbers of free steps, in place; see :func:`review`.
 
     Args:
         state, clear: (r,) of :class:`.off_log.OffLog`.

@@ -42,7 +42,7 @@ class OffLog:
         in_conflict: whether its log leads into a conflict at this step.
         clear: steps in a row without conflict.
         path: :class:`ReferencePath` that it follows: to its goal and beyond while HELD, later `logged`.
-        logged: :class:`ReferencePath` in the recording.
+        logged: :class:`ReferencePath` of its log.
         source: :class:`PathSource` of `path`.
         goal_s: arc length of the goal on `path` [m].
         slowed: steps in a row for which it has been slower than its log.
@@ -140,7 +140,7 @@ class OffLog:
         return PathBatch([path.points for path in self.logged])
 
     def return_to_log(self, which: BoolArray) -> None:
-        """Let the agents of the mask `which` (r,) follow their logged paths from now on."""
+        """Let the agents in the mask `which` (r,) follow their logged paths from now on."""
         at = (which & (self.source != LOGGED)).nonzero()[0]
         if len(at):
             self.beside[at] = NO_LANE
@@ -149,7 +149,7 @@ class OffLog:
             self.__dict__.pop("paths", None)
 
     def pass_along(self, at: int, path: ReferencePath, lane: int, step: int) -> None:
-        """Let the agent at position `at` follow `path` into `lane`, a position in `LaneMap.lanes`, from `step` on."""
+        """Let the agent at position `at` follow `path` into `lane`, a row in `LaneMap.lanes`, from `step` on."""
         self.path[at], self.source[at], self.state[at] = path, PathSource.LANE, TakeoverState.HELD
         self.beside[at], self.changed_step[at], self.slowed[at], self.clear[at] = lane, step, 0, 0
         self.goal_s[at] = path.project(self.pose[at, :1], self.pose[at, 1:2])[0][0]
@@ -170,8 +170,8 @@ class OffLog:
 
         Args:
             x, y: (r,) of the agents now, frame map [m]; their reference paths begin a little behind.
-            residuals: (r,) in position and in speed from the log [m], [m/s].
-            lag: (r,) steps by which the log lags that each goes back to.
+            residuals: (r,) of position and speed [m], [m/s]; see :attr:`.life_cycle.Residuals.reported`.
+            lag: (r,) steps by which the log to which each agent returns lags.
         """
         if not len(self):
             return ()

@@ -2,7 +2,7 @@
 
 Two boxes overlap where the vector from one centre to the other lies in the Minkowski sum of both, which for rectangles
 is the intersection of four strips |normal . distance| < half: one for each edge direction, as in the separating-axis
-test. Each strip alone bounds the probability from above, which is what makes the broad phase cheap.
+test. Each strip alone bounds the probability from above, which makes the broad phase cheap.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from numba import types
 
 from litsim_sim.core.compiled import boolean, float64, kernel
 
-NODES = 16  # of the quadrature
-REACH = 6.0  # standard deviations beyond which nothing is integrated
-SIGMA_MIN = 1e-3  # [m] below which a standard deviation is taken as this
-FLAT = 1e-9  # a strip that hardly depends on a coordinate is divided by this instead
+NODES = 16  # number of nodes of the quadrature
+REACH = 6.0  # standard deviations to either side over which the Gaussian is integrated
+SIGMA_MIN = 1e-3  # [m] lower bound on standard deviations
+FLAT = 1e-9  # lower bound on the dependence of a strip on a coordinate, by which it is divided
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(NODES)
 _ROOT_HALF = math.sqrt(0.5)
@@ -87,7 +87,7 @@ def normal_below(value: float) -> float:
 
 @kernel(types.UniTuple(float64, 3)(*[float64] * 4))
 def cut(middle: float, half: float, by_u: float, by_v: float) -> tuple[float, float, float]:
-    """Return where a strip |middle + by_u u + by_v v| < half is cut at u: |offset + slope u + v| < width.
+    """Return the section at u of a strip |middle + by_u u + by_v v| < half, as |offset + slope u + v| < width.
 
     Returns:
         offset, slope, width.
@@ -103,19 +103,19 @@ def probability(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> float:
     """Return the probability that two boxes overlap if their distance is Gaussian.
 
-    Turned into the principal axes of the covariance and scaled by its standard deviations, the Gaussian is standard
-    and the region is a polygon. Its probability is the integral over u of phi(u) [Phi(v2(u)) - Phi(v1(u))] with
-    (v1, v2) the cut of the polygon at u: Gauss-Legendre over u, exact along v. With u along the minor axis the cut
-    changes gently; where an edge is nearly across u, it changes at once, at an end of the u that are integrated. The
-    error is below 0.02 (see the test against Monte Carlo), and nearly nil where the boxes lie along the principal axes,
-    as they do in a lane.
+    In the principal axes u, v of the covariance, scaled by its standard deviations, the Gaussian is standard and the
+    region is a polygon. Its probability is the integral over u of phi(u) [Phi(v2(u)) - Phi(v1(u))], where (v1, v2) is
+    the section of the polygon at u: Gauss-Legendre over u, exact along v. With u along the minor axis the section
+    changes gently, except where an edge is nearly perpendicular to u; that is an end of the interval of integration.
+    The error is below 0.02 (see the test against Monte Carlo), and nearly zero if the boxes are aligned with the
+    principal axes, as in a lane.
 
     Args:
         normal_x, normal_y, edge, half: of :func:`strips`.
         dx, dy: mean distance, centre of b minus centre of a, frame map [m].
         xx, yy, xy: covariance of the distance [m2].
     """
-    turn = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi  # of the minor axis
+    turn = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi  # direction of the minor axis
     cos, sin = math.cos(turn), math.sin(turn)
     sigma_u = math.sqrt(max(cos**2 * xx + sin**2 * yy + 2.0 * cos * sin * xy, SIGMA_MIN**2))
     sigma_v = math.sqrt(max(sin**2 * xx + cos**2 * yy - 2.0 * cos * sin * xy, SIGMA_MIN**2))
@@ -126,7 +126,7 @@ def probability(  # noqa: PLR0917 - a kernel takes arrays and numbers
         middle = normal_x[k] * dx + normal_y[k] * dy
         offset[k], slope[k], width[k] = cut(middle, half[k], sigma_u * along, sigma_v * across)
         extent += edge[k] * abs(along)
-        if abs(slope[k]) > FLAT:  # beyond these u the strip is out of reach along v
+        if abs(slope[k]) > FLAT:  # beyond these u the strip is farther than REACH along v
             nearest, reach = -offset[k] / slope[k], (width[k] + REACH) / abs(slope[k])
             low, high = max(low, nearest - reach), min(high, nearest + reach)
     mean_u = dx * cos + dy * sin

@@ -56,7 +56,7 @@ def in_region(dx: float, dy: float, faster_x: float, faster_y: float, radius: fl
     square = dx * dx + dy * dy
     if square <= radius * radius:
         return True
-    nearer = -(dx * faster_x + dy * faster_y) * time  # by the distance, as is what follows
+    nearer = -(dx * faster_x + dy * faster_y) * time  # both sides of the comparison are multiplied by the distance
     return square - math.sqrt(square) * radius <= nearer
 
 
@@ -175,7 +175,7 @@ def within_bounds(
         pairs: positions of an agent in futures a and of one in futures b.
         bounds_a, bounds_b: (n, 5) as in :class:`litsim_policy.conflict.futures.PredictedMotion`.
         length, width: (n,) of the boxes [m].
-        tail: spreads of each by which it may be off.
+        tail: number of spreads by which the centres may deviate from their means.
     """
     found = np.empty(len(pairs), np.bool_)
     for k in range(len(pairs)):
@@ -202,19 +202,19 @@ def write_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> bool:
     """Write into `found` (T,) the probability that two boxes overlap, where it is at least `least`.
 
-    Circles around the boxes, and then each strip of the boxes alone, decide where it cannot be.
+    Steps at which it cannot be are excluded first by circles around the boxes, then by each strip of the boxes alone.
 
     Args:
         a, valid_a: (T, 6), (T,) of one agent; see :class:`litsim_policy.conflict.futures.PredictedMotion`.
         b, valid_b: of the other.
         length_a, width_a, length_b, width_b: of the boxes [m].
-        least: probability that matters.
+        least: least probability that is computed.
         quantile: of the standard Gaussian, for `least`.
-        first: only what comes up to the first step at which it matters.
+        first: whether to stop at the first step that reaches `least`.
         found: zeros.
 
     Returns:
-        whether it is at least `least` anywhere.
+        whether the probability reaches `least` at any step.
     """
     reach = touching(length_a, width_a, length_b, width_b)
     matters, tail = False, max(0.0, -quantile)
@@ -265,7 +265,7 @@ def overlap_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
 ) -> FloatArray:
     """Return the probability (m, T) that the boxes of each pair overlap, where it is at least `least`; else 0.
 
-    The bounds of both futures, which cost least, are compared before :func:`write_chances` looks at every step.
+    The bounds of both futures are compared first, which is cheap, and then each step by :func:`write_chances`.
 
     Args:
         pairs: (m, 2) positions of an agent in futures a and of one in futures b.
@@ -273,9 +273,9 @@ def overlap_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
             :class:`litsim_policy.conflict.futures.PredictedMotion`.
         states_b, valid_b, bounds_b: of b.
         length, width: (n,) of the boxes [m].
-        least: probability that matters.
+        least: least probability that is computed.
         quantile: of the standard Gaussian, for `least`.
-        first: of each pair, only what comes up to the first step at which it matters.
+        first: whether to stop, for each pair, at the first step that reaches `least`.
     """
     found, tail = np.zeros((len(pairs), states_a.shape[1])), max(0.0, -quantile)
     for k in range(len(pairs)):
@@ -313,15 +313,14 @@ def closing_chances(  # noqa: PLR0917 - a kernel takes arrays and numbers
     width: FloatArray,
     time: FloatArray,
 ) -> FloatArray:
-    """Return (m, T) 1 where boxes overlap if the second goes straight on as now, for its `time`; else 0.
+    """Return an array (m, T): 1 where boxes overlap if the second continues straight on for its `time`; else 0.
 
     Args:
-        pairs: (m, 2) of an agent that moves as `states` say, and of one that goes on: it keeps its acceleration until
-            it stands.
+        pairs: (m, 2) of an agent that moves by `states`, and of one that keeps its acceleration until it stands.
         states, valid: (n, T, 6), (n, T), without any spread.
         x, y, yaw, speed, acceleration: (n,) now [m], [rad], [m/s], [m/s2].
         length, width: (n,) of the boxes [m].
-        time: (n,) for which they go on [s].
+        time: (n,) for which agents continue [s].
     """
     found = np.zeros((len(pairs), states.shape[1]))
     for k in range(len(pairs)):

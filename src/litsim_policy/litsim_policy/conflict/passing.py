@@ -27,10 +27,10 @@ from litsim_sim.core.scene import AgentTable, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 
-IN_LANE = 1.0  # [m] from the middle of a lane within which an agent drives in it, rather than between two
-APART = 1.8  # [m] from the logged path beyond which an agent is not in the lane of the log: half a lane
-ABREAST = 40.0  # [m] within which only one agent begins to change lane at a step: the others see it at the next
-INTENT = 2.0  # [s] of an agent's path that tell which lane it is coming into
+IN_LANE = 1.0  # [m] largest distance from the centre line of an agent that drives in a lane, rather than between two
+APART = 1.8  # [m] distance from the logged path, half a lane, beyond which an agent is in another lane than its log
+ABREAST = 40.0  # [m] distance within which only one agent begins a lane change at a step; others react at the next
+INTENT = 2.0  # [s] time after which an agent's position on its path shows the lane into which it moves
 
 
 @configuration
@@ -38,7 +38,7 @@ class PassingConfig:
     """Which agents pass, and how.
 
     Attributes:
-        slower: an agent is held back if it is slower than its log was at this place, by this much or more.
+        slower: an agent is held back if it is slower than its log, lag included, by more than this.
         patience: steps in a row for which it is held back before it looks for another lane.
         again: least number of steps from one lane change to the next.
         change_time: duration of a lane change.
@@ -64,8 +64,9 @@ class Passing:
     def may_return(
         self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray, residuals: Residuals
     ) -> BoolArray:
-        """Mask (r,) of the agents that can go back to the lanes of their logs, if they have left them to pass; agents
-        on another road since then, such as a ramp, cannot.
+        """Mask (r,) of the agents that have not left the lanes of their logs to pass, or can return to them.
+
+        An agent that is on another road by now, such as a ramp, cannot.
 
         Args:
             table: all agents.
@@ -88,7 +89,7 @@ class Passing:
         return may
 
     def look_for_lanes(self, table: AgentTable, off: OffLog, rows: IntArray, lag: IntArray) -> None:
-        """Let agents change lane that have been held back for long enough and can; in place.
+        """Let agents that have been held back for long enough change lane where they can; in place.
 
         Args:
             table: all agents.
@@ -126,15 +127,16 @@ class Passing:
     def _to_either_side(
         self, table: AgentTable, off: OffLog, rows: IntArray, at: IntArray, lane: IntArray
     ) -> tuple[BoolArray, BoolArray]:
-        """Masks (k,) of the agents at positions `at` that are in the `lane` (k,) that they have taken to pass, and have
-        those of their logs to the left; to the right.
+        """Masks (k,) of passing agents that have the lanes of their logs to the left, and to the right.
+
+        The agents are those at positions `at` (k,), in lanes `lane` (k,); one passes if it has taken that lane to pass.
         """
         d = off.logged_paths.project(at, table.x[rows[at]], table.y[rows[at]]).d
         passes = off.beside[at] == lane
         return passes & (d < -APART), passes & (d > APART)
 
     def _change(self, table: AgentTable, off: OffLog, at: int, row: int, lane: int) -> None:
-        """Let the agent at position `at` of `off`, in `row` of the table, change to `lane`; not where it cannot."""
+        """Let the agent at position `at` of `off`, in `row` of the table, change to `lane` if there is a path."""
         pose = np.array([table.x[row], table.y[row], table.yaw[row]])
         path = self._router.beside(pose, self._config.change_time * float(table.speed[row]), lane)
         if path is not None:
@@ -167,12 +169,12 @@ class Passing:
             self._change(table, off, k, row, lane)
 
     def _wanted(self, off: OffLog, table: AgentTable, lag: IntArray) -> FloatArray:
-        """Speeds (r,) [m/s] of the agents' logs at the agents' positions."""
+        """Speeds (r,) [m/s] of the agents' logs, lags included; with time_shift, those at the agents' positions."""
         log_rows = self._log.ids.searchsorted(off.agent)
         return self._log.speed[log_rows, self._clipped(table.step - lag)]
 
     def _clipped(self, step: IntArray) -> IntArray:
-        """`step`, or the first or the last one of the log."""
+        """Limit `step` to the steps of the log."""
         return np.minimum(np.maximum(step, 0), self._log.steps - 1)
 
     def _weighed(
@@ -185,9 +187,9 @@ class Passing:
         here: IntArray,
         there: IntArray,
     ) -> LaneChanges:
-        """What changes from lanes `here` to lanes `there` (k,) would bring the agents at positions `at` (k,).
+        """Weigh lane changes from lanes `here` to lanes `there` (k,) of the agents at positions `at` (k,).
 
-        `wanted` (r,) are the speeds that all off their logs would drive on a free road [m/s].
+        `wanted` (r,) are the desired speeds of all agents off their logs [m/s].
         """
         if not len(at):
             return LaneChanges(np.zeros(0), np.zeros(0, np.bool_), np.zeros(0, np.bool_))
@@ -230,13 +232,14 @@ def _in_lanes(  # noqa: PLR0917 - a kernel takes arrays and numbers
     first: IntArray,
     most: int,
 ) -> BoolArray:
-    """Return (k, w) which agents are in k lanes.
+    """Return the mask (k, w) of agents in each of k lanes.
 
     Args:
         segments, circles, count: of lines, see :mod:`litsim_policy.motion.path_kernels`.
         line, half_width: (k,) position of the line of each lane, and half the width of the lane [m].
-        rows, x, y: (r,) of the agents that are looked at, rows ascending, and where each is assumed to be [m].
-        first, most: of each lane (k,), the row that column 0 stands for; number w of columns.
+        rows, x, y: (r,) rows of the agents, ascending, and their assumed positions [m].
+        first: (k,) row of the agent of column 0, for each lane.
+        most: number w of columns.
     """
     found = np.zeros((len(line), most), np.bool_)
     for k in range(len(line)):
@@ -251,11 +254,11 @@ def _in_lanes(  # noqa: PLR0917 - a kernel takes arrays and numbers
 def _chosen(
     agent: IntArray, gain: FloatArray, worth: BoolArray, scene: IntArray, x: FloatArray, y: FloatArray, abreast: float
 ) -> IntArray:
-    """Positions of the changes that are made, of k: of each agent the best, and of agents near each other one.
+    """Positions of those of k changes that are made: the best of each agent, and one of agents near each other.
 
     Args:
         agent: (k,) positions of the agents.
-        gain, worth: (k,) [m/s2], and which changes can be made at all.
+        gain, worth: (k,) gain [m/s2], and mask of the changes that are safe and worth it.
         scene, x, y: (k,) of the agents.
         abreast: distance [m] within which only the first agent changes.
     """

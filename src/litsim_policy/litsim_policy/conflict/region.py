@@ -23,7 +23,7 @@ class RegionManager:
     not free, is driven at once.
 
     Attributes:
-        iterations, converged: (scenes,) as in :class:`.takeover.TakeoverManager`, but without any iteration.
+        iterations, converged: (scenes,) as in :class:`.takeover.TakeoverManager`; always 0 and True.
     """
 
     def __init__(self, scenario: Setting, roi_m: float = 0.0) -> None:

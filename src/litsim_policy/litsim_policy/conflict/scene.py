@@ -63,9 +63,9 @@ class ConflictScene:
         return found
 
     def _cover(self, agents: BoolArray, off_log: BoolArray) -> None:
-        """Make the missing futures of `agents` and of all agents near them.
+        """Compute the missing futures of `agents` and of all agents near them.
 
-        Expected motion matters for agents that are `off_log`; for others, only their logs are looked at.
+        Expected motions are computed of agents in the mask `off_log` only, logged ones of all.
         """
         missing = self._detector.near_any(self._table, agents) & ~self._covered
         nothing_yet = not len(self._rows)

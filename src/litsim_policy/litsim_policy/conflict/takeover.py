@@ -47,7 +47,7 @@ class TakeoverConfig:
         clear_steps: steps in a row without conflict before the hand-back begins, once the goal is passed; twice as
             many before.
         iterations_max: bound on the iterations of detection within a step.
-        release_position: residual below which the hand-back ends.
+        release_position: largest residual with which the hand-back ends.
         release_speed: residual likewise.
         release_yaw: residual likewise.
         handback: catch_up, to the present position of the log; or time_shift, to the position of the log that is
@@ -101,7 +101,7 @@ class TakeoverManager:
         self._off = OffLog.empty()
         self._logged: dict[int, ReferencePath] = {}
         self._suspected: dict[int, int] = {}
-        self._lag: IntArray = np.zeros(len(log.ids), np.int64)  # steps by which the replay of each log lags, or would
+        self._lag: IntArray = np.zeros(len(log.ids), np.int64)  # steps by which each log lags, or would after a return
 
     def update(self, table: AgentTable, forecast: Forecast) -> TakeoverTable:
         """The agents off their logs at this step, and why."""
@@ -135,7 +135,7 @@ class TakeoverManager:
         return Intents(table.rows(off.agent), off.paths, off.detected_step == table.step)
 
     def _choose_lags(self, table: AgentTable) -> None:
-        """Choose for each agent off its log the lag of the log that it would go back to at this step."""
+        """Choose the lag with which each agent off its log would return to its log at this step."""
         rows, log_rows = self._rows(table, self._off)
         if self.config.handback == "time_shift":
             self._lag[log_rows] = self.scenario.log.lags(log_rows, table.step, table.x[rows], table.y[rows])
@@ -143,7 +143,7 @@ class TakeoverManager:
             self._lag[log_rows] = 0
 
     def _unneeded(self, table: AgentTable, rows: IntArray) -> BoolArray:
-        """Agents with a log that is over, and neither the ego nor an agent off its log with a continuing log nearby.
+        """Agents whose logs are over, without the ego or an agent off its log whose own log continues nearby.
 
         Args:
             table: all agents.
@@ -188,8 +188,9 @@ class TakeoverManager:
     ) -> BoolArray:
         """Take over agents with confirmed conflicts; record the number of iterations and whether they converged.
 
-        The first iteration compares with all agents off their logs, each further one with those that the previous one
-        has taken over. Pedestrians and cyclists are never taken over; agents on a lagged log must yield to them.
+        The first iteration compares with all agents off their logs or on lagged ones, each further one with those that
+        the previous one has taken over. Pedestrians and cyclists are never taken over; agents on lagged logs must yield
+        to them.
 
         Args:
             table: all agents.

@@ -29,8 +29,8 @@ from litsim_sim.core.compiled import (
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 NEGLIGIBLE = 1e-3
-"""Probability that is taken as 0 in a weighed sum."""
-FIRST, NONE = -1, -2  # in place of the position of a further motion
+"""Probability of an overlap below which a motion adds nothing to a weighted sum."""
+FIRST, NONE = -1, -2  # in place of the position of an alternative motion: the first motion, and no further one
 
 
 def weighed_chances(
@@ -52,9 +52,9 @@ def weighed_chances(
         pairs: (m, 2) of rows: an agent in `a`, with one known motion, and one in `b`.
         a, b: motions of the same n agents.
         length, width: (n,) of their boxes [m].
-        least: probability that matters.
-        first: whether each pair is wanted only up to the first step at which it matters; agents with several possible
-            manoeuvres are integrated in full.
+        least: least probability that is computed.
+        first: whether to stop, for each pair, at the first step that reaches `least`; not for agents with several
+            motions.
     """
     motions = a.states, a.valid, a.bounds, b.states, b.valid, b.bounds
     bound = length, width, least, quantile(least)
@@ -67,22 +67,22 @@ def weighed_chances(
 
 @cache
 def quantile(probability: float) -> float:
-    """Quantile of the standard Gaussian for a probability; infinite of 0 and of 1."""
-    within = 0.0 < probability < 1.0  # importing scipy for it would take as long as all kernels of the launcher
+    """Quantile of the standard Gaussian for a probability; infinite for 0 and 1."""
+    within = 0.0 < probability < 1.0  # without scipy, the import of which takes as long as all kernels of the launcher
     return NormalDist().inv_cdf(probability) if within else math.copysign(math.inf, probability - 0.5)
 
 
 @kernel(Tuple((OUT_INTS, OUT_INTS, OUT_FLOATS))(INTS, FLOATS, int64))
 def _listed(row: IntArray, weight: FloatArray, count: int) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return the further motions of `count` agents as linked lists.
+    """Return the alternative motions of n = `count` agents as linked lists.
 
     Args:
         row, weight: (q,) agent and weight of each motion.
-        count: of agents.
+        count: number of agents.
 
     Returns:
-        the first motion of each agent and the one that follows each motion (q,), or NONE; the weight of all of an
-        agent's.
+        the first alternative motion of each agent (n,), and the one that follows each motion (q,), or NONE; and the
+        sum of each agent's weights (n,).
     """
     begin, following, taken = np.full(count, NONE), np.full(len(row), NONE), np.zeros(count)
     for q in range(len(row)):
@@ -127,7 +127,7 @@ def _weighed(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         pairs, length, width, least, first: likewise.
         states_a, valid_a, bounds_a, states_b, valid_b, bounds_b: of :class:`.futures.PredictedMotion`.
-        row, weight, states, valid, bounds: of :class:`.futures.OtherMotions`, what agents of b may do instead.
+        row, weight, states, valid, bounds: of :class:`.futures.OtherMotions`, the alternative motions of b.
         least_quantile, negligible_quantile: of the standard Gaussian, for `least` and for NEGLIGIBLE.
     """
     steps = states_a.shape[1]
