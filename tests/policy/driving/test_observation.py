@@ -96,13 +96,13 @@ def test_the_way(scenario, agent_table, lane_centres) -> None:
     seen = way(Observer(scenario.lane_map).observe(table, [task(2, y, opponent=7)])[0])
     assert seen["offset from the path"] * o.LATERAL == pytest.approx(-0.6)
     assert seen["heading to the path"] * o.HEADING == pytest.approx(-0.05)
-    assert seen["gap to the first one on the path"] * o.DISTANCE == pytest.approx(20.0 - 4.5)
-    assert seen["speed of that one less the own"] * o.SPEED == pytest.approx(-6.0)
+    assert seen["gap to the leader"] * o.DISTANCE == pytest.approx(20.0 - 4.5)
+    assert seen["speed of the leader less the own"] * o.SPEED == pytest.approx(-6.0)
     assert seen["distance to the goal along the path"] * o.DISTANCE == pytest.approx(50.0)
     assert seen["time until the agent was expected at the goal"] * o.TIME == pytest.approx(2.5)
-    assert seen["the opponent is there"] == 1.0 and seen["opponent to the left"] > 0.8
+    assert seen["opponent present"] == 1.0 and seen["opponent to the left"] > 0.8
     alone = way(Observer(scenario.lane_map).observe(table, [task(2, y, opponent=99)])[0])
-    assert alone["the opponent is there"] == alone["opponent ahead"] == 0.0
+    assert alone["opponent present"] == alone["opponent ahead"] == 0.0
 
 
 def test_how_those_ahead_drive(scenario, agent_table, lane_centres) -> None:
@@ -118,15 +118,15 @@ def test_how_those_ahead_drive(scenario, agent_table, lane_centres) -> None:
     observer = Observer(scenario.lane_map, config)
     row = observer.observe(table, [task(2, y)])[0]
     seen = dict(zip(o.AHEAD_FEATURES, row[config.ahead_at : config.ahead_at + o.AHEAD].tolist(), strict=True))
-    assert seen["acceleration of the first one on the path"] * o.ACCELERATION == pytest.approx(-2.0)
-    assert seen["a second one is on the path"] == 1.0
-    assert seen["gap to the second one"] * o.DISTANCE == pytest.approx(35.0 - 4.5)
-    assert seen["speed of that one less the own"] * o.SPEED == pytest.approx(-4.0)
-    assert seen["acceleration of that one"] * o.ACCELERATION == pytest.approx(-3.0)
+    assert seen["acceleration of the leader"] * o.ACCELERATION == pytest.approx(-2.0)
+    assert seen["second leader present"] == 1.0
+    assert seen["gap to the second leader"] * o.DISTANCE == pytest.approx(35.0 - 4.5)
+    assert seen["speed of the second leader less the own"] * o.SPEED == pytest.approx(-4.0)
+    assert seen["acceleration of the second leader"] * o.ACCELERATION == pytest.approx(-3.0)
     usual = Observer(scenario.lane_map).observe(table, [task(2, y)])[0]
     assert (np.delete(row, np.s_[config.ahead_at : config.ahead_at + o.AHEAD]) == usual).all()
     # the leader stops after 16 m, so that 10 m/s have to be lost on 15.5 - 1 + 16 m
-    allowed = seen["acceleration that those on the path allow who may brake"] * o.ACCELERATION
+    allowed = seen["safe acceleration behind the leaders"] * o.ACCELERATION
     assert allowed == pytest.approx(-(10.0**2) / (2.0 * (15.5 - 1.0 + 8.0**2 / (2.0 * 2.0))), abs=0.01)
 
 

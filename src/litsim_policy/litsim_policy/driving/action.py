@@ -1,4 +1,4 @@
-"""What policy C commands: longitudinal and lateral acceleration and yaw rate, and how a vehicle executes the three."""
+"""Actions of policy C: longitudinal and lateral acceleration and yaw rate, and how a vehicle executes the three."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import numpy as np
 from litsim_sim.core.scene import FloatArray
 
 ACTIONS = ("longitudinal acceleration", "lateral acceleration", "yaw rate")
-LOW = np.array([-6.0, -4.0, -0.5])  # [m/s2], [m/s2], [rad/s] that action -1 stands for
-HIGH = np.array([3.0, 4.0, 0.5])  # the same for action 1
-LATERAL_SPREAD = 1.0  # [m/s2] disagreement of the two lateral actions that weighs as much as ...
-YAW_RATE_SPREAD = 0.1  # [rad/s] ... this
+LOW = np.array([-6.0, -4.0, -0.5])  # [m/s2], [m/s2], [rad/s] commands of action -1
+HIGH = np.array([3.0, 4.0, 0.5])  # [m/s2], [m/s2], [rad/s] commands of action 1
+LATERAL_SPREAD = 1.0  # [m/s2] deviation from the lateral acceleration that weighs as much as YAW_RATE_SPREAD
+YAW_RATE_SPREAD = 0.1  # [rad/s] deviation from the yaw rate that weighs as much as LATERAL_SPREAD
 
 
 def physical(action: FloatArray) -> FloatArray:
-    """Actions (..., 3) in [-1, 1] as [m/s2], [m/s2], [rad/s]; linear on either side of zero, which is nothing."""
+    """Commands (..., 3) [m/s2], [m/s2], [rad/s] of actions in [-1, 1]; zero for zero, and linear on either side."""
     return np.where(action < 0.0, -action * LOW, action * HIGH)
 
 
 def normalised(command: FloatArray) -> FloatArray:
-    """The inverse of :func:`physical`, cut to [-1, 1]."""
+    """The inverse of :func:`physical`, clipped to [-1, 1]."""
     return np.clip(np.where(command < 0.0, -command / LOW, command / HIGH), -1.0, 1.0)
 
 

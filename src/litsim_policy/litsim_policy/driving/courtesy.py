@@ -29,7 +29,7 @@ from litsim_sim.core.pair_geometry import overlap, within_scenes
 from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 
 FOLLOWING_TIME = 0.5  # [s] time constant of matching a leader's speed, nearer than the standstill gap
-PEDALS = 3  # strengths of braking, up to the hardest, that are tried to let an agent cross
+PEDALS = 3  # number of braking strengths, up to the hardest, that are tried to let an agent cross
 TURNING_MIN = 1.0  # [m/s] least speed at which the yaw rate defines the arc of an agent
 SAME_WAY = math.cos(math.pi / 4)  # cosine of the largest angle between headings of agents that do not cross
 
@@ -112,15 +112,15 @@ def side_taken(  # noqa: PLR0917 - a kernel takes arrays and numbers
     side_drift: float,
     coming_over: float,
 ) -> BoolArray:
-    """(m,) whether an agent is, or will soon be, alongside where a move to the side of the lane leads.
+    """Mask (m,) of agents that move to a side of their lanes where another agent is alongside, or soon will be.
 
     Args:
         scene, x, y, yaw, speed, length, width: (n,) of all agents.
         rows: (m,) of the agents.
         lane_heading: (m,) of their lanes [rad].
-        target: (m, 2) which they move to [m].
+        target: (m, 2) points that they pursue [m].
         side_gap, side_horizon, side_margin, side_drift: as in :class:`YieldConfig`.
-        coming_over: time for which agents that come over from the side are expected to continue [s].
+        coming_over: time for which merging agents are expected to continue [s].
     """
     taken, (begin, end) = np.zeros(len(rows), np.bool_), within_scenes(scene, rows)
     for i in range(len(rows)):
@@ -216,7 +216,7 @@ def _runs_into(  # noqa: PLR0917 - a kernel takes arrays and numbers
     margin: float,
     instants: int,
 ) -> bool:
-    """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` with the middle of `j` ahead."""
+    """Whether agent `own`, at acceleration `pedal` on path `p`, runs into agent `j` with the centre of `j` ahead."""
     s, other_x, other_y, other_yaw = own_s, x[j], y[j], yaw[j]
     bend = yaw_rate[j] / max(speed[j], TURNING_MIN)
     for k in range(instants):
@@ -272,7 +272,7 @@ def crossing_awaited(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
     Args:
         wanted: (m,) accelerations [m/s2].
-        segments, count, own_s: (m, L, 5), (m,), (m,) paths, and where on them the agents are [m].
+        segments, count, own_s: (m, L, 5), (m,), (m,) paths, and arc lengths of the agents on them [m].
         scene, x, y, yaw, speed, acceleration, yaw_rate, length, width: (n,) of all agents.
         off_log: (n,) whether an agent is off its log; the others are the conflict stage's concern.
         rows: (m,) of the agents.

@@ -73,7 +73,7 @@ def _drawn(identities: IntArray, drivers: int) -> IntArray:
 
 
 def _drivers(config: IdmPolicyConfig) -> FloatArray:
-    """(k, 5) v0 [m/s], T [s], s0 [m], a_max, b [m/s2] of the available drivers."""
+    """Parameters (k, 5) of the available drivers: v0 [m/s], T [s], s0 [m], a_max, b [m/s2]."""
     if config.drivers == "published":
         return np.array([[PUBLISHED.desired_speed, *PUBLISHED.of_model[:4]]])
     everybody = np.concatenate([rows for _, rows in sorted(calibrated().drivers.items())])

@@ -33,7 +33,7 @@ ROUNDING = 1e-9  # [m] by which the circles around two boxes are widened
 
 
 def steps_of(seconds: float) -> int:
-    """Steps of a look ahead of `seconds`, at least one."""
+    """Number of steps of a look-ahead over `seconds`, at least one."""
     return max(1, round(seconds / STEP_S))
 
 
@@ -45,7 +45,7 @@ def rolled_out(table: AgentTable, rows: IntArray, commands: FloatArray, settle: 
         rows: (m,) of the agents that are commanded.
         commands: (m, c, 2) accelerations [m/s2] and yaw rates [rad/s], c for each agent.
         settle: time constant with which turns end [s].
-        instants: T, of 0.1 s each.
+        instants: number T of instants, 0.1 s apart.
 
     Returns:
         (3, m, c, T) x, y [m] and yaw [rad].
@@ -56,7 +56,7 @@ def rolled_out(table: AgentTable, rows: IntArray, commands: FloatArray, settle: 
 
 @cache
 def _turned(settle: float, instants: int) -> FloatArray:
-    """Share (instants,) of a turn that is made at each instant, with this time constant [s]."""
+    """Share (instants,) of a turn that is completed at each instant; `settle` is its time constant [s]."""
     return np.asarray(1.0 - np.exp(-STEP_S * np.arange(1, instants + 1, dtype=np.float64) / settle))
 
 
@@ -69,11 +69,11 @@ def first_touch(table: AgentTable, rows: IntArray, poses: FloatArray, instants: 
         table: all agents; those not in `rows` drive straight on, and keep braking if they brake.
         rows: (m,) of the agents.
         poses: (3, m, c, T) x, y [m] and yaw [rad] of the agents at T instants of 0.1 s, under c commands each.
-        instants: how many of them count.
-        margin: [m] kept around other boxes.
+        instants: number of the first ones that count.
+        margin: kept around other boxes [m].
 
     Returns:
-        (m, c) time [s], infinite where none is touched.
+        (m, c) times [s], infinite where none is touched.
     """
     columns = (table.scene, table.x, table.y, table.yaw, table.speed, table.acceleration, table.length, table.width)
     return _first_touch(*columns, rows, poses, instants, margin)
@@ -106,7 +106,7 @@ def _rolled_out(
     settle: float,
     turned: FloatArray,
 ) -> FloatArray:
-    """See :func:`rolled_out`; `turned` (T,) is the share of its turn that an agent has made at each instant."""
+    """See :func:`rolled_out`; `turned` (T,) is the share of a turn that is completed at each instant."""
     agents, count, instants = len(rows), commands.shape[1], len(turned)
     poses = np.empty((3, agents, count, instants))
     for i in range(agents):
@@ -188,7 +188,7 @@ def _sides(
     poses: FloatArray,
     instant: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Middles of the left and the right side of agents at an instant of `poses` (3, m, c, T), and, last, now.
+    """Centres of the left and the right side of agents at an instant of `poses` (3, m, c, T), and, last, at present.
 
     Returns:
         x and y (m, c + 1, 2) [m].

@@ -59,30 +59,31 @@ HEADING = 0.2  # [rad] to lane and path
 YAW_RATE = 0.2  # [rad/s]
 TIME = 5.0  # [s]
 FORESEEN = SafetyConfig(own_braking=4.0, leader_braking=5.0, imminent=1.0)
-"""Parameters of the feature "acceleration that those on the path allow": braking that the network may command."""
-CURVE_LENGTH = 10.0  # [m] of lane around the agent over which its curvature is taken
+"""Parameters of the feature "safe acceleration behind the leaders", with braking that the network may command."""
+CURVE_LENGTH = 10.0  # [m] length of lane around the agent over which its curvature is measured
 
 CORE, SLOT, ROAD, AHEAD, WAY = 4, 7, 7, 6, 14
 AHEAD_FEATURES = (
-    "acceleration of the first one on the path",
-    "acceleration that those on the path allow who may brake",
-    "a second one is on the path",
-    "gap to the second one",
-    "speed of that one less the own",
-    "acceleration of that one",
+    "acceleration of the leader",
+    "safe acceleration behind the leaders",
+    "second leader present",
+    "gap to the second leader",
+    "speed of the second leader less the own",
+    "acceleration of the second leader",
 )
+"""Leaders are agents ahead on the path; the rear of the second one is ahead of the first one's centre."""
 WAY_FEATURES = (
     "offset from the path",
     "heading to the path",
     "heading of the path half a pursuit reach ahead",
     "heading of the path one and a half reaches ahead",
     "yaw rate of a pure pursuit of the path",
-    "somebody is on the path",
-    "gap to the first one on the path",
-    "speed of that one less the own",
+    "leader present",
+    "gap to the leader",
+    "speed of the leader less the own",
     "distance to the goal along the path",
     "time until the agent was expected at the goal",
-    "the opponent is there",
+    "opponent present",
     "opponent ahead",
     "opponent to the left",
     "speed of the opponent less the own",
@@ -98,7 +99,7 @@ class ObservationConfig:
             counter-clockwise; `distance` for the `slots` nearest agents, nearest first.
         slots: number of observed agents.
         sight: range beyond which agents are ignored.
-        ahead: whether the features "ahead" are included.
+        ahead: whether :data:`AHEAD_FEATURES` are included.
     """
 
     arrange: Literal["sector", "distance"] = "sector"
@@ -118,7 +119,7 @@ class ObservationConfig:
 
 
 class LaneFeatures:
-    """The ROAD features of agents: markings, edges, where in the lane they are, and how it bends."""
+    """The ROAD features of agents: markings, edges, offset and heading in the lane, and its curvature."""
 
     def __init__(self, lane_map: LaneMap) -> None:
         self._lane_map = lane_map
@@ -128,7 +129,7 @@ class LaneFeatures:
         self._to_right = np.array([_beyond(lane_map, row, "right") for row in range(len(lanes))])
 
     def write(self, agents: PathFollowers, first: int, features: FloatArray) -> None:
-        """Write those of `agents` into `features` (m, size), from the position `first` on."""
+        """Write the features of `agents` into `features` (m, size), from the position `first` on."""
         at = agents.lane
         around = self._lane_map.headings_around(at.lane, at.s, 0.5 * CURVE_LENGTH)
         sides = self._half_width, self._to_left, self._to_right
@@ -136,7 +137,7 @@ class LaneFeatures:
 
 
 class Observer:
-    """Observes agents on a net; holds nothing of a run."""
+    """Observes agents on a net; independent of runs."""
 
     def __init__(self, lane_map: LaneMap, config: ObservationConfig | None = None) -> None:
         self.config = config or ObservationConfig()
@@ -164,7 +165,7 @@ class Observer:
         return features
 
     def _see_surrounding(self, agents: PathFollowers, features: FloatArray) -> None:
-        """Write the features of those around the agents."""
+        """Write the features of the surrounding agents."""
         table, config = agents.table, self.config
         viewer, agent, ahead, left = _seen(
             table.scene, table.x, table.y, agents.rows, agents.x, agents.y, agents.yaw, config.sight
@@ -204,7 +205,7 @@ class Observer:
         )
 
     def _see_way(self, scene: DrivingScene, features: FloatArray) -> None:
-        """Write the features of the ways to the goals, in the order of WAY_FEATURES."""
+        """Write the features of the way to the goal, in the order of WAY_FEATURES."""
         agents, table, view = scene.agents, scene.agents.table, scene.agents.view
         unit_x, unit_y = path_directions(agents.paths, agents.s, agents.reach)
         _see_path(
@@ -304,7 +305,7 @@ def _see_surrounding(  # noqa: PLR0917 - a kernel takes arrays and numbers
     slots: int,
     features: FloatArray,
 ) -> None:
-    """Write the agents around: the nearest per sector, or the nearest of all; the lower row if equally near.
+    """Write the surrounding agents: the nearest per sector, or the nearest of all; of equally near ones the lower row.
 
     Args:
         viewer, agent, ahead, left: k pairs from :func:`_seen`.
@@ -312,8 +313,8 @@ def _see_surrounding(  # noqa: PLR0917 - a kernel takes arrays and numbers
         rows, own_yaw: (m,) of the observers, and their headings [rad].
         yaw, speed, length: (n,) of all agents [rad], [m/s], [m].
         by_sector: whether each slot is a sector.
-        slots: how many there are.
-        features: (m, size) into which is written.
+        slots: number of slots.
+        features: (m, size) written to.
     """
     chosen = np.full((len(rows), slots), -1, np.int64)
     near = np.full((len(rows), slots), np.inf)
@@ -359,15 +360,16 @@ def _see_road(  # noqa: PLR0917 - a kernel takes arrays and numbers
     first: int,
     features: FloatArray,
 ) -> None:
-    """Write the road under m agents.
+    """Write the ROAD features of m agents.
 
     Args:
         lane, d, lane_heading: (m,) as in :class:`litsim_sim.maps.lane_map.LanePosition`.
         around: (m, 2) heading of the lane half of CURVE_LENGTH behind and ahead [rad].
         yaw: (m,) of the agents [rad].
-        half_width, to_left, to_right: of all lanes, and the width of what lies beyond them [m].
+        half_width: of all lanes [m].
+        to_left, to_right: width of the road beyond each lane [m].
         first: position of the first feature.
-        features: (m, size) into which is written.
+        features: (m, size) written to.
     """
     for i in range(len(lane)):
         marker_left, marker_right = half_width[lane[i]] - d[i], half_width[lane[i]] + d[i]
@@ -381,7 +383,7 @@ def _see_road(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 
 def path_directions(paths: PathBatch, s: FloatArray, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Directions of `paths` at `s` (m,), and half a `reach` (m,) and one and a half ahead: x and y (m, 3) of units."""
+    """Unit vectors along `paths`, x and y (m, 3): at `s` (m,), and half a `reach` (m,) and one and a half ahead."""
     return _directions(paths.segments, paths.count, s, reach)
 
 
@@ -425,7 +427,7 @@ def _see_path(
         yaw_rate: (m,) of a pure pursuit of the paths [rad/s].
         to_goal: (m,) distance along the paths [m].
         steps_left: (m,) until the agents were expected at their goals.
-        features: (m, size) into which is written.
+        features: (m, size) written to.
     """
     first = features.shape[1] - WAY
     for i in range(len(d)):
@@ -439,7 +441,7 @@ def _see_path(
 
 @kernel(int64(FLOATS2, BOOLS2, BOOLS2, int64, float64, float64))
 def _next_on_path(gap: FloatArray, ahead: BoolArray, in_path: BoolArray, i: int, beyond: float, sight: float) -> int:
-    """Column of the first on the path of agent `i` with a gap of more than `beyond` and less than `sight` [m], or -1.
+    """Column of the nearest leader of agent `i` with a gap of more than `beyond` and less than `sight` [m], or -1.
 
     The arrays (m, w) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
     """
@@ -464,7 +466,7 @@ def _see_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
     first: int,
     features: FloatArray,
 ) -> None:
-    """Write how the first and the second on the path drive, but for what :func:`_see_leader` writes of the first.
+    """Write the acceleration of the leader, and the features of the second leader.
 
     Args:
         gap, along, ahead, in_path: (m, w) as in :class:`litsim_policy.motion.car_following.AlongPath`; `along` is the
@@ -472,16 +474,16 @@ def _see_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
         begin: (m,) row of the first of the others.
         length, acceleration: (n,) of all agents [m], [m/s2].
         speed: (m,) of the agents [m/s].
-        sight: how far is looked [m].
+        sight: range of sight [m].
         first: position of the first feature.
-        features: (m, size) into which is written.
+        features: (m, size) written to.
     """
     for i in range(len(speed)):
         leader = _next_on_path(gap, ahead, in_path, i, -np.inf, sight)
         if leader < 0:
             continue
         features[i, first] = acceleration[begin[i] + leader] / ACCELERATION
-        # an agent beside the first one is no second
+        # an agent alongside the leader does not count as the second one
         beyond = gap[i, leader] + 0.5 * length[begin[i] + leader]
         second = _next_on_path(gap, ahead, in_path, i, beyond, sight)
         if second >= 0:
@@ -500,7 +502,7 @@ def _see_leader(
     sight: float,
     features: FloatArray,
 ) -> None:
-    """Write the first agent on the path within `sight` [m], for agents of `speed` (m,) [m/s].
+    """Write the leader within `sight` [m], of agents with `speed` (m,) [m/s].
 
     The first four arrays (m, w) are those of :class:`litsim_policy.motion.car_following.AlongPath`.
     """
@@ -525,7 +527,14 @@ def _see_opponent(  # noqa: PLR0917 - a kernel takes arrays and numbers
     own_speed: FloatArray,
     features: FloatArray,
 ) -> None:
-    """Write where the opponents are: rows (m,) of all agents (n,), -1 for none; `own` arrays: the agents' (m,)."""
+    """Write the features of the opponents.
+
+    Args:
+        x, y, yaw, speed: (n,) of all agents [m], [rad], [m/s].
+        opponent: (m,) rows of the opponents; -1 for none.
+        own_x, own_y, own_yaw, own_speed: (m,) of the agents.
+        features: (m, size) written to.
+    """
     first = features.shape[1] - 4
     for i in range(len(opponent)):
         j = opponent[i]
@@ -540,7 +549,7 @@ def _see_opponent(  # noqa: PLR0917 - a kernel takes arrays and numbers
 
 
 def _beyond(lane_map: LaneMap, row: int, side: Literal["left", "right"]) -> float:
-    """Width [m] of the lanes of the same edge that lie beyond the lane at `row` to that side."""
+    """Width [m] of the lanes of the same edge beyond the lane in `row`, on that side."""
     width, beside = 0.0, getattr(lane_map.lanes[row], side)
     while beside is not None:
         lane = lane_map.lanes[lane_map.row(beside)]

@@ -70,7 +70,7 @@ class PolicyNetwork:
 
 
 def shipped_weights() -> Path:
-    """The weights that come with this package."""
+    """The packaged weights."""
     return Path(str(resources.files("litsim_policy").joinpath("weights/policy_c.safetensors")))
 
 

@@ -47,7 +47,7 @@ class Drives(Protocol):
     """A policy, as :class:`litsim_policy.driving.registry.Policy`."""
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """Controls of the agents that are off their log."""
+        """Controls of the agents off their logs."""
 
 
 class HumanReaction:
@@ -80,7 +80,7 @@ class HumanReaction:
         return ControlTable.without_slip(table, rows, acceleration, yaw_rate, source)
 
     def _hardest(self, before: FloatArray) -> FloatArray:
-        """(m,) accelerations [m/s2] of hardest braking now, by those of the step before (m,)."""
+        """Lowest accelerations (m,) [m/s2] that are possible now, after those of the step `before` (m,)."""
         config = self._config
         if not config.braking_jerk:
             return np.full(len(before), -config.braking_max)
@@ -94,7 +94,7 @@ class HumanReaction:
         return step - takeover.detected_step < int(self._steps[row])
 
     def _as_logged(self, takeover: Takeover, step: int) -> tuple[float, float] | None:
-        """Acceleration [m/s2] and yaw rate [rad/s] of the agent's log, with its lag; None where that is over."""
+        """Acceleration [m/s2] and yaw rate [rad/s] of the agent's log, with its lag; None if the log is over."""
         log: Log = self._log
         row, now = int(log.ids.searchsorted(takeover.agent)), step - round(takeover.time_shift / STEP_S)
         if now < 0 or now + 1 >= log.valid.shape[1] or not (log.valid[row, now] and log.valid[row, now + 1]):
@@ -104,7 +104,7 @@ class HumanReaction:
 
 
 def reaction_steps(config: ReactionConfig, identities: IntArray) -> IntArray:
-    """(N,) steps until each agent reacts, drawn by its seed and id (N, 2), independent of the other agents."""
+    """Steps (N,) until the agents react, drawn by seed and id (N, 2), independently of other agents."""
     if not config.spread or not config.time:
         return np.full(len(identities), round(config.time / STEP_S))
     drawn = [np.random.default_rng([*identity, DRAW]).standard_normal() for identity in identities.tolist()]

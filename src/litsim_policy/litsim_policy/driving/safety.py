@@ -68,10 +68,10 @@ class SafetyConfig:
         contact: brake or steer where the command leads into another box within `horizon`.
         road: do not steer off the road.
         acceleration_max, deceleration_max: of the network's commands.
-        jerk_max: of the network, upwards.
-        braking_jerk_max: of the network, downwards. With nuPlan's longitudinal 4.13 m/s3, hard braking takes a second
-            to build up, of which people take a quarter; this is nuPlan's bound on the whole jerk. The careful and
-            competent driver of UN Regulation 157 has 12.65.
+        jerk_max: with which the network's acceleration grows, and its braking is eased.
+        braking_jerk_max: with which the network's braking grows. With nuPlan's longitudinal 4.13 m/s3 it would take a
+            second to brake as hard as people do within a quarter of one; this is nuPlan's bound on the whole jerk. The
+            careful and competent driver of UN Regulation 157 has 12.65.
         lateral_acceleration_max: of the network's turns.
         yaw_rate_max: of the network's turns.
         yaw_acceleration_max: change of the network's yaw rate.
@@ -81,7 +81,8 @@ class SafetyConfig:
         standstill_gap: kept behind the agent ahead.
         relax: time constant of widening a gap that is too short.
         widening: hardest braking for that alone, outside emergencies.
-        imminent: an approach that needs harder braking is an emergency; by default more than the network may command.
+        imminent: an approach that needs harder braking is an emergency; by default, the most that the network may
+            command.
         leader_brakes: a leader that brakes harder is assumed to stop.
         horizon: of the look-ahead for other boxes.
         settle: time constant with which turns are expected to end.
@@ -139,7 +140,7 @@ class SafeCommands:
 
     @property
     def guarded(self) -> BoolArray:
-        """(m,) whether a guard, not only a limit, intervened."""
+        """Mask (m,) of agents for which a guard, not only a limit, has intervened."""
         return np.asarray(self.changed[:, 1:].any(axis=1))
 
 
@@ -147,7 +148,7 @@ class SafetyLayer:
     """The safety layer on one net.
 
     Attributes:
-        interventions: number of agent-steps in which each guard has intervened.
+        interventions: number of agent-steps in which each guard has intervened since the layer was made.
     """
 
     def __init__(
@@ -297,7 +298,7 @@ def _cap_behind(
     first: IntArray,
     acceleration: FloatArray,
 ) -> FloatArray:
-    """See :func:`following_cap`, behind those that lead; for the arrays see :func:`_following_cap`."""
+    """See :func:`following_cap`, behind the given leaders; for the arrays see :func:`_following_cap`."""
     return _following_cap(
         gap,
         leader_speed,
@@ -385,7 +386,7 @@ def _following_cap(  # noqa: PLR0917 - a kernel takes arrays and numbers
         gap, leader_speed: (m, w) to others and of others along the path [m], [m/s].
         leads: (m, w) whether one of them is ahead on the path.
         speed, length: (m,) of the agents [m/s], [m].
-        first: (m,) place in `acceleration` of the first of the others.
+        first: (m,) position in `acceleration` of the first of the others.
         acceleration: (n,) of all agents [m/s2].
         standstill_gap, own_braking, leader_braking, relax, widening, imminent, leader_brakes, braking_max,
             acceleration_max: as in :class:`SafetyConfig`.
@@ -425,8 +426,8 @@ def _choices(  # noqa: PLR0917 - a kernel takes arrays and numbers
         commands: (k, 2) accelerations [m/s2] and yaw rates [rad/s].
         cap: (k,) accelerations that the agents ahead allow [m/s2].
         speed, yaw_rate: (k,) now [m/s], [rad/s].
-        path_yaw_rate, lane_yaw_rate: (k,) that lead along the path and along the lane [rad/s].
-        twist: by which a yaw rate may change in a step [rad/s].
+        path_yaw_rate, lane_yaw_rate: (k,) yaw rates along the path and along the lane [rad/s].
+        twist: most by which a yaw rate changes in a step [rad/s].
         lateral_acceleration_max, acceleration_max, braking_max: as in :class:`SafetyConfig`.
 
     Returns:
@@ -461,8 +462,8 @@ def _best(choices: FloatArray, touch: FloatArray, stays: BoolArray) -> IntArray:
 
     Args:
         choices: (k, c, 2) accelerations [m/s2] and yaw rates [rad/s].
-        touch: (k, c) when they touch [s], infinite where they do not.
-        stays: (k, c) whether they stay on the road; one of each agent's does.
+        touch: (k, c) times of the first contact [s], infinite for none.
+        stays: (k, c) whether they stay on the road, as at least one per agent does.
     """
     best = np.zeros(len(choices), np.int64)
     for i in range(len(choices)):

@@ -1,6 +1,6 @@
 """SimNet's networks in the loop, without torch: the small one by compiled kernels, any other as an ONNX graph.
 
-An agent's outputs depend on its raster alone, to the last bit, whichever others are driven, in whichever process.
+An agent's outputs depend on its raster alone, to the last bit, and neither on other agents nor on the process.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from litsim_predictor.inference.dense_kernels import linear, rectified_product, 
 from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES, SINGLES2, SINGLES3, float32, kernel, void
 from litsim_sim.core.errors import InputError
 
-KERNEL = 3  # cells along each side of a convolution's kernel; it moves by two
+KERNEL = 3  # cells along each side of a convolution's kernel; its stride is two
 
 
 class SimnetNetwork(Protocol):
-    """A network ready to answer.
+    """A network for inference.
 
     Attributes:
-        shape: of the rasters that it is given.
+        shape: of its rasters.
     """
 
     shape: RasterShape
 
     def __call__(self, rasters: Rasters) -> Float32Array:
-        """(m, OUTPUTS) of rasters (m, CHANNELS, rows, columns), see :data:`.simnet_output.OUTPUTS`."""
+        """Outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.simnet_output.OUTPUTS`."""
 
 
 class SmallNetwork:
@@ -50,7 +50,7 @@ class SmallNetwork:
         for number in range(len(SMALL_WIDTHS)):
             weight, bias = (arrays[f"convolution.{number}.{what}"] for what in ("weight", "bias"))
             rows, columns = rows // 2, columns // 2
-            # reused buffers: fresh memory costs more than the sums
+            # buffers are reused, since allocating memory costs more than the sums
             patches = np.empty((weight.shape[1], rows * columns), np.float32)
             self._convolutions.append((weight, bias, patches, np.empty((len(bias), rows, columns), np.float32)))
         self._dense = [(arrays[f"{layer}.weight"], arrays[f"{layer}.bias"]) for layer in ("hidden", "last")]
@@ -82,7 +82,7 @@ def convolve(
         values: (channels, rows, columns), an even number of rows and columns.
         weight: (n, channels * KERNEL * KERNEL), by channel, then row of the kernel, then column.
         bias: (n,).
-        patches: (channels * KERNEL * KERNEL, rows / 2 * columns / 2), to be written over.
+        patches: (channels * KERNEL * KERNEL, rows / 2 * columns / 2), a buffer.
         out: (n, rows / 2 * columns / 2), written to.
     """
     channels, rows, columns = values.shape
@@ -111,7 +111,7 @@ class GraphNetwork:
         path: of the graph, which holds its weights.
 
     Raises:
-        InputError: the file is no graph of a SimNet.
+        InputError: the file is not a graph of a SimNet.
     """
 
     shape = PAPER
@@ -121,7 +121,7 @@ class GraphNetwork:
 
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1  # rounding depends on their number
-        options.log_severity_level = 4  # errors are raised: nothing more is to be printed
+        options.log_severity_level = 4  # errors are raised, and need not be printed
         try:
             self._session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
         except Exception as error:

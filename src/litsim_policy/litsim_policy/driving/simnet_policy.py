@@ -46,7 +46,7 @@ class SimnetPolicy:
         everybody = Motions(pose, there, np.stack([table.length, table.width], axis=-1), table.scene)
         rows = table.rows(np.array([t.agent for t in listed], np.int64))
         future = self._network(self._painter.draw(table.step, everybody, rows)).astype(np.float64)
-        # The way of the step is the speed at its end. Taking it as the mean speed gives 2 way / step - speed at the
-        # end, with which small errors of the network would swing from step to step, ever more.
+        # The predicted distance, divided by the step, is taken as the speed at its end. If it were taken as the mean
+        # speed, small errors of the network would oscillate from step to step with growing amplitude.
         acceleration = (future[:, 0] / STEP_S - table.speed[rows]) / STEP_S
         return ControlTable.of_policy(table, rows, acceleration, future[:, 2] / STEP_S)

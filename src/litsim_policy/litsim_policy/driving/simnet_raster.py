@@ -37,7 +37,7 @@ from litsim_sim.scenario.signals import LinkSignals
 Rasters = npt.NDArray[np.float32]
 
 FRAMES = 6
-"""Steps that are drawn, the present one last: half a second of history."""
+"""Number of steps that are drawn, the present one last: half a second of history."""
 CLOSENESS, COSINE, SINE, STOP, OWN = 0, 1, 2, 3, 4
 OTHERS = OWN + FRAMES
 CHANNELS = OTHERS + FRAMES
@@ -47,7 +47,7 @@ All are within [-1, 1], and 0 where there is nothing.
 """
 FROM_BEHIND, FROM_RIGHT = 0.25, 0.5
 """Position of the agent, as shares of the raster's length and width."""
-STOP_DEPTH = 1.0  # [m] of a stop line, along the lane
+STOP_DEPTH = 1.0  # [m] extent of a stop line along the lane
 
 BYTES2, OUT_SINGLES4 = read_array(uint8, 2), written_array(float32, 4)
 COSINES, SINES = np.cos(TURNS).astype(np.float32), np.sin(TURNS).astype(np.float32)
@@ -60,7 +60,7 @@ class RasterShape:
     Attributes:
         rows: cells along the agent's heading.
         columns: cells across.
-        cell: side of one [m].
+        cell: side of a cell [m].
     """
 
     rows: int

@@ -52,10 +52,8 @@ class DrivingScene:
 
     Attributes:
         id: (m,) of the agents.
-        agents: where they are on their paths.
-        goal: (m, 2) as in :class:`DrivingTask`, likewise the others.
-        due_step: (m,).
-        opponent: (m,).
+        agents: the agents on their paths.
+        goal, due_step, opponent: (m, 2), (m,), (m,) as in :class:`DrivingTask`.
     """
 
     id: IntArray

@@ -38,8 +38,8 @@ from litsim_sim.core.scene import FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 
 BEAMS = 20
-BEAM = 50.0  # [m] reach of a beam
-RATE = 10.0  # [m/s] along a beam
+BEAM = 50.0  # [m] range of a beam
+RATE = 10.0  # [m/s] scale of the rates of change along beams
 OWN, WAY = 3, 2
 SIZE = OWN + ROAD + WAY + 2 * BEAMS
 
@@ -101,12 +101,12 @@ def _beams(  # noqa: PLR0917 - a kernel takes arrays and numbers
             if j == own or math.hypot(dx, dy) > BEAM + half_length + half_width:
                 continue
             cos, sin = math.cos(yaw[j]), math.sin(yaw[j])
-            along, left = dx * cos + dy * sin, dy * cos - dx * sin  # the viewer as that agent sees it
+            along, left = dx * cos + dy * sin, dy * cos - dx * sin  # the observer in the frame of that agent
             for k in range(BEAMS):
                 turn = own_yaw[i] - yaw[j] + 2.0 * math.pi * k / BEAMS
                 ray_x, ray_y = math.cos(turn), math.sin(turn)
                 enter, leave = 0.0, BEAM
-                # the ray is within the box where it is between the sides of both pairs
+                # the ray is within the box where it is between both pairs of opposite sides
                 if abs(ray_x) > 1e-9:
                     one, other = (-half_length - along) / ray_x, (half_length - along) / ray_x
                     enter, leave = max(enter, min(one, other)), min(leave, max(one, other))

@@ -144,9 +144,9 @@ class YieldPolicy:
         return idm_at_signals(self._config.idm, agents.speed, wanted, acceleration, self._stop_lines.of(agents))
 
     def _hand_back(self, agents: PathFollowers, takeovers: Sequence[Takeover]) -> FloatArray:
-        """Accelerations (m,) [m/s2] that close the distance to the log, but never run into agents on the path.
+        """Accelerations (m,) [m/s2] that close the distance to the log behind agents on the path.
 
-        Unless the log itself overlaps one there: agents come back into overlaps of the log.
+        Agents that overlap in the log itself are ignored, so that the overlap can be reached.
         """
         log, view = self._log, agents.view
         shift = np.array([round(t.time_shift / STEP_S) for t in takeovers])
@@ -162,7 +162,7 @@ class YieldPolicy:
         return idm_at_signals(self._config.idm, agents.speed, free, np.minimum(wanted, follow), line)
 
     def _overlapped_in_log(self, agents: PathFollowers, log_rows: IntArray, now: IntArray) -> BoolArray:
-        """(m, w) whether agents overlap others present in the log, within a few seconds of steps `now` (m,)."""
+        """Mask (m, w) of near agents ahead that overlap in the log as well, about steps `now` (m,) of the logs."""
         view, table = agents.view, agents.table
         found, of_ego = np.zeros(view.gap.shape, np.bool_), table.of_ego
         for k, column, row in view.pairs(view.ahead & view.in_path & (view.gap < CLOSE_UP)):
@@ -173,11 +173,11 @@ class YieldPolicy:
         return found
 
     def _steer(self, agents: PathFollowers) -> FloatArray:
-        """Yaw rates (m,) [rad/s] along the paths, or along the lanes while the way to the side is taken."""
+        """Yaw rates (m,) [rad/s] along the paths, or along the lanes if the side to which a path leads is taken."""
         return np.where(self.side_taken(agents), agents.lane_yaw_rate, agents.path_yaw_rate)
 
     def side_taken(self, agents: PathFollowers, *, or_will_be: bool = False) -> BoolArray:
-        """(m,) whether an agent is, or is coming over to, where the paths lead to the side of the lanes."""
+        """Mask (m,) of agents with paths to a side that is taken; with `or_will_be`, also by merging agents."""
         table, config = agents.table, self._config
         return side_taken(
             table.scene,
@@ -262,7 +262,7 @@ class YieldPolicy:
         return idm_at_signals(config.idm, agents.speed, self._wanted_speed(agents), kept, line)
 
     def _wanted_speed(self, agents: PathFollowers) -> FloatArray:
-        """Desired speeds (m,) [m/s]: the greater of the log's speeds at the agent's position and now, and a reserve."""
+        """Desired speeds (m,) [m/s]: the log's at the agent's position or now, if greater, plus `speed_reserve`."""
         log, rows = self._log, self._log_rows(agents)
         distance = np.hypot(log.x[rows] - agents.x[:, None], log.y[rows] - agents.y[:, None])
         here = np.argmin(np.where(log.valid[rows], distance, np.inf), axis=1)
@@ -271,7 +271,7 @@ class YieldPolicy:
         return np.maximum(logged + self._config.speed_reserve, self._config.speed_min)
 
     def _log_rows(self, agents: PathFollowers) -> IntArray:
-        """(m,) rows of the agents in the log."""
+        """Rows (m,) of the agents in the log."""
         return self._log.ids.searchsorted(agents.table.id[agents.rows])
 
 
