@@ -48,6 +48,7 @@ from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, Int
 from litsim_sim.maps.lane_map import LaneMap
 
 LIMIT = 3.0  # features are clipped to +-LIMIT after scaling
+# scales by which features are divided
 LENGTH, WIDTH = 5.0, 2.0  # [m]
 SPEED = 15.0  # [m/s]
 ACCELERATION = 3.0  # [m/s2]

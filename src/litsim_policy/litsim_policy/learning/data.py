@@ -42,7 +42,7 @@ class RealWindow(BaseModel):
     """A window of US-101 with all its vehicles.
 
     Attributes:
-        frames: first and last, 0.1 s apart.
+        frames: numbers of the first and the last frame; frames are 0.1 s apart.
         local_y_m: range along the road [m].
     """
 

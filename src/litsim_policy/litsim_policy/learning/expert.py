@@ -49,7 +49,7 @@ class ExpertConfig(PairsConfig):
     Attributes:
         ahead, beside: distances to another vehicle within which the two interact: straight ahead, in any direction.
         speed_min: least speed of the driver, since a standing vehicle shows nothing about steering.
-        horizon: least number of steps that the vehicle stays in the recording.
+        horizon: least number of steps for which the vehicle stays in the recording after the pair.
     """
 
     ahead: NonNegative[Length] = 50.0
@@ -141,7 +141,7 @@ def _of_scenario(
 
 
 def _interacts(table: AgentTable, config: ExpertConfig) -> np.ndarray:
-    """Mask (n,) of the vehicles of `table` that move and have another one as near as `config` asks for."""
+    """Mask (n,) of the vehicles of `table` that move and interact with another one; see :class:`ExpertConfig`."""
     dx, dy = table.x[None] - table.x[:, None], table.y[None] - table.y[:, None]
     ahead, left = to_body(dx, dy, table.yaw[:, None])
     leads = (ahead > 0) & (ahead < config.ahead) & (np.abs(left) < 0.5 * (table.width[None] + table.width[:, None]))

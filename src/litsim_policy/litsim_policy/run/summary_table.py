@@ -144,7 +144,7 @@ def _mark(key: str, row: Mapping[str, Any]) -> str:
 
 
 def _reached(key: str, horizon: str, row: Mapping[str, Any]) -> str:
-    """What follows a displacement up to `horizon` for which only some of the runs went on: how many of them did."""
+    """The number of runs that last to `horizon`, in brackets, as a suffix of their ADE; empty if all of them do."""
     runs, every = row["ade_runs"][horizon], row["measured"]
     return f" ({runs} of {every})" if runs < every and row[key][horizon] is not None else ""
 

@@ -138,7 +138,7 @@ def load_parts(config: TrainingConfig, locate: Locator) -> dict[Part, list[tuple
     if config.fraction < 1.0:
         random = np.random.default_rng(config.seed)
         for k, (tracks, share) in enumerate(parts["train"]):
-            if not tracks.target.any():  # nobody there is learned, with or without the others
+            if not tracks.target.any():  # nothing is learned from these, whatever the fraction
                 continue
             fewer = tracks.learned_of(config.fraction, random)
             left = np.isin(tracks.frame, fewer.target_frames).mean()  # of all agents, those in moments that are left

@@ -18,7 +18,7 @@ KINDS: dict[str, tuple[type, Callable[[Any], SceneModel]]] = {
     "cs_lstm": (CsLstmParameters, CsLstm),
     "bat": (BatParameters, Bat),
 }
-"""What each kind of model is configured by and made by."""
+"""Class of the configuration, and class of the model, by kind."""
 
 
 def build(kind: str, parameters: dict[str, Any], where: str) -> SceneModel:
