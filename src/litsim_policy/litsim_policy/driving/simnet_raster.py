@@ -195,7 +195,7 @@ def draw_road(
         x, y: its corner behind and to the right, from that of the net, in cells of the net.
         cos, sin: of its heading.
         cell: its cells, in those of the net.
-        closeness, angle: as :class:`DrawnNet` has them.
+        closeness, angle: as in :class:`DrawnNet`.
     """
     last_row, last_column = closeness.shape[0] - 2, closeness.shape[1] - 2
     turn_cos, turn_sin = float32(cos), float32(sin)
@@ -239,8 +239,8 @@ def draw_rasters(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         own, rows: as there.
         pose, there, size, scene: as in :class:`Motions`.
-        lines, line_scene: as :meth:`Painter._closed_lines` returns them.
-        closeness, angle: as :class:`DrawnNet` has them.
+        lines, line_scene: from :meth:`Painter._closed_lines`.
+        closeness, angle: as in :class:`DrawnNet`.
         sizes: the net's origin x and y [m], its cells and those of the rasters [m].
         rasters: written to.
     """

@@ -31,7 +31,7 @@ MEASURES = {
     "takeovers": "takeovers",
     "takeovers per run": "takeovers_per_run",
     "of them released": "releases",
-    "not, though their logs go on": "releases_missing",
+    "not, though their logs continue": "releases_missing",
     "time under control s": "held_s",
     "bound of iterations hit": "bound_hits",
     "false alarms": "false_alarms",

@@ -120,7 +120,7 @@ def evaluate(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
     with tqdm(total=scenes, unit="scene", dynamic_ncols=True, desc="scenes") as bar:
         batches = scene_batches(chosen, arguments.batch, arguments.stride, roi_m=arguments.roi)
         scores = score(models, batches, arguments.seed, arguments.device, bar.update)
-        bar.total = bar.n  # scenes with nobody to score were passed over
+        bar.total = bar.n  # scenes without agents to score are skipped
     conflicts = {}
     if scenario is not None and arguments.egos != "none":
         egos = scenario.egos if arguments.egos == "egos" else scenario.tuning_egos
@@ -264,7 +264,7 @@ def _learning_curve(arguments: argparse.Namespace) -> None:
 
 @contextmanager
 def _written() -> Iterator[None]:
-    """Files that cannot be written are told as wrong input."""
+    """Report files that cannot be written as :class:`InputError`."""
     try:
         yield
     except OSError as error:

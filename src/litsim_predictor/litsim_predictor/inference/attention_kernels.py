@@ -106,7 +106,7 @@ def meet(
     many: IntArray,
     relation: Float32Array,
 ) -> None:
-    """Find those nearest to each of n agents of several scenes, and write how they lie and move relative to it.
+    """Find the nearest neighbours of each of n agents of several scenes, and write their relations to it.
 
     Args:
         frame: (n, 3) x, y [m] and heading [rad] of the agent frames.

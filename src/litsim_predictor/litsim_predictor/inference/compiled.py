@@ -41,24 +41,24 @@ _BROKEN = (
 
 
 class CompiledNetwork:
-    """A graph ready to answer; equal inputs give equal bits in every process.
+    """A graph for inference; equal inputs give equal bits in every process.
 
     Args:
         path: of the graph.
-        weights: those that a graph without any is to be given.
+        weights: for a graph that holds none.
 
     Raises:
-        InputError: the file is missing or damaged, or is no graph of a learned predictor.
+        InputError: the file is missing or damaged, or is not a graph of a learned predictor.
     """
 
     def __init__(self, path: Path, weights: Weights | None = None) -> None:
         if not path.is_file():
             raise InputError(f"{path}: no such graph; shipped are {', '.join(SHIPPED)}")
         options = onnxruntime.SessionOptions()
-        # Scenes are small: on shared cores a second thread is mostly waited for; and rounding depends on their number.
+        # Scenes are small, so that a second thread mostly costs waiting; and rounding depends on the number of threads.
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
-        options.log_severity_level = 4  # errors are raised: nothing more is to be printed
+        options.log_severity_level = 4  # errors are raised, and need not be printed
         if weights is not None:
             values = [onnxruntime.OrtValue.ortvalue_from_numpy(array) for array in weights.arrays.values()]
             options.add_external_initializers([PARAMETER + name for name in weights.arrays], values)

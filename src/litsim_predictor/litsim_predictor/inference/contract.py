@@ -62,7 +62,7 @@ class AgentInputs:
     traffic: Float32Array
 
     def take(self, rows: IntArray | BoolArray | slice) -> AgentInputs:
-        """Those of the agents in `rows`."""
+        """The inputs of the agents in `rows`."""
         return AgentInputs(*(getattr(self, each.name)[rows] for each in fields(AgentInputs)))
 
 
@@ -101,7 +101,7 @@ class FurtherFutures:
 
     @classmethod
     def none(cls) -> FurtherFutures:
-        """Nothing further."""
+        """Return no further futures."""
         whole, wide = np.empty(0, np.int64), np.empty((0, HORIZON, 2), np.float32)
         return cls(whole, whole, wide, wide, np.empty((0, HORIZON), np.float32))
 
@@ -116,7 +116,7 @@ class AgentFutures:
         mean: (n, HORIZON, 2) in the agent frames [m].
         scale: (n, HORIZON, 2) standard deviations along x and y [m].
         correlation: (n, HORIZON).
-        further: what they may do instead.
+        further: Gaussians of further manoeuvres.
     """
 
     maneuver: Float32Array
@@ -139,9 +139,9 @@ class Network(Protocol):
 
 @runtime_checkable
 class NetworkOfScenes(Network, Protocol):
-    """One that answers for several scenes at once, for each as if it were alone, to the last bit."""
+    """A network that answers for several scenes at once, with the same bits as for each of them on its own."""
 
     def of_scenes(
         self, inputs: AgentInputs, asked: IntArray, begins: IntArray, modes: ModeChoice = NO_MODES
     ) -> AgentFutures:
-        """As :class:`Network`, of agents of several scenes, which begin at the rows `begins` (S,), first 0."""
+        """As :class:`Network`, for agents of several scenes, which begin at the rows `begins` (S,), the first at 0."""

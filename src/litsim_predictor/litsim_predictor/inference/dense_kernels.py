@@ -28,7 +28,7 @@ ROW = types.Array(float32, 1, "C", readonly=True)
 """Type of an array (n,) that lies in one piece, so that its neighbours are read at once."""
 
 INNER = 4  # terms of a sum that are added at a time
-EPSILON = 1e-5  # added to the variance of a row: PyTorch's
+EPSILON = 1e-5  # added to the variance of a row, as in PyTorch
 
 # tanh(x) = x P(x^2) / Q(x^2) up to TANH_END, where it is 1 in single precision: least squares of the relative error,
 # weighted until it was even; 3e-7 remain, most of it rounding.
@@ -126,7 +126,7 @@ def rectified_product(weight: Float32Array, values: Float32Array, bias: Float32A
 def add_and_normalise(
     values: Float32Array, more: Float32Array, gain: Float32Array, bias: Float32Array, out: Float32Array
 ) -> None:
-    """Write to `out` (m, n) the sums of `values` and `more` at mean 0 and variance 1 of each row, times gain plus bias.
+    """Write to `out` (m, n) `values` plus `more`, normalised to mean 0 and variance 1 by row, times gain plus bias.
 
     Layer normalisation (Ba et al. 2016).
     """

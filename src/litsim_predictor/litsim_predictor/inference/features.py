@@ -23,8 +23,8 @@ from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap, LanePosition
 
-LANE_ANGLE = 0.6  # [rad] a vehicle at a larger angle to the lane under it does not drive along it
-LANE_DISTANCE = 3.0  # [m] nor does one farther from its centre line
+LANE_ANGLE = 0.6  # [rad] largest angle between a vehicle and a lane that it drives along
+LANE_DISTANCE = 3.0  # [m] largest distance of such a vehicle from the centre line
 
 
 def on_lanes(lane_map: LaneMap, x: FloatArray, y: FloatArray, yaw: FloatArray) -> tuple[LanePosition, BoolArray]:
@@ -90,7 +90,7 @@ def into_frames(
     history: Float32Array,
     state: Float32Array,
 ) -> None:
-    """Write histories in agent frames, and the speed and yaw of now into `state`; see :class:`.contract.AgentInputs`.
+    """Write histories in agent frames, and present speed and yaw into `state`; see :class:`.contract.AgentInputs`.
 
     Args:
         series, observed, heading: see :func:`agent_inputs`.

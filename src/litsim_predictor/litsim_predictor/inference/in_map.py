@@ -87,7 +87,7 @@ def turn_gaussians(  # noqa: PLR0917 - a kernel takes arrays and numbers
     covariance: Float32Array,
     valid: BoolArray,
 ) -> None:
-    """Write Gaussians that are given in agent frames as they are in frame map.
+    """Transform Gaussians from agent frames to frame map.
 
     Args:
         mean, scale, correlation: (n, T, 2), (n, T, 2) and (n, T) in the agent frames [m]; see :class:`.AgentFutures`.

@@ -1,4 +1,4 @@
-"""Where the joint predictor begins and ends, as compiled kernels in single precision: see :mod:`.joint_network`."""
+"""Inputs and outputs of the joint predictor, as compiled kernels in single precision: see :mod:`.joint_network`."""
 
 from __future__ import annotations
 

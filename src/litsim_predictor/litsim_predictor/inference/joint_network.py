@@ -1,4 +1,4 @@
-"""The joint predictor run by compiled kernels: of its trained weights alone, without torch and without a graph."""
+"""The joint predictor run by compiled kernels, from its trained weights alone: without torch and without a graph."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Linear:
     Args:
         weight: (out, in), as trained.
         bias: (out,).
-        units: (in,) by which the values that it is given are divided.
+        units: (in,) by which its inputs are divided.
         rectified: whether negative values become 0.
     """
 
@@ -89,7 +89,7 @@ class Linear:
         self.bias, self._write = bias, rectified_linear if rectified else linear
 
     def __call__(self, values: Float32Array) -> Float32Array:
-        """(n, out) of `values` (n, in)."""
+        """Outputs (n, out) for `values` (n, in)."""
         out = np.empty((len(values), len(self.bias)), np.float32)
         self._write(values, self.weight, self.bias, out)
         return out
@@ -147,7 +147,7 @@ class HistoryEncoder:
 @quickly_made
 @dataclass(frozen=True)
 class Neighbours:
-    """Those near each of n agents; see :func:`.attention_kernels.find_neighbours` and :func:`relate` there."""
+    """Neighbours of each of n agents; see :func:`.attention_kernels.find_neighbours` and :func:`relate` there."""
 
     index: IntArray
     many: IntArray
@@ -191,10 +191,10 @@ class Attention:
 
 
 class JointNetwork:
-    """A joint predictor ready to answer; equal inputs give equal bits, in every process and among any others.
+    """A joint predictor for inference; equal scenes give equal bits, in every process and beside any other scenes.
 
     Args:
-        weights: of a model that :func:`runs` says it runs.
+        weights: of a model for which :func:`runs` is True.
 
     Raises:
         InputError: the weights are not those of such a model.

@@ -17,17 +17,17 @@ RELATION_CHANNELS = 8
 RELATION_UNITS = (LENGTH, LANE, 1.0 / NEAR, 1.0, 1.0, 0.25 * SPEED, SPEED, 1.0)
 """By which the channels of a relation are scaled: offset ahead and to the left [m], nearness along [1/m], cosine and
 sine of the turn, how much faster, how fast [m/s], and the side in the lane: 1 ahead, -1 behind, 0 beside the lane."""
-MAP_MIDDLE = 127.5  # of the bytes of a map, which are read as -1 to 1
+MAP_MIDDLE = 127.5  # middle of the bytes of a map, which are scaled to -1 to 1
 SCALE_FLOOR = 0.02  # [m] least standard deviation: below what the recordings measure
 CORRELATION_LIMIT = 0.95
 GAUSSIAN_CHANNELS = 5  # outputs per step: mean x and y, two scales, correlation
-RELATION_WIDTH = 64  # of the layer that reads a relation
+RELATION_WIDTH = 64  # width of the layer that reads a relation
 TRAFFIC_KNOTS = (0.0, 25.0, 60.0, 100.0, 160.0, 240.0)
 """[m] ahead: traffic counts fully for one of the inner knots where it is there, not at all at the knots next to it."""
 TRAFFIC_WIDTHS = (3.5, 30.0)
-"""[m] to the side at which traffic does not count any more: for that of one's own lane, and for that of all lanes."""
-TRAFFIC_SOME = 0.25  # of a vehicle: means over fewer than about so many tend to 0
-TRAFFIC_AGO = 5  # steps of a history over which speeds are said to have changed: a second
+"""Lateral distances [m] from which on traffic no longer counts: as of the agent's own lane, and as of all lanes."""
+TRAFFIC_SOME = 0.25  # number of vehicles: means over fewer tend to 0
+TRAFFIC_AGO = 5  # steps of a history over which changes of speed are measured: a second
 TRAFFIC_UNITS = (0.25 * SPEED, 0.1 * SPEED, 1.0)
 """Scales of the features of a place: how much faster traffic is there, how much it gained [m/s], how many vehicles."""
 TRAFFIC_PLACES = len(TRAFFIC_WIDTHS) * (len(TRAFFIC_KNOTS) - 2)

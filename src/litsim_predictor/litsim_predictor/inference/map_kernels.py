@@ -1,4 +1,4 @@
-"""What the joint predictor makes of maps, as compiled kernels in single precision: see :mod:`.joint_network`.
+"""The joint predictor's encoder of maps, as compiled kernels in single precision: see :mod:`.joint_network`.
 
 Planes of a map have borders and lie behind each other in one array: each cell of a convolution's kernel is the whole
 plane, shifted, and a convolution the product of its weights with all of these.
@@ -40,7 +40,7 @@ PIECE = 16
 
 @kernel(int64(int64))
 def in_pieces(cells: int) -> int:
-    """Return the cells of so many pieces as hold `cells`."""
+    """Return the number `cells`, rounded up to whole pieces."""
     return (cells + PIECE - 1) // PIECE * PIECE
 
 
@@ -55,7 +55,7 @@ def convolve(
 ) -> None:
     """Write to `out` (o, p) `bias` (o,) and the sum over r of `weight` (o, r) times `planes` from `starts` (r,) on.
 
-    Negative values become 0. In `shifted` (r, p) there is room for the planes from each start on.
+    Negative values become 0. `shifted` (r, p) is a buffer for the planes from each start on.
     """
     cells = out.shape[1]
     for r in range(len(starts)):

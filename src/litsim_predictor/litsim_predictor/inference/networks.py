@@ -1,4 +1,4 @@
-"""Trained models made ready to answer without torch: by kernels, or by a graph of operators."""
+"""Trained models for inference without torch: by kernels, or by a graph of operators."""
 
 from __future__ import annotations
 

@@ -27,11 +27,11 @@ AHEAD = np.arange(ROWS) * 4.0 - 18.0
 """(ROWS,) [m] ahead of the agent: a row every 4 m, from 18 m behind to 74 m ahead."""
 LEFT = np.arange(COLUMNS) * 1.0 - 11.5
 """(COLUMNS,) [m] to the left of the agent: a column every metre, three lanes to each side."""
-CELL = 0.5  # [m] of the drawn net
+CELL = 0.5  # [m] side of a cell of the drawn net
 MOST_CELLS = 400_000_000  # of a net of 10 km by 10 km; of their 0.8 GB, only the parts with roads take up memory
 MOST_AT_ONCE = 1_000_000  # cells around a piece of a lane: longer ones are halved
-MARGIN = 6.0  # [m] around the centre lines
-NO_DIRECTION = 128  # where there is no road
+MARGIN = 6.0  # [m] margin around the centre lines
+NO_DIRECTION = 128  # byte of cells off the road
 TURNS = np.arange(256) * (2 * np.pi / 256)
 COSINES = np.rint(128.0 + 127.0 * np.cos(TURNS)).astype(np.uint8)
 SINES = np.rint(128.0 + 127.0 * np.sin(TURNS)).astype(np.uint8)
@@ -131,7 +131,7 @@ class MapRaster:
         return DrawnNet(self._origin, CELL, closeness.astype(np.uint8), angle.astype(np.uint8))
 
     def cut(self, x: FloatArray, y: FloatArray, heading: FloatArray) -> ByteArray:
-        """(n, CHANNELS, ROWS, COLUMNS) around poses (n,) [m, rad]; directions are relative to `heading`."""
+        """Rasters (n, CHANNELS, ROWS, COLUMNS) around poses (n,) [m, rad]; directions are relative to `heading`."""
         cos, sin = np.cos(heading) / CELL, np.sin(heading) / CELL
         x, y = (x - self._origin[0]) / CELL, (y - self._origin[1]) / CELL
         cut = np.empty((len(x), CHANNELS, ROWS, COLUMNS), np.uint8)

@@ -99,7 +99,7 @@ def look_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         frame: (n, 3) x, y [m] and heading [rad] of the agent frames.
         own: (n,) speeds of the agents [m/s].
-        first, end: (n,) of the m vehicles, those that an agent may have ahead: from one row to before another.
+        first, end: (n,) first and end row (exclusive) of the m vehicles that may be ahead of an agent.
         pose, speed, earlier, seen: (m, 3) and (m,); see :class:`Traffic`.
         out: (n, TRAFFIC_CHANNELS).
     """
@@ -118,7 +118,7 @@ def look_ahead(  # noqa: PLR0917 - a kernel takes arrays and numbers
             along = cos * direction[j, 0] + sin * direction[j, 1]
             if ahead <= KNOTS[0] or ahead >= KNOTS[-1] or along <= none:
                 continue
-            interval = 0  # between which knots it is: it counts for the one behind it and for the one ahead of it
+            interval = 0  # number of the knot behind the vehicle, which counts for this knot and for the next
             while ahead >= KNOTS[interval + 1]:
                 interval += 1
             for k in range(max(interval - 1, 0), min(interval + 1, places)):

@@ -29,7 +29,7 @@ BEND = 0.15
 LATERAL_MAX, BRAKING = 8.0, 2.5
 """[m/s2] No car turns harder than the first; before a turn, people brake by the second at most."""
 CHORD = 5
-"""[m] over which the curvature of a way is taken."""
+"""Length [m] over which the curvature of a way is measured."""
 
 Futures = TypeVar("Futures", AgentFutures, FurtherFutures)
 
@@ -96,7 +96,7 @@ class LaneWays:
         return Ways(rows, pose)
 
     def _learn(self, lanes: IntArray) -> None:
-        """Note of each of `lanes` whether the way bends from somewhere on it on."""
+        """Record for each of `lanes` whether a way that begins on it can bend."""
         for lane in lanes:
             steps = math.ceil(self.lane_map.lanes[lane].length) + WAY
             headings = np.unwrap(self.lane_map.ways(np.array([lane]), np.zeros(1), steps)[0, :, 2])
@@ -144,7 +144,7 @@ def bend(
         pose: (r, WAY, 3) of the ways; see :class:`Ways`.
         mean, scale, correlation: (r, T, 2), (r, T, 2), (r, T) along and across them; see :class:`.AgentFutures`.
     """
-    metre = np.fmin(np.fmax(np.floor(mean[..., 0]), 0), WAY - 1).astype(np.int64)  # 0 of what is not a number
+    metre = np.fmin(np.fmax(np.floor(mean[..., 0]), 0), WAY - 1).astype(np.int64)  # 0 for NaN
     frame = np.take_along_axis(pose, metre[..., None], axis=1).reshape(-1, 3)
     ahead = (mean - np.stack([metre, np.zeros_like(metre)], axis=-1)).astype(np.float32)
     one_by_one = ahead.reshape(-1, 1, 2), scale.reshape(-1, 1, 2), correlation.reshape(-1, 1)
