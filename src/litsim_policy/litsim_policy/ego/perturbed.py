@@ -28,7 +28,7 @@ class PerturbedConfig:
     Attributes:
         kind: brake, lane_change, mixed (one of these two, drawn by the seed), or keep_speed, in which the ego keeps its
             speed and ignores other agents.
-        time: earliest and latest begin after the history, between which the seed draws.
+        time: earliest and latest beginning after the history, between which the seed draws.
         deceleration: of braking.
         duration: of braking.
         lane_change_time: duration of the move to the centre of the adjacent lane.
