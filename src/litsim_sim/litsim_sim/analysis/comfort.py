@@ -70,7 +70,7 @@ def comfort(tables: Sequence[AgentTable], agent: int, dt: float) -> Comfort | No
 
 
 def hard_brakes_begin(acceleration: FloatArray) -> BoolArray:
-    """(n,) consecutive steps at which a hard brake begins: a deceleration above 3 m/s2; `acceleration` (n,) [m/s2].
+    """(n,) whether a hard brake, beyond 3 m/s2, begins at each of consecutive steps; `acceleration` is (n,) [m/s2].
 
     It is over once the deceleration is below 1 m/s2, so that a deceleration around 3 m/s2 counts once.
     """

@@ -143,12 +143,12 @@ def write_metrics(metrics: dict[str, Any], path: Path) -> None:
     """Write `metrics` as JSON.
 
     Raises:
-        InputError: `path` cannot be written, or a measure is not finite, as only a corrupt recording yields.
+        InputError: `path` cannot be written, or a measure is not finite.
     """
     try:
         text = json.dumps(metrics, indent=2, allow_nan=False) + "\n"
     except ValueError as error:
-        raise InputError(f"{path}: a measure is not finite, the recording is corrupt: {error}") from error
+        raise InputError(f"{path}: a measure is not finite, expected finite numbers: {error}") from error
     with replacing(path) as new:
         new.write_text(text)
 
@@ -271,11 +271,11 @@ def _safety(run: Run, verdicts: list[ContactVerdict]) -> SafetyMetrics:
 def _own_ttc(run: Run, verdicts: list[ContactVerdict], shortest: float) -> float | None:
     """Shortest time to collision [s] that the ego causes: 0 if a contact is its fault; others count until contact.
 
-    Whom the ego touches in the log as well does not count: the boxes are too large there, or too near each other.
+    Agents that the ego touches in the log too do not count: their recorded boxes are too large, or too close.
 
     Args:
         run: the run.
-        verdicts: on the ego's contacts.
+        verdicts: verdicts on the ego's contacts.
         shortest: shortest time to collision with any agent [s]; inf for none.
     """
     if any(each.contact.ego_at_fault and not each.in_log for each in verdicts):

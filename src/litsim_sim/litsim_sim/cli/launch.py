@@ -30,7 +30,7 @@ from litsim_sim.record.failure import write_failure
 from litsim_sim.scenario.run_info import EGOS, EXTERNAL, RunPlan, commit
 
 FIRST = {BRIDGE: 0, RECORDER: 1}
-"""In order of start: the bridge takes longest to get ready, and late stages wait for its next greeting."""
+"""Order of start: the bridge takes longest to get ready, and late stages wait for its next greeting."""
 STATUS_HELP = "Exit status: 0, the run is valid; 1, it failed or is not valid, and stderr says why; 2, bad input."
 
 

@@ -96,7 +96,7 @@ def _repair(bag: Path, out: Path) -> None:
 
 
 def _rerun(arguments: argparse.Namespace) -> NoReturn:
-    """Replace this process by the program with the stages."""
+    """Replace this process by the program that has the stages, whose exit status is then that of this command."""
     if arguments.node and arguments.node not in STAGES:
         raise InputError(f"--node: there is no stage {arguments.node!r}, expected one of {', '.join(STAGES)}")
     path = find_executable(*RERUN)

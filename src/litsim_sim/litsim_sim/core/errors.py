@@ -31,7 +31,7 @@ def print_error(what: object) -> None:
 
 
 def reason(error: BaseException) -> str:
-    """`error` as one line; for errors other than InputError with the place where it was raised."""
+    """`error` as one line; unless it is an InputError or KeyboardInterrupt, with its type and where it was raised."""
     text = " ".join(str(error).split())
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 def without_collection() -> Iterator[None]:
     """Disable collection in the context, for code that makes many lasting objects, such as imports.
 
-    Repeated passes over these objects take a quarter of the time of imports and of loading of kernels.
+    Repeated passes over these objects would take a quarter of the time of imports and of loading of kernels.
     """
     collecting = gc.isenabled()
     gc.disable()
@@ -26,7 +26,7 @@ def without_collection() -> Iterator[None]:
 def spared_from_collection() -> Iterator[None]:
     """Exempt all existing objects from collection in the context, for a run.
 
-    A pass over all libraries, the scenario and the cores takes as long as several steps.
+    A pass over all libraries, the scenario and the cores takes as long as several steps, and finds nothing.
     """
     gc.freeze()
     try:

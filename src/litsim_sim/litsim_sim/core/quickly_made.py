@@ -9,10 +9,11 @@ C = TypeVar("C", bound=type[Any])
 
 
 def quickly_made(frozen: C) -> C:
-    """Class decorator: construct objects of a frozen dataclass like mutable ones; only mypy keeps them from changes.
+    """Class decorator: construct objects of a frozen dataclass like those of a mutable one.
 
-    The `__init__` of a frozen dataclass sets fields through `object.__setattr__`, which takes six times as long. The
-    class must not have a `__post_init__`.
+    The `__init__` of a frozen dataclass sets each field through `object.__setattr__`, which takes several times as
+    long. Assignments to fields are not refused at run time any more, only by mypy. The class must not have a
+    `__post_init__`.
     """
     known: dict[str, Any] = {"MISSING": MISSING}
     parameters, lines = ["self"], []

@@ -13,7 +13,7 @@ class EndReason(StrEnum):
     TIME = "time"  # all steps of the scenario are done
     NET_END = "net_end"  # the ego has left the net at one of its ends
     CONTACT = "contact"  # the ego has touched another agent, and the scenario ends runs after that
-    LOG_OVER = "log_over"  # the ego has followed its log to the end of that
+    LOG_OVER = "log_over"  # the ego has followed its log to its end, and has left with it
 
 
 SENTENCES = {

@@ -53,7 +53,7 @@ class Steps(Sequence[AgentTable]):
 
     @classmethod
     def of(cls, tables: Iterable[AgentTable]) -> Steps:
-        """The steps of `tables`, which are returned themselves if they are a :class:`Steps`."""
+        """`tables` as steps; returned unchanged if they are a :class:`Steps`."""
         return tables if isinstance(tables, Steps) else cls(tables)
 
     @overload

@@ -52,8 +52,8 @@ class Takeover:
         conflict_pose, goal_pose: pose of the agent at the predicted overlap, and the pose that it is headed for.
         reference_path: (m, 2) points in frame map [m], from a little behind the agent on.
         log_collision_predicted: whether the agent's log itself leads into the opponent's forecast, at this step.
-        residual_position, residual_speed: distance from the delayed log [m], and speed minus that of it [m/s]; -1 and 0
-            without a logged pose `time_shift` before this step.
+        residual_position, residual_speed: distance from the delayed log [m], and speed minus that of the delayed log
+            [m/s]; -1 and 0 without a logged pose `time_shift` before this step.
         path_source: origin of the reference path.
         time_shift: lag of the log that the agent returns to [s].
     """

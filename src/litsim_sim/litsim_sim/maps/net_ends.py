@@ -10,9 +10,9 @@ import shapely
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.maps.net_lanes import Lane
 
-BEYOND_MAX = 10.0  # [m] longest distance past an end of a vehicle that has just left by it: two steps at any speed
-SIDE_ROOM = 3.5  # [m] lateral distance from a lane within which a vehicle leaves by it
-GOES_ON = 6.0  # [m] a lane that ends beside another of the same direction, within this distance, is not an end
+BEYOND_MAX = 10.0  # [m] past an end: a vehicle that has just left by it is no farther, two steps at any speed
+SIDE_ROOM = 3.5  # [m] beyond the edge of a lane: a vehicle that leaves by its end is no farther to the side
+GOES_ON = 6.0  # [m] a vehicle this near a lane that goes on in the same direction has not left: its own was dropped
 SAME_DIRECTION = np.deg2rad(60.0)
 
 

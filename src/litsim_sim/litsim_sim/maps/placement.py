@@ -11,7 +11,7 @@ from litsim_sim.core.scene import STEP_S, BoolArray, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.maps.net_lanes import Lane
 
-WORST = 10  # most vehicles whose worst miss is reported
+WORST = 10  # vehicles whose worst miss is reported, at most
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
         missing=len(worst),
         past_end=float(past_end.mean()) if len(past_end) else 0.0,
         worst=tuple(
-            Miss(int(who), int(frame), float(at_x), float(at_y), float(far), lane_map.lanes[int(lane)].id, bool(past))
-            for who, frame, far, lane, past, at_x, at_y in worst.head(WORST).to_numpy(object)
+            Miss(int(each), int(frame), float(at_x), float(at_y), float(far), lane_map.lanes[int(lane)].id, bool(past))
+            for each, frame, far, lane, past, at_x, at_y in worst.head(WORST).to_numpy(object)
         ),
         against=float((inside & (np.cos(at.heading - yaw) < 0.0)).mean()),
     )

@@ -122,8 +122,8 @@ def _braking(situation: Situation, row: int, begin: int, end: int, kind: EventKi
 def brake_threat(gap: float, speed: float, leader_speed: float, leader_braking: float) -> float:
     """Brake threat number: the share of full braking, 0.774 g, that an ego needs behind a leader that brakes to a stop.
 
-    Above 1 a contact is unavoidable, even without reaction time; inf without any room. After Brannstrom, Sjoberg and
-    Coelingh (2008), for a leader that keeps braking.
+    Above 1 braking cannot avoid a contact, even without reaction time; inf without any room. After Brannstrom, Sjoberg
+    and Coelingh (2008), for a leader that keeps braking.
 
     Args:
         gap: bumper-to-bumper distance [m].

@@ -114,7 +114,7 @@ class Attendance:
             raise RunFailed(f"{RECORDER}: has confirmed {self._confirmed} of {last} on {RECORDED}")
 
     def check_recorder_keeps_up(self, step: int) -> None:
-        """Check that the recorder, if there is one, is not too far behind `step`.
+        """Check that the recorder is not too far behind `step`.
 
         Raises:
             RunFailed: the recorder is too far behind.
@@ -312,10 +312,10 @@ class Answers:
 
 
 def check_controls(controls: ControlTable, ego_id: int) -> None:
-    """Check controls of a policy.
+    """Check controls of a policy, whichever it is.
 
     Raises:
-        ValueError: they cannot be applied.
+        ValueError: columns differ in length, ids do not ascend or include the ego, or values are not finite.
     """
     check_columns({each.name: getattr(controls, each.name) for each in fields(controls) if each.name != "step"})
     if ego_id in controls.id:

@@ -64,7 +64,7 @@ class Broadcast:
         self._scene = [self._publish(AGENTS, message)]
 
     def accompany(self, table: AgentTable) -> None:
-        """Publish the other messages of the last step shown; standard types only if there are subscribers."""
+        """Publish the other messages of the last step shown; after step 0, objects only if there are subscribers."""
         ego_id = self._plan.scenario.ego_id
         self._scene += [
             self._publish(EGO_STATE, messages.ego_odometry(table, ego_id)),

@@ -39,7 +39,10 @@ class Diagnostics:
         self._port.remarks.clear()
 
     def say(self, step: int, state: str, level: Level = Level.OK, text: str = "") -> None:
-        """Publish the status of the bridge and of the ego port, with `text`."""
+        """Publish the status of the bridge and of the ego port.
+
+        `level` and `text` are those of the ego port while `state` is RUNNING; afterwards `text` is the bridge's.
+        """
         port = self._port
         on = state == RUNNING
         bridge = DiagnosticStatus(

@@ -16,7 +16,7 @@ _SEQUENCES = {"\x1b[C": "right", "\x1b[D": "left", "\x1bOC": "right", "\x1bOD": 
 class Keyboard:
     """Keys pressed since the last call; none if standard input is not a terminal.
 
-    A context manager that restores the terminal on exit.
+    A context manager that restores the terminal on exit, also after an error.
     """
 
     def __init__(self) -> None:

@@ -2,8 +2,8 @@
 
 The server also forwards the topics that a bag holds, so that one layout serves bags and live runs.
 
-It cannot slow down a run: no node waits for it, its subscriptions are best-effort, it draws at its own rate and only
-what is being viewed, and it has a low priority.
+It should not slow down a run: no node waits for it, its subscriptions to the topics of the loop are best-effort, it
+draws at its own rate and only what is being viewed, and it has a low priority.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ from litsim_sim.ros.topics import (
 )
 
 NAME = "live"
-DEPTH = 10  # most waiting messages of a topic; the oldest are dropped
-NICENESS = 10  # the loop has priority
+DEPTH = 10  # messages of a topic that are queued at most; the oldest are dropped
+NICENESS = 10  # gives priority to the loop where processors are scarce
 DRAWN = (AGENTS, FORECASTS, TAKEOVERS)
 
 

@@ -12,13 +12,13 @@ from litsim_sim.core.errors import InputError, not_installed
 from litsim_sim.record.bag import BagTopic
 
 HOST, PORT = "127.0.0.1", 8765
-BACKLOG = 256  # most messages that a slow client may lag behind; it misses older ones
+BACKLOG = 256  # messages that a slow client may lag behind; it misses older ones
 
 
 class LiveServer:
     """Serves topics to any number of clients; :meth:`send` never blocks.
 
-    A client that subscribes gets the last message of the topic.
+    A client that subscribes gets the last message of the topic, however old; see :meth:`welcome`.
     """
 
     def __init__(self, topics: Iterable[BagTopic], host: str = HOST, port: int = PORT) -> None:

@@ -32,20 +32,20 @@ from litsim_sim.ros.process import process, spin
 from litsim_sim.ros.topics import FOREIGN, HELLO, LANES, RECORDED, RECORDED_TOPICS, RUN_INFO, STATUS, Topic
 from litsim_sim.scenario.scenario import Scenario
 
-HEARING_S = 10.0  # longest wait for READY of every stage, which holds its parameters
-SETTLE_S = 0.05  # period of checks whether all messages have been received
-REST_S = 0.02  # pause between rounds of serving callbacks: the bridge may be many steps ahead
-NICENESS = 5  # the loop has priority; the bridge waits if the recorder is far behind
-WAITING = 2000  # queue of a topic: messages of foreign publishers must not displace those of the run
-LAST_WORD_S = 0.2  # longest wait for the delivery of the last messages
-LINGER_S = 1.0  # time for which a failed recorder repeats its state for the bridge
+HEARING_S = 10.0  # longest wait for READY of the other stages, which holds their parameters to be recorded
+SETTLE_S = 0.05  # period of the checks whether all messages of a run that is over have been received
+REST_S = 0.02  # pause once all waiting messages have been served: the bridge may be many steps ahead
+NICENESS = 5  # gives priority to the loop where processors are scarce; the bridge waits for a recorder far behind
+WAITING = 2000  # [messages] queue of a topic: those of foreign publishers must not displace those of the run
+LAST_WORD_S = 0.2  # longest wait for the delivery of the last messages; time to report an interruption
+LINGER_S = 1.0  # longest wait for messages of a run that is over; time for which a failed recorder answers greetings
 
 
 class RecorderNode(Node):
     """Records one run, then sets :attr:`finished`; a step buffer puts messages in order.
 
-    The recorder is ready once every other stage is. At the end of the run it reports FINISHED, or FAILED if the record
-    has gaps.
+    The recorder is ready once every other stage is, or after HEARING_S. At the end of the run it reports FINISHED, or
+    FAILED if the recording has gaps.
     """
 
     declared = Endpoints(STAGE, (STATUS, RECORDED), (*RECORDED_TOPICS, HELLO))
@@ -141,7 +141,7 @@ class RecorderNode(Node):
             self._status.publish(self._word)
 
     def _on_status(self, data: bytes) -> bool:
-        """Take the status of a node; return whether it is to be recorded."""
+        """Take the status of a node; return that it is to be recorded, as every status is."""
         status: StageStatus = deserialize_message(data, StageStatus)
         if self._buffer is None or status.run_id != self._run_id:
             return True
@@ -159,9 +159,10 @@ class RecorderNode(Node):
         return True
 
     def _settle(self, buffer: StepBuffer, status: StageStatus) -> None:
-        """End a while after the last step has been received, so that other messages on it are recorded.
+        """End the recording SETTLE_S after the last step has been received, so that other messages on it are recorded.
 
-        After a finished run all of that step has been received, unless the bridge waited for another recorder.
+        After a finished run all of that step has been received, unless the bridge waited for another recorder; the
+        recording then ends after LINGER_S.
         """
         until, seen = time.monotonic() + LINGER_S, [-1]
         failed = status.state == StageState.FAILED

@@ -25,14 +25,14 @@ from litsim_sim.scenario.run_info import EXTERNAL, RunPlan
 from litsim_sim.world.world import World
 
 LOOK_S = 1.0
-"""[s] Time from its start for which the bridge looks for another run: participants announce themselves once a second.
-The world is set up meanwhile."""
+"""[s] Time from its start for which the bridge looks for another run, unless :attr:`Graph.alone`: participants announce
+themselves once a second. The world is set up meanwhile."""
 PULSE_S = 1.0  # [s] period of signs of life
 HELLO_PERIOD = 0.03  # [s] period of the greetings of the handshake, to which stages reply once they are ready
 RESEND_FIRST, RESEND = 0.25, 1.0  # [s] wait for answers after which step 0, or a later step, is published again
 LAST_CALL_S = 1.0
-"""[s] Grace period after a timeout: the step is published again, and answers are taken that arrived while the bridge
-itself was not scheduled, so that a pause of the machine does not end a run."""
+"""[s] Grace period after a timeout, except after step 0 in real time: the step is published again, and answers are
+taken that arrived while the bridge itself was not scheduled, so that a pause of the machine does not end a run."""
 FAREWELL_S = 10.0  # [s] time limit for the recorder to close its file
 
 
@@ -303,7 +303,7 @@ class RunLoop:
 
 
 class Pulse:
-    """Signs of life for the launcher."""
+    """Signs of life for the launcher, on standard output; also printed while a run waits."""
 
     def __init__(self, wanted: bool) -> None:
         self._wanted, self._last = wanted, -math.inf

@@ -15,7 +15,7 @@ from litsim_sim.launch.forked import keep_imports
 from litsim_sim.ros.topics import RECORDED_TOPICS
 
 OF_EVERY_NODE = (ParameterEvent, GetTypeDescription)
-"""One message and one service of each package that every rclpy node uses."""
+"""One type of each package whose types every rclpy node uses; its type support is loaded with all of the package."""
 
 
 def prepare_nodes() -> None:

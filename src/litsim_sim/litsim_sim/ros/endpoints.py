@@ -49,7 +49,7 @@ def subscribe(
 ) -> None:
     """Subscribe `node` to `topic`; `receive` gets messages, or their serialised form if `raw`.
 
-    `depth` is the length of the queue; for a latched topic it is that of the topic.
+    `depth` is the length of the queue; the topic's if None, and always for latched topics.
     """
     silent, qos = SubscriptionEventCallbacks(use_default_callbacks=False), topic.qos
     if depth is not None and not topic.latched:

@@ -56,7 +56,7 @@ class StageNode(Node):
         cls.declared = Endpoints(cls.stage, (*writes, STATUS, TIMING), (*reads, RUN_INFO, HELLO, STATUS))
 
     def __init__(self, company: Company | None = None) -> None:
-        """Make the node; `company` holds the stages of its process that it waits for."""
+        """Make the node; `company` holds the stages of its process, including all that it waits for."""
         super().__init__(self.stage, automatically_declare_parameters_from_overrides=True)
         self._company = company or Company()
         self._joiner: Joiner | None = None

@@ -11,8 +11,8 @@ from litsim_sim.maps.lane_map import LaneMap
 from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.scenario_file import ScenarioFile
 
-DRIVING = 1.0  # [m/s] from which on a heading is certain
-AGAINST_MAX = 0.5  # of the positions of those who drive, which may be on lanes that lead the other way
+DRIVING = 1.0  # [m/s] speed above which a heading is reliable
+AGAINST_MAX = 0.5  # largest share of the positions of moving vehicles on lanes that lead the other way
 
 
 class Demand(StrEnum):
@@ -94,7 +94,7 @@ def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, wher
     if against > AGAINST_MAX:
         raise UnmetDemandError(
             Demand.COVERAGE,
-            f"{where}: net {net.name} leads the other way than the recording: {against:.1%} of those who drive head "
-            f"against its lanes, expected at most {AGAINST_MAX:.0%}",
+            f"{where}: net {net.name} leads the other way than the recording: {against:.1%} of the positions of moving "
+            f"vehicles head against its lanes, expected at most {AGAINST_MAX:.0%}",
         )
     return share

@@ -46,7 +46,7 @@ class Happened:
         Args:
             ids: (N,) of the agents of the log, ascending.
             tables, log: of all steps from 0 on, of the run and of the log.
-            ego_id: which is off its log wherever it drives.
+            ego_id: id of the ego, which counts as off its log at all steps.
         """
         pose, there = np.zeros((len(ids), len(tables), 3)), np.zeros((len(ids), len(tables)), np.bool_)
         meetings = []
@@ -62,7 +62,7 @@ class Happened:
         """Read the motion of the runs of all scenes of `scenario`; rows are those of its log.
 
         Raises:
-            InputError: the file of a scene is missing in `folder`, or is of another log.
+            InputError: the file of a scene in `folder` is missing or cannot be read, or is of another log.
         """
         scenes = scenario.scenes if isinstance(scenario, JoinedScenario) else (scenario,)
         parts = [_read(file_of(folder, scene), len(scene.log.ids)) for scene in scenes if isinstance(scene, Scenario)]
@@ -103,7 +103,11 @@ def _read(path: Path, agents: int) -> Happened:
 
 
 def _meetings(ids: IntArray, movers: AgentTable, logged: AgentTable) -> list[tuple[int, int, int]]:
-    """Overlaps of logged boxes with those of other agents among `movers`: row in `ids`, step, row of the mover."""
+    """Overlaps of boxes of `logged` with those of other agents in `movers`, which are the agents off their logs.
+
+    Returns:
+        For each, the row in `ids` of the logged agent, the step, and the row in `ids` of the mover.
+    """
     dx, dy = movers.x[None] - logged.x[:, None], movers.y[None] - logged.y[:, None]
     size = (logged.length[:, None], logged.width[:, None])
     hit = boxes_overlap(dx, dy, logged.yaw[:, None], movers.yaw[None], size, (movers.length, movers.width))

@@ -8,8 +8,8 @@ from litsim_sim.core.geometry import boxes_overlap
 from litsim_sim.core.scene import RATE_HZ, BoolArray, FloatArray, IntArray
 from litsim_sim.scenario.log import Log
 
-ABOUT_THEN = round(1.0 * RATE_HZ)  # [steps] tolerance of the time of an overlap in the log
-ON_THE_WAY = round(3.0 * RATE_HZ)  # [steps] tolerance for an agent that is on the way into the overlap
+ABOUT_THEN = round(1.0 * RATE_HZ)  # [steps] by which an overlap in the log may be earlier or later
+ON_THE_WAY = round(3.0 * RATE_HZ)  # [steps] by which it may be later for an agent on the way into it
 IN_PLACE = 1.0  # [m] distance from its logged position within which an agent is in place
 
 

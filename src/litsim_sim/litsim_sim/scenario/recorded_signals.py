@@ -24,7 +24,7 @@ def survey(signals: SignalsFile, net: Path, recording: Recording, where: str) ->
     first, last, known = int(frames.min()), int(frames.max()), False
     links, counts = read_links(net), dict[str, tuple[int, int]]()
     for start in range(first, last + 1, PIECE):
-        log = Log.from_recording(recording, start, PIECE + 1 + LEAVES)  # LEAVES: to see the way of the last ones
+        log = Log.from_recording(recording, start, PIECE + 1 + LEAVES)  # LEAVES: shows which way the last ones take
         lights = shown(signals, links, log.steps, start, where)
         known |= lights.known
         for group, (passed, at_red) in heed(lights, log, PIECE).items():

@@ -42,7 +42,7 @@ class Setting(Protocol):
 
     @property
     def steps_after_contact(self) -> tuple[int | None, ...]:
-        """Number of steps after the first contact of the ego of each scene; None if the run continues."""
+        """(scenes,) number of steps that follow the first contact of the ego; None if the run continues."""
 
     @property
     def log_overlaps(self) -> LogOverlaps:

@@ -33,7 +33,7 @@ NAMES = {state.name.lower(): state for state in SignalState} | {
 }
 StateName = Annotated[str, OneOf(tuple(NAMES))]
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "frame": STEP_S}
-AT_RED_MAX, PASSED_MIN = 0.5, 5  # largest share of passages at red, of at least so many, before a group is refused
+AT_RED_MAX, PASSED_MIN = 0.5, 5  # a group is refused above this share of passages at red, of at least so many passages
 
 
 def _words(value: Any) -> Any:
@@ -187,7 +187,10 @@ def resolved(given: SignalsFile, folder: Path, where: str) -> SignalsFile:
 
 
 def on_clock(given: SignalsFile, zero_s: float, slower: float = 1.0) -> SignalsFile:
-    """`given`, resolved, with times multiplied by `slower` and then counted from `zero_s` [s] instead of 0."""
+    """`given`, resolved, with times counted from `zero_s` [s] instead of 0; those of changes are first times `slower`.
+
+    Durations of a program stay as they are.
+    """
     if given.program is not None:
         program = given.program.model_copy(update={"offset_s": given.program.offset_s - zero_s})
         return given.model_copy(update={"program": program})
