@@ -92,7 +92,7 @@ TRIED: dict[str, Callable[[Tried], str]] = {
     "a NUL in a path": lambda on: on.scenario(recording="a\0b"),
     "`name: ../../x`": lambda on: on.scenario(name="../../x"),
     "3000 nested brackets": lambda on: on.text("name: " + "[" * 3000 + "]" * 3000),
-    "a key that is there twice": lambda on: on.text("name: mine\nego: 1\nego: 2\n"),
+    "a key that occurs twice": lambda on: on.text("name: mine\nego: 1\nego: 2\n"),
     "a net that is not there": lambda on: on.scenario(net="crossing"),
     "a number that is none (NaN)": lambda on: recording_with(float("nan")),
     "rows that are exact copies": lambda on: on.table(pd.concat([traffic(), traffic().head(30)])),

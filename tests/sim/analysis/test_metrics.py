@@ -163,7 +163,7 @@ def test_the_ledger_shows_contacts_and_takeovers(
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["3", "5.0", "rear", "other", "0.00", "hits", "too", "hits", "too"] in lines
     assert ["2", "conflict", "1", "2.1", "1.5", "0.40", "hits", "1", "at", "3.6", "2.0", "4.0", "5.00"] in lines
-    assert ["2", "blocked", "entry", "1", "2.1", "-", "-", "meets", "nobody", "2.0", "-", "5.00"] in lines
+    assert ["2", "blocked", "entry", "1", "2.1", "-", "-", "no", "contact", "2.0", "-", "5.00"] in lines
 
 
 def said(*statuses: Status) -> list[Status]:

@@ -38,7 +38,7 @@ def test_a_takeover() -> None:
 def test_a_takeover_that_never_ends_and_was_for_nothing() -> None:
     table = takeover_table([ENTRY | {"false_alarm": True, "residual_m": 0.5}], 0.1, ego=1)
     cells = dict(zip(table.head, table.rows[0].cells, strict=True))
-    assert cells["the log alone"] == "false alarm: meets nobody"
+    assert cells["the log alone"] == "false alarm: no contact"
     assert cells["predicted overlap"] == "in 2.5 s"
     assert cells["back"] == cells["left over"] == cells["off its log"] == "–"
 
@@ -53,9 +53,9 @@ def test_contacts() -> None:
     }
     ego, others = contact_table(metrics, 0.1, ego=1).rows
     assert (ego.step, ego.agent) == (31, 5)
-    said = "active front: ego at fault; the careful driver avoids it, in the other's place cannot help it"
+    said = "active front: ego at fault; the careful driver avoids it, in the other's place hits too"
     assert ego.cells == ("ego 1", "5", "3.1 s", "no", said, "3.2 m/s")
     assert (others.step, others.agent) == (12, 7)
     assert others.cells == ("7", "8", "1.2 s", "yes", "–", "–")
     verdict["in_log"] = True
-    assert "active front: nobody's fault; the" in contact_table(metrics, 0.1, ego=1).rows[0].cells[4]
+    assert "active front: no fault; the" in contact_table(metrics, 0.1, ego=1).rows[0].cells[4]

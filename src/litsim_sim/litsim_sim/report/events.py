@@ -96,19 +96,19 @@ def _back(entry: dict[str, Any], dt: float) -> str:
 def _replay(entry: dict[str, Any], dt: float, ego: int) -> str:
     """What would have happened to the agent on its log alone."""
     if not entry.get("replay_would_collide"):
-        return "false alarm: meets nobody" if entry.get("false_alarm") else "meets nobody"
+        return "false alarm: no contact" if entry.get("false_alarm") else "no contact"
     return f"hits {_who(entry['replay_opponent'], ego)} at {entry['replay_step'] * dt:.1f} s"
 
 
 def _verdict(contact: dict[str, Any], careful: dict[str, Any]) -> str:
     kind = str(contact["verdict"]).replace("_", " ")
     fault = "ego at fault" if contact["ego_at_fault"] else "ego not at fault"
-    fault = "nobody's fault" if contact["in_log"] else fault
+    fault = "no fault" if contact["in_log"] else fault
     found = f"{kind}: {fault}; the careful driver {'avoids it' if careful['avoided'] else 'hits too'}"
     other = careful.get("other_avoids")
     if other is None:
         return found
-    return f"{found}, in the other's place {'avoids it' if other else 'cannot help it'}"
+    return f"{found}, in the other's place {'avoids it' if other else 'hits too'}"
 
 
 def _who(agent: int, ego: int) -> str:

@@ -59,7 +59,7 @@ SUMMARY = (
     Column("contacts of the ego", _key("ego_contacts"), better=min),
     Column("at a background agent's fault", _key("background_faults"), better=min),
     Column("at the ego's fault, the other could avoid it", _key("ego_faults_avoidable"), better=min),
-    Column("at the ego's fault, nobody could", _key("ego_faults_unavoidable")),
+    Column("at the ego's fault, the other could not", _key("ego_faults_unavoidable")),
     Column("collision rate, all", _key("rate_all"), percent, min),
     Column("collision rate, controlled", _key("rate_controlled"), percent, min),
     Column("reactive runs", _key("reactive"), percent, max, of_all=True),
@@ -252,7 +252,7 @@ def _displacement(summary: dict[str, dict[str, Any]]) -> Iterator[Column]:
 
 
 def _displaced(row: dict[str, Any], field: str, horizon: str) -> str | None:
-    """The displacement of a row, and of how many of its runs it is where not all went on for so long."""
+    """The displacement of a row up to `horizon`, with the number of its runs that lasted as long, if not all did."""
     value, runs, every = row[field][horizon], row["ade_runs"][horizon], row["measured"]
     return None if value is None else number(value) + (f" ({runs} of {every})" if runs < every else "")
 
@@ -260,8 +260,8 @@ def _displaced(row: dict[str, Any], field: str, horizon: str) -> str | None:
 def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
     """A row for each measure that any row of the campaign has, a cell for each; the best of several values is marked.
 
-    An asterisk stands behind what leaves out runs without measures. Such a value is never the best: nobody knows what
-    those runs would have made of it.
+    Values that leave out runs without measures have an asterisk. They are never marked as the best, as those runs might
+    have changed them.
     """
     found = []
     for column in columns:

@@ -52,7 +52,7 @@ def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             str(agent),
             _time(step),
             each["verdict"].replace("_", " "),
-            "nobody: in the log" if each["in_log"] else "ego" if each["ego_at_fault"] else "other",
+            "none: in the log" if each["in_log"] else "ego" if each["ego_at_fault"] else "other",
             _plain(each["delta_v_mps"]),
             _careful(careful[agent, step]["avoided"]),
             _careful(careful[agent, step]["other_avoids"]),
@@ -69,7 +69,7 @@ def _careful(avoids: bool | None) -> str:
 def _ledger_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
     for each in metrics["ledger"]:
         predicted = each["reason"] == TakeoverReason.CONFLICT.name.lower()
-        replay = "false alarm" if each["false_alarm"] else "meets nobody"
+        replay = "false alarm" if each["false_alarm"] else "no contact"
         if each["replay_would_collide"]:
             replay = f"hits {each['replay_opponent']} at {_time(each['replay_step'])}"
         yield (
@@ -104,7 +104,7 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     fault = f"ego at fault {collision['ego_at_fault']}, background {collision['background_at_fault']}"
     yield "collisions", f"{touching}; {fault}"
     by = collision["by_fault"]
-    helped = f"ego's fault {by['ego_avoidable']} that a careful other avoids, {by['ego_unavoidable']} that none does"
+    helped = f"ego's fault {by['ego_avoidable']} that a careful other avoids, {by['ego_unavoidable']} that it hits too"
     yield "not in the log", f"{helped}; a background agent's fault {by['background']}"
     rates = (_percent(collision["rate_all"]), _percent(collision["rate_controlled"]))
     yield "collision rate", f"{rates[0]} of all, {rates[1]} of controlled agents"

@@ -7,7 +7,7 @@ function noFilter() {
   return { text: "", verdict: "", row: "", tag: "", criterion: "", ranges: new Map() };
 }
 
-// The measures that are shown as long as nobody chooses others.
+// The measures that are shown unless others are chosen.
 function usualMeasures(runs) {
   return runs.fields.filter((field) => field.main).map((field) => field.path);
 }

@@ -141,7 +141,7 @@ function makeCharts(host, scene, seek) {
   return [
     { title: "Speed of the ego", unit: "m/s", lines: speed },
     { title: "TTC with the leader", unit: "s", lines: ttc, empty: "never below 12 s" },
-    { title: "Off their log by", unit: "m, a line an agent", lines: far, empty: "nobody left its log" },
+    { title: "Off their log by", unit: "m, a line an agent", lines: far, empty: "no agent left its log" },
     { title: "Agents off their log", unit: "", lines: off, stacked: true, digits: 0 },
   ].map((description) => new Chart(host, scene, description, seek));
 }
