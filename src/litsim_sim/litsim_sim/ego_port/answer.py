@@ -1,4 +1,4 @@
-"""One answer of a driving system on the ego port, whatever its type, and what is wrong with it in itself."""
+"""One answer of a driving system on the ego port, of any type, and the check of it by itself."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BODY_FRAMES = ("", "ego", "base_link")
 
 
 class Interface(StrEnum):
-    """What a driving system answers with."""
+    """Type of a driving system's answers."""
 
     CONTROL = "control"
     TWIST = "twist"
@@ -35,7 +35,7 @@ INPUTS = {
 
 AUTO = "auto"
 INTERFACES = (AUTO, *Interface)
-"""What may be chosen beforehand; `auto` is that of the first message."""
+"""Choices for the interface; `auto` is that of the first message."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,12 @@ class Answer:
 
     Attributes:
         interface: its kind.
-        target: what it asks for; None where the message makes no sense, and `fault` says why.
-        stamp_ns: of its header; answers to that step, unless `step` says to which.
-        step: that it answers, where the type says.
-        run_id: that it belongs to, where the type says.
-        frame: of its header, and those of its poses where they differ from it.
-        fault: what was found wrong at its conversion.
+        target: what it asks for; None if the message makes no sense, and `fault` says why.
+        stamp_ns: stamp of its header [ns]; it answers the step at that time, unless `step` is given.
+        step: step that it answers, for types that have it.
+        run_id: run that it belongs to, for types that have it.
+        frame: frame of its header, and those of its poses that differ from it.
+        fault: fault found at its conversion; empty for none.
     """
 
     interface: Interface
@@ -62,7 +62,7 @@ class Answer:
 
 
 def problem(answer: Answer) -> str:
-    """In words, what keeps an answer from being used whatever the ego does; empty for nothing."""
+    """Text that says why an answer cannot be used, whatever the state of the ego; empty if it can."""
     return next(chain(_problems(answer), ("",)))
 
 
@@ -87,7 +87,7 @@ def _problems(answer: Answer) -> Iterator[str]:
 
 
 def _not_finite(**values: float) -> Iterator[str]:
-    """Names those of `values` that are not finite."""
+    """Text that names those of `values` that are not finite."""
     for name, value in values.items():
         if not isfinite(value):
             yield f"{name} is {value}, expected a finite value"

@@ -1,7 +1,7 @@
-"""The ego port, without ROS: which answers of a driving system count, and what becomes of them.
+"""The ego port, without ROS: selects the answers of a driving system that count, and makes commands of them.
 
-The bridge opens a step, offers every message that arrives, and takes one command. What is wrong is counted and said;
-what follows from it, the run ending or the last good answer counting on, is decided in one place.
+The bridge opens a step, offers every message that arrives, and takes one command. Faults are counted and reported;
+whether the run then ends or the last good answer is held is decided in one place.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from litsim_sim.core.vehicle import VehicleModel
 from litsim_sim.ego_port.answer import AUTO, INPUTS, Answer, Interface, problem
 from litsim_sim.ego_port.tracking import EgoState, Reference, Trajectory, TwistTarget, follow_twist
 
-STAMP_TOLERANCE_NS = 1_000_000  # by which a stamp may miss its step, rounding of floating-point seconds
+STAMP_TOLERANCE_NS = 1_000_000  # [ns] by which a stamp may miss its step, as by rounding of floating-point seconds
 COUNTS = ("answered", "late", "stale", "future", "surplus", "invalid", "refused")
-SAY_AGAIN = 10  # steps for which the same thing is not said again
+SAY_AGAIN = 10  # [steps] for which a remark of the same kind is not repeated
 
 
 class Level(IntEnum):
@@ -30,7 +30,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Remark:
-    """Something to be said on ``/diagnostics``, about a step."""
+    """A message on a step for ``/diagnostics``."""
 
     step: int
     level: Level
@@ -38,25 +38,25 @@ class Remark:
 
 
 class AnswerInvalid(Exception):
-    """The answer to a step cannot be used, and the run is to end over it."""
+    """The answer to a step cannot be used, and the run must end."""
 
 
 class EgoPort:
-    """Takes the answers of whatever drives the ego, one for every step.
+    """Takes the answers of the ego's driver, one for every step.
 
     The first message decides which interface is in use, if none was chosen. An answer to the current step counts once.
-    One to an earlier step is stale; where it is the newest so far, it is what is held from then on. Of any other step
-    it is a future one, and dropped.
+    One to an earlier step is stale, unless it is the newest so far: then it is late, and held from then on. One to a
+    later step is dropped.
 
     Attributes:
         interface: interface in use; None before the first message.
-        counts: messages by what became of them, under the names of :data:`COUNTS`: `answered`; `late`, of a step
-            before, and held from then on; `stale`, of a step before or another run; `future`, of a step to come;
-            `surplus`, another to the same step; `invalid`; `refused`, of another interface.
+        counts: numbers of messages under the names of :data:`COUNTS`: `answered`; `late`, to an earlier step, and held
+            from then on; `stale`, to an earlier step or of another run; `future`, to a later step; `surplus`, more to a
+            step than asked for; `invalid`; `refused`, of another interface.
         remarks: remarks to be published; the publisher clears the list.
-        answered: newest step that was answered, for better or worse; -1 before the first.
-        heard: whether anything at all has come.
-        unfit: in words, what has come last instead of an answer to the current step; empty for nothing.
+        answered: newest step that was answered, by a valid answer or not; -1 before the first.
+        heard: whether any message has been received.
+        unfit: text on the last message that was no answer to the current step; empty for none.
     """
 
     def __init__(
@@ -83,12 +83,12 @@ class EgoPort:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Where an answer may come."""
+        """Topics on which an answer may be received."""
         return tuple(INPUTS.values()) if self.interface is None else (INPUTS[self.interface],)
 
     @property
     def missing(self) -> bool:
-        """Whether the current step still wants its answer."""
+        """Whether the current step has no answer yet."""
         return self.answered < self._step
 
     def open(self, step: int, ego: EgoState | None, *, driven: bool) -> None:
@@ -96,8 +96,8 @@ class EgoPort:
 
         Args:
             step: current step.
-            ego: its state; None where it is not on the road.
-            driven: whether the answer counts: neither before the history is over, nor once the ego has left.
+            ego: state of the ego; None if it is not on the road.
+            driven: whether the answer counts: not before the history is over, nor once the ego has left.
         """
         if self._asked > max(1, self._offered):
             self._owed[self._step] = self._asked - self._offered
@@ -105,7 +105,7 @@ class EgoPort:
         self._asked, self._offered, self._invalid, self.unfit = 0, 0, "", ""
 
     def ask(self) -> None:
-        """The current step is published, maybe again: one answer more to it is no surplus."""
+        """Note that the current step is published, first or again: one more answer to it is then no surplus."""
         self._asked += 1
 
     def offer(self, answer: Answer) -> None:
@@ -135,10 +135,10 @@ class EgoPort:
             self._accept(step, answer)
 
     def take(self) -> EgoCommand:
-        """The command for the current step; where its answer is missing, that of the newest there is.
+        """The command for the current step; if its answer is missing, that of the newest one.
 
         Raises:
-            AnswerInvalid: the answer cannot be used, and the run is to end over it.
+            AnswerInvalid: the answer cannot be used, and the run must end.
         """
         if self._invalid and self._stop_on_invalid:
             raise AnswerInvalid(f"the answer to step {self._step} on {self.topics[0]} cannot be used: {self._invalid}")
@@ -152,7 +152,7 @@ class EgoPort:
         return EgoCommand(self._step, *follow_twist(held, self._ego, self._vehicle))
 
     def _accept(self, step: int, answer: Answer) -> None:
-        """The first answer to a step, the current or a missed one."""
+        """Take the first answer to a step, the current or a missed one."""
         self.answered = step
         if step < self._step:
             self._count(
@@ -173,7 +173,7 @@ class EgoPort:
         self._held = reference if isinstance(target, Trajectory) else target
 
     def _step_of(self, answer: Answer) -> int | None:
-        """The step that is answered; None for none of this run, or one between two steps of the past."""
+        """The step that is answered; None if it is of another run, or between two past steps."""
         if answer.run_id is not None and answer.run_id != self._run_id:
             return None
         if answer.step is not None:
@@ -197,7 +197,7 @@ class EgoPort:
         self._say(kind, level, f"{text} ({self.counts[kind]} so far)")
 
     def _say(self, kind: str, level: Level, text: str) -> None:
-        """Note a remark; of one kind only now and then."""
+        """Note a remark, unless one of its kind was noted less than SAY_AGAIN steps ago."""
         last = self._said.get(kind)
         if last is None or self._step >= last + SAY_AGAIN:
             self._said[kind] = self._step
@@ -205,7 +205,7 @@ class EgoPort:
 
 
 def ego_state(table: AgentTable, ego_id: int) -> EgoState | None:
-    """State of the ego; None where it is not on the road."""
+    """State of the ego; None if it is not on the road."""
     row = table.row(ego_id)
     if row < 0:
         return None

@@ -1,4 +1,4 @@
-"""From what a driving system wants to acceleration and yaw rate: target speeds, and trajectories to be tracked."""
+"""Conversion of a driving system's targets (speeds, or trajectories to be tracked) to acceleration and yaw rate."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import STEP_S, FloatArray
 from litsim_sim.core.vehicle import VehicleModel
 
-BANDWIDTH = 2.0  # [rad/s] of the error dynamics of a vehicle without actuators
-SLOW = 2.0  # [m/s] below which steering towards the path does not become stronger
-CRAWL = 0.3  # [m/s] below which the direction of motion says nothing
+BANDWIDTH = 2.0  # [rad/s] bandwidth of the error dynamics of a vehicle without actuators
+SLOW = 2.0  # [m/s] speed below which steering towards the path does not become stronger
+CRAWL = 0.3  # [m/s] speed below which the direction of motion is not reliable
 PREVIEW = 0.25  # [s] half the window over which speed and heading of a trajectory are differentiated
-STOP = 2.0  # [m/s2] of braking once a trajectory is over
-OFFSET_MAX = 2.0  # [m] between the ego and a new trajectory
-HASTE = 2.0  # [m/s] by which a trajectory may be faster than the vehicle
-ROUNDING = 0.1  # [m] of slack on top
+STOP = 2.0  # [m/s2] braking once a trajectory is over
+OFFSET_MAX = 2.0  # [m] largest distance between the ego and a new trajectory
+HASTE = 2.0  # [m/s] by which a trajectory may be faster than the vehicle can be
+ROUNDING = 0.1  # [m] tolerance in addition
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class EgoState:
 
 @dataclass(frozen=True)
 class TwistTarget:
-    """Speed [m/s] and yaw rate [rad/s] that the ego is to have."""
+    """Target speed [m/s] and yaw rate [rad/s] of the ego."""
 
     speed: float
     yaw_rate: float
@@ -42,7 +42,7 @@ class TwistTarget:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Where the ego's box centre is to be: simulation time [s], strictly ascending, and x, y in frame map [m]; (m,)."""
+    """Target positions of the ego's box centre: (m,) simulation time [s], strictly ascending, x, y in frame map [m]."""
 
     time: FloatArray
     x: FloatArray
@@ -81,7 +81,7 @@ class Reference:
         self._heading, self._heading_time = np.unwrap(heading), at
 
     def problem(self, ego: EgoState, vehicle: VehicleModel) -> str:
-        """In words, why no vehicle like this can be where the trajectory says; empty where it can."""
+        """Text that says why the vehicle cannot follow the trajectory; empty if it can."""
         if self._empty:
             return "it holds no poses, expected some after the step"
         if self._time[-1] <= ego.time:
@@ -106,7 +106,7 @@ class Reference:
     def command(self, ego: EgoState, vehicle: VehicleModel) -> tuple[float, float]:
         """Acceleration [m/s2] and yaw rate [rad/s] by which the ego tracks the trajectory, within its limits.
 
-        Feed-forward of the trajectory's own, read ahead by what the actuators take, and feedback of the errors along
+        Feed-forward of the trajectory's own, read ahead by the delay of the actuators, and feedback of the errors along
         and across its heading, as in Kanayama et al., "A stable tracking control method for an autonomous mobile
         robot" (ICRA 1990), critically damped in time at every speed. Once the trajectory is over, the ego brakes on
         the last arc.
@@ -134,7 +134,7 @@ class Reference:
         return vehicle.within(acceleration, yaw_rate, ego.speed + 0.5 * STEP_S * max(acceleration, 0.0))
 
     def _offset(self, time: float, ego: EgoState) -> tuple[float, float]:
-        """From the ego to the trajectory at `time` [m], in frame map."""
+        """Vector from the ego to the trajectory at `time` [m], in frame map."""
         return self._at(self._time, self._x, time) - ego.x, self._at(self._time, self._y, time) - ego.y
 
     def _at(self, times: FloatArray, values: FloatArray, time: float) -> float:

@@ -1,1 +1,1 @@
-"""Files that people give and get: read with errors that name line and field, written whole or not at all."""
+"""Reading of user files with errors that name line and field, and atomic writing of files."""

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Atomic writing of files: each is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from litsim_sim.core.errors import InputError
 
 
 class Unwritable(InputError):
-    """A file that cannot be written: the input was fine, and with room and permission it would go on."""
+    """A file cannot be written, for lack of space or permission; the input is not at fault."""
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new file beside `path`, with its ending, that takes its place when the block is done; its folder is made.
+    """A new file beside `path`, with its suffix, that replaces it at the end of the block; its folder is created.
 
-    Where the block raises, or the program is killed, `path` is as it was. What is no file, such as /dev/stdout, gives
-    its place to nothing: it is written to.
+    If the block raises, or the program is killed, `path` is unchanged. A path that is neither file nor folder, such as
+    /dev/stdout, is not replaced but written to.
 
     Raises:
         Unwritable: the file cannot be written.
@@ -44,19 +44,19 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def refuse_input_as_output(out: Path, *inputs: Path) -> None:
-    """See that writing `out` replaces none of the `inputs` that it is made from.
+    """Check that writing `out` does not replace one of the `inputs` that it is made from.
 
     Raises:
         InputError: it would.
     """
     for given in inputs:
-        with suppress(OSError):  # one that is not there: nothing is lost
+        with suppress(OSError):  # a missing file: nothing is lost
             if out.samefile(given):
                 raise InputError(f"{out}: is the input {given} itself, expected another file: nothing is replaced")
 
 
 def _is_special(path: Path) -> bool:
-    """Whether something is at `path` that is neither a file nor a folder: a device, a pipe."""
+    """Whether `path` exists and is neither a file nor a folder, but a device or a pipe."""
     try:
         mode = path.stat().st_mode
     except OSError:  # nothing is, or a folder on the way is none

@@ -1,4 +1,4 @@
-"""Parquet files that people give: what is wrong is said by file and column."""
+"""Reading of Parquet files of users; errors name file and column."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ PLAIN = {
 }
 """Types of numbers, by Arrow's names."""
 UNREADABLE = (pa.ArrowException, OSError, UnicodeError)
-"""What pyarrow raises on what is no Parquet, or is damaged."""
+"""Exceptions that pyarrow raises for files that are damaged or not Parquet."""
 
 
 def is_parquet(path: Path) -> bool:
-    """Whether the file at `path` begins as Parquet does; OSError where it cannot be read."""
+    """Whether the file at `path` begins like a Parquet file; raises OSError if it cannot be read."""
     with path.open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
 
@@ -61,7 +61,7 @@ def parse_arrow(source: Path | pa.NativeFile, where: str) -> pa.Table:
 
     Args:
         source: a file, or its content as pyarrow reads it.
-        where: names it in errors.
+        where: name of the source in errors.
 
     Raises:
         InputError: it is no Parquet, or damaged.
@@ -79,9 +79,9 @@ def read_table(path: Path, needed: Sequence[str] = (), *, purpose: str = "") -> 
     """Read all columns of the Parquet file at `path`.
 
     Args:
-        path: of the file.
+        path: the file.
         needed: columns that it must have.
-        purpose: said of a file that is missing, such as "calibration needs it".
+        purpose: added to the error about a missing file, such as "calibration needs it".
 
     Raises:
         InputError: it is missing, no Parquet, or lacks columns.
@@ -95,10 +95,10 @@ def read_table(path: Path, needed: Sequence[str] = (), *, purpose: str = "") -> 
 
 
 def plain_columns(arrow: pa.Table) -> dict[str, np.ndarray]:
-    """The columns that hold plain numbers, as arrays; a gap among fractions is not a number.
+    """The columns of plain numbers, as arrays; gaps in columns of floats are NaN.
 
-    Left out are columns of other types, whole numbers with gaps, those whose names occur twice, and what is an index in
-    pandas. Arrow's own conversion imports pandas, which takes longer than anything else that a run reads.
+    Left out are columns of other types, of integers with gaps, with names that occur twice, and those that are an index
+    in pandas. Arrow's own conversion would import pandas, which takes longer than anything else that a run reads.
     """
     names, index = arrow.column_names, (arrow.schema.pandas_metadata or {}).get("index_columns", [])
     return {

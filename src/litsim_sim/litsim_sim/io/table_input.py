@@ -1,4 +1,4 @@
-"""Tables that people give as CSV or Parquet: what is wrong is said by file, and by line or row."""
+"""Reading of tables of users, as CSV or Parquet; errors name the file, and the line or row."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from litsim_sim.io.parquet_input import UNREADABLE, is_parquet
 if TYPE_CHECKING:
     import pandas as pd
 
-ROWS_MAX = 10**12  # of one of several files, whose rows are told apart by numbers beyond
+ROWS_MAX = 10**12  # most rows of one of several files; row numbers of each file begin at a multiple of it
 OTHER_SEPARATORS = (";", "\t", "|")
-"""What cells of CSV files are separated by in some countries and programs; not here."""
+"""Separators of cells in other CSV files, which are not supported."""
 
 
 @dataclass(frozen=True)
 class TableFile:
-    """A file of rows, as errors name it and its places.
+    """A file with a table, and the places of its rows for errors.
 
     Attributes:
-        path: of the file.
+        path: the file.
         parquet: whether it is Parquet, not CSV.
         columns: their names.
     """
@@ -42,7 +42,7 @@ class TableFile:
 
     @classmethod
     def open(cls, path: Path) -> TableFile:
-        """Look at the file at `path`.
+        """Open the file at `path`, and read the names of its columns.
 
         Raises:
             InputError: it is neither CSV nor Parquet.
@@ -66,17 +66,17 @@ class TableFile:
         return str(self.path)
 
     def at(self, *rows: int) -> str:
-        """The place of some rows: lines of a CSV file, or rows of a Parquet file, the first being 1."""
+        """Text that names the places of some rows: lines of a CSV file, or rows of a Parquet file, counted from 1."""
         word, places = ("row", list(rows)) if self.parquet else ("line", _lines(self.path, rows))
         return f"{self.path}: {word}{'s' if len(rows) > 1 else ''} {' and '.join(map(str, places))}"
 
     def read(self, wanted: list[str], *, whose: str = "", may_be_empty: bool = False) -> pd.DataFrame:
-        """The columns `wanted`, and `row`, by which :meth:`at` names a place: empty lines of a CSV file are no rows.
+        """The columns `wanted`, and `row`, the number for :meth:`at`; empty lines of a CSV file are skipped.
 
         Args:
             wanted: names of columns.
-            whose: said of columns that are missing, such as "of the mapping".
-            may_be_empty: whether a table without rows is one.
+            whose: added to the error about missing columns, such as "of the mapping".
+            may_be_empty: whether a table without rows is accepted.
 
         Raises:
             InputError: it cannot be read, lacks a column, or holds no rows.
@@ -115,11 +115,11 @@ class TableFile:
 
 @dataclass(frozen=True)
 class TableFiles:
-    """Several files whose rows are one table, as errors name them and their places.
+    """Several files whose rows form one table, and the places of these rows for errors.
 
     Attributes:
-        files: at least one, all CSV or Parquet.
-        columns: of any of them; where a file has not the column of another, its cells are empty.
+        files: at least one, each CSV or Parquet.
+        columns: names of the columns of all files; cells of columns that a file lacks are empty.
     """
 
     files: tuple[TableFile, ...]
@@ -127,10 +127,10 @@ class TableFiles:
 
     @classmethod
     def open(cls, paths: Path | Sequence[Path]) -> TableFiles:
-        """Look at the files at `paths`.
+        """Open the files at `paths`.
 
         Raises:
-            InputError: one is neither CSV nor Parquet, or there twice.
+            InputError: one is neither CSV nor Parquet, or given twice.
         """
         given = [paths] if isinstance(paths, Path) else list(paths)
         for number, path in enumerate(given):
@@ -151,7 +151,7 @@ class TableFiles:
 
     @property
     def folder(self) -> Path:
-        """Of the first file."""
+        """The folder of the first file."""
         return self.files[0].path.parent
 
     def at(self, *rows: int) -> str:
@@ -166,8 +166,8 @@ class TableFiles:
 
         Args:
             wanted: names of columns.
-            needed: those of them that every file has to have; the others may lack in some files. All if None.
-            whose: said of columns that are missing, such as "of the mapping".
+            needed: those of them that every file must have; the others may be missing in some files. None for all.
+            whose: added to the error about missing columns, such as "of the mapping".
 
         Raises:
             InputError: a file cannot be read, lacks a column, or holds no rows.
@@ -183,7 +183,7 @@ class TableFiles:
 
 
 def _lines(path: Path, rows: Sequence[int]) -> list[int]:
-    """Line of a CSV file in which each of `rows` stands; they count the lines that are not empty, from 1."""
+    """Line number of each of `rows` in a CSV file; rows count the non-empty lines, from 1."""
     with path.open("rb") as file:
         full = (number for number, raw in enumerate(file, 1) if raw.strip(b"\r\n"))
         lines = dict(enumerate(islice(full, max(rows)), 1))
@@ -198,14 +198,14 @@ def is_stamped(column: pd.Series) -> bool:
 
 
 def since_1970(column: pd.Series) -> pd.Series:
-    """Such times as seconds since 1970 UTC, NaN where there is none; those without a time zone are taken as UTC."""
+    """Times of such a column as seconds since 1970 UTC, NaN for none; UTC is assumed for those without a time zone."""
     import pandas as pd
 
     return (pd.to_datetime(column, utc=True) - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
 
 
 def _first_odd_line(path: Path) -> str:
-    """What is wrong in the first line of a CSV file that cannot be read: its number, and how it differs; or nothing."""
+    """Text on the first bad line of a CSV file that cannot be read: its number, and how it differs; else empty."""
     with path.open("rb") as file:
         columns = 0
         for number, raw in enumerate(file, 1):
@@ -224,6 +224,6 @@ def _first_odd_line(path: Path) -> str:
 
 
 def _other_separator(names: list[str]) -> str:
-    """What to say of a first line that has no commas, but something else that cells are separated by; or nothing."""
+    """A hint on a first line with another separator than commas; else empty."""
     found = next((mark for mark in OTHER_SEPARATORS if len(names) == 1 and mark in names[0]), "")
     return f"cells are separated by {found!r}, expected commas, and points in numbers" if found else ""

@@ -1,4 +1,4 @@
-"""YAML that people write, read into pydantic models: what is wrong is said by line and field."""
+"""Reading of YAML files of users into pydantic models; errors name line and field."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from pydantic_core import ErrorDetails
 
 from litsim_sim.core.errors import InputError
 
-SHOWN = 5  # problems that one message lists
-FOUND_MAX = 60  # characters of a wrong value that a message repeats
-DEEPEST = 50  # lists and mappings within each other; what people write has two or three
+SHOWN = 5  # most problems that one message lists
+FOUND_MAX = 60  # most characters of a wrong value that a message repeats
+DEEPEST = 50  # most levels of nested lists and mappings; usual files have two or three
 NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 STREAM_NAME = re.compile(r' in "<(?:unicode|byte) string>",')  # PyYAML's for a text without a file
 MISNAMED = ("missing", "extra_forbidden")  # pydantic's types of problems with names, not values
@@ -27,7 +27,7 @@ def read_yaml(path: Path, model: type[_Model]) -> _Model:
     """Read the YAML file at `path` (UTF-8) and check it against a pydantic `model`.
 
     Raises:
-        InputError: it cannot be read, is no YAML, holds no fields, or some do not fit.
+        InputError: it cannot be read, is not YAML, holds no fields, or some do not fit.
     """
     text = read_text(path)
     return validate_yaml(parse_yaml(text, str(path), model), model, str(path), text)
@@ -37,7 +37,7 @@ def read_text(path: Path) -> str:
     """Read the text of a file in UTF-8.
 
     Raises:
-        InputError: it cannot be read, or is no such text.
+        InputError: it cannot be read, or is not text in UTF-8.
     """
     try:
         return path.read_text(encoding="utf-8")
@@ -48,10 +48,10 @@ def read_text(path: Path) -> str:
 
 
 def load_yaml(text: str | bytes, where: str) -> Any:
-    """What a YAML text says, whatever it is; `where` names the text in errors.
+    """The content of a YAML text, of any type; `where` names the text in errors.
 
     Raises:
-        InputError: it is no YAML, gives a key twice, or nests deeper than `DEEPEST`.
+        InputError: it is not YAML, gives a key twice, or nests deeper than `DEEPEST`.
     """
     try:
         return yaml.load(text, _Loader)  # noqa: S506 - a SafeLoader
@@ -64,7 +64,7 @@ def parse_yaml(text: str | bytes, where: str, model: type[BaseModel]) -> dict[st
     """The fields of a YAML text, not yet checked; `where` names the text in errors, `model` what was expected.
 
     Raises:
-        InputError: it is no YAML, or something else than fields and values.
+        InputError: it is not YAML, or holds something else than fields and values.
     """
     values = load_yaml(text, where)
     if not isinstance(values, dict):
@@ -74,7 +74,7 @@ def parse_yaml(text: str | bytes, where: str, model: type[BaseModel]) -> dict[st
 
 
 def validate_yaml(values: dict[str, Any], model: type[_Model], where: str, text: str | bytes) -> _Model:
-    """`values`, read from `text` and perhaps changed since, as a `model`; `where` names the text in errors.
+    """`values`, read from `text` and possibly changed since, as a `model`; `where` names the text in errors.
 
     Raises:
         InputError: some fields do not fit: they are named, with their lines in `text`.
@@ -91,7 +91,7 @@ def validate_yaml(values: dict[str, Any], model: type[_Model], where: str, text:
 
 
 def place_in(path: Path, *place: int | str) -> str:
-    """Where in the YAML file at `path` the field at `place` is, in the words of :func:`validate_yaml`."""
+    """Text that names the field at `place` in the YAML file at `path`, as in errors of :func:`validate_yaml`."""
     line, named = _found(yaml.compose(read_text(path), Loader=yaml.SafeLoader), place)
     return f"{path}: {f'line {line}, ' if line else ''}field {'.'.join(map(str, named))}"
 
@@ -101,9 +101,9 @@ def _without_underscores(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, but for three things: it takes the last of several equal keys, any depth, and 12_0 for 120.
+    """PyYAML's safe loader, which refuses equal keys and deep nesting, and reads 12_0 as text, not as the number 120.
 
-    The last is how lanes are called in a net of numbered edges; YAML 1.2 has no underscores in numbers either.
+    Lanes have such names in nets of numbered edges; YAML 1.2 has no underscores in numbers either.
     """
 
     _depth = 0
@@ -143,9 +143,9 @@ def _said(problems: list[ErrorDetails], text: str | bytes) -> Iterator[str]:
 
 
 def _found(node: yaml.Node | None, place: tuple[int | str, ...]) -> tuple[int | None, list[int | str]]:
-    """The line, from 1, of the innermost part of `place` that the text has, and `place` in words of the text.
+    """The line, from 1, of the innermost part of `place` that the text has, and `place` in the terms of the text.
 
-    Where a field may be one of several things, pydantic puts the name of the one that it has tried into the place.
+    If a field may have one of several types, pydantic puts the name of the one that it has tried into the place.
     """
     line, said = None, []
     for number, part in enumerate(place):
@@ -160,7 +160,7 @@ def _found(node: yaml.Node | None, place: tuple[int | str, ...]) -> tuple[int | 
 
 
 def _inner(node: yaml.Node | None, part: int | str) -> tuple[yaml.Node, yaml.Node] | None:
-    """Where `part` of `node` begins, and its value; None where the text has none."""
+    """Where `part` of `node` begins, and its value; None if the text has none."""
     if isinstance(node, yaml.MappingNode):
         return {str(key.value): (key, value) for key, value in node.value}.get(str(part))
     if isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
@@ -169,5 +169,5 @@ def _inner(node: yaml.Node | None, part: int | str) -> tuple[yaml.Node, yaml.Nod
 
 
 def _is_choice(node: yaml.Node, rest: tuple[int | str, ...]) -> bool:
-    """Whether a part that `node` has not is a name of pydantic's, before the `rest`, and no field that is missing."""
+    """Whether a part that `node` lacks, before the `rest`, is a name of pydantic's rather than a missing field."""
     return not isinstance(node, yaml.MappingNode) or any(_inner(node, after) is not None for after in rest[:1])

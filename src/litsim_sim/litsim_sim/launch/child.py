@@ -20,11 +20,11 @@ from typing import IO, Any, Protocol
 
 from litsim_sim.launch import keeper
 
-GRACE_S = 20.0  # [s] that the bridge and the recorder get to end a run in good order
+GRACE_S = 20.0  # [s] time for the bridge and the recorder to end a run in good order
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 STATE = re.compile(r"\) ")  # in /proc/PID/stat the state follows the name, which may hold anything else
-ROOM_MIN = 65536  # [bytes] that a disk has at least where a process could have said why it ended
-NAME_MAX = 60  # characters of a command by which a stack is named
+ROOM_MIN = 65536  # [bytes] free space on a disk below which a process could not have logged why it ended
+NAME_MAX = 60  # characters of a stack's command that messages show
 
 _LIBC = ctypes.CDLL(None)
 
@@ -42,7 +42,7 @@ class Process(Protocol):
 
     @property
     def stdout(self) -> IO[str] | None:
-        """What it writes to its standard output, where that is a pipe."""
+        """Its standard output, if that is a pipe."""
 
     def poll(self) -> int | None:
         """Return :attr:`returncode` if it has ended, else None."""
@@ -53,10 +53,10 @@ class Child:
     """A process of the graph, in a process group of its own, its output in a log file.
 
     Attributes:
-        name: of the node, or :data:`litsim_sim.launch.processes.STACK`.
-        command: of a stack, as the user gave it; empty of a node.
-        nodes: names of its nodes, where these are several.
-        ended_at: when it was first seen to have ended, on the monotonic clock [s]; infinite while it runs.
+        name: name of the node, or :data:`litsim_sim.launch.processes.STACK`.
+        command: command of a stack, as the user gave it; empty for a node.
+        nodes: names of its nodes, if these are several.
+        ended_at: monotonic time at which it was first seen to have ended [s]; infinite while it runs.
     """
 
     name: str
@@ -95,11 +95,11 @@ class Child:
 
     @property
     def last_line(self) -> str:
-        """The last line of its log that says anything; empty where none does."""
+        """The last non-empty line of its log; empty without one."""
         return next((line.strip() for line in reversed(self._lines) if line.strip()), "")
 
     def obituary(self) -> str:
-        """How the process ended, and the last thing in its log where that may say why."""
+        """How the process ended, with the last error or line of its log, which may say why."""
         code, words = self.process.returncode, self.errors
         how = f"has not ended within {GRACE_S:g} s" if code is None else how_it_ended(code)
         if code is not None and code > 0:
@@ -109,7 +109,7 @@ class Child:
         return f"{self} {how}{''.join(f': {line}' for line in words[-1:])}"
 
     def _why_silent(self) -> list[str]:
-        """Why its log is empty, where that is known."""
+        """The reason for its empty log, if known."""
         full = shutil.disk_usage(self.log.parent).free < ROOM_MIN
         return [f"it could say nothing, as the disk of {self.log.parent} is full"] if full else []
 
@@ -124,14 +124,14 @@ class Child:
 
 
 def how_it_ended(status: int) -> str:
-    """In words that follow its name, how a process ended, by its exit status as :mod:`subprocess` has it."""
+    """Text, to follow its name, on how a process ended, by its exit status as of :mod:`subprocess`."""
     if status < 0:
         return f"was ended by {signal.Signals(-status).name}"
     return f"ended with exit status {status}"
 
 
 def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:
-    """Start a process that ends when this thread ends, however it does; `given` goes to ``Popen``."""
+    """Start a process that ends when this thread ends, however that ends; `given` is passed to ``Popen``."""
     return subprocess.Popen(
         words,
         stdin=subprocess.DEVNULL,
@@ -142,7 +142,7 @@ def start_process(words: Sequence[str], **given: Any) -> subprocess.Popen[str]:
 
 
 def end_with_parent() -> None:
-    """Have this process end when the thread that started it ends, however it does."""
+    """Make this process end when the thread that started it ends, however that ends."""
     _LIBC.prctl(keeper.DIE_WITH_PARENT, signal.SIGTERM)
 
 

@@ -14,17 +14,17 @@ import domain_coordinator
 
 from litsim_sim.core.errors import InputError
 
-DOMAIN_IDS = range(233)  # beyond, the ports of DDS have run out
+DOMAIN_IDS = range(233)  # DDS has no ports for larger ids
 HOLDER = "LITSIM_DOMAIN_HOLDER"
 """Variable that tells the nodes of a graph which process holds their domain for them: its id."""
 FREE_TRIES = 100  # domains tried until one is free
 LETTING_GO_S = 1.0
-"""[s] that a run which is just ending is given: its last process lets the lock go after it can no longer be seen."""
-LOOK_S = 0.02  # [s] from one look at the lock to the next
+"""[s] Wait for a run that is just ending: its last process releases the lock after it can no longer be seen."""
+LOOK_S = 0.02  # [s] period of attempts to take the lock
 
 
 class DomainInUse(InputError):
-    """A graph of this user is on the domain already."""
+    """A graph of this user already uses the domain."""
 
 
 def graph_domain(domain_id: int | None, *, reserve: bool) -> AbstractContextManager[int]:
@@ -53,7 +53,7 @@ def held_domain(domain_id: int, *, patience: float = LETTING_GO_S) -> Iterator[i
 
     Raises:
         DomainInUse: another graph is on it.
-        InputError: the lock cannot be had for another reason.
+        InputError: the lock cannot be taken for another reason.
     """
     path = _folder() / f"domain_{domain_id}.lock"
     try:
@@ -83,7 +83,7 @@ def held_domain(domain_id: int, *, patience: float = LETTING_GO_S) -> Iterator[i
 
 
 def _locked(descriptor: int) -> bool:
-    """Whether this process has the lock of an open file now, which it may have had already."""
+    """Try to lock an open file; return whether this process now holds the lock, which it may have held before."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -119,5 +119,5 @@ def _free_domain() -> Iterator[int]:
 
 
 def _folder() -> Path:
-    """Where the locks of this user are."""
+    """Folder of the locks of this user."""
     return Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"litsim-{os.getuid()}"

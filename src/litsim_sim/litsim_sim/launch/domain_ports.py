@@ -13,7 +13,7 @@ from pathlib import Path
 from litsim_sim.launch.middleware import LOOPBACK, PROFILES, middleware_settings
 
 FIRST_PORT, DOMAIN_PORTS = 7400, 250
-"""UDP ports of domain 0 begin there, and those of each next one so many further on (DDSI-RTPS 2.5, 9.6.2: PB, DG)."""
+"""First UDP port of domain 0, and number of ports of each domain (DDSI-RTPS 2.5, 9.6.2: PB, DG)."""
 TABLES = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 """The UDP sockets of this machine, or of this container, as Linux lists them."""
 

@@ -46,6 +46,6 @@ def node_executable(node: str, ego: str) -> Path:
     """The file of :func:`program_of`.
 
     Raises:
-        InputError: it is not there.
+        InputError: there is none.
     """
     return find_executable(*program_of(node, ego))

@@ -33,7 +33,7 @@ _HERE, _READY = multiprocessing.get_context("fork"), multiprocessing.get_context
 
 
 class ForkedProcess:
-    """A Python program in a copy of a process, with as much of the interface of ``Popen`` as is used of it.
+    """A Python program in a copy of a process, with the part of the interface of ``Popen`` that is used.
 
     Attributes:
         stdout, stderr: to read its output from, if that is a pipe.
@@ -51,8 +51,8 @@ class ForkedProcess:
         """Start the program in file ``words[0]`` with the other words as its arguments, in this folder.
 
         Args:
-            words: of its command line.
-            environment: all that it finds in its environment.
+            words: words of its command line.
+            environment: its whole environment.
             stdout, stderr: where its output goes; a file, ``PIPE`` or ``DEVNULL`` of :mod:`subprocess`.
             ready: whether it is a copy of the process of :func:`keep_ready`, to which no file can be given, rather than
                 of this one.
@@ -87,15 +87,15 @@ class ForkedProcess:
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for its end for at most `timeout` seconds; returns :attr:`returncode`."""
+        """Wait for its end for at most `timeout` seconds; return :attr:`returncode`."""
         self._process.join(timeout)
         return self.returncode
 
 
 def keep_ready(*modules: str) -> None:
-    """Have programs that are started `ready` be copies of a process that has imported `modules`.
+    """Start programs that are `ready` as copies of a process that has imported `modules`.
 
-    It is started with the first of them, and ends with this process.
+    That process is started with the first of these programs, and ends with this process.
     """
     _READY.set_forkserver_preload(list(modules))
 
@@ -117,7 +117,7 @@ def _end_of(wanted: IO[str] | int) -> tuple[IO[str] | None, IO[str] | Connection
 
 
 def _run_as_child(*given: Any) -> None:
-    """As :func:`_run_program`, to end when the process is gone that this is a copy of."""
+    """Like :func:`_run_program`, but ends when the process that this is a copy of is gone."""
     begin_child()
     copied = multiprocessing.parent_process()
     if copied is None or os.getppid() != copied.pid:  # it was gone before that could be arranged
@@ -126,7 +126,7 @@ def _run_as_child(*given: Any) -> None:
 
 
 def _run_for_other(*given: Any) -> None:
-    """As :func:`_run_program`, but ends when the process that requested this one, not its parent, is gone."""
+    """Like :func:`_run_program`, but ends when the process that requested this one, not its parent, is gone."""
     asked = multiprocessing.parent_process()
     assert asked is not None
 
@@ -146,7 +146,7 @@ def _run_program(
     stderr: IO[str] | Connection | None,
     begin: Connection,
 ) -> None:
-    """In the copy: become what a process of its own would be, say so by closing `begin`, and run the program."""
+    """In the copy: become like a separate process, report that by closing `begin`, and run the program."""
     os.setsid()
     _forget_signals()
     begin.close()

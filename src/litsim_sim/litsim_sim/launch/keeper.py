@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 GRACE_S = 2.0  # [s] from SIGTERM to SIGKILL, shorter than the launcher's patience
-TICK_S = 0.05  # [s] between two looks
+TICK_S = 0.05  # [s] period of checks
 NOT_FOUND = 127  # exit status of a command that cannot be started, as shells have it
 DIE_WITH_PARENT, SUBREAPER = 1, 36  # PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER
 HANDED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -59,13 +59,13 @@ def _end_rest() -> None:
 
 
 def _begin() -> None:
-    """In the command's process before it starts: not to outlive the keeper, which cannot help it if it is killed."""
+    """In the command's process before it starts: make it end with the keeper, even if the keeper is killed."""
     _LIBC.prctl(DIE_WITH_PARENT, signal.SIGKILL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, HANDED_ON)
 
 
 def keep(command: list[str]) -> int:
-    """Run `command` to its end; returns its exit status, that of a signal as a negative number."""
+    """Run `command` to its end; return its exit status, a signal as a negative number."""
     for number in HANDED_ON:  # shells have what they start in the background ignore SIGINT, and so would the command
         signal.signal(number, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_BLOCK, HANDED_ON)  # taken one by one below

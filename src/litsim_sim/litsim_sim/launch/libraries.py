@@ -1,7 +1,7 @@
 """Work done for a launcher while Python does something else: linking libraries, and querying other programs.
 
-libsumo brings a hundred libraries along, whose linking takes 0.13 s. An import would hold Python up meanwhile; the
-linker alone does not. Libraries loaded in a process are loaded in its copies, too.
+libsumo depends on a hundred libraries; linking them takes 0.13 s. An import would block Python for that time; a call of
+the linker does not. Libraries loaded in a process are loaded in its copies, too.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from pathlib import Path
 
 SUMO, SUMO_FILE = "libsumo", "_libsumo*.so"
 LINKED_BEFORE = ("statistics", "safetensors")
-"""Modules with libraries of their own, which the stages import meanwhile: the linker does one after the other."""
+"""Modules with libraries that the stages need; imported first, as the linker loads one library after the other."""
 
 
 @contextmanager
 def meanwhile(action: Callable[[], object]) -> Iterator[None]:
-    """`action` is done in a thread, and is over afterwards."""
+    """Run `action` in a thread during the context, and wait for it at the end."""
     thread = threading.Thread(target=action)
     thread.start()
     try:
@@ -34,9 +34,9 @@ def meanwhile(action: Callable[[], object]) -> Iterator[None]:
 
 @contextmanager
 def loading_sumo() -> Iterator[None]:
-    """Load SUMO's shared library meanwhile, on another core; it is loaded afterwards, but not imported.
+    """Load SUMO's shared library during the context, in another thread, without importing it.
 
-    One that cannot be loaded is left to the import of it, which says why.
+    If it cannot be loaded, the later import says why.
     """
     found = find_spec(SUMO)
     paths = [
@@ -52,7 +52,7 @@ def loading_sumo() -> Iterator[None]:
 
 
 def _link(path: Path) -> None:
-    """Have the linker load a library as an import of it would; unlike an import, a foreign call lets Python go on."""
+    """Let the linker load a library as an import would; unlike an import, a foreign call does not block Python."""
     link = ctypes.CDLL(None).dlopen
     link.argtypes, link.restype = (ctypes.c_char_p, ctypes.c_int), ctypes.c_void_p
     link(os.fsencode(path), os.RTLD_NOW)

@@ -16,7 +16,7 @@ from litsim_sim.core.errors import InputError
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS = "ROS_STATIC_PEERS"
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""Variables by which a user has Fast DDS read settings; where one is set, it is left at that."""
+"""Variables by which a user makes Fast DDS read settings; if one is set, LitSim sets none."""
 LOOPBACK, NETWORK = (Path(__file__).with_name(name) for name in ("loopback.xml", "network.xml"))
 """Settings for nodes that stay on this machine, and for those that others may reach."""
 FAST_DDS = "rmw_fastrtps"
@@ -27,7 +27,7 @@ ENCLAVE_OPTIONS = {"--enclave", "-e"}
 
 
 def middleware_settings(environment: Mapping[str, str]) -> dict[str, str]:
-    """The variables to set in `environment` before a node is made; none where the user has chosen otherwise."""
+    """The variables to set in `environment` before a node is made; none if the user has chosen settings."""
     if any(environment.get(name) for name in PROFILES):
         return {}
     if not environment.get("RMW_IMPLEMENTATION", FAST_DDS).startswith(FAST_DDS):
@@ -58,9 +58,9 @@ def is_secured(environment: Mapping[str, str]) -> bool:
 
 
 def check_security(environment: Mapping[str, str]) -> None:
-    """See that DDS Security, where `environment` asks for it, is enforced: permissive, ROS runs without, and goes on.
+    """Check that DDS Security, if `environment` requests it, is enforced; otherwise ROS may silently run without it.
 
-    Under enforcement a middleware that was built without DDS Security, as that of the wheels, makes no node.
+    If it is enforced, a middleware built without DDS Security, such as that of the wheels, refuses to make nodes.
 
     Raises:
         InputError: it is requested, but not enforced.
@@ -74,7 +74,7 @@ def check_security(environment: Mapping[str, str]) -> None:
 
 
 def use_middleware_settings(program: str, words: Sequence[str] = ()) -> None:
-    """Have the nodes of this process run with these settings, in the enclave of `program`, whose arguments are `words`.
+    """Use these settings for the nodes of this process, in the enclave of `program`, whose arguments are `words`.
 
     To be called before the first node is made.
     """
@@ -83,7 +83,7 @@ def use_middleware_settings(program: str, words: Sequence[str] = ()) -> None:
 
 @contextmanager
 def middleware_in_use(program: str) -> Iterator[None]:
-    """As :func:`use_middleware_settings`, but only within the context; the environment is restored afterwards."""
+    """Like :func:`use_middleware_settings`, but only within the context; restores the environment afterwards."""
     settings = middleware_settings(os.environ) | enclave_setting(os.environ, program)
     before = {name: os.environ.get(name) for name in settings}
     os.environ.update(settings)

@@ -21,17 +21,17 @@ STOP_OR_HOLD = ("stop", "hold")
 
 @dataclass(frozen=True)
 class GraphOptions:
-    """How a run goes over DDS; defaults are those of the bridge's parameters of the same names.
+    """Options of a run over DDS; defaults are those of the bridge's parameters of the same names.
 
     Attributes:
         scenario: name or file, as the bridge is to load it.
         out: folder of the recording.
         overwrite: whether a recording in `out` may be replaced.
         mode: one of :data:`MODES`.
-        on_missing: one of :data:`STOP_OR_HOLD`, where an answer does not come in lock-step.
-        on_invalid: one of :data:`STOP_OR_HOLD`, where an answer of the ego cannot be used.
-        ego_interface: one of :data:`litsim_sim.ego_port.answer.INTERFACES`, of an external ego.
-        answer_timeout_s: for the answers to one step [s].
+        on_missing: one of :data:`STOP_OR_HOLD`, for missing answers in lock-step.
+        on_invalid: one of :data:`STOP_OR_HOLD`, for answers of the ego that cannot be used.
+        ego_interface: interface of an external ego, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
+        answer_timeout_s: time limit for the answers to one step [s].
         progress: bar, lines or none.
     """
 
@@ -51,10 +51,10 @@ class GraphNode:
     """A node of a run, or several in one process.
 
     Attributes:
-        name: of its stage, the bridge or the recorder; of several, of their program.
-        package, executable: of its program.
-        parameters: ROS parameters that are not left at the node's defaults; of several, NODE:NAME.
-        several: names of the nodes, where these are several.
+        name: name of its stage, the bridge or the recorder; for several nodes, that of their program.
+        package, executable: package and executable of its program.
+        parameters: ROS parameters that are not left at the node's defaults, by name; for several nodes, by NODE:NAME.
+        several: names of the nodes, if these are several.
     """
 
     name: str

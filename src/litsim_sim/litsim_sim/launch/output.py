@@ -1,4 +1,4 @@
-"""The folder of a recording, looked at before anything of the run is started."""
+"""The folder of a recording, checked and held before anything of the run is started."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from litsim_sim.core.errors import InputError
 
 
 def check_output(out: Path, overwrite: bool) -> None:
-    """Make the folder `out` where it is not there.
+    """Make the folder `out` if it is missing, and check that it can take a recording.
 
     Raises:
         InputError: it holds a recording already and not `overwrite`, or it cannot be written.
@@ -30,9 +30,9 @@ def check_output(out: Path, overwrite: bool) -> None:
 
 @contextmanager
 def held_output(out: Path) -> Iterator[None]:
-    """Hold the folder `out` for one run, from its recording to its measures: another run's would pass for its own.
+    """Hold the folder `out` for one run until its measures are written, so that no other run's files pass for its own.
 
-    The lock is one of the operating system's: it is gone with the process, however that ends.
+    The lock is one of the operating system: it is gone with the process, however that ends.
 
     Raises:
         InputError: another run holds it.

@@ -27,9 +27,9 @@ from litsim_sim.launch.forked import ForkedProcess
 from litsim_sim.launch.middleware import RANGE, enclave_setting
 
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
-QUIET_S = 120.0  # [s] that a running bridge may show no sign of life, in which it loads or computes
-STOPPED_TIMEOUTS = 2.0  # the same of one that is stopped, in times that a step waits for its answers
-LOG_FOLDER = "log"  # in the folder of a recording
+QUIET_S = 120.0  # [s] longest time without a sign of life of a running bridge, which may be loading or computing
+STOPPED_TIMEOUTS = 2.0  # the same for a stopped one, as a multiple of the time limit for the answers to a step
+LOG_FOLDER = "log"  # folder of the logs in that of a recording
 STACK = "ads"
 """Name of the process that a user's command starts to drive the ego; its log is `ads.log`."""
 
@@ -67,11 +67,11 @@ class Graph:
         """Start the executable at `path` as node `name`.
 
         Args:
-            name: of the node.
-            path: of its program, in Python.
+            name: name of the node.
+            path: its program, in Python.
             parameters: ROS parameters by name, or by NODE:NAME.
-            forked: in a copy of this process, see :mod:`litsim_sim.launch.forked`, which has to be fit for that.
-            several: names of the nodes, where the program is several.
+            forked: whether to run it in a copy of this process, see :mod:`litsim_sim.launch.forked`.
+            several: names of the nodes, if the program has several.
         """
         words = [str(path), "--ros-args"]
         for key, value in parameters.items():  # a text in quotes: YAML would find numbers and worse in it
@@ -87,7 +87,7 @@ class Graph:
             self.children[name] = Child(name, process, Path(log.name), nodes=several)
 
     def start_stack(self, command: Sequence[str]) -> None:
-        """Start the command of a user that is to drive the ego: in the domain of the graph, kept by a keeper.
+        """Start the user's command that drives the ego, in the domain of the graph, by a :mod:`.keeper`.
 
         Raises:
             InputError: there is no such program.
@@ -111,7 +111,7 @@ class Graph:
         """Wait for the run to end.
 
         Raises:
-            GraphFailed: a node died before the run was over, the bridge says that the run failed, or it says nothing.
+            GraphFailed: a node died before the run was over, the bridge reports a failure, or shows no sign of life.
         """
         bridge, recorder = self.children[BRIDGE], self.children[RECORDER]
         assert bridge.process.stdout is not None
@@ -136,7 +136,7 @@ class Graph:
                 raise GraphFailed(child.obituary())
 
     def _check_alive(self, bridge: Child, progress: Progress) -> None:
-        """See that the bridge, which watches all others, shows signs of life itself.
+        """Check that the bridge, which watches all others, shows signs of life itself.
 
         Raises:
             GraphFailed: it has shown none for too long.
@@ -147,7 +147,7 @@ class Graph:
             raise GraphFailed(f"{bridge}: no sign of life for {quiet_s:.0f} s, at step {progress.step}; {how}")
 
     def _may_leave(self, child: Child) -> bool:
-        """Whether a process that has ended was free to: a recorder that is done, a stack after the last step."""
+        """Whether a process may end before the bridge: a recorder that is done, or a stack after the last step."""
         if child.name == RECORDER:
             return child.process.returncode == 0
         return child.name == STACK and self._progress is not None and self._progress.complete
@@ -158,10 +158,11 @@ class Graph:
         return failed is not None and all(child.ended_at > failed for child in dead)
 
     def _patience(self, dead: Sequence[Child]) -> float:
-        """Seconds for the bridge to end after others have ended by themselves.
+        """Time [s] for the bridge to end by itself after `dead` have ended.
 
-        A node has told it why. A stack that leaves in good order has heard that the run has failed, which the recorder
-        is writing down meanwhile; one that fails has told nobody.
+        It is long if the bridge is already ending the run: if it announced the failure before they ended, or a stack
+        has exited with status 0, as on hearing of a failed run; the recorder is then still writing. Else it is short: a
+        node has told the bridge why it ends, and a stack that fails tells it nothing.
         """
         heard = self._heard_of_failure(dead) or any(c.name == STACK and c.process.returncode == 0 for c in dead)
         return GRACE_S if heard else 1.0
@@ -199,16 +200,16 @@ class Graph:
 
 
 class Progress(threading.Thread):
-    """Reads the bridge's lines: of `step K of N` it makes a bar, unless `quiet`; any other is a sign of life.
+    """Reads the bridge's lines: `step K of N` is shown as a bar, unless `quiet`; every line is a sign of life.
 
-    By `failed at T s` the bridge says that the run has, before it tells the nodes and the stack.
+    With `failed at T s` the bridge announces that the run has failed, before it tells the nodes and the stack.
 
     Attributes:
         complete: whether the last step has been answered.
-        step: that was named last; 0 before the first.
-        heard: when a line has come last, on the monotonic clock [s].
-        failed: when the bridge was about to tell the nodes that the run has failed, on the monotonic clock, which all
-            processes share [s]; None if it was not.
+        step: last step named; 0 before the first.
+        heard: monotonic time of the last line [s].
+        failed: time at which the bridge was about to tell the nodes that the run has failed, on the monotonic clock,
+            which all processes share [s]; None if it has not.
     """
 
     def __init__(self, lines: IO[str], quiet: bool) -> None:
@@ -241,12 +242,12 @@ class Progress(threading.Thread):
 
 
 def _stdout(name: str, log: IO[str]) -> IO[str] | int:
-    """Where the standard output of a process goes: that of the bridge is read."""
+    """Destination of the standard output of a process: a pipe for the bridge, whose lines are read, else the log."""
     return subprocess.PIPE if name == BRIDGE else log
 
 
 def _wait(children: list[Child], timeout: float) -> None:
-    """Until all of `children` have ended, or for `timeout` seconds."""
+    """Wait until all of `children` have ended, or for `timeout` seconds."""
     until = time.monotonic() + timeout
     while any(child.running for child in children) and time.monotonic() < until:
         time.sleep(0.02)
@@ -254,10 +255,10 @@ def _wait(children: list[Child], timeout: float) -> None:
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Signals wait until this is over, so that a process being started is known to the code that ends it.
+    """Defer signals to the end of the context, so that a process being started is known to the code that ends it.
 
-    They are blocked in this thread: Python swallows the exceptions of those that come amid a fork. Threads of libraries
-    take them all the same, upon which Python calls their handlers here: so these are put off, too.
+    They are blocked in this thread, since Python swallows exceptions raised by handlers during a fork. Threads of
+    libraries may still take them, whereupon Python calls their handlers here; so the handlers are deferred, too.
     """
     came: list[int] = []
     before = {number: signal.getsignal(number) for number in SIGNALS}
@@ -287,7 +288,7 @@ def check_program(command: Sequence[str]) -> None:
 
 
 def without_interrupts(action: Callable[[], object]) -> None:
-    """Run `action` with Ctrl-C held back, so that impatience leaves no orphans."""
+    """Run `action` while Ctrl-C and other ending signals are ignored, so that no orphans are left."""
     before = {number: signal.signal(number, signal.SIG_IGN) for number in SIGNALS}
     try:
         action()

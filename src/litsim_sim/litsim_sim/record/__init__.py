@@ -1,1 +1,1 @@
-"""What a run leaves: the bag, read back as arrays, repaired, played again; its digest."""
+"""Recordings of runs: bags, written, read as arrays, repaired and played; and digests."""

@@ -1,4 +1,4 @@
-"""MCAP files as rosbag2 writes them: raw CDR in, raw CDR out, without ROS.
+"""Writing and reading of MCAP files in rosbag2's layout, with raw CDR messages, without ROS.
 
 The writer takes serialised messages and definitions as text: it serves the recorder node, tests and converters alike.
 Nothing in a file depends on the wall clock: the same calls give the same bytes. A killed writer loses at most the chunk
@@ -24,20 +24,20 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.record.mcap_survey import DAMAGE, Place, damage_at, opened, parse, survey
 
 METADATA_FILE = "metadata.yaml"
-METADATA_VERSION = 9  # of rosbag2's metadata.yaml since Jazzy
-RUN_RECORD = "litsim"  # name of the metadata record with what the caller has to say of the run
+METADATA_VERSION = 9  # version of rosbag2's metadata.yaml since Jazzy
+RUN_RECORD = "litsim"  # name of the metadata record with the caller's metadata of the run
 ROSBAG2_RECORD = "rosbag2"
 FORMAT = 1
-"""Version of a record's content: topics, message definitions, attachments, metadata. It increases where an earlier
-reader could misread something; mere additions do not count (CHANGELOG.md)."""
-FORMAT_KEY = "record_format"  # in the metadata of a run; records without it are of version 1
-CHUNK_BYTES = 256 * 1024  # before compression
-CHUNK_SPAN_NS = 1_000_000_000  # of simulation time that a chunk may hold
-RECORD_BYTES = 31  # of an MCAP message record around its data
+"""Version of a recording's content: topics, message definitions, attachments, metadata. It increases if an earlier
+reader could misread something, but not for mere additions (CHANGELOG.md)."""
+FORMAT_KEY = "record_format"  # key in the metadata of a run; recordings without it are of version 1
+CHUNK_BYTES = 256 * 1024  # size of a chunk before compression
+CHUNK_SPAN_NS = 1_000_000_000  # largest span of simulation time in a chunk
+RECORD_BYTES = 31  # size of an MCAP message record without its data
 DERIVED_FILES = ("metrics.json", "series.parquet", "takeovers.parquet", "overview.png", "report.html")
-"""Files computed from a bag, which are out of date once the bag is overwritten."""
+"""Files computed from a bag, out of date once the bag is overwritten."""
 FAILURE_FILE = "failure.txt"
-"""Beside the bag of a run that has failed: why, see :mod:`litsim_sim.record.failure`; out of date likewise."""
+"""File beside the bag of a failed run with the reason, see :mod:`litsim_sim.record.failure`; out of date likewise."""
 # libyaml, where PyYAML was built with it, is ten times as fast, and most of what closing a bag takes
 YAML_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -70,7 +70,7 @@ class BagTopic:
     Attributes:
         name: topic.
         type_name: `package/msg/Type`.
-        definition: message definitions, concatenated as `ros2msg` asks.
+        definition: message definitions, concatenated for encoding `ros2msg`.
         qos_yaml: YAML list of the offered QoS profiles.
         type_hash: `RIHS01_...`, or empty.
     """
@@ -95,7 +95,7 @@ class BagWriter:
     """Writes `folder/NAME_0.mcap` and, on :meth:`close`, `folder/metadata.yaml`.
 
     Use it as a context manager, or call :meth:`close`; after an exception the file is left as a killed writer would
-    leave it. Every method raises InputError where the disk is full or the file cannot be written.
+    leave it. Every method raises InputError if the disk is full or the file cannot be written.
     """
 
     def __init__(
@@ -110,14 +110,15 @@ class BagWriter:
         """Create the file and write `metadata` as its first record.
 
         Args:
-            folder: of the bag; created where missing.
+            folder: folder of the bag; created if missing.
             name: stem of the MCAP file.
-            metadata: of the run (git hash, seeds, versions): a metadata record, and `custom_data` of `metadata.yaml`.
+            metadata: metadata of the run (git hash, seeds, versions), for a metadata record and for `custom_data` of
+                `metadata.yaml`.
             overwrite: replace an existing bag in `folder`, and the files computed from it.
             ros_distro: written to `metadata.yaml`.
 
         Raises:
-            InputError: `folder` holds a bag already, is no folder, or cannot be written.
+            InputError: `folder` holds a bag already, is not a folder, or cannot be written.
         """
         self.path = folder / f"{name}_0.mcap"
         self._custom = dict(metadata)
@@ -175,10 +176,10 @@ class BagWriter:
         self._last_ns = max(self._last_ns, log_time_ns)
 
     def sync(self) -> None:
-        """Finish the open chunk and hand it to the operating system.
+        """Finish the open chunk and write it to the operating system.
 
-        Happens by itself after 256 KiB or a second of simulation. Calls driven by the wall clock move the borders of
-        chunks, and with them the bytes of the file.
+        Called automatically after 256 KiB or a second of simulation. Calls driven by the wall clock change the
+        boundaries of chunks, and thus the bytes of the file.
         """
         with self._writing():
             self._writer.flush()
@@ -232,7 +233,7 @@ class BagWriter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Turn what the operating system refuses into an error that names the file."""
+        """Convert errors of the operating system to one that names the file."""
         try:
             yield
         except OSError as error:
@@ -283,10 +284,10 @@ def _dump(tree: dict[str, Any]) -> str:
 
 
 def make_room(folder: Path, overwrite: bool) -> None:
-    """Create `folder` for a bag; one that is there already is removed, with what was computed from it.
+    """Create `folder` for a bag; an existing bag is removed, with the files computed from it.
 
     Raises:
-        InputError: it holds a bag and not `overwrite`, or it is no folder.
+        InputError: it holds a bag and not `overwrite`, or it is not a folder.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: exists and is not a folder; give another --out")
@@ -299,23 +300,23 @@ def make_room(folder: Path, overwrite: bool) -> None:
 
 
 class BagReader:
-    """Reads a bag, whole or cut short; a damaged one is refused.
+    """Reads a bag, complete or truncated; a damaged one is refused.
 
     Attributes:
-        path: of the MCAP file.
-        topics: by name.
+        path: the MCAP file.
+        topics: topics by name.
         attachments: contents by name.
-        metadata: of the run, as given to the writer, later records on top.
-        complete: whether the writer was closed. Where it was not, everything up to the last whole chunk is read.
-        problem: why the file is incomplete; empty for a whole one.
+        metadata: metadata of the run, as given to the writer; later records override earlier ones.
+        complete: whether the writer was closed; if not, everything up to the last complete chunk is read.
+        problem: why the file is incomplete; empty for a complete one.
     """
 
     def __init__(self, path: Path) -> None:
-        """Open the folder of a bag, or its MCAP file, and see that its bytes are those that were written.
+        """Open the folder of a bag, or its MCAP file, and check that its bytes are those that were written.
 
         Raises:
-            InputError: no such file, several MCAP files in the folder, not an MCAP file, one that is damaged, or a
-                record of a version that is not known yet.
+            InputError: the file is missing, the folder has several MCAP files, or the file is not MCAP, is damaged, or
+                is of a later version of the format.
         """
         self.path = find_mcap(path)
         self.topics: dict[str, BagTopic] = {}

@@ -1,4 +1,4 @@
-"""One hash over all decisions of a run: equal for equal runs, however long they took to compute."""
+"""A hash over all decisions of a run: equal for equal runs, independent of wall time."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class RunDigest:
     - `A`, step uint32, n uint32, then the arrays of :data:`litsim_sim.core.scene.ARRAY_FIELDS` in turn: id int64;
       kind and controller uint8; x, y, yaw, speed, acceleration, yaw_rate, length, width float64;
     - `C`, step uint32, m uint32, then id int64, acceleration, lateral_acceleration, yaw_rate float64, source uint8;
-      where the run has no policy (`None`), nothing;
-    - `E`, step uint32, mode uint8, acceleration float64, yaw_rate float64; where there is no answer, nothing.
+      nothing if the run has no policy (`None`);
+    - `E`, step uint32, mode uint8, acceleration float64, yaw_rate float64; nothing without an answer.
 
     Floats count by their bits: -0.0 and 0.0 differ.
     """
@@ -38,7 +38,7 @@ class RunDigest:
         self._hash = hashlib.sha256(VERSION)
 
     def update(self, table: AgentTable, controls: ControlTable | None, ego: EgoCommand | None) -> None:
-        """Take in one step and the answers to it."""
+        """Add one step and the answers to it."""
         parts = [struct.pack("<cII", b"A", table.step, len(table))]
         parts += [_bytes(getattr(table, field), dtype) for field, dtype in _TABLE_TYPES.items()]
         if controls is not None:

@@ -1,4 +1,4 @@
-"""Where the records of an MCAP file lie, and whether its bytes are those that were written.
+"""Survey of an MCAP file: the places of its records, and whether its bytes are those that were written.
 
 MCAP has four checksums, all CRC-32: of each chunk (its records, uncompressed), of each attachment, of the data section
 (every byte before the record DataEnd) and of the summary with the footer; zero means that the writer gave none. The
@@ -6,8 +6,8 @@ mcap library checks, on request, a chunk's, and the data section's if a file is 
 those of attachments and of the summary. All except the chunks', which are checked on opening, are therefore checked
 here, before anything in the file is trusted.
 
-A truncated file is distinguished from a damaged one: the first ends amid a record, or without the format's last eight
-bytes, and all that it holds is as it was written; the second is refused.
+A truncated file is distinguished from a damaged one: the first ends within a record, or without the format's last eight
+bytes, and its content is otherwise as it was written; the second is refused.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from zstandard import ZstdError
 from litsim_sim.core.errors import InputError
 
 DAMAGE = (McapError, ZstdError, struct.error, ValueError, EOFError, IndexError, KeyError, MemoryError, OverflowError)
-"""What the mcap library raises on bytes that are missing or wrong."""
+"""Exceptions that the mcap library raises for missing or wrong bytes."""
 
 REPAIR_HINT = "; replay --repair keeps what can still be read"
 
@@ -65,12 +65,12 @@ class Place:
 
 @dataclass(frozen=True)
 class Survey:
-    """A file that has been gone through.
+    """Result of the survey of a file.
 
     Attributes:
         data: records of the data section in file order, without its end.
-        summary: records of the summary; empty where the file is cut short, for its checksum is in the last record.
-        cut: byte at which a file that is cut short has no whole record any more; None where it was closed.
+        summary: records of the summary; empty for a truncated file, as its checksum is in the last record.
+        cut: offset of the byte after the last complete record of a truncated file; None if the file was closed.
     """
 
     data: tuple[Place, ...]
@@ -79,7 +79,7 @@ class Survey:
 
 
 def survey(path: Path) -> Survey:
-    """Find the records of the file at `path` and check its bytes, but for the inside of chunks.
+    """Find the records of the file at `path` and check its bytes, except the inside of chunks.
 
     Raises:
         InputError: it cannot be read, is not an MCAP file, or is damaged.
@@ -95,7 +95,7 @@ def survey(path: Path) -> Survey:
 
 
 def places(content: mmap.mmap | bytes) -> Iterator[Place]:
-    """The records of a file one after the other, up to its footer or to where no whole record begins."""
+    """The records of a file in order, up to its footer or the last complete record."""
     at, size = len(MAGIC), len(content)
     while at + _HEAD.size <= size:
         opcode, length = _HEAD.unpack_from(content, at)
@@ -109,10 +109,10 @@ def places(content: mmap.mmap | bytes) -> Iterator[Place]:
 
 
 def parse(place: Place, content: bytes) -> McapRecord | None:
-    """A record from its content, of the kinds that a bag is read from; None of another.
+    """A record from its content; None for kinds that are not needed to read a bag.
 
     Raises:
-        one of DAMAGE: it is no such record.
+        one of DAMAGE: it is not a valid record of its kind.
     """
     stream = ReadDataStream(BytesIO(content))
     if place.opcode == Opcode.MESSAGE:
@@ -122,21 +122,21 @@ def parse(place: Place, content: bytes) -> McapRecord | None:
 
 
 def opened(chunk: Chunk) -> list[McapRecord]:
-    """The records in a chunk, by its checksum as they were written.
+    """The records in a chunk, checked against its checksum.
 
     Raises:
-        one of DAMAGE: they are not.
+        one of DAMAGE: they are not as they were written.
     """
     return breakup_chunk(chunk, validate_crc=True)
 
 
 def damage_at(path: Path, at: int, what: str) -> InputError:
-    """The error that says where `path` is damaged."""
+    """An error about the place at which `path` is damaged."""
     return InputError(f"{path}: damaged at byte {at}: {what}{REPAIR_HINT}")
 
 
 def attachment_is_whole(content: bytes) -> bool:
-    """Whether the content of an attachment's record is as it was written, as far as its writer gave a checksum."""
+    """Whether the content of an attachment's record matches its checksum, if its writer gave one."""
     if len(content) < _CRC.size:
         return False
     (given,) = _CRC.unpack(content[-_CRC.size :])
@@ -169,9 +169,9 @@ def _survey(path: Path, content: mmap.mmap) -> Survey:
 
 
 def _cut_short(tail: bytes, footer: Place | None) -> bool:
-    """Whether a file may end with `tail` because it was not written to its end: amid a record, or amid the last bytes.
+    """Whether a file may end with `tail` because it was not written to its end: within a record, or the last bytes.
 
-    Bytes that were made room for when the power failed are zero.
+    Bytes that were allocated but not written when the power failed are zero.
     """
     if footer is not None:
         return MAGIC.startswith(tail)
@@ -179,7 +179,7 @@ def _cut_short(tail: bytes, footer: Place | None) -> bool:
 
 
 def _check_data(path: Path, content: mmap.mmap, end: Place) -> None:
-    """Hold the data section against its checksum, where the writer gave one."""
+    """Check the data section against its checksum, if the writer gave one."""
     if end.end - end.content != _CRC.size:
         raise damage_at(path, end.begin, "the end of the data is not what was written")
     (given,) = _CRC.unpack_from(content, end.content)
@@ -188,7 +188,7 @@ def _check_data(path: Path, content: mmap.mmap, end: Place) -> None:
 
 
 def _check_summary(path: Path, content: mmap.mmap, begin: int, footer: Place) -> None:
-    """Hold the summary, from `begin` on, and the footer against their checksum, where the writer gave one."""
+    """Check the summary, from `begin` on, and the footer against their checksum, if the writer gave one."""
     if footer.end - footer.content != _FOOTER.size:
         raise damage_at(path, footer.begin, "the footer is not what was written")
     start, _, given = _FOOTER.unpack_from(content, footer.content)
@@ -197,7 +197,7 @@ def _check_summary(path: Path, content: mmap.mmap, begin: int, footer: Place) ->
 
 
 def _check_counts(path: Path, content: mmap.mmap, data: list[Place], summary: tuple[Place, ...]) -> None:
-    """Hold the number of records against the statistics in the summary: without a checksum of all data one may miss."""
+    """Check the number of records against the statistics in the summary; not all data need have a checksum."""
     there = Counter(place.opcode for place in data)
     for place in summary:
         if place.opcode == Opcode.STATISTICS:
@@ -212,7 +212,7 @@ def _check_counts(path: Path, content: mmap.mmap, data: list[Place], summary: tu
 
 
 def _crc(content: mmap.mmap, begin: int, end: int) -> int:
-    """CRC-32 of the bytes from `begin` up to `end`, read by the block."""
+    """CRC-32 of the bytes from `begin` up to `end`, read in blocks."""
     crc = 0
     for at in range(begin, end, _BLOCK):
         crc = zlib.crc32(content[at : min(at + _BLOCK, end)], crc)

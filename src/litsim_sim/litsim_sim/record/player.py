@@ -1,7 +1,7 @@
-"""Playing a bag: which messages are due when, at any rate, with pauses, steps and seeks. Without ROS.
+"""Playing a bag: the schedule of its messages, at any rate, with pauses, steps and seeks. Without ROS.
 
-Two clocks meet here. Simulation time is that of the bag, in nanoseconds; wall time is what the caller passes in as
-`now`, in seconds of a clock that only goes forward.
+There are two clocks: simulation time is that of the bag, in nanoseconds; wall time is passed by the caller as `now`, in
+seconds of a monotonic clock.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from litsim_sim.record.bag import BagMessage, BagReader, BagTopic, qos_yaml
 CLOCK = BagTopic(topic_names.CLOCK, "rosgraph_msgs/msg/Clock", "", qos_yaml(10))
 SECOND_NS = 1_000_000_000
 RATE_MIN, RATE_MAX = 0.01, 100.0
-FRAME_NS = 100_000_000  # for which the last step of a loop stands, where a bag holds no other to go by
+FRAME_NS = 100_000_000  # [ns] duration of the last step of a loop, for a bag with only one step
 _OLD_NAMES: dict[str, dict[Any, str]] = {
     "durability": {1: "transient_local", 2: "volatile"},
     "reliability": {1: "reliable", 2: "best_effort"},
@@ -28,16 +28,16 @@ _OLD_NAMES: dict[str, dict[Any, str]] = {
 
 
 class Player:
-    """Says at any moment which messages are to be published.
+    """Determines which messages are to be published at any time.
 
-    Messages of one log time belong to one step of the simulation; single steps and seeks never cut it in two. None is
-    left out: messages that fell due between two calls are due at the next. After a seek, latched topics first repeat
-    what a subscriber of that moment would know.
+    Messages of one log time belong to one step of the simulation; single steps and seeks never split it. No message is
+    skipped: those that became due between two calls are returned by the next. After a seek, latched topics first repeat
+    their last message before the new position.
 
     Attributes:
         rate: simulated seconds per second.
         paused: whether time stands still.
-        loop: whether it begins anew after the end.
+        loop: whether it starts again after the end.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Player:
         """Play `messages`, from `start_s` seconds after the first of them on.
 
         Raises:
-            InputError: there are no messages, `rate` is no usable rate, or `start_s` lies outside of the bag.
+            InputError: there are no messages, `rate` cannot be played at, or `start_s` lies outside of the bag.
         """
         self._messages = sorted(messages, key=lambda message: message.log_time_ns)  # stable: else the order of the file
         if not self._messages:
@@ -113,13 +113,13 @@ class Player:
         return max(0.0, (due - self._position(now)) / SECOND_NS / self.rate)
 
     def pause(self, paused: bool, now: float) -> None:
-        """Let time stand still, or go on."""
+        """Pause or resume."""
         self._anchor(now)
         self.paused = paused
         self._since = None if paused else now
 
     def step(self, now: float) -> None:
-        """Pause, and let the messages of the next step be due."""
+        """Pause, and make the messages of the next step due."""
         self.pause(paused=True, now=now)
         if self._next == len(self._messages) and self.loop:
             self._next = 0
@@ -132,7 +132,7 @@ class Player:
         self._go(self._steps[max(0, bisect_left(self._steps, shown) - 1)])
 
     def seek(self, position_s: float, now: float) -> None:
-        """Go on from `position_s` after the first message [s], or from the nearest there is; while paused, show it."""
+        """Continue at `position_s` after the first message [s], or at the nearest position; while paused, show it."""
         self._anchor(now)
         self._go(self._times[0] + min(max(position_s, 0.0), self.duration_s) * SECOND_NS)
 
@@ -140,7 +140,7 @@ class Player:
         """Play at `rate` from now on.
 
         Raises:
-            InputError: it is no usable rate.
+            InputError: it cannot be played at.
         """
         checked = checked_rate(rate)
         self._anchor(now)
@@ -148,7 +148,7 @@ class Player:
 
     @property
     def _end(self) -> float:
-        """When a loop begins anew: its last step stands as long as the one before."""
+        """Time at which a loop starts again: its last step lasts as long as the one before."""
         return self._times[-1] + (self._steps[-1] - self._steps[-2] if len(self._steps) > 1 else FRAME_NS)
 
     def _position(self, now: float) -> float:
@@ -176,7 +176,7 @@ class Player:
             self._extra += self._emit(bisect_right(self._times, self._at))
 
     def _emit(self, end: int) -> list[BagMessage]:
-        """The messages before index `end` that have not come yet."""
+        """The messages before index `end` that have not been returned yet."""
         first, self._next = self._next, max(self._next, end)
         for topic, indices in self._latched.items():
             known = bisect_left(indices, self._next) - 1
@@ -186,10 +186,10 @@ class Player:
 
 
 def checked_rate(rate: float) -> float:
-    """`rate` if it is one that can be played at.
+    """Return `rate` if it can be played at.
 
     Raises:
-        InputError: it is not.
+        InputError: it cannot.
     """
     if not (isfinite(rate) and RATE_MIN <= rate <= RATE_MAX):
         raise InputError(f"rate is {rate:g}, expected {RATE_MIN:g} to {RATE_MAX:g}")
@@ -226,10 +226,10 @@ def clock(time_ns: int) -> BagMessage:
 
 
 def offered_qos(topic: BagTopic) -> dict[str, Any]:
-    """The QoS profile that a topic was recorded with, policies by name; empty where the bag says nothing.
+    """The QoS profile that a topic was recorded with, policies by name; empty if the bag has none.
 
     Raises:
-        InputError: it is no YAML list of profiles.
+        InputError: it is not a YAML list of profiles.
     """
     where = f"topic {topic.name}: offered_qos_profiles"
     profiles = load_yaml(topic.qos_yaml or "[]", where)

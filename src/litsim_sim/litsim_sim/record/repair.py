@@ -1,4 +1,4 @@
-"""Making a whole bag of one that was cut short: everything that can be read, and in words what cannot."""
+"""Repair of truncated bags: copies everything that can be read to a complete bag, and lists the losses."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from litsim_sim.record.player import offered_qos
 from litsim_sim.record.run import LOST_ATTACHMENTS, read_run
 
 NO_QOS = "[]"  # profiles of a topic whose QoS is unknown
-REPAIR_RECORD = "repair"  # name of the metadata record that says what was lost
+REPAIR_RECORD = "repair"  # name of the metadata record with the losses
 LOST_ATTACHMENT = "a damaged attachment "
 _SECOND_NS = 1e9
 
 
 @dataclass
 class Repaired:
-    """What a repair has found.
+    """Result of a repair.
 
     Attributes:
         path: the new MCAP file.
-        messages: number kept, by topic.
-        attachments: names of those kept.
-        lost: one sentence for each loss; empty where the file was whole.
+        messages: number of messages kept, by topic.
+        attachments: names of the attachments kept.
+        lost: one sentence per loss; empty if the file was complete.
     """
 
     path: Path
@@ -44,7 +44,7 @@ class Repaired:
 def repair(bag: Path, out: Path) -> Repaired:
     """Write everything that can be read of `bag` as a complete bag to the folder `out`.
 
-    Chunks that are damaged are left out, and what follows them is kept.
+    Damaged chunks are left out; records after them are kept.
 
     Raises:
         InputError: `bag` is not an MCAP file or holds no message, or `out` holds a bag or cannot be written.
@@ -76,7 +76,7 @@ def repair(bag: Path, out: Path) -> Repaired:
 
 
 def _copy(records: list[McapRecord], writer: BagWriter, done: Repaired) -> None:
-    """Write the records to the new bag; what only a damaged chunk described, the summary may describe as well."""
+    """Write the records to the new bag; topics described only in damaged chunks are described as in the summary."""
     first = records[::-1]  # of two descriptions the first counts: that in a chunk, which has a checksum
     schemas = {record.id: record for record in first if isinstance(record, Schema) and _is_text(record.data)}
     channels = {record.id: record for record in first if isinstance(record, Channel) and record.schema_id in schemas}
@@ -113,7 +113,7 @@ def _is_text(data: bytes) -> bool:
 
 
 def _announce(channel: Channel, schema: Schema, writer: BagWriter, done: Repaired) -> None:
-    """Add a topic to the new bag, without its QoS where that cannot be read."""
+    """Add a topic to the new bag, without its QoS if that cannot be read."""
     qos = channel.metadata.get("offered_qos_profiles") or NO_QOS
     try:
         offered_qos(BagTopic(channel.topic, schema.name, "", qos))
@@ -125,7 +125,7 @@ def _announce(channel: Channel, schema: Schema, writer: BagWriter, done: Repaire
 
 
 def _records(path: Path, lost: list[str]) -> Iterator[McapRecord]:
-    """Every record up to where the file breaks off, chunks opened; what cannot be read is noted in `lost`.
+    """Every record up to the truncation, with those in chunks; losses are added to `lost`.
 
     Raises:
         InputError: it is not an MCAP file, or cannot be read.
@@ -175,7 +175,7 @@ def _opened(chunk: Chunk, lost: list[str]) -> list[McapRecord]:
 
 
 def _steps_lost(path: Path) -> list[str]:
-    """Steps that a LitSim run announced and that are not there; nothing of other bags."""
+    """Text on the steps that a LitSim run announced and the bag lacks; nothing for other bags."""
     try:
         run = read_run(path)
     except InputError:

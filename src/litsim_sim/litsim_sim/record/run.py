@@ -1,4 +1,4 @@
-"""A recorded run as arrays: decoded from its MCAP alone, by the definitions that the file itself holds."""
+"""A recorded run as arrays, decoded from its MCAP file alone, by the message definitions in it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from litsim_sim.scenario.log import Log
 from litsim_sim.scenario.signals import Signals
 
 DECODED = (RUN_INFO, AGENTS, SIGNAL_MAP, SIGNALS, TAKEOVERS, CONTROLS, EGO_CONTROL, EGO_APPLIED, STATUS, TIMING)
-"""Topics whose messages are decoded; of all others only the log times are used."""
+"""Topics whose messages are decoded; only the log times of others are used."""
 
 UNDECODABLE = (
     SerdeError,
@@ -60,19 +60,19 @@ UNDECODABLE = (
     TypeError,
     ValueError,
 )
-"""Errors raised on a message, or a definition, that this version cannot read."""
+"""Errors raised for a message or a definition that this version cannot read."""
 
 RECORDING_FILE = "recording.parquet"
 SCENARIO_FILE = "scenario.yaml"
 NET_FILE = "net.xml"
-LOST_ATTACHMENTS = "lost_attachments"  # in the metadata of a record that was repaired: names of files it lacks since
-START_FIELD = "start_frame"  # of the scenario: frame of the recording at step 0
+LOST_ATTACHMENTS = "lost_attachments"  # key in the metadata of a repaired recording: names of lost files
+START_FIELD = "start_frame"  # field of the scenario: frame of the recording at step 0
 
 
 @dataclass(frozen=True)
 class RunInfo:
-    """Describes a run; fields as in ``litsim_msgs/RunInfo``. Steps are numbered 0 .. `total_steps`, inclusive; a run
-    may end before (:attr:`Run.ended`).
+    """Description of a run; fields as in ``litsim_msgs/RunInfo``. Steps are numbered 0 to `total_steps`, inclusive; a
+    run may end earlier (:attr:`Run.ended`).
     """
 
     run_id: str
@@ -94,7 +94,7 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Detection:
-    """How conflict detection came to an end at one step: rounds until nothing new was found, or the bound on them."""
+    """End of the conflict detection of one step: rounds until nothing new was found, or up to the bound on them."""
 
     iterations: int
     converged: bool
@@ -102,7 +102,7 @@ class Detection:
 
 @dataclass(frozen=True)
 class Status:
-    """What a stage said of itself; `compute_time` in seconds of wall time."""
+    """A reported state of a stage; `compute_time` in seconds of wall time."""
 
     step: int
     stage: str
@@ -137,29 +137,29 @@ class TopicGaps:
 
 @dataclass(frozen=True)
 class Run:
-    """Everything that analysis needs of a run.
+    """All data of a run for its analysis.
 
     Attributes:
         path: MCAP file.
         info: description of the run.
         tables: agents of every recorded step, steps ascending.
-        log: logged agents of the same steps; empty where the bag holds no recording.
-        controls: answer of the policy by step; empty where the log alone moves the background.
-        ego_commands: command of the ego by step: its answer; what the bridge made of it where the ego is external.
+        log: logged agents of the same steps; empty if the bag holds no recording.
+        controls: answer of the policy by step; empty if the log alone moves the background.
+        ego_commands: command of the ego by step: its answer, or for an external ego the bridge's conversion of it.
         takeovers: the agents off their logs, by step.
         detections: how conflict detection ended, by step.
         timing: compute time [s] by stage and step.
-        marks: what each stage noted on the clock while it served a step [s], by stage, step and name; see
+        marks: clock times that each stage took while it served a step [s], by stage, step and name; see
             :mod:`litsim_sim.analysis.step_path`.
-        statuses: in order of arrival.
+        statuses: reported states of all stages, in order of arrival.
         scenario_yaml: the resolved scenario.
         net_xml: the SUMO net, or empty.
-        signals: what the signals showed; None where the scenario knows of none.
-        gaps: by topic that must hold one message for every step; a topic without gaps has an empty entry.
+        signals: states of the signals; None if the scenario has none.
+        gaps: gaps by topic, for topics that must hold one message for every step; empty entries for those without gaps.
         complete: whether the recorder closed the file.
-        problem: why the file is incomplete; empty for a whole one.
-        failure: why the run has failed, as the launcher has left it beside the file; empty where it has not.
-        metadata: of the bag.
+        problem: why the file is incomplete; empty for a complete one.
+        failure: why the run has failed, as written by the launcher beside the file; empty if it has not.
+        metadata: metadata of the bag.
     """
 
     path: Path
@@ -204,18 +204,18 @@ class Run:
 
     @property
     def ended(self) -> RunEnd | None:
-        """Why the run is over; None where the record does not say."""
+        """Why the run is over; None if the recording does not say."""
         return RunEnd.of_plain(self.summary.get("ended"))
 
     @property
     def last_step(self) -> int:
-        """The step at which the run was to end, as far as the record says."""
+        """The step at which the run was to end, as far as recorded."""
         ended = self.ended
         return self.info.total_steps if ended is None else ended.step
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """What the bridge said at the end of the run, beside its wall time in `wall_s`; empty if it said nothing."""
+        """The bridge's summary at the end of the run, and its wall time as `wall_s`; empty without one."""
         for status in reversed(self.statuses):
             if status.stage == BRIDGE and status.state == StageState.FINISHED:
                 said = load_yaml(status.text, f"{self.path}: topic {STATUS}, what the bridge said at the end")
@@ -224,7 +224,7 @@ class Run:
 
 
 def read_run(path: Path) -> Run:
-    """Read a run from the folder of its bag or from the MCAP file; one that is cut short is read as far as it goes.
+    """Read a run from the folder of its bag or from the MCAP file; a truncated one is read as far as possible.
 
     Raises:
         InputError: no such file, not an MCAP file, or it does not hold a LitSim run.
@@ -274,7 +274,7 @@ def read_run(path: Path) -> Run:
 
 
 class _Content:
-    """Collects the messages of one run; of a step that comes twice, the first counts."""
+    """Collects the messages of one run; of two for one step, the first counts."""
 
     def __init__(self) -> None:
         self.info: RunInfo | None = None
@@ -293,7 +293,7 @@ class _Content:
 
     @property
     def last_step(self) -> int:
-        """The step at which the run was to end: that of the scenario, unless the bridge has named an earlier one."""
+        """The step at which the run was to end: the scenario's last, unless the bridge has announced an earlier one."""
         ends = (StageState.ENDING, StageState.FINISHED)
         named = [each.step for each in self.statuses if each.stage == BRIDGE and each.state in ends]
         return min([*named, self.info.total_steps]) if self.info is not None else 0
@@ -309,7 +309,7 @@ class _Content:
 
     @property
     def signals(self) -> Signals | None:
-        """What the signals showed; of a step without a message nothing is known."""
+        """States of the signals; unknown at steps without a message."""
         if self._signal_map is None:
             return None
         found = self._signal_map
@@ -355,7 +355,7 @@ class _Content:
 
 
 class _Decoder:
-    """Decodes CDR by the definitions in the bag; rosbags' type system compiles one decoder a topic."""
+    """Decodes CDR by the definitions in the bag; rosbags' type system compiles one decoder per topic."""
 
     def __init__(self, topics: dict[str, BagTopic]) -> None:
         self._topics = topics
@@ -409,7 +409,7 @@ def _takeover(message: Any) -> Takeover:
 
 
 def _log(reader: BagReader, scenario_yaml: str, steps: list[int]) -> list[AgentTable]:
-    """Logged agents of `steps` from the attached recording; empty where there is none."""
+    """Logged agents of `steps` from the attached recording; empty without one."""
     data = reader.attachments.get(RECORDING_FILE)
     if data is None:
         return []
@@ -420,7 +420,7 @@ def _log(reader: BagReader, scenario_yaml: str, steps: list[int]) -> list[AgentT
 
 
 def _scenario_yaml(reader: BagReader) -> str:
-    """The attached scenario; empty where there is none."""
+    """The attached scenario; empty without one."""
     try:
         return reader.attachments.get(SCENARIO_FILE, b"").decode()
     except UnicodeDecodeError as error:
@@ -431,7 +431,7 @@ def start_frame(scenario_yaml: str, bag: Path) -> int:
     """Frame of the recording at step 0, by the text of the scenario in `bag`.
 
     Raises:
-        InputError: the text is no YAML, or does not say.
+        InputError: the text is not YAML, or lacks the field.
     """
     where = f"{bag}: scenario of the run"
     scenario = load_yaml(scenario_yaml, where)

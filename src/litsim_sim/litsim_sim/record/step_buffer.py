@@ -1,7 +1,7 @@
-"""The messages of a run on their way to its bag: collected by step, confirmed, written in order. Without ROS.
+"""Buffer of the messages of a run before they are written to its bag: by step, confirmed, in order. Without ROS.
 
-Messages of different topics arrive in any order and from several processes. Equal runs are to give equal bags, so a
-step is written only when nothing of it can be missing any more, its messages in an order of the topics that is given.
+Messages of different topics arrive in any order and from several processes. For equal bags of equal runs, a step is
+written only when none of its messages can be missing any more, in a given order of the topics.
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ from litsim_sim.core.lockstep import RECORDER_WINDOW
 from litsim_sim.core.topic_names import AGENTS, CLOCK, EGO_APPLIED, EGO_STATE
 from litsim_sim.ego_port.answer import INPUTS
 
-CONFIRM_EVERY = 10  # steps
-LAG = 2  # steps by which writing lags, so that timings, which come late, are written with their step
+CONFIRM_EVERY = 10  # [steps] period of confirmations
+LAG = 2  # [steps] by which writing lags, so that timings, which arrive late, are written with their step
 OF_THE_BRIDGE = (CLOCK, AGENTS, EGO_STATE)  # present at every step, whichever answer is missing
-AHEAD = 5  # steps by which what others publish may be ahead of the agents that have come in
-REPEATS_MAX = 10  # of step 0 for which an external ego is given time to be met by the recorder as well
-KEPT = 20  # messages of one step that are kept on a topic that others publish on
-NAMED = 3  # steps that a message about gaps names
+AHEAD = 5  # [steps] by which messages of foreign publishers may be ahead of the agents received
+REPEATS_MAX = 10  # repetitions of step 0 for which the recorder waits to hear an external ego
+KEPT = 20  # most messages of one step that are kept on a topic with foreign publishers
+NAMED = 3  # most steps that a message about gaps names
 
 Write = Callable[[str, bytes, int], None]
-"""Writes a serialised message of a topic to the step that is given."""
+"""Writes a serialised message of a topic at the given step."""
 
 
 @dataclass(frozen=True)
 class BufferedRun:
-    """What the buffer has to know of a run.
+    """Description of a run for the buffer.
 
     Attributes:
         order: names of all recorded topics, in the order in which the messages of one step are written.
         per_step: names of those that hold one message for each step of this run.
-        foreign: names of those on which others than LitSim publish as well.
-        total_steps: the steps are numbered 0 .. `total_steps`, inclusive; a run may end before.
+        foreign: names of those on which foreign nodes publish as well.
+        total_steps: last step; a run may end earlier.
     """
 
     order: Sequence[str]
@@ -46,14 +46,14 @@ class BufferedRun:
 class StepBuffer:
     """Holds the messages of a run until their step is complete, then confirms the step, and writes it a little later.
 
-    A step is complete once each of the run's per-step topics holds it, and step 0 once an external ego has been heard,
-    so that none of its answers is lost; where the bridge goes on without an answer, once what the bridge itself
-    publishes is there. An answer that comes after its step was written is written where it comes. Of the messages of
-    other publishers than LitSim, :data:`KEPT` per topic and step are kept; if their stamps are not of about now, they
-    count as of the current step: they must not hold up anything.
+    A step is complete once each of the run's per-step topics holds it, step 0 also only once an external ego has been
+    heard, so that none of its answers is lost; if the bridge continues without an answer, once the bridge's own
+    messages are there. An answer that arrives after its step was written is written on arrival. At most :data:`KEPT`
+    messages of foreign publishers are kept per topic and step; if their stamps are far from the current step, they
+    count for that: they must not delay anything.
 
     Attributes:
-        newest: newest step of which the agents have come in; -1 before the first.
+        newest: newest step whose agents have been received; -1 before the first.
     """
 
     def __init__(self, run: BufferedRun, write: Write, confirm: Callable[[int], None]) -> None:
@@ -61,8 +61,8 @@ class StepBuffer:
 
         Args:
             run: the run to record.
-            write: is called for every message that is due, steps ascending.
-            confirm: is called with the newest step up to which the record is complete, every :data:`CONFIRM_EVERY`
+            write: called for every message that is due, steps ascending.
+            confirm: called with the newest step up to which the recording is complete, every :data:`CONFIRM_EVERY`
                 steps, at the first and the last, and whenever the bridge shows a step again.
         """
         self.newest = -1
@@ -80,12 +80,12 @@ class StepBuffer:
 
     @property
     def confirmed(self) -> int:
-        """Newest step up to which the record is complete; -1 before the first."""
+        """Newest step up to which the recording is complete; -1 before the first."""
         return self._next - 1
 
     @property
     def gaps(self) -> str:
-        """In words, what the record lacks that it should hold; empty where it is whole."""
+        """Text that lists the gaps of the recording; empty for none."""
         lacking: dict[str, list[int]] = {}
         for step, name in sorted(self._absent):
             if step not in self._missed or name in OF_THE_BRIDGE:
@@ -96,7 +96,7 @@ class StepBuffer:
         )
 
     def take(self, name: str, step: int, data: bytes) -> None:
-        """Hold a message of topic `name` until its step, that of its stamp, is written; 0 where it has no stamp."""
+        """Hold a message of topic `name` until its step is written: that of its stamp, or 0 without one."""
         if name in self._run.foreign and name not in self._run.per_step:
             step = self._placed(step)
             self._kept[name, step] += 1
@@ -119,12 +119,12 @@ class StepBuffer:
             self._advance()
 
     def go_on(self, step: int) -> None:
-        """The bridge has gone on from `step` without all answers: they are not waited for, and no gap."""
+        """Note that the bridge has continued after `step` without all answers: these are not awaited, and not gaps."""
         self._missed.add(step)
         self._advance()
 
     def end_at(self, step: int) -> None:
-        """The run will be over after `step`: that is confirmed as the last one, even if it has come in already."""
+        """Note that the run ends after `step`: it is confirmed as the last one, even if it was received before."""
         self._last = min(self._last, step)
         if self._next > self._last:
             self._repeat_confirmation()
@@ -142,7 +142,7 @@ class StepBuffer:
         return min(max(step if about_now else self.newest, 0), self._last)
 
     def _take_late(self, name: str, step: int, data: bytes) -> None:
-        """A message to a step that has been written."""
+        """Take a message to a step that has been written."""
         if name not in self._run.per_step or (step, name) in self._absent:
             self._absent.discard((step, name))
             self._write(name, data, step)
@@ -156,7 +156,7 @@ class StepBuffer:
         return all(name in held for name in needed) and (met or any(name in held for name in INPUTS.values()))
 
     def _advance(self) -> None:
-        """Confirm steps that are complete, and write those that nothing can be missing from any more."""
+        """Confirm steps that are complete, and write those of which no message can be missing any more."""
         before, newest = self._next, max(self._pending, default=0)
         while newest >= self._next and (
             self._complete(self._next) or newest - self._next > RECORDER_WINDOW // 2  # it will not come any more: a gap

@@ -86,8 +86,8 @@ class DrivenVehicles:
             egos: command for the ego of each scene; None where it follows its log.
 
         Returns:
-            those of them that were on the road, ids ascending; agents that left the net after the end of their logs
-            are gone, except egos.
+            The agents of these that were on the road, ids ascending; agents that left the net after the end of their
+            logs are gone, except egos.
         """
         stay = controls.source != LATE
         ids, acceleration, yaw_rate = controls.id[stay], controls.acceleration[stay], controls.yaw_rate[stay]

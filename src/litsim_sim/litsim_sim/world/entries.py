@@ -19,7 +19,7 @@ LOOK_EVERY = 2.0 * STEP_S  # [s] of the horizon of an entry
 
 @configuration
 class EntryConfig:
-    """When the road is free for an agent that enters.
+    """Conditions under which the road is free for an agent that enters.
 
     Attributes:
         gap: free road that an entry needs ahead and behind.
@@ -51,20 +51,20 @@ class Entries:
     def may_follow(
         self, logged: AgentTable, before: AgentTable, driven: AgentTable, displaced: BoolArray | None = None
     ) -> BoolArray:
-        """Which agents may be where their log has them; those that enter and may not, wait from now on.
+        """Mask of the agents that may be at their logged poses; those that enter and may not, wait from now on.
 
-        Pedestrians and cyclists may always.
+        Pedestrians and cyclists always may.
 
         Args:
             logged: the (n) agents of the log at the step that is made.
             before: the agents on the road one step earlier; they may follow.
             driven: the agents under control, one step on; an entry must not collide with them.
             displaced: mask (n,) of those on their logs, but not at the time or at the place of the recording: with a
-                lag, or with a residual that fades. An entry must not collide with them either, unless it would where
-                the recording has them, too. None means no agents.
+                lag, or with a residual that fades. An entry must not collide with them either, unless it would in the
+                recording, too. None means no agents.
 
         Returns:
-            mask (n,).
+            Mask (n,).
         """
         here = (before.rows(logged.id) >= 0) | logged.obstacle
         off = np.zeros(len(logged), np.bool_) if displaced is None else displaced & (driven.rows(logged.id) < 0)
@@ -84,7 +84,7 @@ class Entries:
             logged: the agents of the log at that step; agents that have left it will never enter.
 
         Returns:
-            `table` with those that have entered.
+            `table` with the agents that have entered.
         """
         for agent, began in sorted(self.waiting.items()):
             if logged.row(agent) < 0:
@@ -111,7 +111,7 @@ class Entries:
         return speed is None or speed < float(entry.speed[row])
 
     def _blocked_by_displaced(self, logged: AgentTable, row: int, off: BoolArray) -> bool:
-        """The same of those that the mask `off` (n,) has, where they would not block it in the recording."""
+        """The same for the agents of the mask `off` (n,), except those that would block it in the recording, too."""
         off = off & (np.arange(len(logged)) != row)
         if not off.any() or not self._blocked(logged, row, logged.take(off)):
             return False
@@ -119,7 +119,7 @@ class Entries:
         return not self._blocked(logged, row, recorded.take(recorded.mask(logged.id[off])))
 
     def _speed(self, entry: AgentTable, row: int, others: AgentTable) -> float | None:
-        """Speed [m/s], at most the logged one, at which an agent can enter among `others`; None where it cannot."""
+        """Speed [m/s], at most the logged one, at which an agent can enter among `others`; None if it cannot."""
         config = self._config
         if config is None:
             return float(entry.speed[row])
@@ -134,7 +134,7 @@ class Entries:
 
 @kernel(UniTuple(float64, 2)(*[float64] * 6))
 def _from(x: float, y: float, cos: float, sin: float, other_x: float, other_y: float) -> tuple[float, float]:
-    """How far another place is ahead of a place and to its left [m]; `cos` and `sin` of the heading there."""
+    """Distance [m] of one place ahead of another and to its left, with `cos` and `sin` of the heading at the latter."""
     dx, dy = other_x - x, other_y - y
     return dx * cos + dy * sin, dy * cos - dx * sin
 
@@ -159,11 +159,11 @@ def _entry_speed(  # noqa: PLR0917 - a kernel takes arrays and numbers
     horizon: float,
     deceleration: float,
 ) -> float:
-    """Speed [m/s], at most its own, at which an agent can enter among others; below 0 where it cannot.
+    """Speed [m/s], at most its own, at which an agent can enter among others; below 0 if it cannot.
 
     Args:
         x, y, yaw, speed, length, width: (n,) of all agents [m], [rad], [m/s].
-        begin, end: rows of the first of the others and the one behind the last.
+        begin, end: row of the first of the others, and row after the last.
         own_x, own_y, own_yaw, own_speed, own_length, own_width: of the agent as it is logged.
         gap, horizon, deceleration: as in :class:`EntryConfig`.
     """

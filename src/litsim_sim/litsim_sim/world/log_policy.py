@@ -1,4 +1,4 @@
-"""Policy L: agents follow the recording, and those that come back to it do so without a jump."""
+"""Policy L: agents follow the recording, and return to it without a jump."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray
 from litsim_sim.scenario.log import Log
 
-COMFORT_ACCELERATION = 1.5  # [m/s2] that fading a residual out may add to the logged motion
+COMFORT_ACCELERATION = 1.5  # [m/s2] largest acceleration that the fade of a residual adds to the logged motion
 FADE_MIN_S = 1.0  # [s] shortest fade
 
 
 class Offsets(NamedTuple):
-    """How far an agent is off its log at a step, while its residual fades.
+    """Offset of an agent from its log at a step, while its residual fades.
 
     Attributes:
-        position: (2,) from the logged box centre in frame map [m].
-        velocity: (2,) from the logged velocity in frame map [m/s], the derivative of `position`.
+        position: (2,) offset from the logged box centre in frame map [m].
+        velocity: (2,) offset from the logged velocity in frame map [m/s], the derivative of `position`.
         acceleration: (2,) the derivative of `velocity` [m/s2].
-        yaw: from the logged heading [rad].
+        yaw: offset from the logged heading [rad].
         yaw_rate: the derivative of `yaw` [rad/s].
     """
 
@@ -35,7 +35,7 @@ class Offsets(NamedTuple):
 
 @dataclass(frozen=True)
 class Residual:
-    """How far an agent is off its log when it is released, and how long that takes to fade.
+    """Offset of an agent from its log at its release, and the duration of its fade.
 
     Attributes:
         step: step of the release.
@@ -90,8 +90,8 @@ class Residual:
 class LogPolicy:
     """Logged poses of every agent, with the residuals of released agents fading out.
 
-    An agent can be released with a lag: its log is then replayed that much behind its time, from the logged pose that
-    is nearest to where it is, so that it need not make up for lost time.
+    An agent can be released with a lag: its log is then replayed with that delay, from the logged pose nearest to the
+    agent, so that it need not make up for lost time.
     """
 
     def __init__(self, log: Log) -> None:
@@ -101,16 +101,16 @@ class LogPolicy:
         self._prepared: AgentTable | None = None
 
     def prepare(self, step: int) -> None:
-        """Look up where the logs have agents at `step`, for :meth:`table`, while there is time."""
+        """Look up the logged agents at `step` in advance, for :meth:`table`."""
         self._prepared = self.log.table(step, self._lag)
 
     def release(self, table: AgentTable, agent: int, with_lag: bool = False) -> None:
         """Let `agent`, as it moves in `table`, follow its log again from the next step on.
 
         Args:
-            table: where the agent is.
+            table: the agents of the step.
             agent: its id.
-            with_lag: with that of :meth:`litsim_sim.scenario.log.Log.lag`; False is without any.
+            with_lag: whether to replay with the lag of :meth:`litsim_sim.scenario.log.Log.lag`, or without any.
         """
         row = table.row(agent)
         log_row = self.log.row(agent)
@@ -122,12 +122,12 @@ class LogPolicy:
             self._residuals[agent] = Residual.between(table, row, logged, logged_row)
 
     def displaced(self, table: AgentTable) -> BoolArray:
-        """(n,) which agents of `table`, one of :meth:`table`, are not where and when their logs had them."""
+        """(n,) mask of the agents of `table`, from :meth:`table`, with a lag or a residual from their logs."""
         late = self._lag[self.log.ids.searchsorted(table.id)] > 0
         return late | table.mask(np.array(sorted(self._residuals), np.int64))
 
     def table(self, step: int) -> AgentTable:
-        """The agents, with controller LOG, where policy L puts them at `step`."""
+        """The agents at the poses of policy L at `step`, with controller LOG."""
         table, self._prepared = self._prepared, None
         if table is None or table.step != step:
             table = self.log.table(step, self._lag)
@@ -140,7 +140,7 @@ class LogPolicy:
             table.yaw[row] += off.yaw
             table.x[row] += off.position[0]
             table.y[row] += off.position[1]
-            # What the log has and its offset, both along the heading that the agent has now.
+            # Logged value plus offset, both along the current heading of the agent.
             along, cos = np.array([np.cos(table.yaw[row]), np.sin(table.yaw[row])]), np.cos(off.yaw)
             speed = table.speed[row] * cos + off.velocity @ along
             table.speed[row] = max(0.0, speed)

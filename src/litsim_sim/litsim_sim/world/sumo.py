@@ -13,10 +13,10 @@ from litsim_sim.core.signals import SUMO_LETTERS, SignalState
 from litsim_sim.scenario.signals import Signals
 
 _ROUTE, _TYPE = "litsim", "litsim"
-_TYPES = {Kind.BICYCLE: "bicycle", Kind.PEDESTRIAN: "pedestrian"}  # SUMO's class and shape; all others are cars to it
-_NEVER = "86400"  # [s] between two decisions of SUMO's own driver models, which drive no agent here, but cost time
+_TYPES = {Kind.BICYCLE: "bicycle", Kind.PEDESTRIAN: "pedestrian"}  # SUMO's class and shape; all others are cars
+_NEVER = "86400"  # [s] between decisions of SUMO's own driver models, which drive no agent here, but cost time
 _KEEP_ROUTE = 2  # moveToXY: exactly there, on the network or off it
-_LANE_WITHIN = 10.0  # [m] moveToXY: within which SUMO looks for an agent's lane; within 100, as by default, takes long
+_LANE_WITHIN = 10.0  # [m] moveToXY: radius in which SUMO looks for an agent's lane; the default of 100 m takes long
 
 
 class SumoMirror:

@@ -27,7 +27,7 @@ from litsim_sim.world.entries import Entries, EntryConfig
 from litsim_sim.world.log_policy import LogPolicy
 
 EGO, LATE = int(Controller.EGO), int(ControlSource.LATE)  # plain numbers: numpy compares them much faster
-DEVIATION_STEPS = 10  # steps from one check of where the mirror has the agents to the next
+DEVIATION_STEPS = 10  # [steps] period of checks of the mirror's positions
 
 
 @configuration
@@ -38,7 +38,7 @@ class WorldConfig:
         guard_entries: hold back an agent whose log begins where it would collide with an agent that is off its log;
             False is pure replay, where it appears regardless.
         entry: when the road is free for a guarded entry.
-        limits: of controlled vehicles but the ego, whose model is the scenario's.
+        limits: limits of controlled vehicles except the ego, whose model is the scenario's.
     """
 
     guard_entries: Flag = True
@@ -47,7 +47,7 @@ class WorldConfig:
 
 
 class Mirror(Protocol):
-    """Where the agents are shown: SUMO, or nothing."""
+    """A display of the agents: SUMO, or none."""
 
     def show(self, table: AgentTable) -> None:
         """Place the agents of `table` and advance by one step."""
@@ -67,9 +67,9 @@ class World:
     while it is controlled drives on until it has left the net. One whose log begins where it would collide waits
     (`entries`), and then enters under POLICY.
 
-    The run is over once the ego has left: past an end of the net, or with its log where it followed that. Leaving the
-    road to the side is not leaving the net. If the scenario says so, the run is also over some time after the ego has
-    touched an agent that it does not touch in the log.
+    The run is over once the ego has left: past an end of the net, or at the end of its log while it follows that.
+    Leaving the road to the side is not leaving the net. If the scenario says so, the run is also over some time after
+    the ego has touched an agent that it does not touch in the log.
 
     Joined scenarios are stepped together, each scene as if it were alone: see :meth:`step_together`.
     """
@@ -95,7 +95,7 @@ class World:
         self._vehicles = DrivenVehicles(scenario, self.config.limits)
 
     def reset(self) -> AgentTable:
-        """Begin a run that knows nothing of the ones before, and return its step 0."""
+        """Begin a run, independent of earlier ones, and return its step 0."""
         self._contacts, self.entries = {}, Entries(self.scenario.log, self._entry)
         self._mirror_deviation, self._have_driven = 0.0, np.zeros(len(self._ego_ids), np.bool_)
         self.ends = [None] * len(self._ego_ids)
@@ -150,7 +150,7 @@ class World:
         self._table = self._table.take(~self._gone[self._table.scene])
 
     def catch_up(self) -> None:
-        """Do the work of the current step that no answer depends on: note contacts, update the mirror, look ahead.
+        """Do the work of the current step that needs no answers: note contacts, update the mirror, look ahead.
 
         It happens by itself before the next step, and when its results are read; a caller with time to spare may call
         it sooner. A second call for a step does nothing.
@@ -173,10 +173,10 @@ class World:
         return self._contacts
 
     def summary(self, scene: int = 0, told: Callable[[int], int | None] = lambda agent: agent) -> dict[str, Any]:
-        """What only the world knows, for the record: why the run is over, contacts, entries, deviation of SUMO.
+        """Summary of the run by the world, for the recording: reason of the end, contacts, entries, deviation of SUMO.
 
         The deviation is the largest at the steps at which it is checked: one in DEVIATION_STEPS, from step 0 on.
-        `told` is the id to report an agent by; None if it is of another scene than `scene`.
+        `told` returns the id to report an agent by; None for an agent of another scene than `scene`.
         """
         self.catch_up()
         missing = self.entries.never_entered | self.entries.waiting.keys()
@@ -205,7 +205,7 @@ class World:
 
     @property
     def egos_are_driven(self) -> BoolArray:
-        """(scenes,) what :attr:`ego_is_driven` says, of the ego of each scene."""
+        """(scenes,) :attr:`ego_is_driven` for the ego of each scene."""
         return (self._table.step >= self.scenario.history_steps) & (self._table.rows(self._ego_ids) >= 0)
 
     @property
