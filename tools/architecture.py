@@ -30,9 +30,9 @@ class Room:
     """A folder of a package, or a module that lies beside its folders.
 
     Attributes:
-        name: dotted.
+        name: dotted name.
         purpose: first sentence of its docstring.
-        lines: of all its modules.
+        lines: number of lines of all its modules.
         imports: names of the rooms that it imports.
     """
 
@@ -72,7 +72,7 @@ def rooms_of_the_house() -> dict[str, Room]:
 
 
 def floors(rooms: dict[str, Room]) -> dict[str, int]:
-    """Floor of each room: 1 where it imports no other, else one above the highest that it imports.
+    """Floor of each room: 1 if it imports no other, else one above the highest that it imports.
 
     Raises:
         SystemExit: rooms import each other in a circle, so there are no floors.
@@ -151,7 +151,7 @@ def print_largest() -> None:
 
 
 def main() -> None:
-    """Write the page, or say what is to be said."""
+    """Write the page, or print what the option asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--check", action="store_true", help="exit with status 1 where the page does not show the code")

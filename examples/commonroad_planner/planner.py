@@ -1,4 +1,4 @@
-"""CommonRoad's reactive planner (Werling et al. 2012: quintic polynomials beside a reference path) in an ego's seat."""
+"""CommonRoad's reactive planner (Werling et al. 2012: quintic polynomials along a reference path) drives the ego."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OFF_PLAN, OFF_SPEED = 0.5, 1.0  # [m], [m/s] from the plan beyond which the next
 
 @dataclass(frozen=True)
 class Body:
-    """The ego's box and axles [m], and the largest curvature [1/m]; defaults as those of LitSim's vehicle."""
+    """The ego's box and axles [m], and the largest curvature [1/m]; defaults are those of LitSim's vehicle."""
 
     length: float = 4.8
     width: float = 2.0
@@ -43,13 +43,13 @@ class Body:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to do.
+    """A plan for the ego.
 
     Attributes:
         points: (n, 2) box centres [m], 0.1 s apart and from now on.
-        seconds: that it took; 0 for the rest of an earlier plan.
-        fault: why it is not the planner's; empty where it is.
-        close: it keeps no distance, for no plan that does was found.
+        seconds: time that planning took; 0 for the rest of an earlier plan.
+        fault: why it is not the planner's; empty if it is.
+        close: whether it keeps no distance, because no plan that does was found.
     """
 
     points: np.ndarray
@@ -76,7 +76,7 @@ class Planner:
         self._line = route
 
     def plan(self, step: int, ego: Ego, objects: np.ndarray) -> Plan:
-        """Plan for a step from the ego's state there, or from the last plan where the ego is on it.
+        """Plan for a step from the ego's state there, or from the last plan if the ego is on it.
 
         First with the distance to others that it is to keep, then with none, at last it brakes along the last plan.
         """
@@ -126,11 +126,11 @@ class Planner:
         )
 
     def _checker(self, ego: Ego, objects: np.ndarray, keep: float) -> pycrcc.CollisionChecker:
-        """The road's borders and everybody who matters, at constant velocity.
+        """The road's borders and all relevant agents, at constant velocity.
 
-        Whoever follows on the ego's track keeps the distance. Boxes grow sideways with time, those ahead on its track
-        backwards, too, up to `keep` times the distances that the ego keeps; at first they are as they are, else an ego
-        that is close already would find no way out.
+        Agents that follow on the ego's track are assumed to keep their distance. Boxes grow sideways with time, those
+        ahead on its track backwards, too, up to `keep` times the distances that the ego keeps; initially they have
+        their true sizes, else an ego that is already close would find no plan.
         """
         ahead, left = ahead_and_left(objects, ego)
         on_track = np.abs(left) < 0.5 * (objects["width"] + self._body.width)
@@ -199,12 +199,12 @@ def _road_borders(lanes: list) -> pycrcc.ShapeGroup:
 
 
 def _copy(state: ReactivePlannerState) -> ReactivePlannerState:
-    """The same state at time step 0, at which every plan begins."""
+    """The state at time step 0, at which every plan begins."""
     names = ("position", "orientation", "velocity", "acceleration", "steering_angle", "yaw_rate")
     return ReactivePlannerState(time_step=0, **{name: getattr(state, name) for name in names})
 
 
 def _moving(points: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-    """The line of a plan, without what stands still; another line where nothing of it moves."""
+    """The points of a plan without those at standstill; `otherwise` if fewer than two are left."""
     kept = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-2)]
     return kept if len(kept) > 1 else otherwise

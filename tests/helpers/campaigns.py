@@ -33,7 +33,7 @@ def metrics(at_fault: int = 0, **values: Any) -> dict[str, Any]:
 
 
 def scenario_file(folder: Path, name: str = "own", **values: Any) -> str:
-    """A copy of the demo with its recording beside it; returns the path of its file."""
+    """Copy the demo with its recording beside it; return the path of its file."""
     folder.mkdir(parents=True, exist_ok=True)
     demo = yaml.safe_load(packaged("scenarios/demo.yaml").read_text())
     shutil.copy(packaged(f"scenarios/{demo['recording']}"), folder / "demo.parquet")
@@ -43,7 +43,7 @@ def scenario_file(folder: Path, name: str = "own", **values: Any) -> str:
 
 
 def told(out: Path) -> list[Any]:
-    """All that the campaign in `out` has found, without what the clock says."""
+    """All results of the campaign in `out`, without wall times and dates."""
     found = []
     for result in read_campaign(out).results:
         plain = result.to_json() | {"wall_s": 0, "finished_at": ""}

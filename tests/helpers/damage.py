@@ -1,7 +1,7 @@
-"""Damage done to files on purpose, and checks that readers notice it.
+"""Deliberate damage to files, and checks that readers notice it.
 
-``./litsim exec python tests/helpers/damage.py BAG [BAG …] --tries 20000`` damages copies of records of runs, measures
-each as ``analyze`` does, and prints how often which damage gave what.
+``./litsim exec python tests/helpers/damage.py BAG [BAG …] --tries 20000`` damages copies of recordings of runs,
+measures each like ``analyze``, and prints the results by kind of damage.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from litsim_sim.record.bag import find_mcap
 from litsim_sim.record.digest import RunDigest
 from litsim_sim.record.run import Run, read_run
 
-BLOCK = 512  # bytes of a sector of a disk
+BLOCK = 512  # [bytes] sector of a disk
 SAME, REFUSED, SHORTER = "same measures", "refused", "reported as cut short"
 Counts = Counter[tuple[str, str]]
 """How often a way of damage gave SAME, REFUSED or SHORTER."""
@@ -71,8 +71,8 @@ def damages(data: bytes, tries: int, seed: int, *, cuts: float = 0.01) -> Iterat
     Args:
         data: content of a file.
         tries: number of versions; half of them have one bit flipped, at places spread evenly.
-        seed: of what is drawn.
-        cuts: share of versions that are cut off.
+        seed: seed of all random choices.
+        cuts: share of versions that are truncated.
     """
     draw = random.Random(seed)
     others = list(WAYS)[1:]
@@ -91,13 +91,13 @@ def damages(data: bytes, tries: int, seed: int, *, cuts: float = 0.01) -> Iterat
 def outcomes(
     path: Path, versions: Iterator[tuple[str, bytes]], read: Callable[[Path], Any], shorter: Callable[[Any], bool]
 ) -> Counts:
-    """Write each version to `path` and read it; an AssertionError where something else comes out than may.
+    """Write each version to `path` and read it; raises AssertionError for a result that must not occur.
 
     Args:
-        path: of the file, whose present content is what was written.
-        versions: of its content, as :func:`damages` gives them.
-        read: what is read of it; equal for equal content.
-        shorter: whether something that was read is, by its own word, a part of what was written.
+        path: the file, which holds the undamaged content.
+        versions: versions of its content from :func:`damages`.
+        read: reads it; gives equal results for equal content.
+        shorter: whether a result is, as it says itself, a part of the undamaged one.
     """
     whole, found = read(path), Counter[tuple[str, str]]()
     for way, data in versions:

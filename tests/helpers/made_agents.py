@@ -1,4 +1,4 @@
-"""Agents of a scene as a learned predictor reads them, made up."""
+"""Made-up agents of a scene in the form of a learned predictor's inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A made signalised intersection, as somebody who recorded one would hand it over: for docs/your-own-recording.md.
+"""A made-up signalised intersection, in the form of a user's own recording, for docs/your-own-recording.md.
 
 ``./litsim exec python tests/helpers/made_intersection.py FOLDER`` writes a Lanelet2 map, the raw tracks and the states
 of the signals there. Four arms cross, each with a lane for left turns and one for all else. Drivers follow the
@@ -25,13 +25,13 @@ ORIGIN = (49.0102, 8.4204)
 """Latitude and longitude of the middle of the junction, degrees."""
 
 OFFSET = (634.5, 287.25)
-"""Where the middle of the junction is for whoever recorded: easting and northing from a point of their own [m]."""
+"""The middle of the junction in the recorders' axes: easting and northing from their own origin [m]."""
 
 TURN = 0.437
-"""By which their axes are turned against those of the map's UTM, whose north is not the true one there [deg]."""
+"""Turn of their axes against those of the map's UTM, whose north is not the true one there [deg]."""
 
 CLOCK_MS = 36_000_000
-"""What their clock showed when the recording began."""
+"""Time of their clock at the beginning of the recording."""
 
 LANE, STOP, ARM, SEEN = (
     3.5,
@@ -40,19 +40,19 @@ LANE, STOP, ARM, SEEN = (
     95.0,
 )  # [m] width; from the middle: stop lines, ends of lanes, of the camera's view
 ARMS = {"west": 8.0, "south": 98.0, "east": 188.0, "north": 278.0}
-"""In which direction one drives from each arm into the junction, counter-clockwise from east [deg]."""
+"""Driving direction from each arm into the junction, counter-clockwise from east [deg]."""
 TURNS = {"left": 1, "through": 0, "right": -1}
 GROUPS = {"west": "K1", "south": "K2", "east": "K3", "north": "K4"}
 PEDESTRIANS = "F1"
 GREEN, AMBER, RED = 1, 2, 0
-"""How the file of states calls them."""
+"""Their names in the file of states."""
 PHASES = ((16.0, "we"), (3.0, "we amber"), (2.0, ""), (13.0, "sn"), (3.0, "sn amber"), (2.0, ""))
-"""Duration [s] and who has green or amber."""
+"""Duration [s], and the groups that have green or amber."""
 CYCLE = sum(seconds for seconds, _ in PHASES)
 STEP, WARM_UP, SECONDS = 0.08, 42.0, 90.0
 SPEED, HEADWAY, GAP, ACCELERATION, BRAKING = 12.0, 1.3, 2.0, 1.6, 2.2
-FREE = 4.0  # [s] that oncoming vehicles are away where somebody turns left before them
-WAIT = 8.0  # [m] beyond its line where somebody who turns left waits for that
+FREE = 4.0  # [s] smallest time gap to oncoming vehicles for a left turn
+WAIT = 8.0  # [m] distance beyond the stop line at which a left-turning vehicle waits for it
 
 
 def _turned(points: FloatArray, degrees: float) -> FloatArray:
@@ -160,7 +160,7 @@ def _tags(**values: str) -> str:
 
 
 def shown(arm: str, time: float) -> int:
-    """What the signals of an arm show."""
+    """States of the signals of an arm."""
     left = time % CYCLE
     for seconds, who in PHASES:
         if left < seconds:
@@ -237,7 +237,7 @@ class Ways:
         return float(middle[0]), float(middle[1]), float(np.arctan2(ahead[1], ahead[0]))
 
     def over(self, driver: Driver) -> float:
-        """How far the way over the junction is [m]."""
+        """Length of the way over the junction [m]."""
         s = self.along[driver.arm, driver.turn]
         return float(s[-1]) - 2.0 * (ARM - STOP)
 
@@ -247,7 +247,7 @@ def _same(one: FloatArray, other: FloatArray) -> bool:
 
 
 class Street:
-    """Everybody who drives over the junction, step by step."""
+    """Simulation of all vehicles that drive over the junction, step by step."""
 
     def __init__(self, seed: int) -> None:
         self.ways = Ways.of(strips())
@@ -257,7 +257,7 @@ class Street:
         self.next = {(arm, left): float(self.rng.exponential(4.0)) for arm in ARMS for left in (False, True)}
 
     def run(self) -> list[Driver]:
-        """All who were seen, each with its rows: time [s], x, y [m], heading [rad], speed [m/s]."""
+        """All vehicles seen, each with its rows: time [s], x, y [m], heading [rad], speed [m/s]."""
         done: list[Driver] = []
         for step in range(-round(WARM_UP / STEP), round(SECONDS / STEP) + 1):
             time = step * STEP
@@ -290,7 +290,7 @@ class Street:
             self.next[arm, left] = time + 2.0 + float(self.rng.exponential(28.0 if left else 9.0))
 
     def _acceleration(self, driver: Driver, time: float) -> float:
-        """By the intelligent driver model, behind whoever or whatever is ahead."""
+        """Acceleration by the intelligent driver model, behind the vehicle or stop line ahead."""
         line = ARM - STOP
         over = self.ways.over(driver)
         desired = SPEED
@@ -315,7 +315,7 @@ class Street:
         return float(np.clip(ACCELERATION * (1.0 - max(free, 0.0) - braking), -6.0, ACCELERATION))
 
     def _leader(self, driver: Driver, line: float, over: float) -> tuple[float, float]:
-        """Gap [m] to whoever is ahead on the lane, over the junction or on the lane after it, and its speed."""
+        """Gap [m] to the vehicle ahead on the lane, over the junction or on the lane after it, and its speed."""
         best = (np.inf, 0.0)
         for other in self.drivers:
             if other is driver:
@@ -343,7 +343,7 @@ class Street:
         return needs < 6.0 if colour == RED else colour == AMBER and needs < 3.0
 
     def _comes(self, driver: Driver, line: float, time: float) -> bool:
-        """Whether somebody comes towards a driver who turns left, too near to turn before."""
+        """Whether an oncoming vehicle is too near for a left turn."""
         opposite = list(ARMS)[(list(ARMS).index(driver.arm) + 2) % len(ARMS)]
         oncoming = [other for other in self.drivers if other.arm == opposite and other.turn == "through"]
         return any(
@@ -355,9 +355,9 @@ class Street:
 
 
 def _walkers() -> Iterator[tuple[str, FloatArray]]:
-    """Two who walk over an arm and one who cycles beside the road: class, and rows of time, x, y, heading, speed."""
+    """Two pedestrians who cross an arm and a cyclist beside the road: class, and rows of time, x, y, heading, speed."""
     t = np.arange(0.0, 40.0, STEP)
-    begin = 21.0  # when the south and north have green, so that nobody drives over the west and east arms
+    begin = 21.0  # when the south and north have green, so that no vehicle drives over the west and east arms
     for kind, x, y, degrees, speed in (
         ("Pedestrian", 20.0, -12.0, 90.0, 1.4),
         ("Pedestrian", -20.5, 12.0, -90.0, 1.2),

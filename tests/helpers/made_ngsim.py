@@ -49,15 +49,15 @@ WHOLE_NAMES = (
 
 @dataclass(frozen=True)
 class Traffic:
-    """What to make of one recording.
+    """Specification of one recording.
 
     Attributes:
-        site: where.
-        period: such as "0750".
-        rows: about how many.
+        site: its site.
+        period: its period, such as "0750".
+        rows: approximate number of rows.
         noise: standard deviation of a position [m], constant over half a second each.
-        duplicated, missing: shares of rows that come twice, that are left out.
-        seed: of everything random.
+        duplicated, missing: shares of rows that occur twice, and that are left out.
+        seed: seed of all randomness.
     """
 
     site: Site
@@ -228,7 +228,7 @@ def _with_commas(values: pa.Array, decimals: int) -> pa.Array:
 
 
 def everything(rows: int, seed: int = 0) -> Iterator[pd.DataFrame]:
-    """All sites and periods, about `rows` in all, one table each, with what is wrong in the real file."""
+    """All sites and periods, about `rows` in all, one table each, with the defects of the real file."""
     places = [(site, period) for site in SITES.values() for period in site.periods]
     weights = np.array([1.0 if len(site.headings) == 1 else 0.6 for site, _ in places])
     for number, (site, period) in enumerate(places):

@@ -52,7 +52,7 @@ class Vehicle:
         speed = np.hypot(vx, vy)
         moving = speed > 1e-6
         yaw = np.unwrap(np.arctan2(vy, vx))
-        if moving.any():  # who stands looks where it looked before
+        if moving.any():  # a standing vehicle keeps its heading
             at = np.maximum.accumulate(np.where(moving, np.arange(len(yaw)), 0))
             yaw = yaw[np.where(moving[at], at, int(np.argmax(moving)))]
         values = {
@@ -138,7 +138,7 @@ def situation(*vehicles: Vehicle, lane_map: LaneMap = MOTORWAY, signals: WaySign
 
 
 def mirrored_lanes(lane_map: LaneMap) -> LaneMap:
-    """The same net with y turned around: what was left is right."""
+    """The same net with y mirrored: left and right are exchanged."""
     count: dict[str, int] = {}
     for lane in lane_map.lanes:
         count[lane.edge_id] = max(count.get(lane.edge_id, 0), lane.index + 1)

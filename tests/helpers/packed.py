@@ -1,4 +1,4 @@
-"""Reads what ``litsim_sim.report.packing`` has packed, as `assets/container.js` does in the browser."""
+"""Reader of the containers of ``litsim_sim.report.packing``, like `assets/container.js` in the browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records of takeovers for tests that mind only some of their fields."""
+"""Takeovers for tests that need only some of their fields."""
 
 from __future__ import annotations
 

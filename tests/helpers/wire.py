@@ -16,7 +16,7 @@ WAYS = ("empty", "shorter", "longer", "one wrong", "one twice", "turned round")
 
 @st.composite
 def damaged(draw: st.DrawFn, message: Any) -> Any:
-    """A copy of `message` with one field changed, or one of a message within; it may be as good as before."""
+    """A copy of `message` with one field, or one of a nested message, changed; the result may be valid."""
     made = copy.deepcopy(message)
     _damage(draw, made)
     return made
@@ -70,7 +70,7 @@ def _sequence(draw: st.DrawFn, value: Any) -> Any:
 
 
 def taken(take: Callable[[Any], Any], message: Any, refused: type[Exception], where: str = "") -> Any:
-    """What `take` makes of `message`; None where it refuses it, in one line that begins with `where`."""
+    """The result of `take` for `message`; None if it is refused, in one line that begins with `where`."""
     try:
         return take(message)
     except refused as error:

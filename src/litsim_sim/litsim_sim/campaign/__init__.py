@@ -1,1 +1,1 @@
-"""Campaigns: a suite of cases, criteria, a verdict on each run, the folder of results, two campaigns compared."""
+"""Campaigns: suites of cases, criteria, verdicts on runs, folders of results, and comparisons of two campaigns."""

@@ -1,4 +1,4 @@
-"""Cases: one run of a suite each, and by what it is known again."""
+"""Cases: single runs of a suite, and their identities."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from litsim_sim.scenario.run_info import EXTERNAL, REPLAY, plain_values, version
 from litsim_sim.scenario.scenario import Scenario
 
 ID_LENGTH = 16
-SCENARIOS_KEPT = 4  # in memory while cases are made
-MODEL = "model"  # a parameter that rows of tables name by its value alone
+SCENARIOS_KEPT = 4  # most scenarios in memory while cases are made
+MODEL = "model"  # a parameter that labels of rows name by its value alone
 NOT_OF_THE_RESULT = ("commit",)
-"""Versions that stand in reports but decide nothing: the digest of the sources does."""
+"""Versions that reports show but that do not affect identities: the digest of the sources does."""
 
 Shell = Literal["graph", "process"]
 GRAPH: Shell = "graph"
@@ -38,19 +38,19 @@ class Case:
     """One run of a campaign.
 
     Attributes:
-        id: of everything that decides its result; equal for equal runs.
-        key: the same, but for what may differ between two versions of one system: versions of packages, and how the ego
-            of that name is made. By it two campaigns are compared.
-        name: for people, unique in a campaign.
+        id: digest of everything that decides its result; equal for equal runs.
+        key: the same without what may differ between two versions of one system: versions of packages, and how the ego
+            of that name is made. Cases of two campaigns are matched by it.
+        name: readable name, unique in a campaign.
         scenario: a packaged name, or the absolute path of a file.
-        ego_id: vehicle that is the ego.
+        ego_id: id of the vehicle that is the ego.
         ego: driver of the ego.
         policy: what moves the background.
-        label: what tells its row from others of the same ego and policy; may be empty.
-        seed: of everything random; None is the scenario's.
-        end_after_contact_s: time after the ego's first contact at which the run is over [s]; None is the scenario's.
-        parameters: `stage.name` and value of each that is set by the row; those of the ego are in `ego`.
-        shell: over DDS or in process.
+        label: distinguishes its row from others of the same ego and policy; may be empty.
+        seed: seed of all randomness; None for the scenario's.
+        end_after_contact_s: time after the ego's first contact at which the run ends [s]; None for the scenario's.
+        parameters: `stage.name` and value of each parameter set by the row; those of the ego are in `ego`.
+        shell: whether it is run over DDS or in process.
         tags, events: as the suite gives them.
     """
 
@@ -85,7 +85,7 @@ class Case:
         return by_stage((*name.split(".", 1), value) for name, value in given.items())
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for JSON; :meth:`from_json` makes the same of them."""
+        """The case as values for JSON; the inverse of :meth:`from_json`."""
         return {
             "id": self.id,
             "key": self.key,
@@ -107,7 +107,7 @@ class Case:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Case:
-        """The case that :meth:`to_json` has written; KeyError and ValueError where it has not."""
+        """The inverse of :meth:`to_json`; raises KeyError or ValueError for other values."""
         apart = ("ego", "parameters", "end_after_contact_s")  # the last was not always there
         own = {field: values[field] for field in cls.__dataclass_fields__ if field not in apart}
         own |= {
@@ -119,9 +119,9 @@ class Case:
 
 
 def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, str] | None = None) -> list[Case]:
-    """Every case of a suite, in the order of its rows, then of its seeds, then of its cases.
+    """Every case of a suite, sorted by row, seed and entry.
 
-    Of entries that ask for the same run one case is made, with the tags and events of both.
+    Entries that give the same run are one case, with the tags and events of all.
 
     Args:
         suite: with scenarios that :meth:`Scenario.load` finds from here.
@@ -149,7 +149,7 @@ def chosen_egos(choice: EgoChoice | Sequence[int], scenario: Scenario) -> tuple[
     """Ids of the vehicles of `scenario` that are the ego, one run each.
 
     Raises:
-        InputError: the scenario lists none, or one that was chosen is not there at its start.
+        InputError: the scenario lists none, or one that was chosen is not present at its start.
     """
     if choice == "ego":
         return (scenario.ego_id,)
@@ -167,13 +167,13 @@ def chosen_egos(choice: EgoChoice | Sequence[int], scenario: Scenario) -> tuple[
 
 
 def code_versions() -> dict[str, str]:
-    """Versions of what a run depends on, and as `sources` a digest of all files of the packages that have stages."""
+    """Versions of the dependencies of a run, and as `sources` a digest of all files of the packages with stages."""
     return {**versions(), "sources": _sources()}
 
 
 @dataclass(frozen=True)
 class _Row:
-    """What is the same for all runs of a row of tables."""
+    """The common properties of all runs of a row of tables."""
 
     ego: EgoSetup
     policy: str
@@ -183,7 +183,7 @@ class _Row:
 
 @dataclass(frozen=True)
 class _Road:
-    """An entry of the suite around one of its egos: with seed and end of its scenario, and what that says else."""
+    """An entry of the suite for one of its egos, with seed, end and other content of its scenario."""
 
     entry: CaseEntry
     ego_id: int
@@ -195,7 +195,7 @@ class _Road:
 def _rows(suite: Suite) -> Iterator[_Row]:
     """Ego, policy, parameters and label of every row: each ego with each policy and combination of parameters.
 
-    A replay has no stages of the policy, so their parameters make no rows of it.
+    Parameters of the policy's stages make no rows of a replay, which has none of these stages.
     """
     for ego, setup in product(suite.egos, suite.setups):
         mine = {
@@ -228,7 +228,7 @@ def _roads(entry: CaseEntry, load: Callable[[str], Scenario]) -> list[_Road]:
 
 
 def _roads_of(entry: CaseEntry, scenario: Scenario) -> Iterator[_Road]:
-    """The same, of a scenario that has been read."""
+    """The same for a scenario that has been read."""
     of_no_run = {"name", "description", "ego", "egos", "tuning", "seed", "end_after_contact_s"}
     content = scenario.file.model_dump(mode="json", exclude=of_no_run)
     files = {field: Path(getattr(scenario.file, field)) for field in ("recording", "net")}
@@ -276,10 +276,10 @@ def _case(
 
 
 def _check_scenario_names(suite: Suite) -> None:
-    """Runs are told apart by the name of the scenario's file.
+    """Check that the scenarios' files have unique names, by which runs are distinguished.
 
     Raises:
-        InputError: two files have the same.
+        InputError: two files have the same name.
     """
     by_name: dict[str, set[str]] = {}
     for entry in suite.cases:
@@ -290,7 +290,7 @@ def _check_scenario_names(suite: Suite) -> None:
 
 
 def _merged(one: Case, other: Case) -> Case:
-    """The same run, asked for twice: tags and events of both."""
+    """One case of two for the same run, with the tags and events of both."""
     events = [*one.events, *(event for event in other.events if event not in one.events)]
     return replace(one, tags=tuple(dict.fromkeys((*one.tags, *other.tags))), events=tuple(events))
 

@@ -1,4 +1,4 @@
-"""Two campaigns of the same cases: what passes or fails newly, and how the measures have changed."""
+"""Comparison of two campaigns of the same cases: changed verdicts, and changes of the measures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 
 LEVEL, RESAMPLES, SEED = 0.95, 2000, 0
-"""Of every bootstrap that is reported: share of the draws within the bounds, number of draws, seed of the draws."""
+"""Bootstrap of all reported bounds: share of the draws within them, number of draws, and seed."""
 
 PASSED = "passed"
 NOT_RUN = "not run"
@@ -30,7 +30,7 @@ class Pair:
 
     Attributes:
         case: as the second campaign has it.
-        before, after: its results; None where it has not been run.
+        before, after: its results; None if it has not been run.
     """
 
     case: Case
@@ -39,7 +39,7 @@ class Pair:
 
     @property
     def newly_failing(self) -> bool:
-        """Whether it passed and does not any more, for whatever reason; not to have been run is one."""
+        """Whether it passed and does not any more, for any reason; one is that it has not been run."""
         return _passed(self.before) and not _passed(self.after)
 
     @property
@@ -73,12 +73,12 @@ class Change:
     """One measure over the pairs of runs that both have it.
 
     Attributes:
-        name: path in `metrics.json`; of a list, the number of its entries; of true and false, the share of true. Or
-            :data:`PASSED`, the share of cases that pass.
-        pairs: how many have it.
+        name: path in `metrics.json`, with lists by their lengths and booleans by the share of true; or :data:`PASSED`,
+            the share of cases that pass.
+        pairs: number of pairs that have it.
         before, after: means.
         low, high: bounds of the mean difference, after minus before, by the paired bootstrap; None for a single pair.
-        differs: in how many pairs it differs.
+        differs: number of pairs in which it differs.
     """
 
     name: str
@@ -96,7 +96,7 @@ class Change:
 
     @property
     def clear(self) -> bool:
-        """Whether the bounds leave out that nothing has changed."""
+        """Whether the bounds exclude 0, that is no change."""
         return self.low is not None and self.high is not None and (self.low > 0.0 or self.high < 0.0)
 
 
@@ -107,8 +107,8 @@ class CampaignComparison:
     Attributes:
         before, after: the campaigns.
         pairs: cases of both, in the order of the second.
-        only_before, only_after: cases of one of them.
-        changes: of each measure that both runs of some pair have, :data:`PASSED` first.
+        only_before, only_after: cases of one of them only.
+        changes: changes of each measure that both runs of any pair have, :data:`PASSED` first.
     """
 
     before: Campaign
@@ -140,19 +140,19 @@ class CampaignComparison:
 
     @property
     def other_versions(self) -> dict[str, tuple[str | None, str | None]]:
-        """What the runs depended on that is not of the same version, with both versions."""
+        """Dependencies of the runs with different versions, with both versions."""
         names = {**self.before.versions, **self.after.versions}
         both = {name: (self.before.versions.get(name), self.after.versions.get(name)) for name in names}
         return {name: pair for name, pair in both.items() if pair[0] != pair[1]}
 
     @property
     def renamed(self) -> list[str]:
-        """Names of cases that both have and that are not the same run: their scenario's content is another."""
+        """Names of common cases that are not the same run, because the content of their scenarios differs."""
         names = {case.name for case in self.only_after}
         return [case.name for case in self.only_before if case.name in names]
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for JSON: verdicts that have changed, with both reports of each run, and every measure."""
+        """The comparison as values for JSON: changed verdicts with both reports of each run, and every measure."""
         return {
             "before": _described(self.before),
             "after": _described(self.after),
@@ -194,7 +194,7 @@ class CampaignComparison:
 
 
 def compare_campaigns(before: Campaign, after: Campaign) -> CampaignComparison:
-    """Put two campaigns side by side; their cases are matched by :attr:`litsim_sim.campaign.case.Case.key`.
+    """Compare two campaigns; their cases are matched by :attr:`litsim_sim.campaign.case.Case.key`.
 
     Raises:
         InputError: they have no case in common.
@@ -218,7 +218,7 @@ def compare_campaigns(before: Campaign, after: Campaign) -> CampaignComparison:
 
 
 def report_of(campaign: Campaign, result: RunResult | None) -> Path | None:
-    """The report of a run of `campaign`; None where it has none."""
+    """The report of a run of `campaign`; None if it has none."""
     return campaign.folder / RUNS_FOLDER / result.case.id / result.report if result and result.report else None
 
 
@@ -245,9 +245,9 @@ def paired_interval(difference: FloatArray) -> tuple[float, float] | None:
 
 
 def _changes(pairs: Sequence[Pair]) -> list[Change]:
-    """Every measure that both runs of some pair have, whether it differs or not, in the order of `metrics.json`.
+    """Every measure that both runs of any pair have, whether it differs or not, in the order of `metrics.json`.
 
-    Runs that could not be judged have no measures; whether they pass is known all the same.
+    Runs that could not be judged have no measures, but count as not passed.
     """
     passed = _change(PASSED, [(float(_passed(pair.before)), float(_passed(pair.after))) for pair in pairs])
     columns: dict[str, list[tuple[float, float]]] = {}
@@ -267,7 +267,7 @@ def _change(name: str, values: Sequence[tuple[float, float]]) -> Change:
 
 
 def _measures(result: RunResult | None) -> dict[str, float]:
-    """The numbers of a run that was judged, by name; not those of the execution."""
+    """The numbers of a run that was judged, by name, without those of the execution."""
     if result is None or result.verdict == Verdict.ERROR:
         return {}
     found = {}

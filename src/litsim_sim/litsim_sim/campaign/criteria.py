@@ -25,7 +25,7 @@ Value = bool | int | float | str
 Limit = Annotated[float, Field(allow_inf_nan=False)]
 PASSED_SHARE = "passed_share"
 COUNTS = ("runs", "passed", "failed", "errors", "unfinished", PASSED_SHARE)
-"""Of a campaign: all its cases, those with each verdict, those that have not been run; passed ones over all cases."""
+"""Counts of a campaign: its cases, those with each verdict, those not run; and the share of all cases that passed."""
 
 Aggregate = Literal["mean", "median", "min", "max", "sum"]
 _AGGREGATES: dict[Aggregate, Callable[[list[float]], float]] = {
@@ -38,7 +38,7 @@ _AGGREGATES: dict[Aggregate, Callable[[list[float]], float]] = {
 
 
 class Verdict(StrEnum):
-    """What a campaign says of a run."""
+    """Verdict of a campaign on a run."""
 
     PASSED = "passed"
     FAILED = "failed"  # a criterion is not met
@@ -46,16 +46,15 @@ class Verdict(StrEnum):
 
 
 class Limits(BaseModel):
-    """What a value must keep: bounds, or one of some values.
+    """Limits on a value: bounds, or allowed values.
 
     Attributes:
-        name: in tables; the field and its limit where none is given.
-        field: of what is judged.
-        min, max: bounds that the value may reach.
-        equals: the only value.
-        one_of: the only values.
-        when_missing: whether there being no value passes; for a measure that is missing where what it measures never
-            happened.
+        name: name in tables; default: the field and its limit.
+        field: field that is judged.
+        min, max: bounds, inclusive.
+        equals: the only allowed value.
+        one_of: the allowed values.
+        when_missing: whether a missing value passes, as for a measure of something that never happened.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -81,7 +80,7 @@ class Limits(BaseModel):
 
     @property
     def limit(self) -> str:
-        """What the value must keep, in words, such as ``at least 1``."""
+        """The limits as text, such as ``at least 1``."""
         bounds = [
             f"{said} {bound:g}" for said, bound in (("at least", self.min), ("at most", self.max)) if bound is not None
         ]
@@ -91,16 +90,16 @@ class Limits(BaseModel):
 
     @property
     def measure(self) -> str:
-        """What is judged, in words."""
+        """The judged field or aggregate, as text."""
         return self.field
 
     @property
     def title(self) -> str:
-        """The name, or what is asked where it has none."""
+        """The name, or the field and its limit without one."""
         return self.name or f"{self.measure} {self.limit}"
 
     def judge(self, value: Value | None) -> CriterionResult:
-        """Hold `value` against the limits; None is a measure that is missing."""
+        """Check `value` against the limits; None stands for a missing measure."""
         if value is None:
             passed = self.when_missing == "pass"
             said = "is missing"
@@ -119,7 +118,7 @@ class Limits(BaseModel):
 
 
 def _check_kinds(criterion: Limits, field: MetricField) -> None:
-    """Check that the limits are of the kind that the field is of.
+    """Check that the limits are of the type of the field.
 
     Raises:
         ValueError: one is not.
@@ -137,7 +136,7 @@ def _check_kinds(criterion: Limits, field: MetricField) -> None:
 
 
 def _check_between(criterion: Limits, field: MetricField, values: Sequence[Value]) -> None:
-    """Check that the limits are within what the field can be: any other is never met, or always.
+    """Check that the limits are within the range of the field: others would be met never, or always.
 
     Raises:
         ValueError: one is not.
@@ -154,7 +153,7 @@ def _check_between(criterion: Limits, field: MetricField, values: Sequence[Value
 
 
 class Criterion(Limits):
-    """A limit on a field of `metrics.json`; a dotted path, of a list the number of its entries."""
+    """A limit on a field of `metrics.json`, given by its dotted path; a list counts by its length."""
 
     @model_validator(mode="after")
     def _check_field(self) -> Criterion:
@@ -170,8 +169,8 @@ class SuiteCriterion(Limits):
     """A limit on all runs together: on one of :data:`COUNTS`, or on an aggregate of a field of `metrics.json`.
 
     Attributes:
-        aggregate: how the values of the runs are put together; of true and false, the mean is the share of true.
-            With a run that lacks the field it is missing; where `when_missing` is pass, such runs are left out.
+        aggregate: aggregate of the values of the runs; the mean of booleans is the share of true. It is missing if a
+            run lacks the field; if `when_missing` is pass, such runs are left out.
     """
 
     aggregate: Aggregate | None = None
@@ -196,12 +195,12 @@ class SuiteCriterion(Limits):
 
     @property
     def measure(self) -> str:
-        """What is judged, in words."""
+        """The judged field or aggregate, as text."""
         return f"{self.aggregate} of {self.field}" if self.aggregate else self.field
 
     @property
     def least(self) -> float:
-        """The smallest number that keeps the limits."""
+        """The smallest number within the limits."""
         values = self.one_of or ([] if self.equals is None else [self.equals])
         return min((float(value) for value in values), default=-inf if self.min is None else self.min)
 
@@ -218,7 +217,7 @@ class SuiteCriterion(Limits):
 
 
 class Outcome(NamedTuple):
-    """What has become of one case, as far as criteria of the suite ask; no verdict: it has not been run."""
+    """Outcome of one case for the criteria of the suite; the verdict is None if it has not been run."""
 
     verdict: Verdict | None
     metrics: Mapping[str, Any] | None
@@ -230,11 +229,11 @@ NO_GAPS = SuiteCriterion(name="all runs are done", field="unfinished", max=0.0)
 
 
 class Criteria(BaseModel):
-    """By what a campaign is judged.
+    """The criteria of a campaign.
 
     Attributes:
-        runs: limits that every run is to keep.
-        suite: limits that all runs together are to keep: by them the campaign passes or fails.
+        runs: limits on every run.
+        suite: limits on all runs together, by which the campaign passes or fails.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -245,8 +244,8 @@ class Criteria(BaseModel):
     def of_runs(self, outcomes: Sequence[Outcome]) -> tuple[CriterionResult, ...]:
         """Judge all cases of a campaign, whether they were run or not.
 
-        Runs that are errors fail it, unless :attr:`suite` says how many passes or errors it asks for; so do cases that
-        have not been run, unless it says that of them.
+        Runs that are errors fail it, unless :attr:`suite` limits the number of passes or errors; so do cases that have
+        not been run, unless it limits their number.
         """
         asked = {criterion.field for criterion in self.suite}
         more = [] if asked & {"passed", PASSED_SHARE, "errors"} else [NO_ERRORS]
@@ -254,10 +253,10 @@ class Criteria(BaseModel):
         return tuple(criterion.of_runs(outcomes) for criterion in (*self.suite, *more))
 
     def check_counts(self, runs: int) -> None:
-        """Refuse limits on :data:`COUNTS` that a campaign of so many `runs` can never keep.
+        """Refuse limits on :data:`COUNTS` that a campaign of `runs` runs can never meet.
 
         Raises:
-            ValueError: there is one; the text begins with its place among these fields.
+            ValueError: there is one; the message begins with its place among these fields.
         """
         for number, criterion in enumerate(self.suite):
             if criterion.aggregate is None and criterion.field != PASSED_SHARE and criterion.least > runs:
@@ -285,15 +284,15 @@ class Criteria(BaseModel):
 
 @dataclass(frozen=True)
 class CriterionResult:
-    """One criterion held against a value.
+    """Result of one criterion for a value.
 
     Attributes:
-        name: of the criterion.
-        field: what is judged.
-        value: that was found; None where it is missing.
-        limit: that it was to keep, in words.
-        passed: whether it does.
-        reason: why not, in one line; empty where it does.
+        name: name of the criterion.
+        field: field or aggregate that is judged.
+        value: its value; None if missing.
+        limit: its limits as text.
+        passed: whether they are met.
+        reason: why not, in one line; empty if they are.
     """
 
     name: str
@@ -305,9 +304,9 @@ class CriterionResult:
 
 
 def value_at(metrics: Mapping[str, Any], field: str) -> Value | None:
-    """The value at a dotted path; of a list the number of its entries; None where there is none.
+    """The value at a dotted path, the length for a list; None if there is none.
 
-    A key may itself hold dots, as the limits of `safety.ttc_below` do.
+    A key may itself contain dots, like the limits of `safety.ttc_below`.
     """
     if field in metrics:
         found = metrics[field]

@@ -1,4 +1,4 @@
-"""The folder of a campaign while it runs: what is done, what is gone on with, and what is refused."""
+"""The folder of a campaign while it runs: writing results, resuming, and refusing other campaigns."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from litsim_sim.io.files import Unwritable, replacing
 
 LOCK_FILE = ".lock"
 RUN_FOLDER = re.compile(f"[0-9a-f]{{{ID_LENGTH}}}")
-"""Names of the folders of runs; whatever else lies beside them is not the campaign's, and stays."""
+"""Pattern of the names of folders of runs; other files beside them are not the campaign's, and stay."""
 
 
 class CampaignFolder:
@@ -67,22 +67,22 @@ class CampaignFolder:
     def begin(
         self, suite: Suite, cases: Sequence[Case], versions: Mapping[str, str], *, overwrite: bool = False
     ) -> dict[str, RunResult]:
-        """Begin a campaign, or go on with the one that lies here.
+        """Begin a campaign, or resume the one in this folder.
 
-        Folders of runs without a result, which a killed campaign leaves behind, are removed; what others have put into
-        the folder stays. Results that were judged by other criteria are judged again, from their measures.
+        Folders of runs without a result, which a killed campaign leaves behind, are removed; foreign files in the
+        folder stay. Results that were judged by other criteria are judged again, from their measures.
 
         Args:
-            suite: resolved.
-            cases: of the suite; those of a campaign that lies here must all be among them.
-            versions: of what the runs depend on.
-            overwrite: whether a campaign that lies here is removed.
+            suite: the resolved suite.
+            cases: cases of the suite; those of a campaign in this folder must all be among them.
+            versions: versions of the dependencies of the runs.
+            overwrite: whether a campaign in this folder is removed.
 
         Returns:
             Results of the cases that are finished already, by id of the case.
 
         Raises:
-            InputError: another campaign lies here, or the folder cannot be used.
+            InputError: the folder holds another campaign, or cannot be used.
         """
         if overwrite and self._file.exists():
             self._remove()
@@ -114,7 +114,7 @@ class CampaignFolder:
         return done
 
     def finished(self, cases: Sequence[Case]) -> list[RunResult]:
-        """Results of those of `cases` that lie here, as they were judged; for looking without touching anything.
+        """Results of those of `cases` that are in this folder, as they were judged; changes nothing.
 
         Raises:
             InputError: one cannot be read.
@@ -122,11 +122,11 @@ class CampaignFolder:
         return read_results(self.path, cases)
 
     def run_folder(self, case: Case) -> Path:
-        """Where the run of `case` leaves its files."""
+        """Folder of the files of the run of `case`."""
         return self.path / RUNS_FOLDER / case.id
 
     def clear(self, case: Case) -> Path:
-        """Make the folder of the run of `case` empty; returns it.
+        """Create the folder of the run of `case`, or empty it; return it.
 
         Raises:
             Unwritable: it cannot be made.
@@ -140,7 +140,7 @@ class CampaignFolder:
         return folder
 
     def store(self, result: RunResult) -> None:
-        """Write a result, whole: from then on its case is finished.
+        """Write a result atomically: from then on its case is finished.
 
         Raises:
             Unwritable: it cannot be written.
@@ -148,7 +148,7 @@ class CampaignFolder:
         _write(self.run_folder(result.case) / RESULT_FILE, result.to_json())
 
     def write_results(self, results: Iterable[RunResult], **more: Any) -> Path:
-        """Write the file with all results, in their order; `more` are further fields of it. Returns its path.
+        """Write the file with all results, in order, and the further fields `more`; return its path.
 
         Raises:
             Unwritable: it cannot be written.
@@ -173,12 +173,12 @@ class CampaignFolder:
                 shutil.rmtree(folder, ignore_errors=True)
 
     def _run_folders(self) -> list[Path]:
-        """The folders that runs have left here."""
+        """The folders of runs in this folder."""
         return [each for each in (self.path / RUNS_FOLDER).glob("*") if RUN_FOLDER.fullmatch(each.name)]
 
 
 def _check_same(earlier: Campaign, cases: Sequence[Case], versions: Mapping[str, str]) -> None:
-    """Check that all cases of a campaign that lies in a folder are among those that are to be run there.
+    """Check that all cases of the campaign in a folder are among those to be run there.
 
     Raises:
         InputError: some are not.

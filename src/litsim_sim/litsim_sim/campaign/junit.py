@@ -73,7 +73,7 @@ def _criterion(criterion: CriterionResult, of: str) -> TestCase:
 
 
 def _files(result: RunResult) -> list[str]:
-    """Where to look on, relative to the folder of the campaign."""
+    """Files with details of a run, relative to the folder of the campaign."""
     folder = f"{RUNS_FOLDER}/{result.case.id}"
     return [f"{what}: {folder}/{name}" for what, name in (("report", result.report), ("log", result.log)) if name]
 

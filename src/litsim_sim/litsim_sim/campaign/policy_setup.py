@@ -1,4 +1,4 @@
-"""What moves the background, by name: a policy and how its stages are set up."""
+"""Policy setups: named policies with the parameters of their stages."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class PolicySetup(BaseModel):
     """A policy with a name of its own, as a row of tables.
 
     Attributes:
-        name: in tables.
+        name: name in tables.
         kind: one of :data:`litsim_sim.scenario.run_info.POLICIES`.
-        description: what it is for.
-        parameters: values of its stages by `stage.name`, such as ``{conflict.horizon: 5.0}``.
+        description: purpose.
+        parameters: values of its stages' parameters by `stage.name`, such as ``{conflict.horizon: 5.0}``.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -45,7 +45,7 @@ class PolicySetup(BaseModel):
 
 
 def packaged_setups() -> tuple[str, ...]:
-    """Names of the setups that come along, sorted."""
+    """Names of the packaged setups, sorted."""
     return tuple(sorted(path.stem for path in packaged(SETUPS).glob("*.yaml")))
 
 
@@ -64,7 +64,7 @@ def _packaged(name: str) -> PolicySetup:
 
 
 def stage_and_name(name: Any) -> str:
-    """Check that `name` is that of a parameter, such as conflict.horizon; returns it.
+    """Check that `name` has the form of a parameter, such as conflict.horizon, and return it.
 
     Raises:
         ValueError: it is not.

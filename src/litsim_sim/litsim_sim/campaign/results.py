@@ -1,4 +1,4 @@
-"""What a campaign has come to: a result of each case that is finished, read back from its folder."""
+"""Results of a campaign: one for each finished case, read from its folder."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class RunResult:
     """One finished case.
 
     Attributes:
-        case: that was run.
-        verdict: on it.
-        reason: why it has not passed, in one line; empty where it has.
-        criteria: each that it was judged by; none where it could not be judged.
-        metrics: the tree of `metrics.json`; None where it left none.
-        recording, report, log: folder or files, relative to the run's folder; None where there is none.
-        wall_s: that the run took [s].
+        case: the case.
+        verdict: verdict on it.
+        reason: why it has not passed, in one line; empty if it has.
+        criteria: results of all criteria; empty if it could not be judged.
+        metrics: the tree of `metrics.json`; None without measures.
+        recording, report, log: folder or files, relative to the run's folder; None if missing.
+        wall_s: wall time of the run [s].
         finished_at: date and time, ISO 8601, UTC.
     """
 
@@ -65,14 +65,14 @@ class RunResult:
         return cls(case, Verdict.ERROR, said, (), metrics, **({"finished_at": now()} | files))
 
     def judged_again(self, criteria: Criteria) -> RunResult:
-        """The same run held against other criteria; what was an error stays one."""
+        """The same run judged by other criteria; an error stays one."""
         if self.verdict == Verdict.ERROR or self.metrics is None:
             return self
         files = {name: getattr(self, name) for name in ("recording", "report", "log", "wall_s", "finished_at")}
         return RunResult.judged(self.case, self.metrics, criteria, **files)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for JSON; :meth:`from_json` makes the same of them."""
+        """The result as values for JSON; the inverse of :meth:`from_json`."""
         own = {name: getattr(self, name) for name in self.__dataclass_fields__}
         own |= {"case": self.case.to_json(), "verdict": self.verdict.value}
         own |= {"criteria": [asdict(each) for each in self.criteria]}
@@ -80,7 +80,7 @@ class RunResult:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> RunResult:
-        """The result that :meth:`to_json` has written; KeyError, TypeError or ValueError where it has not."""
+        """The inverse of :meth:`to_json`; raises KeyError, TypeError or ValueError for other values."""
         own = {name: values[name] for name in cls.__dataclass_fields__}
         own |= {"case": Case.from_json(values["case"]), "verdict": Verdict(values["verdict"])}
         own |= {"criteria": tuple(CriterionResult(**each) for each in values["criteria"])}
@@ -89,15 +89,15 @@ class RunResult:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What a campaign's folder holds.
+    """The content of a campaign's folder.
 
     Attributes:
-        folder: where it lies.
-        name: of the suite.
-        criteria: by which the runs are judged.
-        versions: of what the runs depend on.
-        cases: that are to be run, in order.
-        results: of those that are finished, in the same order.
+        folder: the folder.
+        name: name of the suite.
+        criteria: criteria by which the runs are judged.
+        versions: versions of the dependencies of the runs.
+        cases: cases to be run, in order.
+        results: results of the finished cases, in the same order.
         begun_at: date and time, ISO 8601, UTC.
     """
 
@@ -111,7 +111,7 @@ class Campaign:
 
     @property
     def judged(self) -> tuple[CriterionResult, ...]:
-        """The campaign held against the criteria of its suite."""
+        """Results of the criteria of the suite for the campaign."""
         by_id = {result.case.id: result for result in self.results}
         found = (by_id.get(case.id) for case in self.cases)
         return self.criteria.of_runs([Outcome(*((r.verdict, r.metrics) if r else (None, None))) for r in found])
@@ -167,7 +167,7 @@ def read_campaign(path: Path) -> Campaign:
 def read_results(path: Path, cases: Iterable[Case]) -> list[RunResult]:
     """Results of those of `cases` that are finished, in their order, from the folder `path`.
 
-    Name, tags and events are those of `cases`: a suite may have been told more since.
+    Name, tags and events are those of `cases`: they may have been added to the suite since.
 
     Raises:
         InputError: one cannot be read.
@@ -189,7 +189,7 @@ def read_results(path: Path, cases: Iterable[Case]) -> list[RunResult]:
 
 
 def _again(file: Path) -> str:
-    """What to do about the `file` of a result that cannot be used."""
+    """A hint on the `file` of a result that cannot be used."""
     return f"; once the folder {file.parent} is removed, evaluate runs this case again"
 
 

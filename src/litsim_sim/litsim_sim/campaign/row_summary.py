@@ -1,4 +1,4 @@
-"""What the runs of one row of a campaign's tables come to together."""
+"""Summary of the runs of one row of a campaign's tables."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from litsim_sim.campaign.results import RunResult
 def row_summary(results: Sequence[RunResult]) -> dict[str, Any]:
     """Measures as of :func:`litsim_sim.analysis.summary.summarise`, and how many of the runs have which verdict.
 
-    Verdicts are counted as `passed`, `not_passed` (by a criterion) and `errors`; `passed_share` is of all runs, None of
-    none.
+    Verdicts are counted as `passed`, `not_passed` (by a criterion) and `errors`; `passed_share` is that of all runs,
+    None without runs.
     """
     measured = [dict(result.metrics) for result in results if result.metrics is not None]
     counts = Counter(result.verdict for result in results)

@@ -1,4 +1,4 @@
-"""Suites: which scenarios are driven by which egos under which policies, and by what criteria that is judged."""
+"""Suites: the scenarios, egos and policies of the runs of a campaign, and the criteria for them."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ PolicyName = Annotated[str, AfterValidator(_known_policy)]
 
 
 class CaseEntry(BaseModel):
-    """What happens on the road: a scenario and the vehicles that are the ego in it, one run each.
+    """An entry of a suite: a scenario and the vehicles that are the ego in it, one run each.
 
     Attributes:
         scenario: a packaged name, or a YAML file, relative to the suite's file; or a pattern of such files, such as
             `windows/*_test_*.yaml`, which stands for an entry of each.
-        ego_id: the one vehicle that is the ego.
-        egos: or several of them, by id or by :data:`EgoChoice`.
-        seed: of everything random in these runs, where the suite names no seeds; None is the scenario's.
+        ego_id: id of the only ego.
+        egos: or several egos, by id or by :data:`EgoChoice`.
+        seed: seed of all randomness in these runs if the suite names no seeds; None for the scenario's.
         tags: words to filter by.
         events: what happens, as found in the recording; each with `kind`, its name, and numbers of it.
     """
@@ -78,12 +78,12 @@ class CaseEntry(BaseModel):
 
     @property
     def place(self) -> str:
-        """Where the entry stands, by file, line and field; empty where it is of no file."""
+        """The place of the entry, by file, line and field; empty if it is not from a file."""
         return place_in(self._place[0], "cases", self._place[1]) if self._place else ""
 
     @property
     def chosen(self) -> EgoChoice | list[int]:
-        """The vehicles that are the ego, as the entry names them; the scenario's own list where it names none."""
+        """The vehicles that are the ego, as the entry names them; default: the scenario's own list."""
         return [self.ego_id] if self.ego_id is not None else self.egos or DEFAULT_EGOS
 
     @model_validator(mode="after")
@@ -104,12 +104,12 @@ class EgoSetup(BaseModel):
     """Driver of the ego.
 
     Attributes:
-        name: in tables; that of the kind where none is given.
+        name: name in tables; default: the kind.
         kind: one of :data:`litsim_sim.scenario.run_info.EGOS`.
         parameters: values by `stage.name`, such as ``{ego.kind: brake}``.
-        command: of an external ego: words that start the stack; none where it is started elsewhere.
-        interface: of an external ego: with what it answers, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
-        ready_s: of an external ego: how long a run waits for its first answer [s]; None is the launcher's default.
+        command: command that starts the stack of an external ego; none if it is started elsewhere.
+        interface: interface of an external ego, one of :data:`litsim_sim.ego_port.answer.INTERFACES`.
+        ready_s: time limit for the first answer of an external ego [s]; None for the launcher's default.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -149,21 +149,20 @@ def _starts_something(setup: Any) -> Any:
 
 
 class Suite(BaseModel):
-    """What a campaign runs and how it judges: every case with every ego, policy, combination of parameters and seed.
+    """The runs of a campaign (every case with every ego, policy, combination of parameters and seed), and its criteria.
 
     Attributes:
-        name: short name; reports carry it.
-        description: what the suite is for.
+        name: short name, shown by reports.
+        description: purpose of the suite.
         include: other suites, packaged names or files relative to this one, whose cases come before its own;
             :meth:`load` has put them into `cases`.
         cases: scenarios, and which of their vehicles are the ego.
         egos: drivers of the ego.
         policies: of :data:`litsim_sim.scenario.run_info.POLICIES`, names of packaged setups, or setups.
-        seeds: a run for each; where there are none, one with the scenario's seed.
-        end_after_contact_s: time after the first contact of its ego at which a run is over [s]; null leaves it to the
-            scenario.
+        seeds: seeds, with a run for each; default: the scenario's seed.
+        end_after_contact_s: time after the first contact of its ego at which a run ends [s]; null for the scenario's.
         parameters: values to try, by `stage.name`; several values of one make several rows.
-        criteria: by which each run is judged, and the campaign as a whole.
+        criteria: criteria for each run, and for the campaign as a whole.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -237,7 +236,7 @@ class Suite(BaseModel):
 
 
 def packaged_suites() -> tuple[str, ...]:
-    """Names of the suites that come along, sorted."""
+    """Names of the packaged suites, sorted."""
     return tuple(sorted(path.stem for path in packaged(SUITES).glob("*.yaml")))
 
 

@@ -1,4 +1,4 @@
-"""Functions of :mod:`litsim_sim.core.geometry` for one pair of boxes at a time, to be called from compiled loops."""
+"""Functions of :mod:`litsim_sim.core.geometry` for single pairs of boxes, to be called from compiled loops."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def overlap(
     length_b: float,
     width_b: float,
 ) -> bool:
-    """Whether boxes a and b share interior points, as :func:`litsim_sim.core.geometry.boxes_overlap` has it.
+    """Whether boxes a and b share interior points, like :func:`litsim_sim.core.geometry.boxes_overlap`.
 
     Args:
         dx, dy: centre of b minus centre of a [m].
@@ -43,14 +43,14 @@ def overlap(
 
 @kernel(float64(float64))
 def wrapped(angle: float) -> float:
-    """The same angle [rad] within [-pi, pi), as :func:`litsim_sim.core.geometry.wrap_angle` has it."""
+    """The same angle [rad] in [-pi, pi), like :func:`litsim_sim.core.geometry.wrap_angle`."""
     found = (angle + math.pi) % (2.0 * math.pi) - math.pi
     return found if found < math.pi else -math.pi
 
 
 @kernel(float64(float64, float64, float64))
 def within(value: float, low: float, high: float) -> float:
-    """`value` cut to [`low`, `high`], as :func:`numpy.clip` has it with arrays of bounds.
+    """`value` clipped to [`low`, `high`], like :func:`numpy.clip` with arrays of bounds.
 
     It is `high` where the bounds exclude each other, and the bound where it is equal to one: zeros have signs, and
     digests of runs know them.
@@ -60,13 +60,13 @@ def within(value: float, low: float, high: float) -> float:
 
 @kernel(int64(INTS, int64))
 def behind_scene(scene: IntArray, row: int) -> int:
-    """The row behind the last of the scene that the agent in `row` is in; `scene` (n,) as in :func:`within_scenes`."""
+    """The row after the last of the scene of the agent in `row`; `scene` (n,) as in :func:`within_scenes`."""
     return int(np.searchsorted(scene, scene[row], "right"))
 
 
 @kernel(UniTuple(OUT_INTS, 2)(INTS, INTS))
 def within_scenes(scene: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
-    """The first row (m,), and the one behind the last (m,), of the scenes that agents in `rows` (m,) are in.
+    """The first row (m,), and the row after the last (m,), of the scenes of the agents in `rows` (m,).
 
     `scene` (n,) is that of everybody; it ascends, as ids do.
     """

@@ -1,1 +1,1 @@
-"""What people look at: a run or a campaign as one HTML file, and scenes as pictures."""
+"""Reports: a run or a campaign as one HTML file, text on the terminal, and scenes as pictures."""

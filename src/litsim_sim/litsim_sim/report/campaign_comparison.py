@@ -1,4 +1,4 @@
-"""Two campaigns side by side, on the terminal."""
+"""Comparison of two campaigns, on the terminal."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from litsim_sim.campaign.comparison import (
 )
 from litsim_sim.campaign.results import Campaign, RunResult
 
-WIDTH = 100  # of what is not printed to a terminal
-CASES_MAX = 20  # of a list, where not everything is asked for
+WIDTH = 100  # characters per line if the output is not a terminal
+CASES_MAX = 20  # most cases of a list, unless everything is requested
 DIGITS = 3
-SMALL = 1e-3  # below which two digits are enough, for the width of the table
+SMALL = 1e-3  # numbers below have two digits, to limit the width of the table
 MARK = "*"
-FEW = 20  # pairs, below which the bootstrap's bounds hold in less than nine of ten cases
+FEW = 20  # pairs below which the bootstrap's bounds hold in less than nine of ten cases
 
 
 def print_campaigns(
     comparison: CampaignComparison, *, everything: bool = False, console: Console | None = None
 ) -> None:
-    """Print what passes or fails newly, with both reports of each run, and the measures that have changed.
+    """Print the changed verdicts, with both reports of each run, and the measures that have changed.
 
     Args:
-        comparison: of two campaigns.
-        everything: every measure that differs, not only those that have clearly changed and those of criteria; and
-            every case.
-        console: where to.
+        comparison: the comparison of two campaigns.
+        everything: whether to print every measure that differs, not only those that have clearly changed and those of
+            criteria; and every case.
+        console: output.
     """
     console = console or Console(width=None if sys.stdout.isatty() else WIDTH)
     _say(console, f"{comparison.before.folder} -> {comparison.after.folder}")
@@ -78,7 +78,7 @@ def _print_pair(console: Console, comparison: CampaignComparison, pair: Pair) ->
 
 
 def _print_worse(console: Console, comparison: CampaignComparison, pair: Pair) -> None:
-    """What a case that failed before fails by newly, and its report."""
+    """The criteria that a case that failed before now misses as well, and its report."""
     _say(console, f"  {pair.case.name}")
     missed = [f"{each.name}: {each.reason}" for each in pair.newly_missed]
     path = report_of(comparison.after, pair.after)
@@ -132,5 +132,5 @@ def _text(value: float) -> str:
 
 
 def _say(console: Console, text: str, style: str | None = None) -> None:
-    """Print a line as it is: paths stay in one piece, to be copied or clicked on."""
+    """Print a line without wrapping: paths stay in one piece, to be copied or clicked on."""
     console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""What the page of a campaign embeds of each run, for its table, its distributions and the panel of one run."""
+"""Data of each run in the page of a campaign, for its table, its distributions and the panel of one run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from litsim_sim.report.packing import Packer
 from litsim_sim.report.thumbnails import UNIT_RAD
 from litsim_sim.report.wording import leaf
 
-DIGITS = 5  # of numbers on the page
+DIGITS = 5  # significant digits of numbers on the page
 NAMED: dict[str, tuple[str, int | None]] = {
     "ade_controlled_m.10": ("controlled: ADE@10 s [m]", 2),
     "ade_ego_m.10": ("ego: ADE@10 s [m]", 2),
@@ -46,20 +46,20 @@ MAIN = (
     *("safety.min_ttc_s", "safety.min_pet_s", "collision.ego_contacts", "ego_motion.progress_ratio", "takeovers"),
     *("false_alarms", "ade_ego_m.10", "collision.excess"),
 )
-"""Measures that the table shows first, after those that criteria ask for, up to :data:`SHOWN` in all."""
+"""Measures that the table shows first, after those of criteria, up to :data:`SHOWN` in all."""
 
 SHOWN = 10
 TOO_FINE = ("timing.stage_ms", "timing.path_ms", "lockstep.missed_by_topic", "lockstep.ego_port")
-"""Branches of the measures that stay in `metrics.json`: what they hold differs from run to run."""
+"""Branches of the measures that are left out, as their fields differ from run to run."""
 
 
 def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]], beside: Path) -> str:
     """The runs of a campaign as a container of :mod:`litsim_sim.report.packing`.
 
     Args:
-        campaign: to show.
-        pictures: of runs, by id, as :func:`litsim_sim.report.thumbnails.thumbnail_of` makes them.
-        beside: the folder of the page, from which links lead.
+        campaign: the campaign.
+        pictures: pictures of runs by id, see :func:`litsim_sim.report.thumbnails.thumbnail_of`.
+        beside: folder of the page, to which links are relative.
     """
     results = campaign.results
     rows = list(campaign.rows)
@@ -97,18 +97,18 @@ def pack_campaign(campaign: Campaign, pictures: Mapping[str, Mapping[str, Any]],
 
 
 def criteria_of(campaign: Campaign) -> list[tuple[str, str, str]]:
-    """Name, field and limit of every criterion: those of the campaign, and any other that a result was judged by."""
+    """Name, field and limit of every criterion: those of the campaign, and all others that a result was judged by."""
     own = [(each.title, each.field, each.limit) for each in campaign.criteria.runs]
     judged = [(each.name, each.field, each.limit) for result in campaign.results for each in result.criteria]
     return list(dict.fromkeys((*own, *judged)))
 
 
 def fields_of(campaign: Campaign) -> list[dict[str, Any]]:
-    """Every measure that is a number or a truth value in any run, with its value in each.
+    """Every measure that is a number or a boolean in any run, with its value in each.
 
     Returns:
         For each its path, title, digits, the limits that criteria set on it, whether it is shown from the start, and
-        its values in the order of the runs, None where a run has none. Those that criteria ask for come first.
+        its values in the order of the runs, None where a run has none. Those of criteria come first.
     """
     leaves = [dict(_leaves(result.metrics or {})) for result in campaign.results]
     known = dict.fromkeys(path for each in leaves for path in each)
@@ -136,7 +136,7 @@ def _limits(campaign: Campaign, path: str) -> list[float]:
 
 
 def _leaves(metrics: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, float | bool]]:
-    """Path and value of all numbers and truth values; of a list the number of its entries, as criteria count them."""
+    """Path and value of all numbers and booleans; a list counts by its length, as for criteria."""
     for name, value in metrics.items():
         path = f"{above}{name}"
         if path in TOO_FINE:
@@ -172,7 +172,7 @@ def _case(result: RunResult) -> dict[str, Any]:
 
 
 def _links(result: RunResult, folder: Path, beside: Path) -> dict[str, str | None]:
-    """Addresses of the report and the log of a run as seen from `beside`, None where there is none; its folder."""
+    """Addresses of the report and the log of a run relative to `beside`, None if missing; and that of its folder."""
     own = folder / RUNS_FOLDER / result.case.id
     found = {
         name: own / file if file and (own / file).exists() else None
@@ -183,7 +183,7 @@ def _links(result: RunResult, folder: Path, beside: Path) -> dict[str, str | Non
 
 
 def address(path: Path, beside: Path) -> str:
-    """Address of a file as seen from a page in the folder `beside`."""
+    """Address of a file relative to a page in the folder `beside`."""
     return quote(Path(os.path.relpath(path.resolve(), beside.resolve())).as_posix())
 
 

@@ -1,4 +1,4 @@
-"""Everything that the player shows, packed."""
+"""All data of the player, packed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from litsim_sim.report.series import counts, deviations, speeds, times_to_leader
 from litsim_sim.report.tracks import Tracks, ghosts_of, tracks_of
 
 METRE, RADIAN, SPEED, SIGMA = 0.01, 0.002, 0.01, 0.05  # resolutions
-SIMPLIFY = 0.05  # [m] by which the outline of the road may be off
+SIMPLIFY = 0.05  # [m] tolerance of the outline of the road
 LIGHTS = {
     SignalState.FLASHING_RED: "red",
     SignalState.RED: "red",
@@ -86,10 +86,10 @@ def road(run: Run, tracks: Tracks) -> dict[str, Any]:
 
 
 def signals(run: Run, tracks: Tracks) -> list[dict[str, Any]]:
-    """Stop lines: for each controlled connection its part of the line, and what is shown there by frame.
+    """Stop lines: for each controlled connection its part of the line, and its signal by frame.
 
     The connections of a lane share its line from left to right, as they turn. `shown` lists [frame, light] of every
-    change; lights are those of LIGHTS, or empty where nothing is known.
+    change; lights are those of LIGHTS, or empty if unknown.
     """
     if run.signals is None:
         return []

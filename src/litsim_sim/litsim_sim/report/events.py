@@ -1,4 +1,4 @@
-"""The takeovers and contacts of `metrics.json` as tables of text, each row of which belongs to a step and an agent."""
+"""The takeovers and contacts of `metrics.json` as tables of text; each row belongs to a step and an agent."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from litsim_sim.report.wording import NOTHING, number
 
 @dataclass(frozen=True)
 class EventRow:
-    """One event: the step and the agent (id) that its row leads to, and a text for each column."""
+    """One event: step and agent (id) that its row links to, and a text for each column."""
 
     step: int
     agent: int
@@ -28,7 +28,7 @@ class EventTable:
 
 
 def takeover_table(entries: Sequence[dict[str, Any]], dt: float, ego: int) -> EventTable:
-    """The ledger of `metrics.json`, a row a takeover; it leads to the step of the detection.
+    """The ledger of `metrics.json`, one row per takeover, linked to the step of the detection.
 
     Args:
         entries: `ledger` of the metrics.
@@ -40,12 +40,12 @@ def takeover_table(entries: Sequence[dict[str, Any]], dt: float, ego: int) -> Ev
 
 
 def contact_table(metrics: dict[str, Any], dt: float, ego: int) -> EventTable:
-    """The contacts of `metrics`, a row for each; it leads to its first step.
+    """The contacts of `metrics`, one row each, linked to its first step.
 
     Args:
-        metrics: what `analyze` found; `collision` and `safety` of it are read.
+        metrics: the tree of `metrics.json`; its `collision` and `safety` are read.
         dt: length of a step [s].
-        ego: id of the ego; contacts of it have a verdict.
+        ego: id of the ego, whose contacts have a verdict.
     """
     verdicts = {(each["agent"], each["step"]): each for each in metrics["collision"]["ego_contacts"]}
     careful = {(each["agent"], each["step"]): each for each in metrics["safety"]["careful_driver"]}
@@ -83,7 +83,7 @@ def _takeover(entry: dict[str, Any], dt: float, ego: int) -> EventRow:
 
 
 def _back(entry: dict[str, Any], dt: float) -> str:
-    """When the agent was back on its log, or that it is gone."""
+    """Text on when the agent was back on its log, or why it was not."""
     outcome, step = entry.get("outcome"), entry.get("released_step")
     if outcome == Outcome.LEFT_NET:
         return "left the net"
@@ -94,7 +94,7 @@ def _back(entry: dict[str, Any], dt: float) -> str:
 
 
 def _replay(entry: dict[str, Any], dt: float, ego: int) -> str:
-    """What would have happened to the agent on its log alone."""
+    """Text on the contact that the agent would have had on its log, if any."""
     if not entry.get("replay_would_collide"):
         return "false alarm: no contact" if entry.get("false_alarm") else "no contact"
     return f"hits {_who(entry['replay_opponent'], ego)} at {entry['replay_step'] * dt:.1f} s"

@@ -1,4 +1,4 @@
-"""A campaign as one HTML file: verdicts, rows side by side, how measures are spread, and every run."""
+"""A campaign as one HTML file: verdicts, rows side by side, distributions of measures, and every run."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from litsim_sim.report.run_report import save
 from litsim_sim.report.thumbnails import read_thumbnail, write_thumbnail
 from litsim_sim.report.wording import NOTHING, leaf, number, percent
 
-TAGS_MAX = 30  # in the table by tag, the worst ones
+TAGS_MAX = 30  # most tags in the table by tag, the worst ones
 NOT_PASSED = "not passed"  # a choice of the filter by verdict, as in assets/campaign_runs.js
-NAMES_MAX = 4  # scenarios, egos or policies that a heading names; of more it says how many there are
+NAMES_MAX = 4  # most scenarios, egos or policies that a heading names; of more it gives the number
 
 
 @dataclass(frozen=True)
 class Column:
-    """One measure: its name, how to find it in a row, how it reads, and which end of it is the better one.
+    """One measure: its name, its value in a row, its text, and the function that selects the better of values.
 
-    `of_all` says that runs without measures count in it.
+    `of_all`: runs without measures count in it.
     """
 
     name: str
@@ -77,12 +77,12 @@ def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: 
     """Write the page of a campaign, finished or not.
 
     Args:
-        campaign: as :func:`litsim_sim.campaign.results.read_campaign` finds it.
+        campaign: see :func:`litsim_sim.campaign.results.read_campaign`.
         out: the page; default: `experiment.html` in its folder. Reports and logs of runs are linked from there.
-        quiet: whether to show no progress where pictures of runs have still to be made from their records.
+        quiet: whether to hide the progress of making missing pictures of runs from their recordings.
 
     Returns:
-        where the page was written.
+        The path of the page.
 
     Raises:
         InputError: the page cannot be written.
@@ -93,7 +93,7 @@ def write_experiment_report(campaign: Campaign, out: Path | None = None, quiet: 
 
 
 def _pictures(campaign: Campaign, quiet: bool) -> dict[str, dict[str, Any]]:
-    """Pictures of runs by id: those that were made when they ended, others from the records, where there are any."""
+    """Pictures of runs by id: those made when they ended, and others made from their recordings, if available."""
     found = {}
     lacking = []
     for result in campaign.results:
@@ -106,7 +106,7 @@ def _pictures(campaign: Campaign, quiet: bool) -> dict[str, dict[str, Any]]:
         own = _folder(campaign, result)
         try:
             write_thumbnail(read_run(own / str(result.recording)), dict(result.metrics or {}), own)
-        except InputError:  # a record that was lost or moved since: the page does without its picture
+        except InputError:  # a recording that was lost or moved since: the page lacks its picture
             continue
         picture = read_thumbnail(own)
         if picture is not None:
@@ -159,7 +159,7 @@ def _subtitle(campaign: Campaign) -> str:
 
 
 def _verdicts(name: str, results: list[RunResult]) -> dict[str, Any]:
-    """How many runs of a row passed, failed and could not be judged; the share that passed is of all of them."""
+    """Numbers of runs of a row that passed, failed and could not be judged; the share that passed is that of all."""
     counts = Counter(each.verdict for each in results)
     parts = [
         {"verdict": verdict.value, "count": counts[verdict], "filter": _filter(row=name, verdict=verdict.value)}
@@ -181,7 +181,7 @@ def _suite_criterion(found: CriterionResult) -> dict[str, Any]:
 
 
 def _rule(name: str, field: str, limit: str) -> str:
-    """What a criterion asks for; empty where its name says that already."""
+    """The limit of a criterion; empty if its name says it already."""
     rule = f"{field} {limit}"
     return "" if rule == name else rule
 
@@ -192,7 +192,7 @@ def _filter(**fields: str) -> str:
 
 
 def _criteria(campaign: Campaign, by_row: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
-    """For each criterion how many runs of each row missed it, of those that were judged by it."""
+    """Number of runs of each row that missed each criterion, of those judged by it."""
     judged: Counter[tuple[Any, ...]] = Counter()
     missed: Counter[tuple[Any, ...]] = Counter()
     for result in campaign.results:
@@ -214,7 +214,7 @@ def _criteria(campaign: Campaign, by_row: dict[str, list[RunResult]]) -> list[di
 
 
 def _tags(by_row: dict[str, list[RunResult]]) -> list[dict[str, Any]]:
-    """For each tag how many runs of each row have not passed, of those that have the tag; the worst tags first."""
+    """Number of runs of each row that have not passed, of those with a tag, by tag; the worst tags first."""
     tagged: Counter[tuple[str, str]] = Counter()
     missed: Counter[tuple[str, str]] = Counter()
     for row, results in by_row.items():
@@ -258,7 +258,7 @@ def _displaced(row: dict[str, Any], field: str, horizon: str) -> str | None:
 
 
 def _side_by_side(summary: dict[str, dict[str, Any]], columns: Iterable[Column]) -> list[dict[str, Any]]:
-    """A row for each measure that any row of the campaign has, a cell for each; the best of several values is marked.
+    """A row for each measure that any row of the campaign has, with a cell for each; the best of several is marked.
 
     Values that leave out runs without measures have an asterisk. They are never marked as the best, as those runs might
     have changed them.

@@ -1,4 +1,4 @@
-"""The forecasts of a bag, thinned to what a picture of them needs."""
+"""The forecasts of a bag, thinned for pictures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from litsim_sim.core.topic_names import FORECASTS
 from litsim_sim.record.bag import BagReader
 from litsim_sim.record.run import UNDECODABLE, Run
 
-POINTS_MAX = 13  # of one forecast: 5 s every 0.4 s
+POINTS_MAX = 13  # most points of one forecast: 5 s every 0.4 s
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Forecasts:
     Attributes:
         agent: (m,) ids.
         step: (m,) steps at which they were made.
-        time: (T,) of the points after that step [s].
+        time: (T,) times of the points after that step [s].
         mean: (m, T, 2) box centres in frame map [m].
         spread: (m, T, 3) sigma_x, sigma_y [m] and correlation.
     """
@@ -46,7 +46,7 @@ class Forecasts:
 
 
 def read_forecasts(run: Run) -> Forecasts:
-    """Forecasts recorded in the bag of `run`; none where the run had no predictor.
+    """Forecasts recorded in the bag of `run`; none if the run had no predictor.
 
     Raises:
         InputError: the topic cannot be read as joint forecasts of one length.
@@ -95,6 +95,6 @@ def _messages(run: Run) -> Iterator[Any]:
 
 
 def _picked(points: int) -> IntArray:
-    """At most POINTS_MAX of the points of a forecast, evenly spaced, the last among them."""
+    """Indices of at most POINTS_MAX of the points of a forecast, evenly spaced, including the last."""
     stride = -(-points // POINTS_MAX)
     return np.arange(points - 1, -1, -stride)[::-1].copy()

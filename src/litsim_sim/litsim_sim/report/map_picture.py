@@ -1,4 +1,4 @@
-"""A picture of a net's check: the lanes, the tracks on them, and where tracks lie on no lane."""
+"""A picture of a net's check: the lanes, the tracks on them, and the tracks' positions on no lane."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.maps.placement import Miss
 
 DPI = 110
-WIDTH, LEGEND = 14.0, 0.9  # [inch] of all, and height of the legend
-HEIGHTS = (2.5, 8.0)  # [inch] bounds of the overview's
+WIDTH, LEGEND = 14.0, 0.9  # [inch] width of the picture, and height of the legend
+HEIGHTS = (2.5, 8.0)  # [inch] bounds of the overview's height
 STRETCHED = 0.15  # height to width below which y is stretched: a straight motorway would be a hairline
-BESIDE_RATIO = 0.6  # from which on the details lie beside the overview
-DETAILS = 4  # places that are drawn large
+BESIDE_RATIO = 0.6  # height to width from which on the details lie beside the overview
+DETAILS = 4  # most places that are drawn enlarged
 DETAIL_M = 40.0  # [m] side of each
-PLACES_APART = 40.0  # [m] between them
+PLACES_APART = 40.0  # [m] smallest distance between them
 MARGIN = 10.0  # [m] around the tracks
-NARROW = 0.7  # least width to height of what is drawn
-POINTS_MAX = 200_000  # of tracks; of more, every so many rows are drawn
+NARROW = 0.7  # smallest width to height of the extent drawn
+POINTS_MAX = 200_000  # most points of tracks; of more, only every n-th row is drawn
 LANE, INSIDE, EDGE = "#dfe3e8", "#edf0f4", "#b4bbc4"
 TRACK, MISS, FITTED, NO_WAY_IN, NO_EXIT, CROSSES = "#3b7dd8", "#d62728", "#2a9d57", "#e07b00", "#7b3fb5", "#111111"
 
 
 def draw(path: Path, lane_map: LaneMap, parts: Mapping[str, pd.DataFrame], check: NetCheck) -> None:
-    """Draw the lanes, the tracks of all `parts` and what `check` found of them to a PNG file.
+    """Draw the lanes, the tracks of all `parts` and the findings of `check` to a PNG file.
 
     Raises:
-        InputError: `path` has another ending or cannot be written.
+        InputError: `path` has another suffix or cannot be written.
     """
     if path.suffix != ".png":
         raise InputError(f"{path}: expected a name that ends with .png")
@@ -102,13 +102,13 @@ def lane_outline(lane: Lane) -> FloatArray:
 
 
 def _thinned(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of a table, sorted by vehicle and frame; of very many, every so manyth."""
+    """Rows of a table, sorted by vehicle and frame; of more than POINTS_MAX, every n-th."""
     ordered = table.sort_values(["vehicle_id", "frame"], ignore_index=True)
     return ordered.iloc[:: max(1, len(ordered) // POINTS_MAX)]
 
 
 def _extent(lane_map: LaneMap, tables: list[pd.DataFrame]) -> tuple[FloatArray, FloatArray]:
-    """Corners (2,) of what is drawn: the tracks with a margin; the net where there are none."""
+    """Corners (2,) of the extent drawn: the tracks with a margin; without tracks the net."""
     if not tables:
         bounds = np.array(lane_map.bounds)
         return bounds[:2] - MARGIN, bounds[2:] + MARGIN
@@ -119,7 +119,7 @@ def _extent(lane_map: LaneMap, tables: list[pd.DataFrame]) -> tuple[FloatArray, 
 
 
 def _places(misses: list[Miss]) -> list[Miss]:
-    """The worst misses of at most DETAILS places that are apart."""
+    """The worst misses at up to DETAILS places at least PLACES_APART apart."""
     chosen: list[Miss] = []
     for miss in sorted(misses, key=lambda each: -each.beyond):
         if len(chosen) < DETAILS and all(

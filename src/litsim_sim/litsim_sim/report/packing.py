@@ -1,8 +1,8 @@
-"""Arrays made small enough to travel inside an HTML page; `assets/container.js` is the reader.
+"""Compression of arrays for embedding in an HTML page; `assets/container.js` is the reader.
 
 The container is gzip over: the length of the header (uint32, little endian), the header (JSON, padded with spaces to a
 multiple of 4 bytes), and the arrays, each padded to a multiple of 4 bytes. Values are rounded to a resolution and
-differenced along the last axis, which turns smooth motion into small whole numbers that compress well.
+differenced along the last axis, which turns smooth motion into small integers that compress well.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 ALIGNMENT = 4
-LEVEL = 6  # of compression: 9 takes eight times as long for 3 % less
+LEVEL = 6  # level of compression: 9 takes eight times as long for 3 % less
 WHOLE = np.int32
 NARROWEST_FIRST = (np.int8, np.int16, WHOLE)
 

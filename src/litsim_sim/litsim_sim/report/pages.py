@@ -17,7 +17,7 @@ def render_page(template: str, **values: Any) -> str:
 
     Args:
         template: name of a file in `templates`.
-        values: what the template names; text in them is shown as it is, whatever it holds.
+        values: values for the names in the template; text in them is escaped.
 
     Raises:
         jinja2.UndefinedError: the template names a value that is not given.

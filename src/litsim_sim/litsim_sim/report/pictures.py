@@ -32,8 +32,8 @@ from litsim_sim.report.tracks import Tracks, ghosts_of, tracks_of
 
 GROUND, ROAD, PAINT, INK = "#eceeea", "#cfd3d8", "#ffffff", "#2b3038"
 SIZE_PX, DPI = (1280, 480), 100
-AROUND = 60.0  # [m] of road ahead of the ego and behind it
-EVERY = 2  # steps between the pictures of a film
+AROUND = 60.0  # [m] length of road ahead of the ego and behind it
+EVERY = 2  # [steps] between the pictures of a film
 POINTS_PER_INCH = 72.0
 
 
@@ -103,7 +103,7 @@ class Stage:
         return np.stack(seen, axis=-1)
 
     def _centre(self, frame: int) -> FloatArray:
-        """Where the ego is, or was last; without one, the middle of the traffic."""
+        """Position of the ego, or its last one; without an ego, the middle of the traffic."""
         row, tracks = self._tracks.row(self._run.info.ego_id), self._tracks
         if row >= 0:
             return np.array([tracks.x[row, frame], tracks.y[row, frame]])
@@ -111,7 +111,7 @@ class Stage:
         return np.array([np.median(v[here, frame]) if here.any() else 0.0 for v in (tracks.x, tracks.y)])
 
     def _direction(self) -> float:
-        """Heading that lies to the right in the picture: where the ego goes in all [rad]."""
+        """Heading [rad] that points to the right in the picture: that of the ego's displacement over the run."""
         row, tracks = self._tracks.row(self._run.info.ego_id), self._tracks
         if row < 0:
             return 0.0
@@ -136,7 +136,7 @@ def write_film(run: Run, path: Path, first: int | None = None, last: int | None 
     (H.264) where `path` ends in .mp4.
 
     Raises:
-        InputError: no such steps, `path` cannot be written, or ffmpeg, which makes an MP4, is not there.
+        InputError: no such steps, `path` cannot be written, or ffmpeg, which makes an MP4, is missing.
     """
     write = partial(_write_mp4, _ffmpeg(path)) if path.suffix.lower() == ".mp4" else _write_gif
     first = run.info.history_steps if first is None else first
@@ -152,7 +152,7 @@ def write_film(run: Run, path: Path, first: int | None = None, last: int | None 
 
 
 def _ffmpeg(path: Path) -> str:
-    """The program that will write `path`: ffmpeg on PATH, or the one that the wheel imageio-ffmpeg brings.
+    """The program that will write `path`: ffmpeg on PATH, or the one of the wheel imageio-ffmpeg.
 
     Raises:
         InputError: there is neither.
@@ -210,7 +210,7 @@ def _draw_road(axes: Axes, content: dict[str, Any]) -> tuple[_Lines, _Lines]:
 
 
 def _ellipse(box: FloatArray) -> FloatArray:
-    """Points (m, 2) of the ellipse inside a box of corners (4, 2): a pedestrian, or someone on a bicycle."""
+    """Points (m, 2) of the ellipse inside a box of corners (4, 2), for pedestrians and cyclists."""
     turn = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)[:, None]
     long, wide = 0.5 * (box[0] - box[1]), 0.5 * (box[1] - box[2])
     return np.asarray(box.mean(axis=0) + np.cos(turn) * long + np.sin(turn) * wide, np.float64)

@@ -20,7 +20,7 @@ from litsim_sim.report.pages import render_page
 from litsim_sim.report.wording import NOTHING, lockstep_text, number, percent
 
 REPORT_FILE = "report.html"
-DATA_MAX = 8_000_000  # characters of packed data; the page must stay below 10 MB
+DATA_MAX = 8_000_000  # most characters of packed data; the page must stay below 10 MB
 THINNING = (1, 2, 5, 10)  # steps between forecasts, tried in this order until the data fit
 
 
@@ -30,13 +30,13 @@ def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | N
     Args:
         bag: folder of the run, or its MCAP file.
         out: the page; default: `report.html` beside the bag.
-        metrics: what `analyze` has found, where that is at hand; else it is computed.
+        metrics: the measures of the run, if computed already.
 
     Returns:
-        where the page was written.
+        The path of the page.
 
     Raises:
-        InputError: `bag` is no LitSim run, or the page cannot be written.
+        InputError: `bag` is not a LitSim run, or the page cannot be written.
     """
     run = read_run(bag)
     path = out or run.path.parent / REPORT_FILE
@@ -46,7 +46,7 @@ def write_report(bag: Path, out: Path | None = None, metrics: dict[str, Any] | N
 
 
 def save(html: str, path: Path) -> None:
-    """Write a page to `path`, whole or not at all; raises InputError where that is impossible."""
+    """Write a page to `path` atomically; raises InputError if that is impossible."""
     with replacing(path) as new:
         new.write_text(html, encoding="utf-8")
 
@@ -76,7 +76,7 @@ def render(run: Run, metrics: dict[str, Any]) -> str:
 
 
 def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:
-    """Packed data, and how many steps lie between forecasts."""
+    """Packed data, and the number of steps between forecasts."""
     forecasts = read_forecasts(run)
     data = ""
     for every in THINNING:
@@ -89,7 +89,7 @@ def _packed(run: Run, metrics: dict[str, Any]) -> tuple[str, int]:
 
 
 def _measures(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Name and value, as text, of the measures that people look at first."""
+    """Name and value, as text, of the most important measures."""
     collision, back, timing = metrics["collision"], metrics["handback"], metrics["timing"]
     yield "agents", f"{metrics['agents']}, {metrics['controlled_agents']} ever under control"
     yield "colliding pairs", f"{collision['pairs']} ({collision['excess']} not in the log)"

@@ -1,4 +1,4 @@
-"""What the page plots over time. Series are (frames,), one value a step of the run; NaN where there is nothing."""
+"""Series that the page plots over time: (frames,), one value per step of the run; NaN for none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run on the terminal: the measures that people look at first, contacts of the ego, takeovers."""
+"""A run on the terminal: the most important measures, contacts of the ego, and takeovers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LEDGER_COLUMNS = ("agent", "why", "with", "at", "in", "p", "pure replay", "held"
 
 
 def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> None:
-    """Print the measures that people look at first."""
+    """Print the most important measures."""
     console = console or Console()
     title = "{run_id}: {scenario}, ego {ego}, policy {policy}, seed {seed}".format(**metrics)
     table = Table(title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
@@ -31,7 +31,7 @@ def print_metrics(metrics: dict[str, Any], console: Console | None = None) -> No
 
 
 def print_ledger(metrics: dict[str, Any], console: Console | None = None) -> None:
-    """Print every contact of the ego and every takeover, with its reason and outcome; nothing where there are none."""
+    """Print every contact of the ego and every takeover, with its reason and outcome; nothing if there are none."""
     console = console or Console()
     for title, head, rows in (
         ("contacts of the ego (s, m/s)", CONTACT_COLUMNS, list(_contact_rows(metrics))),
@@ -60,7 +60,7 @@ def _contact_rows(metrics: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _careful(avoids: bool | None) -> str:
-    """What the careful driver would have done; a dash if the other agent is not a vehicle."""
+    """Text on what the careful driver would have done; a dash if the other agent is not a vehicle."""
     if avoids is None:
         return NOTHING
     return "avoids it" if avoids else "hits too"

@@ -22,12 +22,12 @@ from litsim_sim.report.tracks import Tracks, tracks_of
 
 THUMBNAIL_FILE = "thumbnail.json"
 FORMAT = 1
-AHEAD_M, BESIDE_M = 33.0, 11.0  # from the middle of the picture to its edges
-BEYOND_M = 5.0  # of boxes and lines beyond the edge: what reaches in
-UNIT_M, UNIT_RAD = 0.1, 0.01  # of the whole numbers
+AHEAD_M, BESIDE_M = 33.0, 11.0  # distance of the edges from the middle of the picture
+BEYOND_M = 5.0  # distance beyond the edge within which boxes and lines are kept, as they may reach in
+UNIT_M, UNIT_RAD = 0.1, 0.01  # units of the integers
 ROAD_TOLERANCE_M, PATH_TOLERANCE_M = 0.3, 0.2
-SEAM_M = 0.2  # between lanes that touch only nearly
-AFTER_DETECTION = 10  # steps, for a takeover to show
+SEAM_M = 0.2  # by which lanes are widened to either side, to close gaps between them
+AFTER_DETECTION = 10  # [steps] after which a takeover is visible
 
 
 def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
@@ -35,12 +35,12 @@ def thumbnail_of(run: Run, metrics: dict[str, Any]) -> dict[str, Any]:
 
     Args:
         run: with at least one step.
-        metrics: of the run, as :func:`litsim_sim.analysis.metrics.compute_metrics` finds them.
+        metrics: measures of the run, see :func:`litsim_sim.analysis.metrics.compute_metrics`.
 
     Returns:
-        plain values: `step` and `what` it shows; `size`, half length and half height of the picture; `road`, a list of
-        outlines and holes; `boxes`, one [x, y, yaw, length, width, mode] for each agent; `path` of the ego, and `log`,
-        its logged one; `contact`, the place of the contact or None. Places are flat lists of whole numbers, x to the
+        Values for JSON: `step` and `what` it shows; `size`, half length and half height of the picture; `road`, a list
+        of outlines and holes; `boxes`, one [x, y, yaw, length, width, mode] for each agent; `path` of the ego, and
+        `log`, its logged one; `contact`, the place of the contact or None. Places are flat lists of integers, x to the
         right and y up from the middle of the picture, in :data:`UNIT_M` and :data:`UNIT_RAD`; modes are those of
         :class:`litsim_sim.core.colours.Mode`.
     """
@@ -73,7 +73,7 @@ def write_thumbnail(run: Run, metrics: dict[str, Any], folder: Path) -> None:
 
 
 def read_thumbnail(folder: Path) -> dict[str, Any] | None:
-    """The picture of a run that :func:`write_thumbnail` has left; None where there is none of today's format."""
+    """The picture of a run written by :func:`write_thumbnail`; None without one of the current format."""
     try:
         found = json.loads((folder / THUMBNAIL_FILE).read_text())
     except (OSError, ValueError):
@@ -170,7 +170,7 @@ def _path(steps: Steps, agent: int, pose: tuple[float, float, float], window: sh
 
 
 def _contact(tracks: Tracks, agents: tuple[int, ...], frame: int, pose: tuple[float, float, float]) -> list[int] | None:
-    """Half way between those that touch."""
+    """The point half way between the agents that touch."""
     rows = [tracks.row(agent) for agent in agents]
     if not rows or min(rows) < 0:
         return None
@@ -179,14 +179,14 @@ def _contact(tracks: Tracks, agents: tuple[int, ...], frame: int, pose: tuple[fl
 
 
 def _in_map(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
-    """Points (n, 2) of frame map, of points as they are seen from a pose; the inverse of :func:`_seen`."""
+    """Points (n, 2) in frame map of points relative to a pose; the inverse of :func:`_seen`."""
     x, y, yaw = pose
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.column_stack([x + cos * points[:, 0] - sin * points[:, 1], y + sin * points[:, 0] + cos * points[:, 1]])
 
 
 def _seen(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
-    """Points (n, 2) of frame map as seen from a pose: x ahead, y to the left [m]."""
+    """Points (n, 2) in frame map relative to a pose: x ahead, y to the left [m]."""
     return np.column_stack(to_body(points[:, 0] - pose[0], points[:, 1] - pose[1], np.asarray(pose[2])))
 
 

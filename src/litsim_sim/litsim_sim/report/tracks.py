@@ -24,7 +24,7 @@ class Tracks:
 
     Attributes:
         first: step of frame 0.
-        id, kind: (n,) of the agents.
+        id, kind: (n,) ids and kinds of the agents.
         length, width: (n,) [m].
         mode: (n, frames) :class:`litsim_sim.core.colours.Mode`.
         x, y: (n, frames) in frame map [m].
@@ -56,13 +56,13 @@ class Tracks:
         return np.asarray(self.mode != Mode.ABSENT)
 
     def row(self, agent: int) -> int:
-        """Row of `agent`, or -1 where there is none."""
+        """Row of `agent`; -1 without it."""
         at = int(np.searchsorted(self.id, agent))
         return at if at < len(self.id) and self.id[at] == agent else -1
 
 
 def tracks_of(run: Run) -> Tracks:
-    """Every agent of a run; POLICY is told apart from HANDBACK by the takeovers."""
+    """Every agent of a run; POLICY is distinguished from HANDBACK by the takeovers."""
     tracks = collect(run.steps, run.tables[0].step, run.tables[-1].step)
     for step, records in run.takeovers.items():
         frame = step - tracks.first

@@ -1,4 +1,4 @@
-"""How values read on the pages: numbers, shares and nested measures as plain text, which the templates escape."""
+"""Formatting of values for the pages: numbers, shares and nested measures as plain text, which templates escape."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def is_nested(value: Any) -> bool:
 
 
 def lockstep_text(lockstep: Mapping[str, Any]) -> str:
-    """Missed answers and gaps of a run (`lockstep` of `metrics.json`), and what of an external ego's was of no use."""
+    """Missed answers and gaps of a run (`lockstep` of `metrics.json`), and unused messages of an external ego."""
     port = {name: count for name, count in lockstep["ego_port"].items() if name not in ("interface", "answered")}
     unused = "".join(f", {count} {name}" for name, count in port.items() if count)
     told = f"{lockstep['missed']} missed answers, {lockstep['gaps']} gaps"
@@ -49,7 +49,7 @@ def lockstep_text(lockstep: Mapping[str, Any]) -> str:
 
 
 def leaf(value: Any) -> str:
-    """A value without further levels as text: floats with four digits, bools as yes or no, nothing as a dash."""
+    """A value without further levels as text: floats with four digits, bools as yes or no, None as a dash."""
     if value is None or value in ("", {}, []):
         return NOTHING
     if isinstance(value, bool):

@@ -1,1 +1,1 @@
-"""Generated traffic: SUMO's, with drivers calibrated to recordings, smoothed to plausible motion."""
+"""Generated traffic: SUMO's traffic with calibrated drivers, smoothed to plausible motion."""

@@ -33,7 +33,7 @@ class Pairs:
     """Followers and their leaders at 10 Hz; n pairs, padded to the longest.
 
     Attributes:
-        name: where they come from, (n,) strings.
+        name: (n,) names of their sources.
         follower: (n,) number of the following driver; a driver may follow in several pairs.
         valid: (n, t) which steps a pair has: the first ones.
         gap: (n, t) from the follower's front to the leader's rear bumper, recorded [m].
@@ -71,10 +71,10 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Model:
-    """A car-following model and where its parameters are looked for.
+    """A car-following model with bounds of its parameters.
 
     Attributes:
-        name: for tables.
+        name: name in tables.
         step_speed: its equation.
         parameters: names of its five parameters, with units in the text that explains them.
         low, high: (5,) bounds of the search.
@@ -139,7 +139,7 @@ def gap_rmse(model: Model, parameters: FloatArray, pairs: Pairs) -> FloatArray:
 def fit_each(
     model: Model, pairs: Pairs, common: FloatArray, seed: int, generations: int = 80, population: int = 30
 ) -> FloatArray:
-    """Parameters (n, 5) of every pair for itself, near `common` (5,) where the pair does not care."""
+    """Parameters (n, 5) of every pair, near `common` (5,) where the pair does not determine them."""
 
     def cost(candidates: FloatArray) -> FloatArray:
         penalty = PRIOR_WEIGHT * (np.log(candidates / common) ** 2).sum(axis=-1)
@@ -149,7 +149,7 @@ def fit_each(
 
 
 def fit_common(model: Model, pairs: Pairs, seed: int, generations: int = 40, population: int = 30) -> FloatArray:
-    """One set of parameters (5,) for all pairs: the least mean of their errors."""
+    """One set of parameters (5,) for all pairs, with the least mean error."""
 
     def cost(candidates: FloatArray) -> FloatArray:
         everywhere = np.broadcast_to(candidates, (len(candidates), len(pairs), len(model.parameters)))

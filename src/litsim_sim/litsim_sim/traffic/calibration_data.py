@@ -1,4 +1,4 @@
-"""What the development data (README of ``LITSIM_DATA``) offers for calibration: car-following pairs, lane changes."""
+"""Calibration data in the development data (README of ``LITSIM_DATA``): car-following pairs and lane changes."""
 
 from __future__ import annotations
 

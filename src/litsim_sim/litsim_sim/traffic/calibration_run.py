@@ -1,6 +1,6 @@
 """The whole calibration: car-following on held-in drivers, judged on held-out ones, then lane changes. Seeded.
 
-What it writes (``data calibrate --out``) is what generated traffic reads: the packaged ``calibration.json``.
+Its output (``data calibrate --out``) is the input of generated traffic: the packaged ``calibration.json``.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ class Fit:
 
 
 def calibrate(data: Path, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
-    """Run everything on the data in folder `data`; `say` is told what is going on, table included.
+    """Run the calibration on the data in folder `data`; `say` is called with lines on the progress and the report.
 
     Returns:
-        What goes into the parameter file.
+        The content of the parameter file.
 
     Raises:
         InputError: data is missing.

@@ -1,7 +1,7 @@
-"""How much generated traffic resembles the recorded windows of US-101: distributions of the usual measures.
+"""Comparison of generated traffic with the recorded windows of US-101, by distributions of the usual measures.
 
-Generated and recorded traffic go through the same steps: the same stretch of road beside the auxiliary lane, the same
-filter on positions, speeds and accelerations differentiated from them, leaders looked up in the same way.
+Generated and recorded traffic are processed alike: the same stretch of road beside the auxiliary lane, the same filter
+on positions, speeds and accelerations differentiated from these, and leaders determined in the same way.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from litsim_sim.traffic.calibration_data import LANE_WIDTH, US101_WINDOWS, count
 from litsim_sim.traffic.motion import smooth
 
 WINDOWS = (((316, 543), (180.0, 415.0)), ((403, 543), (200.0, 478.0)), ((748, 828), (135.0, 325.0)))
-"""Complete windows: first and last frame, [m] along the road. What two of them share counts once."""
+"""Complete windows: first and last frame, [m] along the road. Rows in two of them count once."""
 STRETCH = (180.0, 415.0)  # [m] along the generated road
 FILTER_S = 0.4  # [s] standard deviation: recorded positions are noisy, generated ones have passed it once already
 MOVING = 1.0  # [m/s] above which a time headway makes sense

@@ -15,23 +15,23 @@ from litsim_sim.core.scene import FloatArray, Kind
 PARAMETERS = Path(__file__).parent / "calibration.json"
 VEHICLE_CLASS = {Kind.CAR: "passenger", Kind.TRUCK: "truck", Kind.MOTORCYCLE: "motorcycle"}
 
-TIME_GAP_MIN = 0.55  # [s] shorter calibrated ones do not survive SUMO's merging without contacts
-STANDSTILL_GAP = (1.5, 4.0)  # [m] to which calibrated ones are limited: in queues the fits are at their bounds
-ACCELERATION = (0.6, 2.2)  # [m/s2]
-DECELERATION = (1.0, 3.5)  # [m/s2]
-ASSERTIVENESS = (3.0, 6.0)  # gaps are taken that are so many times shorter: at 1 the on-ramp jams, unlike the real one
-TRUCK_ACCELERATION, TRUCK_SPEED = 0.7, 0.85  # shares of a car's
+TIME_GAP_MIN = 0.55  # [s] lower limit on calibrated time gaps: SUMO's merging causes contacts with shorter ones
+STANDSTILL_GAP = (1.5, 4.0)  # [m] limits on calibrated gaps: in queues the fits are at their bounds
+ACCELERATION = (0.6, 2.2)  # [m/s2] likewise
+DECELERATION = (1.0, 3.5)  # [m/s2] likewise
+ASSERTIVENESS = (3.0, 6.0)  # factors by which accepted gaps are shorter: at 1 the on-ramp jams, unlike the real one
+TRUCK_ACCELERATION, TRUCK_SPEED = 0.7, 0.85  # of trucks, relative to cars
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """Which vehicles drive.
+    """Composition of the traffic.
 
     Attributes:
-        truck_share, motorcycle_share: of all vehicles; the others are cars.
-        truck_length: lower and upper length of trucks [m].
-        free_speed: lowest desired speed [m/s]: drivers who were calibrated in a jam would never drive faster.
-        eagerness: share of the calibrated eagerness to change lanes for speed: in front of signals it pays little.
+        truck_share, motorcycle_share: shares of all vehicles; the others are cars.
+        truck_length: smallest and largest length of trucks [m].
+        free_speed: lowest desired speed [m/s]: drivers calibrated in a jam would otherwise never drive faster.
+        eagerness: factor on the calibrated eagerness to change lanes for speed, which is of little use before signals.
         drivers: names of the sites whose calibrated drivers drive here.
     """
 
@@ -57,8 +57,8 @@ class Behaviour:
     """How vehicles are driven.
 
     Attributes:
-        name: for headers and tables.
-        drivers: by site of calibration, (n, 5) IDM parameters v0, T, s0, a_max, b; empty for SUMO's defaults.
+        name: name in headers and tables.
+        drivers: (n, 5) IDM parameters v0, T, s0, a_max, b, by site of calibration; empty for SUMO's defaults.
         speed_gain: eagerness to change lanes for speed, SUMO's lcSpeedGain: the mean over drivers.
     """
 
@@ -72,7 +72,7 @@ SUMO_DEFAULT = Behaviour("SUMO's defaults", {}, 1.0)
 
 @cache
 def calibrated() -> Behaviour:
-    """What ``data calibrate`` has found: see :mod:`litsim_sim.traffic.calibration_run`."""
+    """The packaged result of ``data calibrate``: see :mod:`litsim_sim.traffic.calibration_run`."""
     values = json.loads(PARAMETERS.read_text(encoding="utf-8"))
     drivers = {site: np.array(rows, np.float64) for site, rows in values["drivers"].items()}
     return Behaviour("calibrated", drivers, float(values["lane_change"]["lcSpeedGain"]))

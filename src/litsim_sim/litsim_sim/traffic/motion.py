@@ -15,17 +15,17 @@ from litsim_sim.core.geometry import wrap_angle
 from litsim_sim.core.scene import STEP_S, FloatArray
 
 TIME_FILTER_S = 0.4  # [s] standard deviation of the filter along the road: SUMO's accelerations jump
-PATH_STEP = 0.25  # [m] of the points of a path
+PATH_STEP = 0.25  # [m] distance of the points of a path
 TURN_FILTER = 2.0  # [m] standard deviation where the road turns: a longer filter would cut the corner
 TURN_NEAR, TURN_FAR = 8.0, 20.0  # [m] before and after a place between which the directions of the road are compared
-TURN = 0.5  # [rad] by which they differ where the road turns; a lane change gives less
-OFFSET_MAX = 2.0  # standard deviations that a driver keeps off the lane's centre at most
+TURN = 0.5  # [rad] smallest difference of these where the road turns; a lane change gives less
+OFFSET_MAX = 2.0  # [standard deviations] largest offset of a driver from the lane's centre
 WANDER_LENGTH = (80.0, 200.0)  # [m] range of wavelengths of a driver's wandering about that
-STANDING = 1e-3  # [m] per step
+STANDING = 1e-3  # [m] per step, below which a vehicle stands
 UNSTEADY_S = 1.0  # [s] standard deviation of the filter that makes a driver's unsteady pedal out of white noise
-UNSTEADY_MAX = 2.0  # standard deviations that he is ahead or behind at most
-UNSTEADY_SPEED = 8.0  # [m/s] below which he becomes steadier, and is steady at standstill
-TAIL = 1.0  # [m] by which a path goes on beyond the box
+UNSTEADY_MAX = 2.0  # [standard deviations] largest deviation from a steady driver, ahead or behind
+UNSTEADY_SPEED = 8.0  # [m/s] speed below which a driver becomes steadier, down to steady at standstill
+TAIL = 1.0  # [m] by which a path continues beyond the box
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Smoothness:
         path_filter: standard deviation of the filter along the path: SUMO changes lanes at constant lateral speed,
             which gives an angle to vehicles that creep.
         offset: the driver's mean distance to the left of the lane's centre.
-        wander, wander_length, wander_phase: amplitude, wavelength and phase [rad] of his wandering about that.
-        unsteadiness: standard deviation of his way ahead of or behind a steady driver.
-        seed: of that.
+        wander, wander_length, wander_phase: amplitude, wavelength and phase [rad] of the driver's wandering about that.
+        unsteadiness: standard deviation of the driver's way ahead of or behind a steady one.
+        seed: seed of that deviation.
     """
 
     path_filter: float

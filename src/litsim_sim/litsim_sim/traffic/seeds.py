@@ -1,7 +1,7 @@
-"""What generated traffic is used for, by the seeds of :func:`.segment_set.write_segment_set`: nothing twice.
+"""Uses of generated traffic, by the seeds of :func:`.segment_set.write_segment_set`; the uses are disjoint.
 
-What is reported on is seen by no training, no calibration and no choice. A test reads the manifests of all weights that
-come with LitSim and says whether it is so.
+Results are reported on traffic that no training, calibration or choice of parameters has seen. A test checks this in
+the manifests of all packaged weights.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ PAPER = (77000, 77001, 77002, 77003, 77004)
 """Draws of generated traffic of the paper's experiments."""
 
 LEFT_TURNS = 78000
-"""Street in which the left turn of the paper's case studies is looked for."""
+"""Street that is searched for the left turn of the paper's case studies."""
 
 REPORTED = frozenset({9000, *PAPER, LEFT_TURNS})
-"""Results are reported on these, and nothing else is done with them."""
+"""Results are reported on these, which are used for nothing else."""
 
 DEMO_RECORDING = "us101_like"
 """Name of the recording of scenario demo, which the shipped predictors were trained on.

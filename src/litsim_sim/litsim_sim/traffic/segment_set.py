@@ -11,10 +11,10 @@ from litsim_sim.traffic.synthetic import synthesize_segments
 
 
 def write_segment_set(net: str, count: int, seed: int, folder: Path) -> segments.Manifest:
-    """Write recordings, manifest and scenario files for `count` segments on `net` to `folder`; returns the manifest.
+    """Write recordings, manifest and scenario files for `count` segments on `net` to `folder`; return the manifest.
 
     Raises:
-        InputError: `net` is none of ``SITES``, the seed gives no usable traffic, there is no ego for some segment, or
+        InputError: `net` is not one of ``SITES``, the seed gives no usable traffic, a segment has no possible ego, or
             `folder` cannot be written.
     """
     if net not in SITES:

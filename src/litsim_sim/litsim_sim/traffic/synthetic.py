@@ -23,17 +23,17 @@ from litsim_sim.traffic.motion import Smoothness, smooth_motion
 from litsim_sim.traffic.sites import US101_LIKE
 from litsim_sim.traffic.traffic import Observation, Site, observe
 
-DEFAULT_SEED = 17  # of the packaged recording
+DEFAULT_SEED = 17  # that of the packaged recording
 DEFAULT_SECONDS = 28.1  # [s] 281 frames: steps 0 to 280
 STRETCH = (US101_LIKE.window[0], US101_LIKE.window[2])  # [m] of x in which vehicles of us101_like are recorded
 MARGIN_S = 8.0  # [s] observed before and after, so that filters have run in: they are metres long, and some creep
 SEGMENTS_PER_RECORDING = 10  # so that 70, 10 and 20 % of one are whole segments
-REPAIRS = 10  # rounds in which contacts are taken out of a recording
-REMOVED_MAX = 0.03  # share of the vehicles that may be left out for that
-ATTEMPTS = 5  # seeds that are tried for a recording of a set, each the next but NEXT_SEED
+REPAIRS = 10  # most rounds in which contacts are removed from a recording
+REMOVED_MAX = 0.03  # largest share of the vehicles that may be left out for that
+ATTEMPTS = 5  # most seeds tried for a recording of a set, NEXT_SEED apart
 NEXT_SEED = 100
 DECIMALS = {"x": 6, "y": 6, "yaw": 5, "speed": 5, "acceleration": 3}
-"""Written: coarser positions would step further than the speeds allow, finer ones make large files."""
+"""Decimals written: coarser positions would give steps longer than the speeds allow, finer ones large files."""
 
 
 def synthesize(
@@ -169,7 +169,7 @@ def _joined(tracks: list[pd.DataFrame]) -> pd.DataFrame:
 
 
 def _overlaps(table: pd.DataFrame) -> list[tuple[int, int]]:
-    """Pairs of vehicles whose boxes overlap in some frame: such a recording is worth nothing as a log."""
+    """Pairs of vehicles whose boxes overlap in any frame, which makes a recording unusable as a log."""
     values = table[["x", "y", "yaw", "length", "width"]].to_numpy(np.float64)
     ids, frame = table["vehicle_id"].to_numpy(), table["frame"].to_numpy()
     pairs: set[tuple[int, int]] = set()
@@ -180,7 +180,7 @@ def _overlaps(table: pd.DataFrame) -> list[tuple[int, int]]:
 
 
 def _signals(site: Site, seen: Observation, seconds: float) -> dict[str, object]:
-    """What the signals showed, as the header keeps it; links that always show the same are a group."""
+    """States of the signals in the form of the header; links that always show the same form a group."""
     begin, frames = round(MARGIN_S / STEP_S), round(seconds / STEP_S)
     groups: dict[str, list[str]] = {}
     changes: list[tuple[float, str, str]] = []

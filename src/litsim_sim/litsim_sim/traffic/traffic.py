@@ -20,11 +20,11 @@ from litsim_sim.traffic.drivers import Behaviour, Fleet, Vehicle, draw_vehicle, 
 
 @dataclass(frozen=True)
 class Route:
-    """A way through a net.
+    """A route through a net.
 
     Attributes:
-        edges: SUMO's names, in order.
-        flow: vehicles that want to enter here for this way [1/h].
+        edges: SUMO ids, in order.
+        flow: demand of vehicles for this route [1/h].
         lane: SUMO's departLane.
     """
 
@@ -35,13 +35,13 @@ class Route:
 
 @dataclass(frozen=True)
 class Bottleneck:
-    """Where a motorway is slowed down.
+    """A bottleneck of a motorway.
 
     Attributes:
-        x: vehicles beyond are held to the bottleneck's speed [m].
-        speed: mean [m/s].
+        x: position beyond which vehicles are limited to the bottleneck's speed [m].
+        speed: mean speed [m/s].
         swing: amplitude of its oscillation [m/s].
-        period: of the oscillation [s]; every lane has a phase of its own.
+        period: period of the oscillation [s]; every lane has its own phase.
     """
 
     x: float
@@ -55,14 +55,14 @@ class Site:
     """A net and its traffic.
 
     Attributes:
-        name: of recordings; the net is ``nets/NAME.net.xml``.
-        fleet: which vehicles drive.
+        name: name of recordings; the net is ``nets/NAME.net.xml``.
+        fleet: composition of the traffic.
         routes: demand.
         window: (x min, y min, x max, y max) within which box centres are recorded [m].
-        bottleneck: None where signals hold the traffic up.
+        bottleneck: the bottleneck; None if signals hold the traffic up.
         warm_up_s: simulated time before the observation [s].
-        path_filter: standard deviation of the filter that paths pass, but in turns [m].
-        offset, wander: spread of how far off the lane's centre a driver keeps, and amplitude of his wandering [m].
+        path_filter: standard deviation of the filter on paths, except in turns [m].
+        offset, wander: spread of the drivers' offsets from the lane's centre, and amplitude of their wandering [m].
         unsteadiness: standard deviation of the way by which a driver is ahead of, or behind, a steady one [m].
         lane_of_edge: lane number of edges where it is not the place from the left: ramps continue the auxiliary lane.
     """
@@ -87,14 +87,14 @@ class Site:
 
 @dataclass(frozen=True)
 class Observation:
-    """What was seen of each vehicle, in the order of vehicles; n vehicles.
+    """Observations of n vehicles.
 
     Attributes:
-        vehicles: n vehicles.
+        vehicles: the vehicles.
         first: (n,) step at which a vehicle was first seen.
         front: n arrays (k, 2), front centre at successive steps, frame map [m].
         speed: n arrays (k,), along the lane [m/s].
-        lights: by traffic light, SUMO's state at each step, a letter for each link; empty where there are none.
+        lights: SUMO's state at each step, one letter per link, by traffic light; empty without signals.
     """
 
     vehicles: list[Vehicle]
@@ -111,9 +111,9 @@ def observe(site: Site, seed: int, seconds: float, behaviour: Behaviour) -> Obse
 
     Args:
         site: net and demand.
-        seed: of demand and SUMO.
-        seconds: of the observation.
-        behaviour: of the drivers; with another one the same vehicles go the same ways.
+        seed: seed of demand and SUMO.
+        seconds: duration of the observation [s].
+        behaviour: behaviour of the drivers; with another one the same vehicles take the same routes.
     """
     import libsumo
 
