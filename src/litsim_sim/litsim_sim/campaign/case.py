@@ -126,7 +126,7 @@ def cases_of(suite: Suite, *, graph: bool = False, with_versions: Mapping[str, s
     Args:
         suite: with scenarios that :meth:`Scenario.load` finds from here.
         graph: whether egos of LitSim's own are run over DDS, too; external ones always are.
-        with_versions: of what a run depends on; those of this installation where not given.
+        with_versions: versions of the dependencies of a run; default: those of this installation.
 
     Raises:
         InputError: a scenario cannot be used, an ego is not in it, or two scenarios have the same name; it names file

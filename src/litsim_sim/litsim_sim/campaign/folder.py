@@ -39,7 +39,7 @@ class CampaignFolder:
     """The folder of a campaign while it runs; every file in it is written whole or not at all.
 
     Attributes:
-        path: of the folder.
+        path: the folder.
     """
 
     def __init__(self, path: Path) -> None:

@@ -108,7 +108,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _campaigns(arguments: argparse.Namespace) -> int:
-    """Compare two campaigns; returns the exit status.
+    """Compare two campaigns; return the exit status.
 
     Raises:
         InputError: they are not two, or cannot be compared.

@@ -39,7 +39,7 @@ def net_of(header: RecordingHeader, recording: Path, named: str | None = None) -
     """The net of a recording.
 
     Args:
-        header: of the recording; its field `net` names a packaged net or a file.
+        header: header of the recording; its field `net` names a packaged net or a file.
         recording: path of the recording; a net in the header lies in the same folder.
         named: packaged net or file that is to be taken instead.
 

@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def report(arguments: argparse.Namespace) -> list[Path]:
-    """Write what the arguments ask for; returns the files.
+    """Write the files that the arguments request; return their paths.
 
     Raises:
         InputError: the input cannot be read, or a file cannot be written.

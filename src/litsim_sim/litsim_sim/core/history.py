@@ -90,7 +90,7 @@ def copy_window(
     """Write to `out` (m, h, f) and `valid` (m, h) what is `there` (s, a) of `values` (s, a, f).
 
     Args:
-        values, there: of all steps and agents that are kept.
+        values, there: values and mask of all steps and agents that are kept.
         rows, columns: (h,) of the steps and (m,) of the agents, below 0 for none, whose places are left as they are.
     """
     for i in range(len(columns)):

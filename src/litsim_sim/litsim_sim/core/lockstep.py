@@ -94,7 +94,7 @@ class Joiner:
     _pending: dict[int, dict[str, Any]] = field(default_factory=dict)
 
     def offer(self, name: str, run_id: str, step: int, message: Any) -> dict[str, Any] | None:
-        """Take an input; returns all inputs of its step once they are complete."""
+        """Take an input; return all inputs of its step once they are complete."""
         if run_id != self.run_id or step <= self.answered:
             return None
         held = self._pending.setdefault(step, {})

@@ -54,7 +54,7 @@ def keep(path: Path, dispatcher: Any, signature: Any) -> None:
     """Keep at `path` what numba's cache has of a function for a signature; nothing where it has nothing.
 
     Args:
-        path: of the file, whose folder is there.
+        path: the file, in an existing folder.
         dispatcher: numba's, of the function, with a cache.
         signature: numba's, of one of the types that it is compiled for.
     """

@@ -89,7 +89,7 @@ class AgentTable:
         speed: along the heading [m/s].
         acceleration: along the heading [m/s2].
         yaw_rate: [rad/s].
-        length, width: of the box [m].
+        length, width: size of the box [m].
     """
 
     step: int

@@ -28,7 +28,7 @@ def read_center_lines(path: Path, site: Site | None = None) -> tuple[list[Center
     """The lines of the file at `path` in frame map of the site on which they lie.
 
     Args:
-        path: of the file.
+        path: the file.
         site: on which they lie; if not given, found by position.
 
     Raises:

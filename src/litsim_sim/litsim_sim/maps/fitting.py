@@ -46,8 +46,8 @@ class Layout:
 
     Attributes:
         lanes: through lanes, numbered from 1 at the left; rows of higher numbers are auxiliary lane and ramps.
-        on_ramp_x, off_ramp_x: of the gores, in frame map [m]; None: there is none.
-        auxiliary_end_x: where an auxiliary lane without off-ramp ends [m].
+        on_ramp_x, off_ramp_x: positions of the gores in frame map [m]; None without such a ramp.
+        auxiliary_end_x: end of an auxiliary lane without off-ramp [m].
     """
 
     lanes: int

@@ -53,9 +53,9 @@ class HighwayPlan:
         on_ramp, off_ramp: the auxiliary lane lies between their gores; without an off-ramp it ends at
             `auxiliary_end`, without an on-ramp there is neither ramp nor auxiliary lane.
         lanes: through lanes.
-        lane_width: of through lanes and, where not given, of the auxiliary lane and the ramps [m].
-        lane_widths: of each through lane, leftmost first [m]; empty: all are `lane_width`.
-        auxiliary_width: of auxiliary lane and ramps [m].
+        lane_width: width of through lanes, and by default of the auxiliary lane and the ramps [m].
+        lane_widths: width of each through lane, leftmost first [m]; empty: all are `lane_width`.
+        auxiliary_width: width of auxiliary lane and ramps [m].
         auxiliary_end: along the left edge, where the auxiliary lane ends if there is no off-ramp [m].
     """
 

@@ -61,7 +61,7 @@ class _Arm:
 
 
 def write_net(lanelets: Iterable[Lanelet], path: Path) -> list[str]:
-    """Build the net of fitted streets at `path`; returns netconvert's warnings."""
+    """Build the net of fitted streets at `path`; return netconvert's warnings."""
     return write_lanelets(lanelets, path)
 
 

@@ -35,7 +35,7 @@ class LanePosition:
         lane: position in `LaneMap.lanes`.
         s: along the lane's centre line, within [0, length] [m].
         d: to the left of it [m].
-        heading: of the centre line there [rad].
+        heading: heading of the centre line there [rad].
     """
 
     lane: IntArray
@@ -85,7 +85,7 @@ class LaneMap:
         return cls(read_lanes(path))
 
     def row(self, lane_id: str) -> int:
-        """Position in `lanes` of the lane named `lane_id`; KeyError where there is none."""
+        """Position in `lanes` of the lane named `lane_id`; raises KeyError if there is none."""
         return self._row[lane_id]
 
     def nearest(self, x: FloatArray, y: FloatArray, yaw: FloatArray | None = None) -> LanePosition:
@@ -133,7 +133,7 @@ class LaneMap:
 
     @cached_property
     def _following_rows(self) -> IntArray:
-        """(lanes,) position of the straightest successor, -1 where there is none."""
+        """(lanes,) position of the straightest successor, -1 for none."""
         return np.array([-1 if row is None else row for row in self._straightest], np.int64)
 
     def path_from(self, lane_index: int, s: float, length: float, route: Collection[str] = ()) -> FloatArray:

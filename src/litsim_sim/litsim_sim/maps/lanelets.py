@@ -38,7 +38,7 @@ class Lanelet:
         id: unique.
         left, right: (k, 2), (l, 2) bounds in driving direction [m].
         successors: ids of those that begin where this one ends; unknown ids are ignored.
-        left_id, right_id: of neighbours in the same direction.
+        left_id, right_id: ids of neighbours in the same direction.
         speed_limit: [m/s].
         signal: traffic lights hold at its end.
         junction: whether the map says that it lies inside an intersection.

@@ -57,9 +57,9 @@ def build_net(
 
     Args:
         plain: what to build.
-        path: of the net.
-        options: of netconvert.
-        outlines: of junctions by their id, as SUMO writes shapes, to draw in place of those that netconvert knows.
+        path: file of the net.
+        options: options of netconvert.
+        outlines: shapes of junctions in SUMO's format by their id, to replace those of netconvert.
 
     Returns:
         netconvert's warnings.

@@ -90,7 +90,7 @@ def for_checking(path: Path, scenarios: Sequence[str] = ()) -> dict[str, pd.Data
 
     Args:
         path: as :func:`for_fitting`; or windows of CommonRoad scenarios, each in a frame of its own.
-        scenarios: of those, which.
+        scenarios: names of those to be checked.
 
     Raises:
         InputError: the file cannot be used, or scenarios of it are needed and not named or unknown.

@@ -277,7 +277,7 @@ def _segment_at(lane: int, s: float, start_s: FloatArray, first: IntArray, lengt
         lane, s: position of the lane and arc length [m].
         start_s: (k,) arc lengths at which the segments begin [m].
         first: first segment of each lane, and behind the last one the number of all.
-        length: of each lane [m].
+        length: length of each lane [m].
     """
     begin, end = first[lane], first[lane + 1]
     at = begin + np.searchsorted(start_s[begin:end], within(s, 0.0, length[lane]), side="right") - 1

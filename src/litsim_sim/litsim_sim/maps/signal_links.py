@@ -27,10 +27,10 @@ class SignalLink:
         name: ``FROM_LANE -> TO_LANE``, by SUMO's ids; positions among a light's links change when a net is built anew.
         from_lane, to_lane: ids of the lanes.
         stop: (2,) middle of the stop line: where `from_lane` ends, frame map [m].
-        heading: of `from_lane` there [rad].
-        width: of `from_lane` [m].
+        heading: heading of `from_lane` there [rad].
+        width: width of `from_lane` [m].
         exit: (2,) where `to_lane` begins [m].
-        exit_heading: of `to_lane` there [rad].
+        exit_heading: heading of `to_lane` there [rad].
         via: ids of the lanes inside the junction, in driving direction.
         light: id of the traffic light; empty where only the record of a run is known.
         index: position among its links, -1 likewise.

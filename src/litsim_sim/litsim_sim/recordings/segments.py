@@ -154,7 +154,7 @@ def cut(
     """Cut recordings into segments.
 
     Args:
-        recordings: of each the file name and net for the manifest, the crop, and the content.
+        recordings: file name and net for the manifest, crop, and content of each.
         settings: how.
 
     Raises:

@@ -59,7 +59,7 @@ def draw(
         path: .png, .html or .htm.
         text: what the page says of the recording.
         lane_map: lanes under the tracks.
-        signals: of the recording, from its first frame on.
+        signals: signals of the recording, from its first frame on.
         moments: [s] from the first frame on, at which an intersection is drawn as it was then.
 
     Raises:

@@ -45,7 +45,7 @@ class Happened:
 
         Args:
             ids: (N,) of the agents of the log, ascending.
-            tables, log: of all steps from 0 on, of the run and of the log.
+            tables, log: agents of all steps from 0 on, in the run and in the log.
             ego_id: id of the ego, which counts as off its log at all steps.
         """
         pose, there = np.zeros((len(ids), len(tables), 3)), np.zeros((len(ids), len(tables)), np.bool_)

@@ -98,7 +98,7 @@ class JoinedScenario:
 
     Attributes:
         scenes: S scenarios of one :func:`kind`.
-        log: of all of them.
+        log: the joined log of all of them.
         ego_ids: (S,) in it.
         total_steps: the last step of the longest.
     """

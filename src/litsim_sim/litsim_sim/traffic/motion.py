@@ -77,8 +77,8 @@ def smooth_motion(front: FloatArray, sumo_speed: FloatArray, length: float, smoo
     Args:
         front: (k, 2) where SUMO had its front centre at successive steps [m].
         sumo_speed: (k,) its speed along the lane [m/s].
-        length: of the vehicle [m].
-        smoothness: of path and driver.
+        length: length of the vehicle [m].
+        smoothness: smoothness of path and driver.
     """
     # The way along the lane: SUMO changes lanes sideways even at standstill, and as a function of this way such a step
     # becomes a part of the path that the filter stretches.

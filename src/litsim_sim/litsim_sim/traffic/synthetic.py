@@ -45,10 +45,10 @@ def synthesize(
     """Generate a recording; equal arguments give equal recordings.
 
     Args:
-        seed: of demand and SUMO.
+        seed: seed of demand and SUMO.
         seconds: duration.
         site: net and traffic.
-        behaviour: of the drivers; the calibrated one if not given.
+        behaviour: behaviour of the drivers; default: the calibrated one.
 
     Raises:
         InputError: `seconds` is too short, or boxes of the smoothed traffic overlap too often (another seed will do).

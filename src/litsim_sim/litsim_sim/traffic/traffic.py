@@ -161,7 +161,7 @@ def _bottleneck_speeds(bottleneck: Bottleneck, step: int, phases: FloatArray) ->
 def _write_demand(
     path: Path, site: Site, total: float, rng: np.random.Generator, behaviour: Behaviour
 ) -> dict[str, Vehicle]:
-    """Write SUMO's route file for `total` seconds; returns every vehicle by name."""
+    """Write SUMO's route file for `total` seconds; return every vehicle by name."""
     root = ET.Element("routes")
     for number, route in enumerate(site.routes):
         ET.SubElement(root, "route", {"id": f"route_{number}", "edges": " ".join(route.edges)})

@@ -164,7 +164,7 @@ def _entry_speed(  # noqa: PLR0917 - a kernel takes arrays and numbers
     Args:
         x, y, yaw, speed, length, width: (n,) of all agents [m], [rad], [m/s].
         begin, end: row of the first of the others, and row after the last.
-        own_x, own_y, own_yaw, own_speed, own_length, own_width: of the agent as it is logged.
+        own_x, own_y, own_yaw, own_speed, own_length, own_width: the same of the agent as it is logged.
         gap, horizon, deceleration: as in :class:`EntryConfig`.
     """
     cos, sin, found = math.cos(own_yaw), math.sin(own_yaw), own_speed

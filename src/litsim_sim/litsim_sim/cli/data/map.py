@@ -49,7 +49,7 @@ def add(subparsers: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Build or check; returns the exit status: 1 where a check misses its goal.
+    """Build or check; return the exit status: 1 if a check misses its goal.
 
     Raises:
         InputError: the input cannot be used, or netconvert is missing.
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def build(arguments: argparse.Namespace) -> list[str]:
-    """Build the net that `arguments` ask for; returns netconvert's warnings.
+    """Build the net that `arguments` ask for; return netconvert's warnings.
 
     Raises:
         InputError: as :func:`run`.

@@ -75,7 +75,7 @@ def _signals(recording: Recording, net: Path | None, arguments: argparse.Namespa
 
 
 def _net(recording: Recording, path: Path, named: str | None) -> Path | None:
-    """The net that is named, or the one that the header names; None where there is none of the latter.
+    """The net that is named, or the one that the header names; None if the latter is missing.
 
     Raises:
         InputError: there is no such net as is named.
