@@ -291,7 +291,7 @@ def test_net_that_does_not_cover_the_recording(tmp_path: Path, fields: dict[str,
 def test_a_net_that_leads_the_other_way(make_scenario: Any, track: Any, lane_centres: Any) -> None:
     along, against = track(1, x=50.0, y=lane_centres[1]), track(2, x=150.0, y=lane_centres[1], yaw=np.pi)
     assert make_scenario(along, against).coverage == 1.0, "somebody may drive the wrong way"
-    with pytest.raises(InputError, match=r"other way than the recording: 100\.0% of the positions of moving vehicles"):
+    with pytest.raises(InputError, match=r"other way than the recording: 100\.0% of the poses of moving vehicles"):
         make_scenario(replace(against, id=1))
 
 

@@ -104,7 +104,7 @@ def _rows(metrics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     fault = f"ego at fault {collision['ego_at_fault']}, background {collision['background_at_fault']}"
     yield "collisions", f"{touching}; {fault}"
     by = collision["by_fault"]
-    helped = f"ego's fault {by['ego_avoidable']} that a careful other avoids, {by['ego_unavoidable']} that it hits too"
+    helped = f"ego's fault {by['ego_avoidable']} that a careful other avoids, {by['ego_unavoidable']} that it does not"
     yield "not in the log", f"{helped}; a background agent's fault {by['background']}"
     rates = (_percent(collision["rate_all"]), _percent(collision["rate_controlled"]))
     yield "collision rate", f"{rates[0]} of all, {rates[1]} of controlled agents"

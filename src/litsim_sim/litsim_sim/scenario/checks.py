@@ -94,7 +94,7 @@ def check_coverage(lane_map: LaneMap, net: Path, log: Log, demanded: float, wher
     if against > AGAINST_MAX:
         raise UnmetDemandError(
             Demand.COVERAGE,
-            f"{where}: net {net.name} leads the other way than the recording: {against:.1%} of the positions of moving "
+            f"{where}: net {net.name} leads the other way than the recording: {against:.1%} of the poses of moving "
             f"vehicles head against its lanes, expected at most {AGAINST_MAX:.0%}",
         )
     return share
