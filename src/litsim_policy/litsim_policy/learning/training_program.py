@@ -12,8 +12,7 @@ import torch
 
 from litsim_policy.learning.checkpoint import CHECKPOINT
 from litsim_sim.cli.arguments import Parser
-from litsim_sim.cli.program import at_least_one
-from litsim_sim.core.errors import InputError
+from litsim_sim.cli.program import at_least_one, training_folder
 
 
 def training_parser(prog: str, doc: str | None, example: str) -> argparse.ArgumentParser:
@@ -31,15 +30,10 @@ def training_program(arguments: argparse.Namespace) -> Iterator[None]:
     """Make the output folder, set the number of threads, and tell how to resume if the training is interrupted.
 
     Raises:
-        InputError: the folder cannot be made, or holds a training that would be lost.
+        InputError: see :func:`litsim_sim.cli.program.training_folder`.
     """
     out: Path = arguments.out
-    if (out / CHECKPOINT).exists() and not arguments.resume:
-        raise InputError(f"{out}: holds a training already; --resume continues it")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror}") from error
+    training_folder(out, CHECKPOINT, resume=arguments.resume)
     torch.set_num_threads(arguments.threads)
     try:
         yield

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 
 from litsim_sim.cli.arguments import Parser
-from litsim_sim.cli.program import program
+from litsim_sim.cli.program import program, training_folder
 from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
 from litsim_sim.io.yaml_input import read_yaml, validate_yaml
 
@@ -60,12 +60,7 @@ def _train(arguments: argparse.Namespace) -> int:
     config = read_yaml(file, TrainingConfig)
     config = validate_yaml(config.model_dump() | chosen, TrainingConfig, "command line", "")
     folder: Path = arguments.out
-    if (folder / CHECKPOINT).exists() and not arguments.resume:
-        raise InputError(f"{folder}: holds a training already; --resume continues it")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+    training_folder(folder, CHECKPOINT, resume=arguments.resume)
     if arguments.threads is not None:
         torch.set_num_threads(arguments.threads)
     device = arguments.device

@@ -7,8 +7,7 @@ from typing import Any
 
 from litsim_sim.analysis.metrics import METRICS_FILE, compute_metrics, write_metrics
 from litsim_sim.analysis.tables import SERIES_FILE, TAKEOVERS_FILE, write_tables
-from litsim_sim.core.errors import InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import make_folder, replacing
 from litsim_sim.record.run import Run, read_run
 
 PLOT_FILE = "overview.png"
@@ -34,10 +33,7 @@ def analyze(bag: Path, out: Path | None = None) -> dict[str, Any]:
 
 def measure(run: Run, folder: Path) -> dict[str, Any]:
     """Like :func:`analyze`, for a run already read; writes to `folder`."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    make_folder(folder)
     metrics = compute_metrics(run)
     write_metrics(metrics, folder / METRICS_FILE)
     write_tables(run, folder)

@@ -1,4 +1,4 @@
-"""Common parts of command-line programs: printing of errors, exit statuses, and numbers as options."""
+"""Common parts of command-line programs: printing of errors, exit statuses, numbers as options, trainings' folders."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Mapping
 from functools import wraps
+from pathlib import Path
 from typing import Any, ParamSpec
 
 from litsim_sim.core.errors import (
@@ -18,6 +19,7 @@ from litsim_sim.core.errors import (
     not_installed,
     print_error,
 )
+from litsim_sim.io.files import make_folder
 from litsim_sim.launch.child import SIGNALS
 
 P = ParamSpec("P")
@@ -83,6 +85,17 @@ def interrupt_on_signals() -> None:
     for number in SIGNALS:
         if number != signal.SIGHUP or signal.getsignal(number) == signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
+
+
+def training_folder(out: Path, checkpoint: str, *, resume: bool) -> None:
+    """Make the output folder of a training, in which `checkpoint` is the name of the file to resume from.
+
+    Raises:
+        InputError: the folder cannot be made, or holds a training that would be lost.
+    """
+    if (out / checkpoint).exists() and not resume:
+        raise InputError(f"{out}: holds a training already; --resume continues it")
+    make_folder(out)
 
 
 def at_least_one(text: str) -> int:

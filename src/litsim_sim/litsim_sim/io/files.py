@@ -1,4 +1,4 @@
-"""Atomic writing of files: each is written completely or not at all."""
+"""Folders, and atomic writing of files: each is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -41,6 +41,18 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # a folder that is none: said above
             new.unlink()
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder `path`, with those above it, unless it exists.
+
+    Raises:
+        Unwritable: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unwritable(path, error) from error
 
 
 def refuse_input_as_output(out: Path, *inputs: Path) -> None:

@@ -47,6 +47,10 @@ class LanePosition:
         """Those of the poses in `rows` (m,)."""
         return LanePosition(self.lane[rows], self.s[rows], self.d[rows], self.heading[rows])
 
+    def against(self, yaw: FloatArray) -> BoolArray:
+        """(n,) whether headings `yaw` (n,) [rad] are opposite to the lanes."""
+        return np.cos(self.heading - yaw) < 0.0
+
 
 class LaneMap:
     """Lanes and vectorised queries on them.
@@ -197,7 +201,7 @@ class LaneMap:
 
     def against(self, x: FloatArray, y: FloatArray, yaw: FloatArray) -> BoolArray:
         """(n,) whether poses head the other way than the lanes there: none beside them leads where they head."""
-        return np.cos(self.nearest(x, y, yaw).heading - _column(yaw)) < 0.0
+        return self.nearest(x, y, yaw).against(_column(yaw))
 
     def inside_lane(
         self, x: FloatArray, y: FloatArray, yaw: FloatArray, length: FloatArray, width: FloatArray

@@ -102,7 +102,7 @@ def placement(lane_map: LaneMap, table: pd.DataFrame) -> Placement:
             Miss(int(each), int(frame), float(at_x), float(at_y), float(far), lane_map.lanes[int(lane)].id, bool(past))
             for each, frame, far, lane, past, at_x, at_y in worst.head(WORST).to_numpy(object)
         ),
-        against=float((inside & (np.cos(at.heading - yaw) < 0.0)).mean()),
+        against=float((inside & at.against(yaw)).mean()),
     )
 
 

@@ -89,8 +89,7 @@ def draw(
 
 def space_time(recording: Recording) -> Figure:
     """One diagram per lane and direction: place along the main direction over time, coloured by speed."""
-    size = (WIDTH, DIAGRAM * len(_groups(recording.table)[:LANES_MAX]) + 0.6)
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained", facecolor="white")
+    figure = Figure(figsize=(WIDTH, _height(recording.table)), dpi=DPI, layout="constrained", facecolor="white")
     _space_time(figure, recording)
     return figure
 
@@ -207,7 +206,7 @@ def _overview(
         figure = intersection(recording, crossing, signals, moments)
         figure.suptitle(title, x=0.012, ha="left", fontsize=11, color=INK)
         return figure
-    diagrams = DIAGRAM * len(_groups(recording.table)[:LANES_MAX]) + 0.6
+    diagrams = _height(recording.table)
     figure = Figure(figsize=(WIDTH, diagrams + MAP), dpi=DPI, layout="constrained", facecolor="white")
     upper, lower = figure.subfigures(2, 1, height_ratios=(diagrams, MAP))
     _space_time(upper, recording)
@@ -228,6 +227,11 @@ def _groups(table: pd.DataFrame) -> list[tuple[bool, int]]:
     against = _against(table)
     counts = pd.Series(list(zip(against.tolist(), table["lane"].tolist(), strict=True))).value_counts()
     return list(counts.index)
+
+
+def _height(table: pd.DataFrame) -> float:
+    """Height of the space-time diagrams [inch]."""
+    return DIAGRAM * min(len(_groups(table)), LANES_MAX) + 0.6
 
 
 def _against(table: pd.DataFrame) -> BoolArray:
