@@ -35,7 +35,7 @@ def good(ego_id: int = 7) -> Any:
 
 def test_a_process_whose_parent_is_gone_when_it_answers_ends_without_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
     ours, theirs = multiprocessing.Pipe()
-    monkeypatch.setattr(module, "end_with_parent", lambda: None)
+    monkeypatch.setattr(module, "begin_child", lambda: None)
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     monkeypatch.setattr(module, "run_batch", lambda *_: ours.close())
     ours.send(([], []))
@@ -44,7 +44,7 @@ def test_a_process_whose_parent_is_gone_when_it_answers_ends_without_a_word(monk
 
 
 def test_a_case_comes_to_the_same_as_in_this_process(tmp_path: Path) -> None:
-    with Workers() as workers:
+    with Workers(1) as workers:
         found = workers.run(good(), tmp_path)
     assert read_thumbnail(tmp_path) is not None
     assert found.metrics is not None and found.metrics["digest"] == run_in_process(good())["digest"]
@@ -62,22 +62,31 @@ def test_a_case_comes_to_the_same_as_in_this_process(tmp_path: Path) -> None:
     ids=["bad input", "an error nobody foresaw", "exit", "killed"],
 )
 def test_a_run_that_fails_takes_no_other_along(changes: dict[str, Any], why: str) -> None:
-    with Workers() as workers:
+    with Workers(1) as workers:
         lost = workers.run(replace(good(), **changes))
         assert lost.metrics is None and why in lost.failure and "\n" not in lost.failure
         assert workers.run(good(3)).metrics is not None
 
 
 def test_what_runs_ends_with_them() -> None:
-    with Workers() as workers:
+    with Workers(1) as workers:
         assert workers.run(good()).metrics is not None
         workers.close()
         assert workers.run(good()).failure == "its process was ended by SIGTERM"
 
 
 def test_cases_whose_process_was_closed_are_not_begun_again_one_by_one() -> None:
-    with Workers() as workers:
+    with Workers(1) as workers:
         workers.run(good())
         workers.close()
         found = workers.run_batch([good(), good(3)], [None, None])
     assert [each.failure for each in found] == ["its process was closed before it began"] * 2
+
+
+def test_they_are_copies_of_this_process_and_those_that_replace_them_are_new(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "run_batch", lambda cases, _: [f"answered by a copy of {os.getppid()}"] * len(cases))
+    with Workers(1) as workers:
+        assert workers.run(good()).failure == f"answered by a copy of {os.getpid()}"
+        lost = workers.run(replace(good(), scenario=Fatal(os._exit, 7)))
+        assert lost.failure == "its process ended with exit status 7"
+        assert workers.run(good()).metrics is not None

@@ -48,8 +48,10 @@ class LocalRuns:
         Runs in process are stepped together where possible, and then end together. An interruption, such as Ctrl-C,
         ends the runs in progress without storing them.
         """
-        with Workers() as workers, ThreadPoolExecutor(self.processes) as threads:
-            pending = [threads.submit(self._run, some, workers) for some in batches(cases, self.processes)]
+        portions = batches(cases, self.processes)
+        here = sum(portion[0].shell != GRAPH for portion in portions)
+        with Workers(min(here, self.processes)) as workers, ThreadPoolExecutor(self.processes) as threads:
+            pending = [threads.submit(self._run, portion, workers) for portion in portions]
             try:
                 for future in as_completed(pending):
                     yield from future.result()

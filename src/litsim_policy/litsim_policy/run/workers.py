@@ -8,27 +8,48 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkContext, SpawnContext
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
 
 from litsim_policy.run.case_batch import Found, run_batch
 from litsim_policy.run.case_run import RunFailed, RunOutcome
 from litsim_sim.campaign.case import Case
-from litsim_sim.launch.child import end_with_parent, how_it_ended
+from litsim_sim.launch.child import begin_child, how_it_ended
+from litsim_sim.launch.forked import forget_signals
+from litsim_sim.launch.processes import held_back
+
+_FORK, _SPAWN = multiprocessing.get_context("fork"), multiprocessing.get_context("spawn")
+
+
+@dataclass(frozen=True)
+class Worker:
+    """A process that runs batches of cases, and the pipe to it."""
+
+    process: BaseProcess
+    pipe: Connection
 
 
 class Workers:
-    """One process for each thread that runs cases, as libsumo allows one simulation per process; a context manager."""
+    """One process for each thread that runs cases; a context manager.
 
-    def __init__(self) -> None:
-        self._context = multiprocessing.get_context("spawn")
+    On entry, `count` processes are forked from this one, which must not have started those threads yet: they have all
+    its modules. A process that replaces one that has ended is spawned, since threads run by then.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
         self._mine = threading.local()
-        self._all: list[Any] = []
+        self._all: list[Worker] = []
+        self._idle: list[Worker] = []
         self._closed = False
         self._starting = threading.Lock()
 
     def __enter__(self) -> Workers:
+        with held_back():
+            self._idle = [self._started(_FORK) for _ in range(self._count)]
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -38,8 +59,8 @@ class Workers:
         """Terminate all processes, and start no further ones."""
         with self._starting:
             self._closed = True
-            for process in self._all:
-                process.terminate()
+            for worker in self._all:
+                worker.process.terminate()
 
     def run(self, case: Case, folder: Path | None = None) -> RunOutcome:
         """Run a case in this thread's process; its picture is written to `folder`."""
@@ -71,33 +92,38 @@ class Workers:
         Raises:
             RunFailed: the process has ended, or the workers are closed.
         """
-        if not hasattr(self._mine, "process"):
+        if not hasattr(self._mine, "worker"):
             with self._starting:
-                self._start()
+                if self._closed:
+                    raise RunFailed("its process was closed before it began")
+                self._mine.worker = self._idle.pop() if self._idle else self._started(_SPAWN)
+        worker: Worker = self._mine.worker
         try:
-            self._mine.pipe.send((cases, folders))
-            found: list[Found] = self._mine.pipe.recv()
+            worker.pipe.send((cases, folders))
+            found: list[Found] = worker.pipe.recv()
         except (EOFError, OSError):
-            self._mine.process.join()
-            status = self._mine.process.exitcode
-            del self._mine.process
+            worker.process.join()
+            status = worker.process.exitcode
+            assert status is not None
+            del self._mine.worker
             raise RunFailed(f"its process {how_it_ended(status)}") from None
         return found
 
-    def _start(self) -> None:
-        if self._closed:
-            raise RunFailed("its process was closed before it began")
-        self._mine.pipe, theirs = self._context.Pipe()
-        self._mine.process = self._context.Process(target=_serve, args=(theirs,), daemon=True)
-        self._mine.process.start()
-        self._all.append(self._mine.process)
+    def _started(self, context: ForkContext | SpawnContext) -> Worker:
+        """A new process."""
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        process.start()
         theirs.close()  # so that the end of the process closes the pipe
+        self._all.append(Worker(process, ours))
+        return self._all[-1]
 
 
 def _serve(pipe: Connection) -> None:
     """Main function of a worker's process: run the batches received, and send their results."""
+    forget_signals()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent ends this one
-    end_with_parent()
+    begin_child()
     with suppress(EOFError, ConnectionError):  # the parent is gone
         while True:
             cases, folders = pipe.recv()

@@ -148,7 +148,7 @@ def _run_program(
 ) -> None:
     """In the copy: become like a separate process, report that by closing `begin`, and run the program."""
     os.setsid()
-    _forget_signals()
+    forget_signals()
     begin.close()
     with Path(os.devnull).open("w") as nothing:
         os.dup2((stdout or nothing).fileno(), 1)
@@ -168,7 +168,7 @@ def _run_program(
         sys.exit(EXIT_INTERRUPTED)
 
 
-def _forget_signals() -> None:
+def forget_signals() -> None:
     """Handle signals as Python does when it starts, whatever the copied process does."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for number in set(SIGNALS) - {signal.SIGINT}:
