@@ -26,6 +26,7 @@ from litsim_sim.launch.domain_ports import EMPTY, is_known_empty
 from litsim_sim.launch.forked import ForkedProcess
 from litsim_sim.launch.middleware import RANGE, enclave_setting
 
+TOLD_S = 1.0  # [s] for a bridge to end a run that a node or the stack has left
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
 QUIET_S = 120.0  # [s] longest time without a sign of life of a running bridge, which may be loading or computing
 STOPPED_TIMEOUTS = 2.0  # the same for a stopped one, as a multiple of the time limit for the answers to a step
@@ -120,8 +121,10 @@ class Graph:
         while bridge.running:
             dead = [c for c in self.children.values() if not c.running and c is not bridge and not self._may_leave(c)]
             if dead:
-                if self._heard_of_failure(dead) or all(child.process.returncode >= 0 for child in dead):
-                    _wait([bridge], self._patience(dead))  # it has told them, or they it, that the run is over
+                if not self._heard_of_failure(dead) and all(child.process.returncode >= 0 for child in dead):
+                    _wait([bridge], TOLD_S)  # a node has told it why it ends, or its own word is not read yet
+                if self._heard_of_failure(dead):
+                    _wait([bridge], GRACE_S)  # the recorder is still writing
                 if bridge.running and not all(map(self._may_leave, dead)):
                     raise GraphFailed("; ".join(child.obituary() for child in dead))
             self._check_alive(bridge, self._progress)
@@ -156,16 +159,6 @@ class Graph:
         """Whether all of `dead` have ended after the bridge announced that the run has failed."""
         failed = self._progress.failed if self._progress else None
         return failed is not None and all(child.ended_at > failed for child in dead)
-
-    def _patience(self, dead: Sequence[Child]) -> float:
-        """Time [s] for the bridge to end by itself after `dead` have ended.
-
-        It is long if the bridge is already ending the run: if it announced the failure before they ended, or a stack
-        has exited with status 0, as on hearing of a failed run; the recorder is then still writing. Else it is short: a
-        node has told the bridge why it ends, and a stack that fails tells it nothing.
-        """
-        heard = self._heard_of_failure(dead) or any(c.name == STACK and c.process.returncode == 0 for c in dead)
-        return GRACE_S if heard else 1.0
 
     def _about_the_stack(self) -> str:
         """Text to add to the bridge's reason: how the stack ended before that, or its last output."""
