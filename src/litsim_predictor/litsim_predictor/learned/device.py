@@ -1,4 +1,4 @@
-"""The device that models run on, as a person names it."""
+"""Check of the torch device that a user has chosen for models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A model run by torch, operator by operator: for weights of models that no graph is shipped of."""
+"""A model run eagerly by torch, for weights of models without a shipped graph."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from litsim_sim.core.scene import IntArray
 
 
 class EagerNetwork:
-    """`model`, ready to answer scene by scene."""
+    """Runs `model` on one scene at a time."""
 
     def __init__(self, model: SceneModel) -> None:
-        # As for compiled networks: rounding depends on the number of threads.
+        # Rounding depends on the number of threads, which compiled networks fix to one as well.
         torch.set_num_threads(1)
         self._model = model.eval()
 

@@ -1,6 +1,6 @@
-"""From a trained model to a graph of operators that runs without torch; see :mod:`litsim_predictor.inference.compiled`.
+"""Export of a trained model to an ONNX graph that runs without torch; see :mod:`litsim_predictor.inference.compiled`.
 
-Exported by tracing: the networks are written so that one trace holds for every number of agents.
+Models are exported by tracing; the networks are written so that one trace is valid for any number of agents.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from litsim_predictor.learned.models.model import SceneModel
 from litsim_sim.io.files import replacing
 
 OPSET = 18
-AGENTS, ASKED, NEW, KNOWN = 4, 2, 3, 1  # of the scene that is traced: agents, and maps to encode or known already
-WEIGHTS_APART = "weights"  # what a graph without weights calls the file that it has none of
+AGENTS, ASKED, NEW, KNOWN = 4, 2, 3, 1  # traced scene: agents, agents to predict, rasters to encode, cached map codes
+WEIGHTS_APART = "weights"  # name of the external file that a graph without weights refers to; there is no such file
 
 
 class OneScene(nn.Module):
-    """`network` for one scene without padding, with tensors in and out, in the order of INPUTS and OUTPUTS."""
+    """`network` for one scene without padding, from and to tensors in the order of INPUTS and OUTPUTS."""
 
     def __init__(self, network: SceneModel) -> None:
         super().__init__()
         self.network = network
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
-        """See :data:`litsim_predictor.inference.compiled.OUTPUTS`, and CODES where the network sees the map."""
+        """Return :data:`litsim_predictor.inference.compiled.OUTPUTS`, and CODES if the network reads the map."""
         position, heading, history, observed, state, traffic, asked, raster, known, code_of = inputs
         present = observed[:, -1]
         batch = SceneBatch(
@@ -50,7 +50,7 @@ class OneScene(nn.Module):
             traffic=traffic,
             raster=raster,
             agent=torch.ones_like(present),
-            # Of the future nothing is known, nor is it read.
+            # The future is unknown, and the network does not read it.
             future=position.new_zeros(1, HORIZON, 2),
             future_known=present.new_zeros(1, HORIZON),
             maneuver=torch.zeros(1, dtype=torch.int64),
@@ -72,10 +72,10 @@ def write_graph(model: SceneModel, provenance: Provenance, path: Path, *, weight
     """Write `model` as an ONNX file, whole or not at all.
 
     Args:
-        model: trained.
-        provenance: of its weights.
-        path: of the file.
-        weights: whether the file holds them; else it is given them when it is loaded.
+        model: a trained model.
+        provenance: origin of its weights.
+        path: file to write.
+        weights: whether the file contains the weights; otherwise they are supplied when it is loaded.
 
     Raises:
         InputError: see :func:`litsim_sim.io.files.replacing`.
@@ -92,7 +92,7 @@ def write_graph(model: SceneModel, provenance: Provenance, path: Path, *, weight
 
 
 def traced(model: SceneModel) -> ModelProto:
-    """The graph of `model`, with its weights."""
+    """The ONNX graph of `model`, with its weights."""
     outputs = (*OUTPUTS, CODES) if isinstance(model, JointPredictor) else OUTPUTS
     scene = (
         torch.rand(AGENTS, 2),
@@ -108,8 +108,8 @@ def traced(model: SceneModel) -> ModelProto:
     )
     counts = dict.fromkeys(("asked", *OUTPUTS), "asked") | {"raster": "new", "known": "known", CODES: "new"}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        # Of values that a trace takes for constants, such as numbers of channels. That no number of agents is among
-        # them is what the tests try.
+        # The exporter warns of values that a trace takes for constants, such as numbers of channels. Tests verify that
+        # the number of agents is not among them.
         warnings.simplefilter("ignore")
         file = Path(folder) / "traced.onnx"
         torch.onnx.export(
@@ -120,17 +120,17 @@ def traced(model: SceneModel) -> ModelProto:
             output_names=outputs,
             dynamic_axes={name: {0: counts.get(name, "agents")} for name in (*INPUTS, *outputs)},
             opset_version=OPSET,
-            do_constant_folding=False,  # the weights stay those of the file; ONNX Runtime folds when it loads
-            dynamo=False,  # the exporter that needs nothing but onnx itself
+            do_constant_folding=False,  # keeps the weights as they are in the file; ONNX Runtime folds when it loads
+            dynamo=False,  # the exporter that needs no package but onnx
         )
         graph = onnx.load(file)
-    # Shapes that the exporter derived from the traced scene; ONNX Runtime derives those that hold for all.
+    # These shapes were inferred from the traced scene; ONNX Runtime infers those that are valid for all scenes.
     graph.graph.ClearField("value_info")
     return graph
 
 
 def take_weights_out(graph: ModelProto) -> None:
-    """Leave of the model's parameters their names and shapes only."""
+    """Remove the values of the model's parameters from `graph`, in place; names and shapes remain."""
     for tensor in graph.graph.initializer:
         if tensor.name.startswith(PARAMETER):
             tensor.ClearField("raw_data")

@@ -1,4 +1,4 @@
-"""Training of any learned predictor: one configuration, seeded, resumable after every epoch."""
+"""Training of any learned predictor from one configuration; it is seeded, and can be resumed after every epoch."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from litsim_sim.scenario.scenario import packaged
 
 WINDOWS, TRACKS = "ngsim/us101_0750_frames_0126_1149.parquet", "ngsim/us101_vehicle_tracks.parquet"
 TEST_FRAMES = (316, 543)
-"""Frames of the US-101 window that results are reported on: scenario us101_0750."""
+"""First and last frame of the US-101 window on which results are reported: scenario us101_0750."""
 DEVELOPMENT_DATA: tuple[Source, ...] = (
     Us101TrackSource(kind="us101_tracks", file=TRACKS, windows=WINDOWS, test_frames=TEST_FRAMES),
     # Few, but the only real scenes in which every vehicle is seen.
@@ -61,28 +61,31 @@ class TrainingConfig(BaseModel):
 
     Attributes:
         model, parameters: see :func:`.registry.build`.
-        start: file of weights of the same model to begin with, found as those of `data` are, such as of a training on
-            other data; empty to begin with random ones.
-        teachers: weights, shipped or files as for `start`, of trained models of any kind, from the mean of whose
-            forecasts the model also learns.
-        teacher_weight: [1/m2] of its squared distance from that mean, of agents that it is trained with their most
-            probable manoeuvre (see `predicted_share`): what a set of models knows, at the cost of one.
+        start: file of initial weights of the same model, such as from a training on other data, found like the files of
+            `data`; empty for random initial weights.
+        teachers: trained models of any kind, as names of shipped weights or files found like `start`; the model also
+            learns the mean of their forecasts (distillation).
+        teacher_weight: weight [1/m2] of the distillation loss: the squared distance from that mean, for agents trained
+            with their most probable manoeuvre (see `predicted_share`).
         data: sources; names of files are looked for beside the configuration and under LITSIM_DATA.
-        fraction: of the vehicles of each source that are trained on; see :meth:`.Tracks.learned_of`. An epoch takes the
-            moments that are left so much more often that it has as many steps of the optimiser as with all vehicles.
-        epochs: of which the first `warm_epochs` minimise the squared error alone.
-        agents_per_batch: agents in a batch of whole scenes, about.
+        fraction: share of the target vehicles of each source that are trained on; see :meth:`.Tracks.learned_of`. The
+            frames that are left are repeated, so that an epoch has about as many optimiser steps as with all vehicles.
+        epochs: number of epochs. In the first `warm_epochs`, the squared error replaces the likelihood in the loss.
+        agents_per_batch: approximate number of agents in a batch of whole scenes.
         stride: frames between the scenes of an epoch.
-        learning_rate: of Adam; times `decay` every `decay_every` epochs, or to zero along a cosine if that is 0.
+        learning_rate: initial learning rate of AdamW. It is multiplied by `decay` every `decay_every` epochs, or, if
+            that is 0, follows a cosine to zero.
         weight_decay: of AdamW; 0 is Adam.
-        averaging: of the exponential moving average of the weights, which is what is validated and saved: the share of
-            it that a step of the optimiser leaves; 0 for the weights themselves.
-        error_weight, maneuver_weight: of squared error [1/m2] and manoeuvre cross-entropy beside the likelihood.
-        predicted_share: of the agents of a batch, that are trained with the most probable manoeuvre instead of the true
-            one: the former is what is used and scored in the end, the latter is what a manoeuvre means.
-        forcing_epochs: over which teacher forcing fades from every batch to none, for decoders that know it.
-        augmentation: how scenes are varied.
-        seed: decides everything but rounding.
+        averaging: decay rate, per optimiser step, of the exponential moving average (EMA) of the weights, which is
+            validated and saved; 0 for the weights themselves.
+        error_weight, maneuver_weight: weights of the squared error [1/m2] and of the cross-entropy of manoeuvres in the
+            loss, beside the likelihood.
+        predicted_share: share of the agents of a batch that are trained with the most probable manoeuvre, with which
+            forecasts are used and scored, instead of the true one, which teaches the decoder what manoeuvres mean.
+        forcing_epochs: epochs over which teacher forcing fades from all batches to none; 0 for no teacher forcing.
+            Decoders that read no positions ignore it.
+        augmentation: random variation of scenes.
+        seed: determines everything except rounding.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -112,7 +115,7 @@ class TrainingConfig(BaseModel):
 
 
 class Locator:
-    """Finds files by the names of configurations: as they are, beside `folder`, under LITSIM_DATA, or packaged."""
+    """Finds files named in a configuration: as given, in `folder`, under LITSIM_DATA, or in the package."""
 
     def __init__(self, folder: Path) -> None:
         data = os.environ.get("LITSIM_DATA")
@@ -126,10 +129,10 @@ class Locator:
 
 
 def load_parts(config: TrainingConfig, locate: Locator) -> dict[Part, list[tuple[Tracks, float]]]:
-    """Tracks of all sources by part, each with the share of it that an epoch takes.
+    """Tracks of all sources by part, each with the share of its frames that an epoch takes; may be above 1.
 
     Raises:
-        InputError: see :func:`.sources.load`; or there is nothing to train on.
+        InputError: see :func:`.sources.load`; or no source has anything for training or for validation.
     """
     parts: dict[Part, list[tuple[Tracks, float]]] = {"train": [], "val": [], "test": []}
     for source in config.data:
@@ -138,10 +141,10 @@ def load_parts(config: TrainingConfig, locate: Locator) -> dict[Part, list[tuple
     if config.fraction < 1.0:
         random = np.random.default_rng(config.seed)
         for k, (tracks, share) in enumerate(parts["train"]):
-            if not tracks.target.any():  # nothing is learned from these, whatever the fraction
+            if not tracks.target.any():  # these have no targets, whatever the fraction
                 continue
             fewer = tracks.learned_of(config.fraction, random)
-            left = np.isin(tracks.frame, fewer.target_frames).mean()  # of all agents, those in moments that are left
+            left = np.isin(tracks.frame, fewer.target_frames).mean()  # share of rows in frames that still have a target
             parts["train"][k] = fewer, share / float(left)
     for part in ("train", "val"):
         if not parts[part]:
@@ -150,14 +153,14 @@ def load_parts(config: TrainingConfig, locate: Locator) -> dict[Part, list[tuple
 
 
 class Training:
-    """One training in one folder: weights, checkpoint, curves and history of it.
+    """One training, whose weights, checkpoint, curves and history are written to one folder.
 
     Args:
-        config: what to train.
-        folder: where everything is written; exists.
+        config: configuration of the training.
+        folder: existing folder to which everything is written.
         locate: see :class:`Locator`.
-        command: as a person would type it again, for the record.
-        device: of torch.
+        command: command line that repeats the training, for the provenance.
+        device: name of the torch device.
     """
 
     def __init__(self, config: TrainingConfig, folder: Path, locate: Locator, command: str, device: str) -> None:
@@ -182,7 +185,7 @@ class Training:
         self._best: dict[str, float] = {}
 
     def run(self, *, progress: bool = True) -> None:
-        """Train what is left of the epochs; interrupted, what is done so far stays usable and resumable.
+        """Train for the remaining epochs; after Ctrl-C the files of the completed epochs can be used and resumed from.
 
         Raises:
             InputError: the training diverges.
@@ -205,7 +208,7 @@ class Training:
                 bar.set_postfix({"val m": f"{figures['val_error']:.2f}", "5 s": f"{figures['val_rmse_5']:.2f}"})
 
     def resume(self) -> None:
-        """Go on where the checkpoint in the folder stopped.
+        """Restore the state from the checkpoint in the folder.
 
         Raises:
             InputError: there is none, it is damaged, or it is of another configuration.
@@ -243,7 +246,7 @@ class Training:
 
     @property
     def _result(self) -> SceneModel:
-        """What is validated and saved: the model, or that of its averaged weights."""
+        """The model that is validated and saved: the trained one, or the one with the EMA of its weights."""
         return self.model if self._averaged is None else cast(SceneModel, self._averaged.module)
 
     def _epoch(self, epoch: int, *, progress: bool) -> dict[str, float]:
@@ -283,9 +286,10 @@ class Training:
         return config.learning_rate * 0.5 * (1.0 + float(np.cos(np.pi * epoch / config.epochs)))
 
     def _losses(self, batch: SceneBatch) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Likelihood, squared error [m2], manoeuvre cross-entropy, and squared distance from the teachers [m2].
+        """Negative log-likelihood, squared error [m2], cross-entropy of manoeuvres, and distillation loss [m2].
 
-        Means over what is known of the targets; the last over all steps of those with their most probable manoeuvre.
+        The first two are means over the known future steps of the targets, the third over the targets with a complete
+        future, and the last over all steps of the targets decoded with their most probable manoeuvre.
         """
         predicted = torch.rand(batch.maneuver.shape, device=self._device) < self._config.predicted_share
         prediction = self.model(batch, torch.where(predicted, -1, batch.maneuver))
@@ -298,7 +302,10 @@ class Training:
         return nll, error, maneuver, self._apart(batch, prediction.mean[:, :, 0], predicted & batch.target)
 
     def _apart(self, batch: SceneBatch, mean: Tensor, compared: Tensor) -> Tensor:
-        """Mean squared distance [m2] of forecasts (B, N, HORIZON, 2) from the teachers', of the `compared` (B, N)."""
+        """Mean squared distance [m2] of forecasts `mean` (B, N, HORIZON, 2) from the mean of the teachers' forecasts.
+
+        The mask `compared` (B, N) selects the agents; 0 without teachers or without such agents.
+        """
         if not self._teachers:
             return mean.new_zeros(())
         with torch.no_grad():
@@ -308,7 +315,10 @@ class Training:
 
     @torch.no_grad()
     def _validate(self) -> dict[str, float]:
-        """Errors by second with the most probable manoeuvre, of the validation part, complete histories and futures."""
+        """RMSE by second [m], its mean, NLL [nats] and share of correct manoeuvres on the validation part.
+
+        Agents with a complete history and future are scored, with their most probable manoeuvre.
+        """
         model = self._result.eval()
         squared, nll, right, count = torch.zeros(len(SECONDS)), 0.0, 0, 0
         for batch in self._validation():

@@ -1,7 +1,7 @@
-"""What models of torch read and answer: batches of whole scenes, padded to the same number of agents.
+"""Inputs and outputs of torch models: batches of whole scenes, padded to the same number of agents.
 
-Histories and futures are given in the agents' frames, see :mod:`litsim_predictor.inference.contract`; `position` and
-`heading` say how these lie to each other.
+Histories and futures are given in the agent frames, see :mod:`litsim_predictor.inference.contract`; `position` and
+`heading` relate these frames to each other.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from litsim_predictor.inference.contract import DT, HORIZON, LONGITUDINAL
 from litsim_predictor.inference.ways import NO_WAYS, Ways
 from litsim_sim.core.scene import FloatArray
 
-LATERAL_SHIFT = 1.5  # [m] in 5 s, in the agent frame, from which on a manoeuvre is called left or right
-BRAKE_RATIO, ACCELERATE_RATIO = 0.8, 1.25  # mean speed of the 5 s to the speed now (0.8: conv-social-pooling)
-SPEED_FLOOR = 1.0  # [m/s] by which standing vehicles count as moving, for these ratios
+LATERAL_SHIFT = 1.5  # [m] in 5 s, in the agent frame, above which a manoeuvre is left or right
+BRAKE_RATIO, ACCELERATE_RATIO = 0.8, 1.25  # mean speed in the next 5 s to present speed (0.8: conv-social-pooling)
+SPEED_FLOOR = 1.0  # [m/s] added to both speeds of these ratios, for vehicles that are almost standing
 
 
 @dataclass(frozen=True)
@@ -29,19 +29,19 @@ class SceneBatch:
 
     Attributes:
         position: (B, N, 2) box centres in the axes of frame map, relative to a point of the scene [m].
-        heading: (B, N) of the agent frames in frame map [rad].
+        heading: (B, N) headings of the agent frames in frame map [rad].
         history: (B, N, HISTORY, HISTORY_CHANNELS) oldest first, the present last; zeros where not observed.
         observed: (B, N, HISTORY) bool; the present is observed for every agent.
-        state: (B, N, STATE_CHANNELS).
-        traffic: (B, N, TRAFFIC_CHANNELS) ahead; see :mod:`litsim_predictor.inference.traffic`.
+        state: (B, N, STATE_CHANNELS) present states.
+        traffic: (B, N, TRAFFIC_CHANNELS) traffic ahead; see :mod:`litsim_predictor.inference.traffic`.
         raster: (B, N, C, H, W) uint8 map around each agent in its frame; see :mod:`litsim_predictor.inference.raster`.
         agent: (B, N) bool, False for padding.
         future: (B, N, HORIZON, 2) box centres in the agent frame [m]; zeros where unknown.
         future_known: (B, N, HORIZON) bool.
-        maneuver: (B, N) int64, true manoeuvre as a position in :data:`MANEUVERS`, -1 where the future is not complete.
-        target: (B, N) bool, the agents that losses and scores are about.
-        ways: of the agents whose lanes bend, numbered through all scenes as in arrays (B * N,); where scenes are varied
-            for training, none.
+        maneuver: (B, N) int64, true manoeuvre as an index in :data:`MANEUVERS`, -1 where the future is not complete.
+        target: (B, N) bool, the agents that losses and scores refer to.
+        ways: ways of the agents whose lanes bend; their rows are indices of agents in arrays (B * N,). Empty in batches
+            for training.
     """
 
     position: Tensor
@@ -59,7 +59,7 @@ class SceneBatch:
     ways: Ways = NO_WAYS
 
     def in_batch(self) -> SceneBatch:
-        """A batch of one scene, of fields without B."""
+        """This scene, whose fields have no dimension B, as a batch with B = 1."""
         return replace(self, **{name: tensor[None] for name, tensor in self.tensors()})
 
     def to(self, device: torch.device | str) -> SceneBatch:
@@ -67,7 +67,7 @@ class SceneBatch:
         return replace(self, **{name: tensor.to(device, non_blocking=True) for name, tensor in self.tensors()})
 
     def tensors(self) -> Iterator[tuple[str, Any]]:
-        """What there is by agent: names and tensors (B, N, ...)."""
+        """Names and tensors (B, N, ...) of all fields but `ways`."""
         return ((f.name, getattr(self, f.name)) for f in fields(self) if f.name != "ways")
 
 
@@ -77,7 +77,7 @@ class Prediction:
 
     Attributes:
         maneuver: (B, N, K) logits.
-        mean: (B, N, M, HORIZON, 2) [m]; M is K, or 1 where one manoeuvre was asked for.
+        mean: (B, N, M, HORIZON, 2) [m]; M is K, or 1 if one manoeuvre per agent is decoded.
         scale: (B, N, M, HORIZON, 2) standard deviations along x and y [m].
         correlation: (B, N, M, HORIZON).
     """
@@ -89,17 +89,17 @@ class Prediction:
 
 
 def numbers(values: Tensor) -> FloatArray:
-    """The `values` of a tensor, on whatever device it is, as a numpy array of the same shape."""
+    """The `values` of a tensor on any device, as a numpy array of float64 of the same shape."""
     return values.detach().cpu().numpy().astype(np.float64)
 
 
 def maneuvers_of(future: Tensor, future_known: Tensor, speed: Tensor) -> Tensor:
-    """True manoeuvres (...,), -1 where the future is not complete.
+    """True manoeuvres (...) int64, -1 where the future is not complete.
 
     Args:
-        future: (..., HORIZON, 2) in the agent frame [m].
+        future: (..., HORIZON, 2) positions in the agent frame [m].
         future_known: (..., HORIZON) bool.
-        speed: (...,) now [m/s].
+        speed: (...) present speeds [m/s].
     """
     shift = future[..., -1, 1]
     lateral = (shift > LATERAL_SHIFT).long() + 2 * (shift < -LATERAL_SHIFT).long()

@@ -1,4 +1,4 @@
-"""Batches of scenes cut out of tracks, as they are or varied for training."""
+"""Batches of scenes that are cut from tracks, unchanged or with random variations for training."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 NO_MAP = MapRaster(None)
 SINE_CHANNEL = 3
-SAME_ROAD = 0.35  # [rad] by which headings differ from their mean, at most, where all drive along one road
+SAME_ROAD = 0.35  # [rad] largest difference of headings from their mean where all agents drive along the same road
 
 
 @configuration
 class Augmentation:
-    """How scenes are varied in training; probabilities, and standard deviations of noise on what is observed.
+    """Random variations of scenes in training.
 
     Attributes:
-        mirror: left becomes right.
-        occlude: of an agent, that its history is cut to a random number of steps, one at least.
-        no_map: of a scene, that the map is not known.
-        crop: of a scene, that only agents within a random distance of a target are seen, as in a region of interest;
-            what is read of the traffic ahead stays.
+        mirror: probability that left and right of a scene are exchanged.
+        occlude: probability that the history of an agent is cut to a random number of last steps, at least one.
+        no_map: probability that a scene has no map.
+        crop: probability that a scene is reduced to the agents within a random distance of a target, as in a region of
+            interest; features of the traffic ahead remain those of the whole scene.
         crop_m: least and greatest such distance.
-        stretch: of a scene, that it is made longer along the road, for traffic at other speeds; see :func:`_stretched`.
-        stretch_by: least and greatest factor, drawn evenly on a logarithmic scale.
-        position_m, yaw_rad, speed_mps: noise.
+        stretch: probability that a scene is scaled along the road, for traffic at other speeds; see :func:`_stretched`.
+        stretch_by: least and greatest factor; the distribution is log-uniform.
+        position_m, yaw_rad, speed_mps: standard deviations of noise on the history.
     """
 
     mirror: Share = 0.5
@@ -72,7 +72,7 @@ class _Scene:
     ways: Ways = NO_WAYS
 
     def around(self, agent: int, metres: float) -> _Scene:
-        """Those of the agents within `metres` of the one in the row `agent`."""
+        """The scene reduced to the agents within `metres` [m] of the agent in row `agent`."""
         place = self.inputs.frame[:, :2]
         near = np.hypot(*(place - place[agent]).T) <= metres
         bends = near[self.ways.row]
@@ -88,15 +88,15 @@ def scene_batches(
     complete: bool = True,
     roi_m: float = 0.0,
 ) -> Iterator[SceneBatch]:
-    """Scenes of `sources` in order of time, unvaried.
+    """Scenes of `sources` in temporal order, without variations.
 
     Args:
-        sources: what to cut scenes from.
-        agents_per_batch: agents in a batch, about; a batch holds one scene at least.
+        sources: tracks from which scenes are cut.
+        agents_per_batch: approximate number of agents in a batch; a batch contains at least one scene.
         stride: frames between scenes.
-        complete: targets have 3 s of history and 5 s of future without a hole, as the published protocol asks; else
-            one frame and one step suffice.
-        roi_m: where it is more than 0, every target has a scene of its own, of the agents within so many metres of it.
+        complete: whether targets need 3 s of history and 5 s of future without gaps, as in the published protocol;
+            otherwise one known step of the future suffices.
+        roi_m: if above 0, every target has a scene of its own, with the agents within this distance [m].
     """
     for tracks in sources:
         moments = [(tracks, int(frame)) for frame in tracks.frames[::stride]]
@@ -110,22 +110,22 @@ def training_batches(
     augmentation: Augmentation,
     random: np.random.Generator,
 ) -> Iterator[SceneBatch]:
-    """Scenes of one epoch, shuffled and varied.
+    """Scenes of one epoch, shuffled and randomly varied.
 
     Args:
-        sources: with the share of its moments that an epoch takes of each; above 1, moments are taken several times. A
-            moment is a frame with a target.
-        agents_per_batch: agents in a batch, about.
-        stride: frames between the scenes of a source; each epoch starts at another one.
-        augmentation: how scenes are varied.
-        random: decides everything.
+        sources: tracks, each with the share of its scenes that an epoch contains; if that is above 1, scenes occur
+            several times. Scenes are cut at frames with a target.
+        agents_per_batch: approximate number of agents in a batch.
+        stride: number of frames with a target from one scene of a source to the next; the first is drawn at random.
+        augmentation: variations of the scenes.
+        random: generator of all draws.
     """
     moments = []
     for tracks, share in sources:
         frames = tracks.target_frames[int(random.integers(stride)) :: stride]
         times = np.floor(share + random.random(len(frames))).astype(np.int64)
         moments += [(tracks, int(frame)) for frame in np.repeat(frames, times)]
-    # Scenes of like size share a batch, so that little is padded; batches then come in any order.
+    # Scenes of similar size share a batch, so that there is little padding; the batches are then shuffled.
     sizes = np.array([len(tracks.rows_at(frame)) for tracks, frame in moments])
     order = np.argsort(sizes + random.uniform(0.0, 4.0, len(sizes)), kind="stable")
     batches = list(_grouped([moments[k] for k in order], sizes[order], agents_per_batch))
@@ -168,7 +168,7 @@ def _grouped(moments: list[tuple[Tracks, int]], sizes: IntArray, agents: int) ->
 
 
 def _scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -> _Scene:
-    """The scene of the vehicles of `rows`, all of one frame."""
+    """The scene of the vehicles in `rows`, all of one frame; `raster`, if given, replaces the map of `tracks`."""
     past, observed = tracks.history(rows)
     later, known = tracks.future(rows)
     inputs = agent_inputs(
@@ -185,7 +185,7 @@ def _scene(tracks: Tracks, rows: IntArray, raster: MapRaster | None = None) -> _
 
 
 def _around_each(scene: _Scene, roi_m: float) -> list[_Scene]:
-    """A scene for each target of `scene`, of it and of the agents within `roi_m` [m]."""
+    """A scene for each target of `scene`, reduced to the agents within `roi_m` [m] of it."""
     alone = np.eye(len(scene.target), dtype=np.bool_)
     return [replace(scene, target=alone[row]).around(int(row), roi_m) for row in np.flatnonzero(scene.target)]
 
@@ -201,7 +201,7 @@ def _varied(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.r
         [augmentation.position_m, augmentation.position_m, augmentation.yaw_rad, augmentation.speed_mps]
     )
     history = inputs.history + (deviation * random.standard_normal(inputs.history.shape)).astype(np.float32)
-    history[:, -1, :2] = 0.0  # the frame is where the agent is seen
+    history[:, -1, :2] = 0.0  # the origin of the agent frame is the observed position
     history = np.where(observed[..., None], history, np.float32(0.0))
     state = inputs.state.copy()
     state[:, 2], state[:, 3] = np.maximum(history[:, -1, 3], 0.0), history[:, -1, 2]
@@ -215,10 +215,10 @@ def _varied(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.r
 
 
 def _stretched(scene: _Scene, factor: float) -> _Scene:
-    """The same scene with all lengths along the road times `factor`, vehicles and the map excepted.
+    """The scene with all lengths along the road multiplied by `factor`, except those of vehicles and of the map.
 
-    Speeds, gaps and accelerations along the road change with it; headways in time, and how fast vehicles drift across
-    lanes, do not. Scenes whose vehicles drive in different directions are left as they are: they have no one road.
+    Speeds, gaps and accelerations along the road are scaled as well; time headways and lateral speeds do not change. A
+    scene whose vehicles drive in different directions is returned unchanged, since it has no common road direction.
     """
     inputs = scene.inputs
     heading = inputs.frame[:, 2]
@@ -236,16 +236,16 @@ def _stretched(scene: _Scene, factor: float) -> _Scene:
 
 
 def _stretched_motion(yaw: Float32Array, speed: Float32Array, factor: float) -> tuple[Float32Array, Float32Array]:
-    """Yaw [rad] and speed [m/s] whose part along the road is `factor` times what it was; any shape."""
+    """`yaw` [rad] and `speed` [m/s] of any shape, with the component along the road multiplied by `factor`."""
     along, across = factor * np.cos(yaw), np.sin(yaw)
     return np.arctan2(across, along), speed * np.hypot(along, across)
 
 
 def _mirrored(scene: _Scene) -> _Scene:
-    """The same scene with left and right exchanged."""
+    """The scene with left and right exchanged."""
     inputs = scene.inputs
     raster = inputs.raster[..., ::-1].copy()
-    # The sine changes its sign about 128; the lowest byte is never drawn.
+    # The sine changes its sign about byte 128; byte 0 does not occur.
     raster[:, SINE_CHANNEL] = np.uint8(0) - raster[:, SINE_CHANNEL]
     mirrored = replace(
         inputs,
@@ -276,7 +276,7 @@ def _stack(scenes: Sequence[_Scene]) -> SceneBatch:
 
 
 def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> SceneBatch:
-    """Scenes, with the `ways` of each, as a batch whose future is not known, as when driving."""
+    """A batch of `scenes`, with the `ways` of each (none if empty), whose futures are unknown as in a run."""
     size = len(scenes), max(len(scene.state) for scene in scenes)
     history = np.zeros((*size, *scenes[0].history.shape[1:]), np.float32)
     observed = np.zeros((*size, HISTORY), np.bool_)
@@ -290,7 +290,7 @@ def inputs_batch(scenes: Sequence[AgentInputs], ways: Sequence[Ways] = ()) -> Sc
         history[k, :n], observed[k, :n], state[k, :n] = scene.history, scene.observed, scene.state
         raster[k, :n], agent[k, :n], frame[k, :n] = scene.raster, True, scene.frame
         traffic[k, :n] = scene.traffic
-        # Differences are what counts; those of single precision are good near the origin only.
+        # Only differences matter, and in single precision they are accurate near the origin only.
         frame[k, :n, :2] -= scene.frame[:1, :2]
     return SceneBatch(
         position=torch.from_numpy(frame[..., :2].astype(np.float32)),

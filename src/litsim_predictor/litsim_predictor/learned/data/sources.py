@@ -1,7 +1,7 @@
-"""Where training and tests get their traffic: recordings in the neutral schema, and the development data as published.
+"""Sources of traffic for training and tests: recordings in the neutral schema, and the development data as published.
 
-Each reader gives :class:`Tracks` by part. The rows of one part are never seen in another, neither as what is to be
-predicted nor as traffic around it.
+Each reader returns :class:`Tracks` by part. The rows of one part are in no other, neither as targets nor as traffic
+around them.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from litsim_sim.recordings.recording import Recording
 from litsim_sim.recordings.segments import PARTS, Part
 from litsim_sim.scenario.scenario import packaged, packaged_nets
 
-LEADER_SIZE = (4.7, 1.9)  # [m] of a vehicle of which only the headway to it is known
-"""Length and width; the median of the US-101 windows."""
-LEADER_JUMP = 1.0  # [m] in one frame beyond its speed: another leader
-RATE_FRAMES = 5  # frames to each side over which rates of change are taken
-DRIFT_SPEED = 2.0  # [m/s] below, headings are nearly the road's
-HEADWAY_MOST = 100.0  # [m]
-SAME_VEHICLE = 1.0  # [m] between front centres in one frame: the same vehicle in two files
-SAME_LEADER = 2.4  # [m] a leader this near to a vehicle with a full track is that vehicle
-LEADER_IDS = 10_000_000  # ids of leaders begin here
-PERIOD_IDS, PERIOD_FRAMES = 100_000, 100_000  # by which ids and frames of the periods of a site are told apart
+LEADER_SIZE = (4.7, 1.9)
+"""Length and width [m] of vehicles of unknown size; the medians of the US-101 windows."""
+LEADER_JUMP = 1.0  # [m] a leader that moves by so much more or less than its follower in a frame is another vehicle
+RATE_FRAMES = 5  # frames to each side over which rates of change are computed
+DRIFT_SPEED = 2.0  # [m/s] least speed for headings; slower vehicles head almost along the road
+HEADWAY_MOST = 100.0  # [m] longest space headway from which a leader is derived
+SAME_VEHICLE = 1.0  # [m] distance of front centres in a frame, below which rows of two files are of the same vehicle
+SAME_LEADER = 2.4  # [m] distance below which a leader is taken for a vehicle with a full track
+LEADER_IDS = 10_000_000  # first id of leaders
+PERIOD_IDS, PERIOD_FRAMES = 100_000, 100_000  # offsets of ids and frames from one period of a site to the next
 
 
 class _Source(BaseModel):
@@ -42,7 +42,7 @@ class _Source(BaseModel):
 
 
 class RecordingSource(_Source):
-    """Recordings in the neutral schema, split 70/10/20 by vehicle id each, or given to one part as they are."""
+    """Recordings in the neutral schema, each split 70/10/20 by vehicle id, or whole for one part."""
 
     kind: Literal["recording"]
     files: tuple[str, ...]
@@ -50,7 +50,10 @@ class RecordingSource(_Source):
 
 
 class Us101WindowSource(_Source):
-    """The windows of the US-101 development file: `test_frames` (first, last) for tests, the others for `part`."""
+    """The windows of the US-101 development file.
+
+    Rows in `test_frames` (first, last) are for tests, and vehicles that have none there are for `part`.
+    """
 
     kind: Literal["us101_windows"]
     file: str
@@ -59,9 +62,10 @@ class Us101WindowSource(_Source):
 
 
 class Us101TrackSource(_Source):
-    """Single US-101 vehicles and the leaders that their headways tell of, without the vehicles of the test windows.
+    """Single US-101 vehicles and the leaders given by their headways, without the vehicles of the test windows.
 
-    Nothing of the first period's `untrained_frames` (first, last) is trained on, such as where windows validate.
+    Rows in `untrained_frames` (first, last) of the first period are not for training, such as those of windows that are
+    for validation.
     """
 
     kind: Literal["us101_tracks"]
@@ -72,16 +76,16 @@ class Us101TrackSource(_Source):
 
 
 class I80LaneSource(_Source):
-    """All I-80 vehicles of a lane, by their positions along it."""
+    """All I-80 vehicles by lane, with positions along it only."""
 
     kind: Literal["i80_lanes"]
     file: str
 
 
 class I80PairSource(_Source):
-    """I-80 followers and leaders along their lane; a tenth of the pairs, by number, is for validation.
+    """I-80 followers and leaders along their lanes; a tenth of the pairs, by number, is for validation.
 
-    Other pairs with a vehicle of these are left out.
+    Pairs that share a vehicle with one of these are left out.
     """
 
     kind: Literal["i80_pairs"]
@@ -89,7 +93,10 @@ class I80PairSource(_Source):
 
 
 class UrbanSource(_Source):
-    """Windows of signalised streets in their own metres; scenarios whose name begins as `test` does are for tests."""
+    """Windows of signalised streets in local coordinates; scenarios whose names begin with one of `test` are for tests.
+
+    Vehicles of these are not for training.
+    """
 
     kind: Literal["urban_windows"]
     files: tuple[str, ...]
@@ -103,10 +110,10 @@ Source = Annotated[
 
 
 def load(source: Source, locate: Callable[[str], Path]) -> dict[Part, list[Tracks]]:
-    """The tracks of a source by part; `locate` finds files by the names they have in configurations.
+    """The tracks of a source by part; `locate` finds files by their names in configurations.
 
     Raises:
-        InputError: a file is missing or is not what its kind says.
+        InputError: a file is missing, or its content does not fit the kind of the source.
     """
     readers: dict[str, Callable[[Any, Callable[[str], Path]], dict[Part, list[Tracks]]]] = {
         "recording": _recordings,
@@ -132,13 +139,13 @@ def digest_of(path: Path) -> str:
 
 
 def net_path(name: str) -> Path:
-    """The packaged net called `name`, with or without its ending; else the file of that name."""
+    """Path of the packaged net `name`, with or without ``.net.xml``; if there is none, `name` as a path."""
     plain = name.removesuffix(".net.xml")
     return packaged(f"nets/{plain}.net.xml") if plain in packaged_nets() else Path(name)
 
 
 def split(tracks: Tracks) -> dict[Part, list[Tracks]]:
-    """The tracks by part of the split by vehicle id: 70 % train, 10 % val, 20 % test; empty parts are left out."""
+    """The tracks, split by vehicle id: 70 % train, 10 % val, 20 % test; empty parts are left out."""
     part = parts_of(tracks.vehicle)
     return {name: [tracks.take(part == k)] for k, name in enumerate(PARTS) if (part == k).any()}
 
@@ -174,18 +181,18 @@ def _us101_tracks(source: Us101TrackSource, locate: Callable[[str], Path]) -> di
     table = table.astype({"vehicle_id": np.int64, "frame": np.int64, "period": np.int64})
     table["vehicle_id"] += PERIOD_IDS * table["period"]
     table["frame"] += PERIOD_FRAMES * table["period"]
-    # Few vehicles have full tracks here, and tests are on the windows: what would be for tests is for training too.
+    # Few vehicles have full tracks, and tests are on the windows: the test part of the split is for training as well.
     val = parts_of(table["vehicle_id"].to_numpy(np.int64)) == PARTS.index("val")
     train = ~val
     if source.untrained_frames is not None:
-        train &= ~table["frame"].between(*source.untrained_frames).to_numpy()  # those of other periods are larger
+        train &= ~table["frame"].between(*source.untrained_frames).to_numpy()  # frames of other periods are larger
     return {"train": [_with_leaders(table[train], road)], "val": [_with_leaders(table[val], road)]}
 
 
 def _apart_from(table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, int], road: Us101Road) -> BoolArray:
-    """(R,) rows of single vehicles that are in no test window, by their id and by where they were.
+    """Mask (R,) of the rows of single vehicles that are in no test window, by their ids and by their positions.
 
-    Rows of the time of the test windows are left out, too: the leaders that they tell of may be test vehicles.
+    Rows at the time of the test windows are left out as well, since their leaders may be test vehicles.
     """
     window = windows[windows["frame"].between(*frames)]
     front_x = window["x"] + 0.5 * window["length"] * np.cos(window["yaw"])
@@ -201,12 +208,12 @@ def _apart_from(table: pd.DataFrame, windows: pd.DataFrame, frames: tuple[int, i
 
 
 def _with_leaders(table: pd.DataFrame, road: Us101Road) -> Tracks:
-    """Vehicles with full tracks, to be learned, and the leaders that their space headways tell of, to be seen."""
+    """Vehicles with full tracks, as targets, and the leaders given by their space headways, as context."""
     runs = _Runs(table["vehicle_id"].to_numpy(np.int64), table["frame"].to_numpy(np.int64))
     along, across = table["local_y_m"].to_numpy(np.float64), table["local_x_m"].to_numpy(np.float64)
-    # NGSIM's road coordinates are longer than the road; its speeds are by them.
+    # NGSIM's road coordinates are longer than the road, and its speeds are in these coordinates.
     speed = table["speed_mps"].to_numpy(np.float64) * road.scale(along)
-    # To the right is positive in NGSIM's local_x; a standing vehicle has no direction of motion.
+    # NGSIM's local_x is positive to the right; a standing vehicle has no direction of motion.
     drift = np.arctan2(-runs.rate(across), np.maximum(runs.rate(along), DRIFT_SPEED))
     vehicles = _neutral(runs.vehicle, runs.frame, road.pose(along, across), drift, speed)
 
@@ -232,11 +239,11 @@ def _with_leaders(table: pd.DataFrame, road: Us101Road) -> Tracks:
 
 
 class _Runs:
-    """Rows of vehicles without a hole, in the order of vehicle and frame.
+    """Runs of rows: those of one vehicle in consecutive frames.
 
     Args:
-        vehicle, frame: (R,).
-        cut: (R,) where a run begins for another reason.
+        vehicle, frame: (R,) sorted by vehicle, then by frame.
+        cut: (R,) mask of rows at which a new run begins in any case.
     """
 
     def __init__(self, vehicle: IntArray, frame: IntArray, cut: BoolArray | None = None) -> None:
@@ -251,7 +258,7 @@ class _Runs:
         self._after = np.minimum(rows + RATE_FRAMES, end[self.number])
 
     def rate(self, values: FloatArray) -> FloatArray:
-        """(R,) rate of change of `values` over a second about each row [1/s]; zero in runs of one row."""
+        """Rates of change (R,) [1/s] of `values` (R,), over up to one second around each row; 0 in runs of one row."""
         span = (self._after - self._before) * STEP_S
         change = values[self._after] - values[self._before]
         return np.divide(change, span, out=np.zeros(len(values)), where=span > 0.0)
@@ -264,7 +271,11 @@ def _neutral(
     drift: FloatArray | float,
     speed: FloatArray,
 ) -> pd.DataFrame:
-    """Neutral columns of vehicles of usual size from their front centres, with headings `drift` off the road's."""
+    """Columns of the neutral schema for vehicles of LEADER_SIZE.
+
+    `front` are the x, y [m] of their front centres and the heading of the road there [rad], (n,) each; `drift` [rad] is
+    their heading relative to the road.
+    """
     x, y, yaw = front[0], front[1], front[2] + drift
     half = 0.5 * LEADER_SIZE[0]
     columns = {"vehicle_id": vehicle, "frame": frame, "x": x - half * np.cos(yaw), "y": y - half * np.sin(yaw)}
@@ -288,7 +299,7 @@ def _i80_pairs(source: I80PairSource, locate: Callable[[str], Path]) -> dict[Par
         who: {who: "vehicle_id"} | {f"{who}_{name}": column for name, column in values.items()}
         for who in ("follower", "leader")
     }
-    del of["follower"]["follower_length_m"]  # is not told
+    del of["follower"]["follower_length_m"]  # there is no such column
     table = read_table(locate(source.file), (*common, *of["follower"], *of["leader"]))
     rows = pd.concat([table[[*common, *names]].rename(columns=names) for names in of.values()], ignore_index=True)
     vehicle = ["period", "vehicle_id"]
@@ -301,7 +312,7 @@ def _i80_pairs(source: I80PairSource, locate: Callable[[str], Path]) -> dict[Par
 
 
 def _along_lanes(table: pd.DataFrame) -> list[Tracks]:
-    """I-80 vehicles by period and lane, on straight lanes of their own.
+    """Tracks of I-80 vehicles by period and lane, each lane as a straight road of its own.
 
     `table` has columns period, lane, vehicle_id, frame, front [m] along the lane, speed [m/s] and length [m].
     """
@@ -320,7 +331,7 @@ def _urban_windows(source: UrbanSource, locate: Callable[[str], Path]) -> dict[P
         table = read_table(locate(file), columns)
         table = table.rename(columns=lambda name: {"heading_rad": "yaw"}.get(name, name.rsplit("_m", 1)[0]))
         test = table["scenario"].str.startswith(source.test)
-        # Windows overlap in time: a vehicle of a test window may be in others, too.
+        # Windows overlap in time, so that a vehicle of a test window may be in other windows as well.
         train = ~test & ~table["vehicle_id"].isin(table["vehicle_id"][test].unique())
         for name, mine in (("train", train), ("test", test)):
             for scenario, rows in table[mine].groupby("scenario"):

@@ -1,4 +1,4 @@
-"""Observed traffic laid out for cutting scenes: rows of vehicles by frame, with the frames and maps models ask for."""
+"""Recorded traffic from which scenes are cut: vehicles by frame, with the agent frames and maps that models need."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from litsim_predictor.inference.ways import NO_WAYS, LaneWays, Ways
 from litsim_sim.core.scene import BoolArray, FloatArray, IntArray
 
 SHARES = (0.7, 0.1)  # of the vehicle ids for training and validation; the rest is for tests (conv-social-pooling)
-ROUNDING = 1e-6  # 0.7 + 0.1 is a little less than 0.8
+ROUNDING = 1e-6  # since 0.7 + 0.1 is slightly less than 0.8
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Vehicles of one source, sorted by vehicle and frame; tracks may have holes.
+    """Vehicles of one source in R rows, sorted by vehicle and frame; tracks may have gaps.
 
     Attributes:
-        name: of the source.
-        vehicle, frame: (R,).
+        name: name of the source.
+        vehicle, frame: (R,) ids of vehicles and numbers of frames.
         motion: (R, 4) box centre x, y [m], yaw [rad], speed [m/s].
         size: (R, 2) length, width [m].
-        heading: (R,) of the agent frames [rad].
-        target: (R,) bool, whether losses and scores may be about the row's vehicle; the others are seen, not learned.
-        raster: the map.
-        lanes: the same as lanes; None without a map.
+        heading: (R,) headings of the agent frames [rad].
+        target: (R,) bool, whether losses and scores may refer to the row; other rows are context only.
+        raster: the map as a raster.
+        lanes: the lanes of the map, for forecasts along bends; None without a map.
     """
 
     name: str
@@ -48,8 +48,10 @@ class Tracks:
     def from_table(cls, name: str, table: pd.DataFrame, net: Path | None, target: BoolArray | None = None) -> Tracks:
         """Tracks of a `table` with columns vehicle_id, frame, x, y, yaw, speed, length, width (neutral schema).
 
+        All rows are targets if `target` (R,), in the order of `table`, is None.
+
         Raises:
-            InputError: `net` is no readable net.
+            InputError: `net` is not a readable net.
         """
         lane_map, raster = (None, MapRaster(None)) if net is None else raster_of_net(net)
         order = np.lexsort([table["frame"], table["vehicle_id"]])
@@ -71,7 +73,7 @@ class Tracks:
         return len(self.vehicle)
 
     def take(self, keep: BoolArray) -> Tracks:
-        """The tracks reduced to those rows that the mask `keep` (R,) holds."""
+        """The tracks reduced to the rows in the mask `keep` (R,)."""
         return Tracks(
             self.name,
             self.vehicle[keep],
@@ -85,9 +87,9 @@ class Tracks:
         )
 
     def learned_of(self, fraction: float, random: np.random.Generator) -> Tracks:
-        """The tracks with `fraction` of the target vehicles (one at least); the other rows are seen, not learned.
+        """The tracks with a `fraction` of the target vehicles, at least one, as targets; all other rows are context.
 
-        Those are taken whose ids follow each other from a `random` one on, as in a shorter recording.
+        These vehicles have consecutive ids from a `random` one on, as in a shorter recording.
         """
         ids = np.unique(self.vehicle[self.target])
         kept = np.roll(ids, -int(random.integers(max(1, len(ids)))))[: max(1, round(fraction * len(ids)))]
@@ -95,12 +97,12 @@ class Tracks:
 
     @cached_property
     def frames(self) -> IntArray:
-        """Numbers of the frames in which there is any vehicle, ascending."""
+        """Numbers of the frames with a vehicle, ascending."""
         return np.unique(self.frame)
 
     @cached_property
     def target_frames(self) -> IntArray:
-        """Numbers of the frames in which there is any target, ascending."""
+        """Numbers of the frames with a target, ascending."""
         return np.unique(self.frame[self.target])
 
     @cached_property
@@ -109,7 +111,7 @@ class Tracks:
         return order, np.append(np.searchsorted(self.frame[order], self.frames), len(order))
 
     def rows_at(self, frame: int) -> IntArray:
-        """The rows of the vehicles that are there in `frame`, by ascending id; none in a frame without vehicles."""
+        """The rows of the vehicles in `frame`, by ascending id; none in a frame without vehicles."""
         order, first = self._by_frame
         at = int(np.searchsorted(self.frames, frame))
         if at == len(self.frames) or self.frames[at] != frame:
@@ -117,7 +119,7 @@ class Tracks:
         return order[first[at] : first[at + 1]]
 
     def window(self, rows: IntArray, steps: IntArray) -> tuple[IntArray, BoolArray]:
-        """Rows of the same vehicles `steps` frames later: (n, m), and whether they are there (n, m)."""
+        """Rows (n, m) of the vehicles in `rows` (n,) `steps` (m,) frames later, and the mask (n, m) of valid rows."""
         key = self._key(self.vehicle[rows][:, None], self.frame[rows][:, None] + steps)
         at = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
         return at, self._keys[at] == key
@@ -131,7 +133,7 @@ class Tracks:
         return self.window(rows, STRIDE * np.arange(1, HORIZON + 1))
 
     def ways(self, rows: IntArray) -> Ways:
-        """The ways ahead of the vehicles in `rows`, of those whose lanes bend."""
+        """The ways ahead of those of the vehicles in `rows` whose lanes bend."""
         if self.lanes is None:
             return NO_WAYS
         x, y, yaw, speed = self.motion[rows].T
@@ -147,9 +149,10 @@ class Tracks:
 
 
 def parts_of(vehicle: IntArray) -> IntArray:
-    """Part (R,) of each row, as a position in :data:`litsim_sim.recordings.segments.PARTS`: 70/10/20 by vehicle id.
+    """Parts (R,) of rows, as indices in :data:`litsim_sim.recordings.segments.PARTS`: 70/10/20 % of the vehicle ids.
 
-    Ids of a recording ascend with time, so the parts follow each other and hardly meet (as in conv-social-pooling).
+    Ids of a recording ascend with time, so that the parts follow each other and hardly overlap in time (as in
+    conv-social-pooling).
     """
     ids = np.unique(vehicle)
     counts = np.floor(np.cumsum(SHARES) * len(ids) + ROUNDING).astype(np.int64)

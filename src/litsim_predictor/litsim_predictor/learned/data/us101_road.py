@@ -1,4 +1,4 @@
-"""Where NGSIM's road coordinates of US-101 lie in frame map, fitted to rows that give both."""
+"""Conversion of NGSIM's road coordinates of US-101 to frame map, fitted to rows that contain both."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
 from litsim_sim.recordings.ngsim.windows import map_from_global
 
-DEGREE = 5  # of the polynomials: below, residuals are of decimetres, with it of half a millimetre
-MIDDLE, SPAN = 300.0, 300.0  # [m] local_y that becomes 0, and by which it is scaled
-TOLERANCE = 0.05  # [m] greatest residual of a fit
+DEGREE = 5  # degree of the polynomials: residuals are half a millimetre, with lower degrees decimetres
+MIDDLE, SPAN = 300.0, 300.0  # [m] offset and scale of local_y
+TOLERANCE = 0.05  # [m] largest residual of a valid fit
 
 
 @dataclass(frozen=True)
 class Us101Road:
-    """Road coordinates to frame map, by polynomials.
+    """Polynomials from road coordinates to frame map.
 
     Attributes:
-        coefficients: (2 * DEGREE + 1, 2) of x and y [m]: centre line first, then what a metre to the right adds.
-        end: greatest local_y [m] that was fitted.
+        coefficients: (2 * DEGREE + 1, 2) coefficients of x and y [m]: first those of the line local_x = 0, then those
+            of the change per metre to the right.
+        end: largest local_y [m] of the fit.
     """
 
     coefficients: FloatArray
@@ -48,13 +49,13 @@ class Us101Road:
         return cls(coefficients, float(along.max()))
 
     def pose(self, along: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """x, y [m] and heading of the road [rad] in frame map (n,) at local_y, local_x (n,) [m]."""
+        """x, y [m] and heading of the road [rad] in frame map, (n,) each, at local_y, local_x (n,) [m]."""
         x, y = (self._terms(along, across) @ self.coefficients).T
         ahead_x, ahead_y = (self._terms(along + 1.0, across) @ self.coefficients).T
         return x, y, np.arctan2(ahead_y - y, ahead_x - x)
 
     def scale(self, along: FloatArray) -> FloatArray:
-        """Metres in frame map (n,) that a metre of local_y is at `along` (n,) [m]: about 0.99."""
+        """Length (n,) in frame map [m] of one metre of local_y at `along` (n,) [m]: about 0.99."""
         line = np.zeros_like(along)
         step = (self._terms(along + 0.5, line) - self._terms(along - 0.5, line)) @ self.coefficients
         return np.asarray(np.hypot(step[:, 0], step[:, 1]), np.float64)

@@ -1,1 +1,1 @@
-"""How good forecasts are: errors, likelihoods, conflicts found."""
+"""Evaluation of forecasts: errors, likelihoods, predicted conflicts."""

@@ -1,4 +1,4 @@
-"""Boxes along forecast paths."""
+"""Headings and overlaps of boxes along forecast paths."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from litsim_sim.core.scene import BoolArray, FloatArray
 
 
 def path_headings(path: FloatArray, yaw: FloatArray) -> FloatArray:
-    """Headings (..., T) [rad] of boxes along `path` (..., T, 2) [m] from the origin, at first `yaw` (...) [rad].
+    """Headings (..., T) [rad] along `path` (..., T, 2) [m] from the origin, where the heading is `yaw` (...) [rad].
 
-    As :class:`.predictor.LearnedPredictor` publishes them.
+    They are computed like those that :class:`.predictor.LearnedPredictor` publishes.
     """
     flat = path.reshape(-1, *path.shape[-2:])
     return headings(flat, np.zeros((len(flat), 2)), yaw.reshape(-1)).reshape(path.shape[:-1])
@@ -21,12 +21,12 @@ def path_headings(path: FloatArray, yaw: FloatArray) -> FloatArray:
 def agents_that_overlap(
     x: FloatArray, y: FloatArray, yaw: FloatArray, size: tuple[FloatArray, FloatArray], known: BoolArray
 ) -> BoolArray:
-    """(B, N) agents whose box overlaps that of another agent of the same scene at any instant.
+    """Mask (B, N) of the agents whose box overlaps that of another agent of the same scene at any instant.
 
     Args:
         x, y, yaw: (B, N, T) box centres [m] and headings [rad] in the axes of the scene.
         size: lengths and widths (B, N) [m].
-        known: (B, N, T) where a box is known; others are nowhere.
+        known: (B, N, T) mask of the boxes that exist; the others overlap nothing.
     """
     scene, agent, instant = np.nonzero(known)
     hit = np.zeros(known.shape[:2], np.bool_)
@@ -34,7 +34,7 @@ def agents_that_overlap(
         return hit
     x, y, yaw = x[known], y[known], yaw[known]
     length, width = size[0][scene, agent], size[1][scene, agent]
-    # One search for all scenes and instants: each is put far to the right of the one before.
+    # One search for all scenes and instants: each is moved far to the right of the one before.
     apart = np.ptp(x) + 2.0 * float(np.hypot(length, width).max())
     x = x - x.min() + apart * (scene * known.shape[2] + instant)
     pairs = overlapping_pairs(x, y, yaw, length, width)

@@ -1,9 +1,9 @@
-"""Whether forecasts announce the conflicts of an ego that leaves its log.
+"""Evaluation of predicted conflicts between an ego that deviates from its log and the logged background.
 
-The conflict logic of the paper overlaps the ego's forecast with the logged background. Here an ego really deviates, on
-its logged path: it brakes, or keeps its speed. At each step, every other agent near it either does or does not lie in
-the way of its forecast within 1 to 5 s, and in the way of what it does then. Both are judged by oriented boxes, against
-the same logged boxes at the same instants; a pair counts until it first meets.
+The paper detects conflicts by overlaps of the ego's forecast with the logged background. Here, egos deviate along their
+logged paths: they brake, or keep their speed. At each step, a conflict with another agent within 1 to 5 s is predicted
+if the ego's forecast overlaps the agent's logged boxes, and real if the ego's further drive does. Both are judged by
+oriented boxes at the same instants. Agents within the ROI are counted, each until it first touches the ego.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ SCENES_PER_BATCH = 64
 
 @dataclass(frozen=True)
 class ConflictCounts:
-    """Pairs of a step and an agent, (5,) by horizon of 1 to 5 s.
+    """Numbers of pairs of a step and an agent, (5,) by horizon of 1 to 5 s.
 
     Attributes:
-        hit: conflict predicted and real.
-        false: predicted only.
-        missed: real only.
-        pairs: looked at.
+        hit: pairs with a conflict that is predicted and real.
+        false: pairs with a conflict that is predicted only.
+        missed: pairs with a conflict that is real only.
+        pairs: all pairs, with and without conflicts.
     """
 
     hit: IntArray
@@ -53,7 +53,7 @@ class ConflictCounts:
         return cls(*(np.zeros(len(SECONDS), np.int64) for _ in range(4)))
 
     def plus(self, predicted: BoolArray, real: BoolArray, known: BoolArray) -> ConflictCounts:
-        """With pairs (n, 5) added: by horizon, whether a conflict is predicted, is real, and is looked at."""
+        """These counts plus n pairs; masks (n, 5), by horizon, of predicted conflicts, real ones, and counted pairs."""
         return ConflictCounts(
             self.hit + (predicted & real & known).sum(axis=0),
             self.false + (predicted & ~real & known).sum(axis=0),
@@ -67,7 +67,7 @@ class ConflictCounts:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """By horizon: precision and recall, None where nothing was predicted or real, and the counts."""
+        """Precision and recall by horizon, None without predicted or real conflicts, respectively, and the counts."""
         return {
             str(second): {
                 "precision": _share(self.hit[k], self.hit[k] + self.false[k]),
@@ -83,13 +83,13 @@ class ConflictCounts:
 def conflict_counts(
     models: Mapping[str, SceneModel], scenario: Scenario, egos: Sequence[int], seed: int, done: Callable[[], object]
 ) -> dict[str, dict[DriveKind, ConflictCounts]]:
-    """Count the conflicts that `models` predict, and those that are real, when `egos` of `scenario` deviate.
+    """Count predicted and real conflicts when `egos` of `scenario` deviate from their logs.
 
     Args:
-        models: by name, all on one device.
-        scenario: its history, ROI, log and net are used.
-        egos: each makes 1 + :data:`.drives.BRAKES` drives.
-        seed: of the times at which they brake.
+        models: models by name.
+        scenario: scenario, of which the history, ROI, log, recording and net are used.
+        egos: ids of the egos, each of which makes 1 + :data:`.drives.BRAKES` drives.
+        seed: seed of the times at which they brake.
         done: called after each ego.
 
     Returns:
@@ -109,17 +109,17 @@ def conflict_counts(
 
 @dataclass(frozen=True)
 class _Scene:
-    """A step of a drive, and what the ego's forecast is judged against: m other agents at the instants to come.
+    """A step of a drive, with the further drive and the futures of m other agents, with which forecasts are compared.
 
     Attributes:
-        inputs: of the agents within the ROI, the ego in row `ego`.
-        ways: of those whose lanes bend.
-        size: of the ego.
-        box: (m, HORIZON, 3) x, y, yaw of the others.
-        there: (m, HORIZON) whether they are there.
-        sizes: (m, 2).
-        path: (HORIZON, 3) x, y, yaw of the ego; its last pose where its drive has ended.
-        horizons: (5,) through which the drive goes on.
+        inputs: inputs of a model for the agents within the ROI, the ego in row `ego`.
+        ways: ways of those whose lanes bend.
+        size: (2,) length and width of the ego [m].
+        box: (m, HORIZON, 3) logged x, y [m] and yaw [rad] of the others.
+        there: (m, HORIZON) whether they are on the road.
+        sizes: (m, 2) their lengths and widths [m].
+        path: (HORIZON, 3) x, y, yaw of the ego; its last pose after the end of the drive.
+        horizons: (5,) whether the drive lasts for these horizons.
     """
 
     inputs: AgentInputs
@@ -133,12 +133,12 @@ class _Scene:
     horizons: BoolArray
 
     def judge(self, path: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
-        """(m, 5) of the forecast `path` (HORIZON, 3): predicted, real and known conflicts."""
+        """Masks (m, 5) of conflicts predicted by the forecast `path` (HORIZON, 3), real ones, and counted pairs."""
         predicted, real = self._within(path), self._within(self.path)
         return predicted, real, np.broadcast_to(self.horizons, predicted.shape)
 
     def _within(self, path: FloatArray) -> BoolArray:
-        """(m, 5) whether boxes along `path` overlap the others' within 1 to 5 s."""
+        """Mask (m, 5) of the others that the ego's boxes along `path` (HORIZON, 3) overlap within 1 to 5 s."""
         dx, dy = self.box[..., 0] - path[:, 0], self.box[..., 1] - path[:, 1]
         sizes = self.sizes[:, 0, None], self.sizes[:, 1, None]
         hit = boxes_overlap(dx, dy, path[:, 2], self.box[..., 2], (self.size[0], self.size[1]), sizes) & self.there
@@ -146,7 +146,7 @@ class _Scene:
 
 
 def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
-    """The steps of `drive` from the end of the history on, at the models' rate, while 1 s of it is left."""
+    """The steps of `drive` after the history, at the rate of the models, from which it lasts for at least 1 s."""
     log, tracks = scenario.log, _tracks(scenario, drive)
     row, steps = log.row(drive.ego), len(drive.x)
     size = np.array([log.length[row], log.width[row]])
@@ -183,7 +183,7 @@ def _scenes(scenario: Scenario, drive: Drive) -> Iterator[_Scene]:
 
 
 def _tracks(scenario: Scenario, drive: Drive) -> Tracks:
-    """The recording with the ego's rows replaced by its drive."""
+    """The recording of `scenario`, with the ego's rows replaced by `drive`, and none after its end."""
     table = scenario.recording.table
     step = table["frame"].to_numpy() - scenario.start_frame
     ego = table["vehicle_id"].to_numpy() == drive.ego
@@ -207,7 +207,7 @@ def _batches(scenes: Iterator[_Scene]) -> Iterator[list[_Scene]]:
 
 
 def _ego_paths(model: SceneModel, scenes: Sequence[_Scene]) -> FloatArray:
-    """(len(scenes), HORIZON, 3) x, y, yaw of the egos as `model` forecasts them most probably, frame map."""
+    """Poses (len(scenes), HORIZON, 3) of the egos in the most probable forecasts of `model`: x, y, yaw in frame map."""
     device = next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
     with torch.inference_mode():
         batch = inputs_batch([scene.inputs for scene in scenes], [scene.ways for scene in scenes])

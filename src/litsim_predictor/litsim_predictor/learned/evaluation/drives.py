@@ -1,4 +1,4 @@
-"""Egos that leave their log on their logged path: what forecasts of conflicts are judged by. No torch is needed."""
+"""Drives of egos that deviate from their logs on their logged paths, for the evaluation of conflicts; without torch."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ DRIVE_KINDS: tuple[DriveKind, ...] = get_args(DriveKind)
 
 DECELERATION = 2.0  # [m/s2]
 BRAKING_S = 2.5
-BRAKES = 2  # drives of each ego that brake, each at a time of its own; in one more it keeps its speed
+BRAKES = 2  # number of drives in which an ego brakes, each at its own time; in a further one it keeps its speed
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What an ego does that is off its log from some step on; arrays (steps,) from step 0, frame map.
+    """Motion of an ego that deviates from its log from some step on; arrays (steps,) from step 0, in frame map.
 
     Attributes:
-        ego: id.
+        ego: id of the ego.
         kind: "keeps_speed" or "brakes".
         x, y: box centre [m].
-        yaw: [rad].
-        speed: [m/s].
+        yaw: heading [rad].
+        speed: speed [m/s].
     """
 
     ego: int
@@ -42,9 +42,9 @@ class Drive:
 
 
 def drives(scenario: Scenario, ego: int, rng: np.random.Generator) -> list[Drive]:
-    """The drives of `ego`: keeps its speed from the end of the history on; brakes at times drawn by `rng`.
+    """The drives of `ego`: one at constant speed after the history, and :data:`BRAKES` that brake at times from `rng`.
 
-    Each ends with the ego's log, or where its logged path ends.
+    Each ends with the ego's log, or at the end of its logged path.
 
     Raises:
         InputError: the scenario has no such vehicle.
@@ -66,9 +66,10 @@ def drives(scenario: Scenario, ego: int, rng: np.random.Generator) -> list[Drive
 
 
 def along_path(log: Log, row: int, kind: DriveKind, start: int, acceleration: FloatArray) -> Drive:
-    """The agent of `row` on its logged path, by its log up to step `start`, then with `acceleration` (steps,) [m/s2].
+    """The drive of the agent in `row` of `log`: as logged up to step `start`, then with `acceleration` (steps,) [m/s2].
 
-    The agent is there at step 0. It does not reverse. The drive ends with the log, or where the path ends.
+    The agent must be there at step 0. It follows its logged path and does not reverse. The drive ends with the log, or
+    at the end of the path.
     """
     last = int(log.last_step[row])
     x, y, yaw = log.x[row, : last + 1], log.y[row, : last + 1], np.unwrap(log.yaw[row, : last + 1])
@@ -80,7 +81,7 @@ def along_path(log: Log, row: int, kind: DriveKind, start: int, acceleration: Fl
     inside = gone <= way[-1] + 1e-9
     count = len(gone) if inside.all() else int(np.argmin(inside))
     gone = gone[:count]
-    advances = np.append(np.diff(way) > 0.0, [True])  # where it stood, the path has one point: the last
+    advances = np.append(np.diff(way) > 0.0, [True])  # the path has one point where the agent stood: the last one
     way = way[advances]
     pose = [np.interp(gone, way, values[advances]) for values in (x, y, yaw)]
     return Drive(int(log.ids[row]), kind, pose[0], pose[1], pose[2], speed[:count])

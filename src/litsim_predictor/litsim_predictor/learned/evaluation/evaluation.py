@@ -1,4 +1,4 @@
-"""Predictors measured side by side on the same scenes: models by name, traffic by file, one table."""
+"""Comparison of predictors on the same scenes: models by name, recordings by file, results in one table."""
 
 from __future__ import annotations
 
@@ -29,20 +29,22 @@ from litsim_sim.recordings.recording import Recording
 from litsim_sim.recordings.segments import Part
 
 REFERENCE = "constant_velocity"
-"""The model that every evaluation includes, for ratios to it."""
+"""The model that every evaluation includes, and to which errors are related."""
 KINEMATIC: dict[str, type[SceneModel]] = {REFERENCE: ConstantVelocity, "kinematic": ConstantTurnRate}
 COMPARED = (*KINEMATIC, *SHIPPED)
-"""The models that an evaluation compares unless told otherwise."""
+"""The models that an evaluation compares by default."""
 NEEDED_FRAMES = STRIDE * (HISTORY - 1 + HORIZON) + 1
 
 _log = logging.getLogger(__name__)
 
 
 def load_models(names: Sequence[str], device: str, *, along_lanes: bool = True) -> dict[str, SceneModel]:
-    """Models by name or file, the reference first, ready to predict on `device`; learned ones along lanes that bend.
+    """Models by name or file of weights, the reference first, ready to predict on `device`.
+
+    Forecasts of learned models follow lanes that bend if `along_lanes`.
 
     Raises:
-        InputError: there is none of that name, or no such device.
+        InputError: there is no model of a name, or no such device.
     """
     check_device(device)
     ordered = dict.fromkeys([REFERENCE, *names])
@@ -57,9 +59,9 @@ def load_models(names: Sequence[str], device: str, *, along_lanes: bool = True) 
 
 
 def recording_tracks(path: Path, net: str | None) -> Tracks:
-    """The vehicles of a recording in the neutral schema on the net that it or `net` names.
+    """The vehicles of a recording in the neutral schema, on the net `net` or, for None, on the one that it names.
 
-    A net that the recording names and that is not to be found is reported and done without: the map is empty.
+    If the net that the recording names is not found, a warning is logged and the map is empty.
 
     Raises:
         InputError: the file or `net` cannot be used, or the recording is too short.
@@ -81,7 +83,7 @@ def recording_tracks(path: Path, net: str | None) -> Tracks:
 
 
 def part_of(sources: Iterable[Tracks], part: Part | Literal["all"]) -> list[Tracks]:
-    """The vehicles of `part` of each of `sources`, split 70/10/20 by vehicle id; the others are not seen either.
+    """The vehicles of `part` of each of `sources`, split 70/10/20 by vehicle id, without those of other parts.
 
     Raises:
         InputError: there are none.
@@ -100,13 +102,13 @@ def score(
     device: str = "cpu",
     done: Callable[[int], object] = lambda _: None,
 ) -> dict[str, Scores]:
-    """Measures of `models` on the same `batches`; see :mod:`.scores`.
+    """Scores of `models` on the same `batches`; see :mod:`.scores`.
 
     Args:
-        models: by name, on `device`.
-        batches: of scenes.
-        seed: of the joint ADE's samples, the same for every model.
-        device: of torch.
+        models: models by name, on `device`.
+        batches: batches of scenes.
+        seed: seed of the samples of the joint ADE, the same for every model.
+        device: name of the torch device.
         done: called with the number of scenes of each batch.
 
     Raises:
@@ -128,7 +130,7 @@ def score(
 def summary(
     scores: Mapping[str, Scores], conflicts: Mapping[str, Mapping[DriveKind, ConflictCounts]]
 ) -> dict[str, dict[str, Any]]:
-    """By model: the scores, their ratio to :data:`REFERENCE`, and the conflicts where counted."""
+    """Scores by model, with the ratio of the RMSE to that of :data:`REFERENCE`, and conflicts if they were counted."""
     result = {}
     for name, of_model in scores.items():
         reference = scores[REFERENCE].rmse

@@ -1,4 +1,4 @@
-"""What more data would bring: the error on validation over the share of the vehicles that were trained on."""
+"""Learning curves over the amount of data: validation errors by the share of the vehicles that were trained on."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ VARIED = ("fraction", "seed")  # fields of a training configuration in which the
 MEASURES = {"val_error": "RMSE, mean over 1 to 5 s, m", "val_nll": "negative log-likelihood, nats"}
 
 Curves = dict[str, dict[float, dict[str, float]]]
-"""By name of the configuration and by share of the vehicles: the measures."""
+"""Measures by name of the configuration, share of the vehicles, and name of the measure."""
 
 
 def learning_curves(files: Iterable[Path]) -> Curves:
-    """The :data:`MEASURES` that files of weights recorded in training; of several seeds, their means.
+    """The :data:`MEASURES` of trainings, from the metadata of `files` of weights; means over seeds.
 
     Raises:
-        InputError: a file holds no weights or no figures of its training, or its configuration differs from that of
-            others of the same name in more than :data:`VARIED`.
+        InputError: a file does not contain weights or figures of a training, or its training configuration differs from
+            that of others of the same name in other fields than :data:`VARIED`.
     """
     found: dict[str, dict[float, list[dict[str, float]]]] = {}
     same: dict[str, dict[str, Any]] = {}
@@ -52,7 +52,7 @@ def learning_curves(files: Iterable[Path]) -> Curves:
 
 
 def _configuration(made: Provenance, file: Path) -> str:
-    """The configuration's name, of the command that trained."""
+    """Name of the training configuration, from the command of the training."""
     words = shlex.split(made.command)
     if "--config" not in words or "fraction" not in made.training or not set(MEASURES) <= set(made.figures):
         raise InputError(f"{file}: its metadata tell of no training, expected what `train` leaves")

@@ -1,4 +1,4 @@
-"""The evaluation's table as a picture: errors and calibration over the horizon, and the conflicts announced."""
+"""Diagrams of an evaluation: errors and calibration over the horizon, and predicted conflicts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ELLIPSE_STYLES = {"50": "--", "90": "-"}
 
 
 def draw(result: dict[str, dict[str, Any]], path: Path) -> None:
-    """Draw the measures `result`, by model, as a PNG.
+    """Draw the measures by model, `result`, as a PNG.
 
     Raises:
         OSError: `path` cannot be written.
@@ -58,5 +58,5 @@ def _conflicts(axes: Axes, result: dict[str, dict[str, Any]]) -> None:
 
 
 def _line(values: dict[str, float]) -> tuple[list[float], list[float]]:
-    """The times [s] and the values at them."""
+    """The times [s] and the values, from `values` by time."""
     return [float(second) for second in values], list(values.values())

@@ -1,15 +1,16 @@
-"""What a forecast is worth: errors, likelihood, calibration and consistency, accumulated over batches of scenes.
+"""Scores of forecasts: errors, likelihood, calibration and consistency, accumulated over batches of scenes.
 
-Scored are the targets with all of their history and future known. Definitions are those of the literature:
+Targets whose whole history and future are known are scored. The definitions are those of the literature:
 
 - RMSE at 1 to 5 s: root of the mean squared distance of the most probable PREDICTED manoeuvre's mean from the truth
   (Deo and Trivedi, Convolutional Social Pooling, 2018).
-- NLL: of the truth under the mixture over manoeuvres at an instant, ``-log sum_k p_k N(truth; mean_k, covariance_k)``.
-- ADE, minADE: mean distance over the future, of the most probable manoeuvre, and of the best one.
-- joint ADE: the agents of a scene together choose one of :data:`SCENE_SAMPLES` samples of the scene. Weighted by agents
-  like the others, so that minADE <= joint ADE <= ADE.
-- calibration: share of truths inside the ellipses that hold 50 % and 90 % of the most probable manoeuvre's Gaussian.
-- overlap rate: share of agents whose forecast box meets another one's, of the same scene at the same instant.
+- NLL: that of the truth under the mixture of all manoeuvres, ``-log sum_k p_k N(truth; mean_k, covariance_k)``, at each
+  instant.
+- ADE, minADE: mean distance over the future, of the most probable manoeuvre and of the best one.
+- joint ADE: ADE in the best of :data:`SCENE_SAMPLES` samples of the scene, the same one for all its agents. It is a
+  mean over agents like the others, so that minADE <= joint ADE <= ADE.
+- calibration: share of truths inside the ellipses that contain 50 % and 90 % of the most probable manoeuvre's Gaussian.
+- overlap rate: share of agents whose forecast box overlaps that of another agent of the scene at any instant.
 """
 
 from __future__ import annotations
@@ -31,23 +32,24 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import BoolArray, FloatArray
 
 SCENE_SAMPLES = 6
-"""K of the joint ADE. Sample 0 is every agent's most probable manoeuvre; in the others each agent draws its own."""
+"""Number of samples of the joint ADE. In the first, all agents have their most probable manoeuvres; in the others, each
+agent draws its own."""
 ELLIPSES = {"50": -2.0 * math.log(0.5), "90": -2.0 * math.log(0.1)}
-"""Squared Mahalanobis radius of the ellipse that holds so many percent of a Gaussian in the plane (chi-squared, 2)."""
+"""Squared Mahalanobis radii of the ellipses that contain 50 % and 90 % of a 2-D Gaussian (chi-squared quantiles)."""
 
 
 @dataclass(frozen=True)
 class Scores:
-    """Measures over `samples` agents in `scenes` scenes; see the module.
+    """Scores over `samples` agents in `scenes` scenes; see the module.
 
     Attributes:
-        rmse, nll_at: (5,) at 1 to 5 s [m], [nats].
+        rmse, nll_at: (5,) RMSE [m] and NLL [nats] at 1 to 5 s.
         nll: mean over all instants [nats].
         ade, min_ade, joint_ade: [m].
-        calibration: by ellipse, share over all instants.
-        calibration_at: by ellipse, (5,) shares at 1 to 5 s.
-        overlap_rate: of the forecasts.
-        overlap_rate_truth: of the true futures, boxes made from their centres in the same way: the floor.
+        calibration: shares over all instants, by ellipse.
+        calibration_at: (5,) shares at 1 to 5 s, by ellipse.
+        overlap_rate: overlap rate of the forecasts.
+        overlap_rate_truth: that of the true futures, with headings derived from paths in the same way: the floor.
     """
 
     samples: int
@@ -64,7 +66,7 @@ class Scores:
     overlap_rate_truth: float
 
     def to_json(self) -> dict[str, Any]:
-        """The scores as plain values for JSON, those per second by the name of the second."""
+        """The scores as plain values for JSON; arrays (5,) as in :func:`by_second`."""
         return {
             "samples": self.samples,
             "scenes": self.scenes,
@@ -92,17 +94,17 @@ def scored_agents(batch: SceneBatch) -> Tensor:
 
 
 def best_of(values: Tensor, maneuver: Tensor) -> Tensor:
-    """Those of the `values` (B, N, K, ...) that belong to the manoeuvres (B, N), as (B, N, ...)."""
+    """The values (B, N, ...) of the manoeuvres `maneuver` (B, N), from `values` (B, N, K, ...)."""
     scenes, agents = maneuver.shape
     at = (torch.arange(scenes, device=values.device)[:, None], torch.arange(agents, device=values.device)[None])
     return values[at[0], at[1], maneuver]
 
 
 class ScoreBoard:
-    """Adds up the errors of batches, and gives the scores of all of them.
+    """Accumulates scores over batches.
 
     Args:
-        seed: of the scene samples of the joint ADE.
+        seed: seed of the samples of the joint ADE.
     """
 
     def __init__(self, seed: int = 0) -> None:
@@ -147,7 +149,7 @@ class ScoreBoard:
         self._overlaps += self._count_overlaps(batch, best_of(prediction.mean, best), scored.cpu().numpy())
 
     def scores(self) -> Scores:
-        """The scores of everything that has been added.
+        """The scores over all batches added.
 
         Raises:
             InputError: nothing was scored.
@@ -173,8 +175,14 @@ class ScoreBoard:
         )
 
     def _joint_ade(self, ade: FloatArray, probability: FloatArray, best: FloatArray, scene: FloatArray) -> float:
-        """Sum over agents of the ADE in their scene's best sample, from ADEs and probabilities (n, K)."""
-        draw = self._rng.random((len(ade), SCENE_SAMPLES - 1))  # by agent: the same in batches of any size
+        """Sum over agents of the ADE in the best sample of their scene.
+
+        Args:
+            ade, probability: (n, K) ADE [m] and probability of each manoeuvre of each agent.
+            best: (n,) most probable manoeuvres.
+            scene: (n,) numbers of the agents' scenes.
+        """
+        draw = self._rng.random((len(ade), SCENE_SAMPLES - 1))  # agent by agent: independent of the size of batches
         drawn = (draw[:, :, None] > probability.cumsum(axis=1)[:, None, :-1]).sum(axis=-1)
         of_sample = np.take_along_axis(ade, np.column_stack([best, drawn]), axis=1)
         _, number = np.unique(scene, return_inverse=True)
@@ -184,9 +192,9 @@ class ScoreBoard:
 
     @staticmethod
     def _count_overlaps(batch: SceneBatch, mean: Tensor, scored: BoolArray) -> list[int]:
-        """How many scored agents overlap another, as forecast by `mean` (B, N, T, 2) and in truth.
+        """Numbers of scored agents that overlap another one, in the forecasts `mean` (B, N, T, 2) and in the truth.
 
-        Both look at the agents and instants whose true future is known.
+        Both are counted for the agents and instants of which the true future is known.
         """
         known = (batch.agent[..., None] & batch.future_known).cpu().numpy()
         frame = np.concatenate([numbers(batch.position), numbers(batch.heading)[..., None]], axis=-1)

@@ -1,4 +1,4 @@
-"""A learned model as it forecasts in a run: along lanes that bend."""
+"""Learned models whose forecasts follow lanes that bend, as in a run."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from litsim_predictor.learned.models.model import Decode, SceneModel
 
 
 class AlongLanes(SceneModel):
-    """What `model` answers, taken along the ways of the batch; see :mod:`litsim_predictor.inference.ways`."""
+    """Predictions of `model`, bent along the `ways` of the batch; see :mod:`litsim_predictor.inference.ways`."""
 
     def __init__(self, model: SceneModel) -> None:
         super().__init__()
         self.model = model
 
     def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
-        """See :class:`SceneModel`; of everybody, not of those `asked` alone."""
+        """See :meth:`SceneModel.forward`; `asked` must be None."""
         assert asked is None
         prediction: Prediction = self.model(batch, decode=decode)
         return _bent(prediction, batch.ways) if len(batch.ways) else prediction
 
 
 def _bent(prediction: Prediction, ways: Ways) -> Prediction:
-    """The `prediction` (B, N) with agents along `ways`, which number them through all scenes."""
+    """The `prediction` for agents (B, N), bent along `ways`, whose rows are indices of the agents in (B * N,)."""
     parts = prediction.mean, prediction.scale, prediction.correlation
     changed = [tensor.flatten(0, 1).clone() for tensor in parts]  # (B * N, M, HORIZON, ...)
     straight = [tensor[ways.row].cpu().numpy() for tensor in changed]

@@ -1,4 +1,4 @@
-"""Kinematic models with the interface of the learned ones, so that one evaluation measures them all."""
+"""Kinematic models with the interface of the learned ones, so that the same evaluation applies to both."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TIMES: FloatArray = DT * np.arange(1, HORIZON + 1, dtype=np.float64)
 
 
 class ConstantVelocity(SceneModel):
-    """Constant speed along the heading, one manoeuvre; its Gaussian is that of the kinematic predictor."""
+    """Constant speed along the heading, as a single manoeuvre with the covariances of the `kinematic` predictor."""
 
     def __init__(self, config: KinematicConfig | None = None) -> None:
         super().__init__()
@@ -26,7 +26,7 @@ class ConstantVelocity(SceneModel):
     def forward(
         self,
         batch: SceneBatch,
-        decode: Decode = "best",  # noqa: ARG002 - of one kind
+        decode: Decode = "best",  # noqa: ARG002 - there is one manoeuvre only
         asked: Tensor | None = None,
     ) -> Prediction:
         """See :class:`SceneModel`."""
@@ -45,12 +45,12 @@ class ConstantVelocity(SceneModel):
 
 
 class ConstantTurnRate(ConstantVelocity):
-    """The `kinematic` predictor: constant speed, and a turn rate averaged over the last second that decays."""
+    """The `kinematic` predictor: constant speed, and a decaying turn rate, initially its mean over the last second."""
 
     def forward(
         self,
         batch: SceneBatch,
-        decode: Decode = "best",  # noqa: ARG002 - of one kind
+        decode: Decode = "best",  # noqa: ARG002 - there is one manoeuvre only
         asked: Tensor | None = None,
     ) -> Prediction:
         """See :class:`SceneModel`."""
@@ -60,7 +60,7 @@ class ConstantTurnRate(ConstantVelocity):
         return self._prediction(batch, torch.as_tensor(way).to(batch.state), yaw, asked)
 
     def _turn_rate(self, batch: SceneBatch) -> FloatArray:
-        """(B, N) [rad/s]; zero where an agent has just appeared or hardly turns."""
+        """Turn rates (B, N) [rad/s]; zero for agents that have just appeared or hardly turn."""
         window = self._config.rate_window * STEP_S
         steps = min(round(window / DT), HISTORY - 1)
         yaw, observed = numbers(batch.history[:, :, -steps - 1 :, 2]), batch.observed[:, :, -steps - 1 :].cpu().numpy()

@@ -1,15 +1,15 @@
-"""BAT, the behaviour-aware predictor of Liao et al. (AAAI 2024), written anew from its description.
+"""BAT, the behaviour-aware predictor of Liao et al. (AAAI 2024), implemented from the paper's description.
 
-Every agent of a scene is a target once. What it has to do with whom is seen in polar coordinates about its last
-position; how everybody behaves, from centralities in the graph of who is near whom. Means are Cartesian, in the agent
-frames. Where the paper leaves a choice, or ours is another:
+Every agent of a scene is a target once. Interactions are encoded in polar coordinates around the target's present
+position, and behaviours by centralities in the proximity graph of the agents. Predicted means are Cartesian, in the
+agent frames. Where the paper leaves a choice open, or we differ from it:
 
-- an angle enters as its sine and cosine: a target's own past lies at an angle of pi, where a number would jump;
-- the graph is one of the whole scene, so that centralities are computed once a scene and not once a target;
-- beside the radial velocity, motions have the whole velocity (so yaw and speed) relative to the target's of now;
-- the grid reaches 62 m ahead and behind, the paper's 30 m: those beyond the leader are seen, too;
-- the decoder says how the velocity differs from constant velocity, so that forecasts begin where the agent is;
-- neighbours are handled as a list of pairs, and not as a grid that is mostly empty; see :func:`neighbours`.
+- angles are given by sine and cosine, since a target's own past is at an angle of pi, where a plain angle would jump;
+- there is one graph for the whole scene, so that centralities are computed once per scene instead of once per target;
+- motions contain the velocity relative to the target's present one, and thus yaw and speed, beside the radial velocity;
+- the grid reaches 62 m ahead and behind instead of 30 m, so that it includes vehicles beyond the leader;
+- the decoder outputs deviations from constant velocity, so that forecasts begin where the agent is;
+- neighbours are a list of pairs instead of a grid that is mostly empty; see :func:`neighbours`.
 """
 
 from __future__ import annotations
@@ -46,22 +46,22 @@ from litsim_sim.core.quantities import Length, Positive, Whole, configuration
 GRID_ROWS, GRID_COLUMNS = 27, 3
 CELL_LENGTH, CELL_WIDTH = 4.57, 3.66  # [m]: 15 feet, as is usual on NGSIM, and a lane
 POLAR_CHANNELS = 7  # r, cos phi, sin phi, radial velocity, relative velocity ahead and to the left, observed
-LENGTH_UNIT, SPEED_UNIT = 10.0, 10.0  # [m], [m/s] that the networks count in
-RELATIVE_UNIT = 2.5  # [m/s] of relative velocities
-AT_ORIGIN = 1e-3  # [m] within which a position has no angle
-NEVER = -1e9  # logit of what is not attended to; finite, as there may be nothing else
-APPROACH_S = 3.0  # [s] over which neighbours are expected to keep their velocity, when they are ranked
+LENGTH_UNIT, SPEED_UNIT = 10.0, 10.0  # [m], [m/s] by which inputs are scaled
+RELATIVE_UNIT = 2.5  # [m/s] by which relative velocities are scaled
+AT_ORIGIN = 1e-3  # [m] distance up to which a position has no angle
+NEVER = -1e9  # masked logit of the attention; finite, since all logits of a target may be masked
+APPROACH_S = 3.0  # [s] for which constant velocities are assumed when neighbours are ranked
 
 
 @dataclass(frozen=True)
 class Motions:
-    """Agents in one list, T in all, over the history; in the axes of frame map.
+    """Motions of T agents, of all scenes, over the history; in the axes of frame map.
 
     Attributes:
-        position: (T, 2) now [m].
-        heading: (T,) of the agent frames [rad].
+        position: (T, 2) present positions [m].
+        heading: (T,) headings of the agent frames [rad].
         path: (T, HISTORY, 2) positions [m].
-        velocity: (T, HISTORY, 2) [m/s].
+        velocity: (T, HISTORY, 2) velocities [m/s].
         observed: (T, HISTORY) bool.
     """
 
@@ -74,13 +74,13 @@ class Motions:
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Pairs of a target and one of its neighbours, P in all.
+    """P pairs of a target and one of its neighbours.
 
     Attributes:
-        target: (P,) places in the list of targets.
-        other: (P,) places in the list of agents.
-        cell: (P,) of the target's grid that the neighbour is in, row by row.
-        rank: (P,) among the target's neighbours, 0 for the most important.
+        target: (P,) indices in the list of targets.
+        other: (P,) indices in the list of agents.
+        cell: (P,) cells of the target's grid that contain the neighbours, numbered row by row.
+        rank: (P,) ranks among the target's neighbours, 0 for the most important.
     """
 
     target: Tensor
@@ -89,7 +89,7 @@ class Neighbours:
     rank: Tensor
 
     def and_nobody(self) -> Neighbours:
-        """With one pair more, which stands where a target has no neighbour; a graph cannot be of no pairs at all."""
+        """These pairs and a dummy pair at the end, which fills unused slots; a graph cannot be run on no pairs."""
         return Neighbours(*(torch.cat([v, v.new_zeros(1)]) for v in (self.target, self.other, self.cell, self.rank)))
 
 
@@ -98,12 +98,12 @@ class BatParameters:
     """Field `parameters` of a training configuration, and of a file of weights, whose model is `bat`.
 
     Attributes:
-        radius: distance within which agents are joined in the graph.
-        embedding: width of embeddings and of the codes of agents, a multiple of `heads`, and even.
-        motion_units: of the LSTMs that read motions.
-        behaviour_units: of the LSTMs that read centralities.
-        decoder_units: of the LSTM that writes forecasts.
-        heads: of the attention.
+        radius: distance within which agents are joined by an edge of the graph.
+        embedding: width of embeddings and of the encodings of agents; even, and a multiple of `heads`.
+        motion_units: number of units of the LSTMs that read motions.
+        behaviour_units: number of units of the LSTMs that read centralities.
+        decoder_units: number of units of the LSTM of the decoder.
+        heads: number of heads of the attention.
     """
 
     radius: Positive[Length] = 10.0
@@ -163,7 +163,7 @@ class Bat(SceneModel):
 
 
 class BehaviourEncoder(nn.Module):
-    """How each agent behaves: its centralities over the history, and how fast they change on average up to there."""
+    """Encodes the behaviour of each agent, from its centralities over the history and their mean rates of change."""
 
     def __init__(self, radius: float, embedding: int, units: int) -> None:
         super().__init__()
@@ -172,7 +172,7 @@ class BehaviourEncoder(nn.Module):
         self.size = 2 * units
 
     def forward(self, batch: SceneBatch) -> Tensor:
-        """Code (B, N, size) of the behaviour of every agent of `batch`."""
+        """Encodings (B, N, size) of the behaviour of all agents of `batch`."""
         path = rotate(batch.history[..., :2], batch.heading[..., None]) + batch.position[..., None, :]
         observed = batch.observed & batch.agent[..., None]
         length = proximity_graph(path.transpose(1, 2), observed.transpose(1, 2), self.radius)
@@ -192,13 +192,13 @@ class SeriesEncoder(nn.Module):
         self.code = nn.Linear(units, units)
 
     def forward(self, series: Tensor) -> Tensor:
-        """Code (S, units) of `series` (S, HISTORY, channels)."""
+        """Encodings (S, units) of `series` (S, HISTORY, channels)."""
         code: Tensor = self.code(last_state(self.lstm, nn.functional.elu(self.embed(series))))
         return code
 
 
 class MotionEncoder(nn.Module):
-    """An agent's motion as a target sees it, and what else is known of the agent."""
+    """Encodes an agent's motion relative to a target, and further features of the agent."""
 
     def __init__(self, embedding: int, units: int, known: int) -> None:
         super().__init__()
@@ -207,13 +207,13 @@ class MotionEncoder(nn.Module):
         self.code = nn.Linear(units + known, embedding)
 
     def forward(self, motion: Tensor, known: Tensor) -> Tensor:
-        """Code (S, embedding) of motions (S, HISTORY, POLAR_CHANNELS) and of what else is `known` (S, channels)."""
+        """Encodings (S, embedding) of `motion` (S, HISTORY, POLAR_CHANNELS) and of features `known` (S, channels)."""
         state = last_state(self.lstm, nn.functional.elu(self.embed(motion)))
         return nn.functional.elu(self.code(torch.cat([state, known], dim=-1)))
 
 
 class InteractionEncoder(nn.Module):
-    """What the neighbours mean to their target: the largest of what each contributes, beside attention over cells."""
+    """Encodes the neighbours of each target: attention over them and their cells, and a max-pooled contribution."""
 
     def __init__(self, embedding: int, heads: int) -> None:
         super().__init__()
@@ -226,9 +226,13 @@ class InteractionEncoder(nn.Module):
         self.size = embedding + 256
 
     def forward(self, target: Tensor, other: Tensor, seen: Tensor, pairs: Neighbours) -> Tensor:
-        """(T, size) from the codes of T targets and of P neighbours, the last of which is nobody; zeros for nobody.
+        """Encodings (T, size) of the neighbours of T targets; zeros for targets without neighbours.
 
-        `seen` (P, HISTORY, POLAR_CHANNELS) are the motions of the neighbours about their targets.
+        Args:
+            target: (T, embedding) encodings of the targets.
+            other: (P, embedding) encodings of the neighbours in `pairs`.
+            seen: (P, HISTORY, POLAR_CHANNELS) motions of the neighbours relative to their targets.
+            pairs: the pairs, the last one a dummy; see :meth:`Neighbours.and_nobody`.
         """
         other = other + rank_encoding(pairs.rank, other.shape[-1])
         now = seen[:, -1, :-1]
@@ -238,7 +242,7 @@ class InteractionEncoder(nn.Module):
         return torch.cat([self._attend(target, other + self.cell(pairs.cell), slots, taken), pooled], dim=-1)
 
     def _attend(self, target: Tensor, other: Tensor, slots: Tensor, taken: Tensor) -> Tensor:
-        """(T, embedding) attention of each target over its neighbours; see :func:`slots_of`."""
+        """Attention (T, embedding) of each target over its neighbours; `slots` and `taken` as in :func:`slots_of`."""
         query = self.query(target).view(target.shape[0], 1, self.heads, -1)
         key, value = self.key_value(other)[slots].view(*slots.shape, 2, self.heads, -1).unbind(dim=2)
         score = (query * key).sum(dim=-1) * (other.shape[-1] / self.heads) ** -0.5  # (T, R, heads)
@@ -247,7 +251,7 @@ class InteractionEncoder(nn.Module):
 
 
 def motions_of(batch: SceneBatch) -> Motions:
-    """The agents of all scenes, in one list."""
+    """The motions of the agents of all scenes, in one list without padding."""
     there = batch.agent
     history, position, heading = (present(v, there) for v in (batch.history, batch.position, batch.heading))
     direction = torch.stack([history[..., 2].cos(), history[..., 2].sin()], dim=-1)
@@ -261,12 +265,13 @@ def motions_of(batch: SceneBatch) -> Motions:
 
 
 def polar(motions: Motions, target: Tensor, other: Tensor) -> Tensor:
-    """(P, HISTORY, POLAR_CHANNELS) motions of `other` about the last positions of `target`, both (P,) places.
+    """Motions (P, HISTORY, POLAR_CHANNELS) of agents `other` relative to `target`, both (P,) indices in `motions`.
 
-    r and phi are in the target's frame, phi as cosine and sine. The radial velocity is positive where r grows; at
-    the origin itself it is that of one who arrives there. The relative velocity is that of `other` less that of the
-    target now, ahead and to the left of the target. Lengths and speeds are in :data:`LENGTH_UNIT`, :data:`SPEED_UNIT`
-    and :data:`RELATIVE_UNIT`; all channels are zero where `other` was not observed.
+    The polar coordinates r and phi are in the target's present frame, phi as cosine and sine. The radial velocity is
+    positive where r grows; at the origin it is minus the speed, as for an agent that arrives there. The relative
+    velocity is that of `other` minus the target's present one, ahead of and to the left of the target. The units are
+    :data:`LENGTH_UNIT`, :data:`SPEED_UNIT` and :data:`RELATIVE_UNIT`. All channels are zero where `other` was not
+    observed.
     """
     turn = -motions.heading[target][:, None]
     offset = rotate(motions.path[other] - motions.position[target][:, None], turn)
@@ -282,10 +287,10 @@ def polar(motions: Motions, target: Tensor, other: Tensor) -> Tensor:
 
 
 def neighbours(batch: SceneBatch, asked: Tensor | None = None) -> Neighbours:
-    """Agents in the target's grid of :data:`GRID_ROWS` by :data:`GRID_COLUMNS` cells, which is centred on its frame.
+    """The agents in the grid of :data:`GRID_ROWS` by :data:`GRID_COLUMNS` cells around each target, along its frame.
 
-    A neighbour is the more important, the less the mean of its distance now and at the closest approach within
-    :data:`APPROACH_S`, both at the velocities of now. Targets are the agents `asked` of one scene, or all.
+    Neighbours are ranked by the mean of two distances, the smallest first: the present one, and that of the closest
+    approach within :data:`APPROACH_S` at present velocities. Targets are the agents `asked` of one scene, or all.
     """
     speed, yaw = batch.state[..., 2], batch.heading + batch.state[..., 3]
     velocity = speed[..., None] * torch.stack([yaw.cos(), yaw.sin()], dim=-1)
@@ -311,25 +316,29 @@ def neighbours(batch: SceneBatch, asked: Tensor | None = None) -> Neighbours:
 
 
 def slots_of(target: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """Pairs (T, R) of each of `count` targets T, of those (P,) whose targets ascend; and which slots are taken (T, R).
+    """Arrange P pairs in R slots for each of T = `count` targets; `target` (P,) is ascending.
 
-    There is one slot at least. In those that are not taken is the pair P, one after the last.
+    R is one more than the largest number of neighbours of a target.
+
+    Returns:
+        indices (T, R) of the pairs, P in unused slots, which is the dummy pair of :meth:`Neighbours.and_nobody`; and
+        the mask (T, R) of used slots.
     """
     mine = (target == torch.arange(count, device=target.device)[:, None]).long().sum(dim=1, keepdim=True)
-    most = cast(int, mine.max())  # a tensor, so that a trace does not take it for a constant
+    most = cast(int, mine.max())  # remains a tensor, which a trace does not take for a constant
     slot = torch.arange(most + 1, device=target.device)
     taken = slot < mine
     return torch.where(taken, mine.cumsum(dim=0) - mine + slot, target.shape[0]), taken
 
 
 def rank_encoding(rank: Tensor, size: int) -> Tensor:
-    """(P, size) sines and cosines of the ranks (P,), as positions are encoded in a transformer."""
+    """Sinusoidal encodings (P, size) of ranks (P,), like the positional encoding of transformers."""
     frequency = torch.exp(torch.arange(0, size, 2, device=rank.device) * (-math.log(10_000.0) / size))
     angle = rank[:, None] * frequency
     return torch.stack([angle.sin(), angle.cos()], dim=-1).flatten(1)
 
 
 def last_state(lstm: nn.LSTM, series: Tensor) -> Tensor:
-    """(S, units) hidden state after series (S, steps, channels)."""
+    """The hidden state (S, units) of `lstm` after the last step of `series` (S, steps, channels)."""
     state: Tensor = lstm(series)[1][0][-1]
     return state

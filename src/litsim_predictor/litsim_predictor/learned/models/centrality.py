@@ -1,9 +1,9 @@
-"""Centralities of road users in the graph of who is near whom, for whole batches of graphs at a time.
+"""Centralities of road users in their proximity graph, for batches of graphs.
 
-Two agents within a radius are joined by an edge. Its length is their distance in units of the radius, its weight one
-minus that, so that an edge comes and goes without a jump. All measures are those of an agent's connected component:
-what happens out of reach changes nothing. Every function takes graphs (..., N, N) and works in N steps over all of
-them at once (Floyd and Warshall), or in matrix products.
+Two agents within a radius are joined by an edge. The length of an edge is their distance in units of the radius, and
+its weight is one minus the length, so that edges appear and vanish continuously. Each centrality is computed within the
+agent's connected component, and does not depend on the rest of the graph. The graphs (..., N, N) are processed at once,
+in N steps (Floyd and Warshall) or by matrix products.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 CENTRALITIES = ("degree", "closeness", "eigenvector", "betweenness", "power", "katz")
 ATTENUATION = 0.1
-"""Of a walk, for each of its edges: Katz's alpha, and minus Bonacich's beta. A tenth keeps both series convergent in
-traffic, where the weights of one agent's edges add up to about 5 at most."""
+"""Factor by which each edge of a walk attenuates it: Katz's alpha, and minus Bonacich's beta. With a tenth both series
+converge in traffic, where the weights of an agent's edges add up to about 5 at most."""
 CONVERGENCE = 0.9
-"""Largest product of attenuation and weighted degree; where agents stand on top of each other, attenuation is less."""
-SQUARINGS = 10  # power iteration: 2^10 steps
+"""Largest product of attenuation and weighted degree; the attenuation is reduced where many agents are very close."""
+SQUARINGS = 10  # squarings of the power iteration, which thus makes 2^10 steps
 SERIES = 7  # squarings in a series: powers up to 2^8 - 1, whose norm is below 1e-11
-TIE = 1e-5  # by which two ways may differ and still count as equally long, in radii
-SHORTEST_EDGE = 1e-3  # in radii
-CHUNK = 1 << 17  # entries of the matrices worked on at a time: they stay in the cache
+TIE = 1e-5  # difference up to which two paths count as equally long, in radii
+SHORTEST_EDGE = 1e-3  # least length of an edge, in radii
+CHUNK = 1 << 17  # entries of the matrices that are processed at a time, so that they stay in the cache
 
 
 def proximity_graph(point: Tensor, present: Tensor, radius: float) -> Tensor:
-    """Edge lengths (..., N, N), in radii; infinite where there is no edge, zero on the diagonal.
+    """Edge lengths (..., N, N) in radii; infinite where there is no edge, and zero on the diagonal.
 
     Args:
-        point: (..., N, 2) [m].
+        point: (..., N, 2) positions [m].
         present: (..., N) bool; absent agents have no edges.
-        radius: [m] within which agents are joined.
+        radius: distance within which agents are joined [m].
     """
     apart = (point[..., :, None, :] - point[..., None, :, :]).norm(dim=-1) / radius
     itself = diagonal(point[..., 0])
@@ -47,14 +47,15 @@ def proximity_graph(point: Tensor, present: Tensor, radius: float) -> Tensor:
 
 @torch.no_grad()
 def centralities(length: Tensor) -> Tensor:
-    """(..., N, 6) the measures of :data:`CENTRALITIES`, zero for an agent without edges but where said below.
+    """The :data:`CENTRALITIES` (..., N, 6) of all agents; 0 for an agent without edges, except where 1 is stated.
 
-    - degree: sum of the weights;
-    - closeness: inverse of the mean length of the shortest ways to the others;
-    - eigenvector: that of the largest eigenvalue of the weights W, of norm 1 in each component (1 without edges);
-    - betweenness: share of the pairs of others between which the agent lies; ways of equal length share a pair;
-    - power, of Bonacich (1987): ``(I - beta W)^-1 W 1`` with a negative beta, by which the neighbours of the powerful
-      are weak; with a positive one it would be Katz's over again;
+    - degree: sum of the weights of the agent's edges;
+    - closeness: inverse of the mean length of the shortest paths to the others;
+    - eigenvector: that of the largest eigenvalue of the weights W, with norm 1 in each component (1 without edges);
+    - betweenness: share of the pairs of others whose shortest path contains the agent; if a pair has several, each
+      counts in part;
+    - power, of Bonacich (1987): ``(I - beta W)^-1 W 1`` with a negative beta, with which agents are weak whose
+      neighbours are powerful; a positive one would repeat Katz's centrality;
     - Katz's: ``(I - alpha W)^-1 1`` (1 without edges).
 
     Args:
@@ -68,7 +69,7 @@ def centralities(length: Tensor) -> Tensor:
 
 
 def _centralities(graphs: Tensor) -> Tensor:
-    """The six centralities (G, N, 6) of every node of graphs given by the lengths of their edges (G, N, N)."""
+    """See :func:`centralities`: (G, N, 6) for the edge lengths `graphs` (G, N, N)."""
     weight = torch.where(torch.isfinite(graphs), 1.0 - graphs, 0.0).masked_fill(diagonal(graphs), 0.0)
     distance, ways = shortest_ways(graphs)
     near = torch.isfinite(distance)
@@ -86,35 +87,35 @@ def _centralities(graphs: Tensor) -> Tensor:
 
 
 def shortest_ways(length: Tensor) -> tuple[Tensor, Tensor]:
-    """Lengths (G, N, N) of the shortest ways between all agents, and how many there are (zero on the diagonal)."""
+    """Lengths (G, N, N) of the shortest paths between all agents, and their numbers (G, N, N), 0 on the diagonal."""
     joined = torch.isfinite(length).to(length.dtype).masked_fill(diagonal(length), 0.0)
     return _as_loop(_let_in)(length, joined, TIE)
 
 
 def _as_loop(function: Function) -> Function:
-    """`function`, compiled while a graph is exported: its loops over agents stay loops, where a trace unrolls them."""
+    """`function`; during an export it is scripted, since a trace would unroll its loops over agents."""
     return cast(Function, torch.jit.script(function)) if torch.onnx.is_in_onnx_export() else function
 
 
 def _let_in(distance: Tensor, ways: Tensor, tie: float) -> tuple[Tensor, Tensor]:
-    """Shortest ways from edges; each way is counted once, when its agent of the highest number is let in."""
+    """Floyd and Warshall's algorithm; a path is counted once, in the step of its last intermediate agent by index."""
     for k in range(distance.shape[-1]):
-        far, many = distance.select(1, k), ways.select(1, k)  # from k is as to k: the graphs have no directions
+        far, many = distance.select(1, k), ways.select(1, k)  # from or to k alike: the graphs are undirected
         via = far.unsqueeze(2) + far.unsqueeze(1)
         more = many.unsqueeze(2) * many.unsqueeze(1)
-        gain = distance - via  # not a number where both are infinite, and then no comparison holds
+        gain = distance - via  # NaN where both are infinite; all comparisons with it are false
         ways = torch.where(gain > tie, more, torch.where(gain >= -tie, ways + more, ways))
         distance = torch.minimum(distance, via)
     return distance, ways
 
 
 def mean_rates(series: Tensor, observed: Tensor, dt: float) -> Tensor:
-    """(..., N, F, C) mean absolute rate of change of each channel from the first frame to each frame [1/s].
+    """Mean absolute rates of change (..., N, F, C) of each channel from the first frame to each frame [1/s].
 
     Args:
-        series: (..., N, F, C) oldest first.
-        observed: (..., N, F) bool; changes from or to frames without observation do not count.
-        dt: [s] between frames.
+        series: (..., N, F, C) values, oldest first.
+        observed: (..., N, F) bool; changes from or to frames that are not observed do not count.
+        dt: time between frames [s].
     """
     both = (observed[..., 1:] & observed[..., :-1])[..., None].to(series.dtype)
     changes = (series[..., 1:, :] - series[..., :-1, :]).abs()
@@ -129,11 +130,11 @@ def _closeness(distance: Tensor, near: Tensor) -> Tensor:
 
 
 def _eigenvector(weight: Tensor, near: Tensor) -> Tensor:
-    """By power iteration from equal values, squaring the matrix; adding the identity keeps it from oscillating."""
+    """Power iteration from equal values, by squaring the matrix; the identity is added to prevent oscillation."""
     matrix = weight + diagonal(weight)
     for _ in range(SQUARINGS):
         matrix = matrix @ matrix
-        largest = (matrix.amax(dim=-1)[:, None, :] * near).amax(dim=-1)  # of each component
+        largest = (matrix.amax(dim=-1)[:, None, :] * near).amax(dim=-1)  # in each component
         matrix = matrix / largest[..., None]
     vector = matrix.sum(dim=-1)
     return vector / ((vector**2)[:, None, :] * near).sum(dim=-1).sqrt()
@@ -147,7 +148,10 @@ def _betweenness(distance: Tensor, ways: Tensor, near: Tensor) -> Tensor:
 
 
 def _between(distance: Tensor, ways: Tensor, share: Tensor, tie: float) -> Tensor:
-    """(G, N) pairs of others that each agent lies between, by the `share` that one way has of all of a pair."""
+    """Number (G, N) of ordered pairs of others whose shortest paths contain each agent.
+
+    A path counts as the `share` (G, N, N) of its pair: the inverse of the pair's number of shortest paths.
+    """
     total = torch.zeros_like(distance[:, 0])
     nobody = torch.zeros_like(share)
     longest = distance + tie
@@ -161,11 +165,11 @@ def _between(distance: Tensor, ways: Tensor, share: Tensor, tie: float) -> Tenso
 
 
 def _walks(weight: Tensor, degree_max: Tensor) -> tuple[Tensor, Tensor]:
-    """Bonacich's power and Katz's centrality; `degree_max` (G, N) is the largest degree of each one's component.
+    """Bonacich's power and Katz's centrality (G, N); `degree_max` (G, N) is the largest degree in the component.
 
-    The inverses are geometric series of the attenuated weights A, whose norm is at most CONVERGENCE: the product of
-    ``I + A^2``, ``I + A^4``, ... has all even powers up to the last, and ``I - A`` or ``I + A`` makes it the one of
-    ``(I + A)^-1`` or of ``(I - A)^-1``.
+    The inverses are geometric series of the attenuated weights A, whose norm is at most CONVERGENCE. The product of
+    ``I + A^2``, ``I + A^4``, ... contains all even powers up to the last; multiplied by ``I - A`` it is the series of
+    ``(I + A)^-1``, and multiplied by ``I + A`` that of ``(I - A)^-1``.
     """
     once = (CONVERGENCE / degree_max.clamp_min(1e-6)).clamp_max(ATTENUATION)[..., None] * weight
     degree = weight.sum(dim=-1, keepdim=True)

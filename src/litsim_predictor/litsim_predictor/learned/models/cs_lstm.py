@@ -1,14 +1,14 @@
-"""A predictor of the size and kind of CS-LSTM, as a measure of the pipeline.
+"""A predictor with the architecture and size of CS-LSTM, as a reference for the pipeline.
 
-After Deo & Trivedi, "Convolutional Social Pooling for Vehicle Trajectory Prediction", 2018: an LSTM over each history,
-the encodings of the neighbours laid on a grid around the target (15 feet a cell, three lanes) and convolved, and an
-LSTM decoder conditioned on the manoeuvre. It sees no map. Four things are not theirs:
+After Deo & Trivedi, "Convolutional Social Pooling for Vehicle Trajectory Prediction", 2018: an LSTM encodes each
+history, the encodings of the neighbours are placed on a grid around the target (cells of 15 feet, three lanes) and
+convolved, and an LSTM decoder is conditioned on the manoeuvre. There is no map. Four things differ from the paper:
 
-- histories hold yaw and speed beside positions;
-- the grid has 27 rows, the paper's 13: it reaches 62 m ahead and behind instead of 30 m;
-- beside the encoding of a neighbour lies its velocity relative to the target's on the grid;
-- the decoder does not write positions, but how the velocity differs from constant velocity, so that forecasts begin
-  where the agent is.
+- histories contain yaw and speed in addition to positions;
+- the grid has 27 rows instead of 13, so that it reaches 62 m ahead and behind instead of 30 m;
+- the grid contains the velocity of each neighbour relative to the target, in addition to its encoding;
+- the decoder outputs deviations from constant velocity instead of positions, so that forecasts begin where the agent
+  is.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from litsim_predictor.learned.models.model import (
 )
 from litsim_sim.core.quantities import Positive, Whole, configuration
 
-UNITS = (20.0, 2.0, 0.1, 10.0)  # of the channels of histories [m, m, rad, m/s]
-RELATIVE_UNIT = 2.5  # [m/s] of relative velocities
+UNITS = (20.0, 2.0, 0.1, 10.0)  # [m, m, rad, m/s] by which the channels of histories are scaled
+RELATIVE_UNIT = 2.5  # [m/s] by which relative velocities are scaled
 GRID = (27, 3)
 CELL_AHEAD, CELL_LEFT = 4.572, 3.66  # [m] 15 feet, and a lane
 
@@ -47,8 +47,8 @@ class CsLstmParameters:
     """Field `parameters` of a training configuration, and of a file of weights, whose model is `cs_lstm`.
 
     Attributes:
-        encoder, decoder: sizes of the LSTMs.
-        embedding: width of the codes of a step of a history, and of the target's own dynamics.
+        encoder, decoder: numbers of units of the LSTMs.
+        embedding: width of the embedding of a step of a history, and of the encoding of the target's own dynamics.
         convolution, second: channels of the two convolutions of the social pooling.
     """
 
@@ -99,11 +99,11 @@ class CsLstm(SceneModel):
 
 
 def social_grid(batch: SceneBatch, encoding: Tensor, asked: Tensor | None = None) -> Tensor:
-    """(M, width + 2, 27, 3) of what the neighbours in the cells around each target are like.
+    """The social tensor (M, width + 2, 27, 3): features of the neighbours in the cells of the grid around each target.
 
-    These are their encodings, of `encoding` (T, width) of all agents in one list, and their velocities relative to the
-    target's of now, ahead and to its left; of two in a cell, the sum. The M targets are the agents `asked` of one
-    scene, or all.
+    The features are the neighbours' encodings, from `encoding` (T, width) of all T agents, and their present velocities
+    relative to the target, ahead and to its left; those of neighbours in the same cell are summed. The M targets are
+    the agents `asked` of one scene, or all agents.
     """
     turn = -rows_of(batch.heading, asked)[..., None]
     ahead, left = rotate(rows_of(offsets(batch), asked), turn).unbind(dim=-1)

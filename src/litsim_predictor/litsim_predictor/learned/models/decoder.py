@@ -1,4 +1,4 @@
-"""The decoder of `bat` and `cs_lstm`: an LSTM that is told what an agent does, and writes how it moves."""
+"""The decoder of `bat` and `cs_lstm`: an LSTM conditioned on the manoeuvre, which outputs Gaussians."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from litsim_predictor.learned.models.model import maneuver_parts
 class ManeuverDecoder(nn.Module):
     """An LSTM that reads the encoding and the manoeuvre at every step.
 
-    Both are the same at every step, so what they add to the gates is computed once.
+    Both are the same at every step, so their contribution to the gates is computed once.
     """
 
     def __init__(self, encoding: int, units: int) -> None:
@@ -24,7 +24,10 @@ class ManeuverDecoder(nn.Module):
         self.gaussian = nn.Linear(units, GAUSSIAN_CHANNELS)
 
     def forward(self, encoding: Tensor, maneuver: Tensor) -> Tensor:
-        """(T, M, HORIZON, GAUSSIAN_CHANNELS) of manoeuvres (T, M) int64; means are velocities [m/s], scales are raw."""
+        """Raw outputs (T, M, HORIZON, GAUSSIAN_CHANNELS) for encodings (T, width) and manoeuvres (T, M) int64.
+
+        The first two channels are deviations from constant velocity [m/s]; :func:`.model.gaussian` reads the others.
+        """
         given = self.encoding(encoding)[:, None] + self.maneuver(maneuver_parts(maneuver).to(encoding.dtype))
         hidden = cell = given.new_zeros(*maneuver.shape, self.recurrent.in_features)
         steps = []

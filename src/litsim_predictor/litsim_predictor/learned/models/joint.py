@@ -1,10 +1,10 @@
-"""The joint predictor of the LitSim paper (section III-A), and what of it we changed.
+"""The joint predictor of the LitSim paper (section III-A), with alternatives to three of its parts.
 
-Map raster through a small CNN, history through a bidirectional GRU, current states through an MLP with eight-head
-attention between the agents (the paper's dynamic encoder), latent manoeuvres learned from history and interaction, and
-a decoder conditioned on them that answers Gaussians: all agents of a scene in one pass.
+A small CNN encodes the map raster, a bidirectional GRU the history, and an MLP with eight-head attention between the
+agents the current states (the paper's dynamic encoder). Manoeuvres are predicted from these codes, and a decoder
+conditioned on them outputs Gaussians, for all agents of a scene in one pass.
 
-Three things are chosen by configuration (:class:`.JointParameters`), because the paper's choice measures worse: how
+Three parts are chosen by configuration (:class:`.JointParameters`), because the paper's choices measure worse: how
 histories are read (`history`), how agents attend to each other (`relative`) and how futures are decoded (`decoder`).
 """
 
@@ -72,15 +72,15 @@ class MapEncoder(nn.Module):
         )
 
     def forward(self, raster: Tensor) -> Tensor:
-        """Code (n, width) of rasters (n, CHANNELS, ROWS, COLUMNS) of uint8."""
-        # Read as -1 to 1; the division is one of the weights, which are fewer.
+        """Codes (n, width) of rasters (n, CHANNELS, ROWS, COLUMNS) uint8."""
+        # Bytes are scaled to -1 to 1; the weights are divided instead of the values, since they are fewer.
         first = cast(nn.Conv2d, self.layers[0])
         read = nn.functional.conv2d(raster.float() - MAP_MIDDLE, first.weight / MAP_MIDDLE, first.bias, first.stride, 1)
         return cast(Tensor, self.layers[1:](read))
 
 
 class RecurrentHistory(nn.Module):
-    """A bidirectional GRU over the observed steps, whose last states are taken together."""
+    """A bidirectional GRU over the steps of the history; the code is the last states of both directions."""
 
     def __init__(self, width: int, channels: int) -> None:
         super().__init__()
@@ -89,7 +89,7 @@ class RecurrentHistory(nn.Module):
         self.gru = nn.GRU(width // 2, width // 2, bidirectional=True)
 
     def forward(self, history: Tensor, observed: Tensor) -> Tensor:
-        """Code (n, width) of histories (n, HISTORY, HISTORY_CHANNELS) and of when they were observed (n, HISTORY)."""
+        """Codes (n, width) of `history` (n, HISTORY, HISTORY_CHANNELS), with the mask `observed` (n, HISTORY)."""
         read = torch.cat([history[..., : self.channels], observed[..., None].to(history.dtype)], dim=-1)
         units = history.new_tensor([*HISTORY_UNITS[: self.channels], 1.0])
         _, last = self.gru(self.embed[1](linear_of(read.transpose(0, 1), units, cast(nn.Linear, self.embed[0]))))
@@ -97,7 +97,7 @@ class RecurrentHistory(nn.Module):
 
 
 class DirectHistory(nn.Module):
-    """Two dense layers that read all observed steps at once, as what differs from constant speed straight ahead."""
+    """Two dense layers that read all steps of the history at once, as deviations from constant speed straight ahead."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -116,9 +116,9 @@ class DirectHistory(nn.Module):
 
 
 class RelativeAttention(nn.Module):
-    """Attention to the nearest agents, whose keys and values also know how these lie and move relative to one.
+    """Attention to the nearest agents, with keys and values that also depend on their relative pose and motion.
 
-    Every agent attends to itself, too, so that one alone has something to attend to.
+    Every agent attends to itself as well, so that attention is defined for an agent on its own.
     """
 
     def __init__(self, width: int, heads: int) -> None:
@@ -132,18 +132,18 @@ class RelativeAttention(nn.Module):
         self.norm = nn.LayerNorm(width)
 
     def forward(self, agents: Tensor, near: Neighbours, asked: Tensor | None = None) -> Tensor:
-        """The codes `agents` (..., N, width) with what each agent sees of those `near` it added, (..., N, width).
+        """Codes (..., N, width): `agents` plus attention to those `near` each of them, with layer normalisation.
 
-        Of the rows `asked` (M,) alone, to whom `near` then belongs, where these are given: (..., M, width).
+        With `asked` (M,), only the codes (..., M, width) of these rows; `near` must then be that of these rows.
         """
         size = self.width // self.heads
 
         def by_head(values: Tensor) -> Tensor:
-            """(..., heads, N, size) of (..., N, width)."""
+            """`values` (..., N, width) by head: (..., heads, N, size)."""
             return values.view(*values.shape[:-2], -1, self.heads, size).transpose(-2, -3)
 
-        # What a relation adds to keys and values is linear in `related`: it is taken out of the sums over neighbours,
-        # so that its large matrix is applied once an agent and not once a pair.
+        # The contribution of a relation to keys and values is linear in `related`. It is factored out of the sums over
+        # neighbours, so that its large matrix is applied once per agent instead of once per pair.
         first, last = cast(nn.Linear, self.relation[0]), cast(nn.Linear, self.relation[-1])
         related = linear_of(near.relation, agents.new_tensor(RELATION_UNITS), first).relu()  # (..., M, K, 64)
         of_key, of_value = last.weight.view(2, self.heads, size, -1).unbind()
@@ -155,7 +155,7 @@ class RelativeAttention(nn.Module):
             for part in (slice(self.width), slice(self.width, None))
         )
 
-        # Products of all with all are cheaper than keys and values gathered for each pair.
+        # Products of all agents with all agents are cheaper than gathering keys and values for each pair.
         index = near.index.unsqueeze(-3)
         index = index.expand(*index.shape[:-3], self.heads, -1, -1)
         wanted = (query @ of_key).transpose(-2, -3)  # (..., M, heads, 64)
@@ -169,7 +169,7 @@ class RelativeAttention(nn.Module):
 
 
 class SceneAttention(nn.Module):
-    """The paper's dynamic encoder: attention over current states in the frame of the scene."""
+    """The paper's dynamic encoder: attention over current states in a frame common to the scene."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -177,7 +177,7 @@ class SceneAttention(nn.Module):
         self.attention = nn.MultiheadAttention(width, heads, batch_first=True)
 
     def forward(self, batch: SceneBatch) -> Tensor:
-        """Code (..., N, width) of what every agent of `batch` sees of all others of its scene."""
+        """Codes (..., N, width) of all agents of `batch`, each by attention over all agents of its scene."""
         there = batch.agent[..., None].to(batch.position.dtype)
         middle = (batch.position * there).sum(dim=-2, keepdim=True) / there.sum(dim=-2, keepdim=True)
         yaw = batch.heading + batch.state[..., 3]
@@ -185,7 +185,7 @@ class SceneAttention(nn.Module):
         read = torch.cat([batch.state, place], dim=-1)
         units = read.new_tensor([*STATE_UNITS, 1.0, 1.0, 1.0, 1.0])
         states = self.embed[1](linear_of(read, units, cast(nn.Linear, self.embed[0])))
-        # As nn.MultiheadAttention does it, which a trace would tie to its number of agents.
+        # Computed as by nn.MultiheadAttention, a trace of which would be valid for its number of agents only.
         attention = self.attention
         lead, size = states.shape[:-2], attention.embed_dim // attention.num_heads
         mixed = nn.functional.linear(states, attention.in_proj_weight, attention.in_proj_bias)
@@ -200,7 +200,7 @@ class SceneAttention(nn.Module):
 
 
 class DirectDecoder(nn.Module):
-    """Decodes all steps at once, as what is to be added to constant velocity."""
+    """Decodes all steps at once, as deviations from constant velocity."""
 
     def __init__(self, width: int, hidden: int) -> None:
         super().__init__()
@@ -214,7 +214,14 @@ class DirectDecoder(nn.Module):
         )
 
     def forward(self, context: Tensor, maneuver: Tensor, base: Tensor, truth: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Means (n, HORIZON, 2) and raw scales (n, HORIZON, 3); `truth` is not used."""
+        """Means (n, HORIZON, 2) [m], and raw scales and correlation (n, HORIZON, 3).
+
+        Args:
+            context: (n, width) codes of agents.
+            maneuver: (n,) int64 manoeuvres.
+            base: (n, HORIZON, 2) positions at constant velocity [m].
+            truth: not used.
+        """
         del truth
         raw = self.layers(context + self.maneuver(maneuver)).view(-1, HORIZON, GAUSSIAN_CHANNELS)
         return base + future_times(raw)[:, None] * raw[..., :2], raw[..., 2:]
@@ -223,9 +230,10 @@ class DirectDecoder(nn.Module):
 class RecurrentDecoder(nn.Module):
     """A bidirectional GRU over the steps of the future, which reads the position before each step.
 
-    Training may force the true positions. Driving has none, and a bidirectional network cannot be unrolled step by
-    step: the positions read are first those of constant velocity, then those that the first pass answered. Because
-    backward in time the true positions give the answer away, forcing has to fade while training goes on.
+    With teacher forcing in training, these are the true positions. Otherwise there are two passes, since a
+    bidirectional network cannot be unrolled step by step: the first reads positions at constant velocity, the second
+    the means of the first. Read backward in time, true positions reveal the answer, so that teacher forcing has to fade
+    in the course of training.
     """
 
     def __init__(self, width: int, hidden: int) -> None:
@@ -236,7 +244,7 @@ class RecurrentDecoder(nn.Module):
         self.out = nn.Linear(hidden, GAUSSIAN_CHANNELS)
 
     def forward(self, context: Tensor, maneuver: Tensor, base: Tensor, truth: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Means (n, HORIZON, 2) and raw scales (n, HORIZON, 3); `truth` (n, HORIZON, 2) is forced where given."""
+        """See :meth:`DirectDecoder.forward`; `truth` (n, HORIZON, 2) [m] is for teacher forcing, None for none."""
         context = self.context(context + self.maneuver(maneuver)).relu()
         if truth is not None:
             return self._read(context, truth, base)
@@ -277,10 +285,10 @@ class JointPredictor(SceneModel):
     def forward(
         self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None, maps: Tensor | None = None
     ) -> Prediction:
-        """See :meth:`SceneModel.forward`; the `batch` may be of one scene as it is, without B and without padding.
+        """See :meth:`SceneModel.forward`; `batch` may be one scene without the dimension B and without padding.
 
-        `maps` (T, map_width), of the T agents that are no padding, are what :attr:`map` makes of the rasters; where
-        they are given, the rasters are not looked at.
+        `maps` (T, map_width) are the codes by :attr:`map` of the rasters of the T agents that are not padding; if they
+        are given, the rasters are not read.
         """
         there = batch.agent
         maps = self.map(present(batch.raster, there)) if maps is None else maps
@@ -309,7 +317,7 @@ class JointPredictor(SceneModel):
         modes = 1 if decode == "best" else maneuver.shape[-1]
 
         def for_each_maneuver(values: Tensor) -> Tensor:
-            """The `values` (..., N, ...) of each agent once for each of its M manoeuvres, as (B * N * M, ...)."""
+            """The `values` (..., N, ...) of the agents, repeated for each of their M manoeuvres: (B * N * M, ...)."""
             everybody = values if batch.agent.dim() == 1 else values.flatten(0, 1)
             return everybody if modes == 1 else everybody.repeat_interleave(modes, dim=0)
 
@@ -327,10 +335,11 @@ class Neighbours:
     """The K agents nearest to each of N agents, itself among them.
 
     Attributes:
-        index: (..., N, K) int64.
-        seen: (..., N, K) bool; padding sees itself, so that its attention is a number.
-        relation: (..., N, K, RELATION_CHANNELS) how each lies and moves as seen by the agent, in
-            :data:`RELATION_UNITS`.
+        index: (..., N, K) int64 indices of these agents.
+        seen: (..., N, K) bool, whether they are within reach and not padding; every agent sees itself, padding as well,
+            so that attention is always finite.
+        relation: (..., N, K, RELATION_CHANNELS) their poses and motions relative to the agent; channels, and the units
+            by which they are yet to be scaled, as in :data:`RELATION_UNITS`.
     """
 
     index: Tensor
@@ -339,16 +348,16 @@ class Neighbours:
 
     @classmethod
     def of(cls, batch: SceneBatch, count: int, reach: float) -> Neighbours:
-        """For each agent of `batch` at most `count` others that are nearer than `reach` [m]."""
+        """For each agent of `batch` itself and at most `count` others that are nearer than `reach` [m]."""
         x, y = batch.position.unbind(dim=-1)
         squared = (x[..., None, :] - x[..., None]).square() + (y[..., None, :] - y[..., None]).square()
         if batch.agent.dim() > 1:
             squared = squared.masked_fill(~batch.agent[..., None, :], float("inf"))
         squared = squared.masked_fill(same_agent(batch), -1.0)
-        # The number of agents is a tensor, which a trace takes for no constant.
+        # The number of agents is a tensor, which a trace does not take for a constant.
         most = torch.as_tensor(squared.shape[-1]).clamp_max(count + 1)
         squared, index = squared.topk(cast(int, most), dim=-1, largest=False, sorted=False)
-        # Of each agent, and of each of those near it: x, y, heading, speed.
+        # x, y, heading and speed of each agent, and of each of those near it
         pose = torch.cat([batch.position, batch.heading[..., None], batch.state[..., 2:3]], dim=-1)
         other, own = chosen(pose, index), pose[..., None, :]
         dx, dy, turn, faster = (other - own).split(1, dim=-1)
@@ -361,6 +370,6 @@ class Neighbours:
         return cls(index, squared < reach**2, torch.cat(relation, dim=-1))
 
     def seen_by(self, agents: Tensor | None) -> Neighbours:
-        """Those of the rows `agents` (M,) alone, where these are given."""
+        """The neighbours of the rows `agents` (M,) only; of all rows for None."""
         dim = self.index.dim() - 2
         return Neighbours(*(rows_of(v, agents, dim) for v in (self.index, self.seen, self.relation)))

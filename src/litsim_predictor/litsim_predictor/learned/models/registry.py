@@ -22,7 +22,7 @@ KINDS: dict[str, tuple[type, Callable[[Any], SceneModel]]] = {
 
 
 def build(kind: str, parameters: dict[str, Any], where: str) -> SceneModel:
-    """An untrained model; `where` names the file that asks for it in errors.
+    """An untrained model of this kind; `where` names the origin of `kind` and `parameters` in errors.
 
     Raises:
         InputError: unknown kind or parameters.

@@ -1,4 +1,4 @@
-"""Trained weights as models of torch; see :mod:`litsim_predictor.inference.weights` for the files."""
+"""Saving and loading of the weights of torch models; see :mod:`litsim_predictor.inference.weights` for the files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from litsim_sim.io.files import replacing
 
 
 def save_model(model: SceneModel, provenance: Provenance, path: Path) -> None:
-    """Write weights to `path`, whole or not at all.
+    """Write the weights of `model` to `path`, whole or not at all.
 
     Raises:
         InputError: see :func:`litsim_sim.io.files.replacing`.
@@ -27,10 +27,10 @@ def save_model(model: SceneModel, provenance: Provenance, path: Path) -> None:
 
 
 def load_model(name: str) -> tuple[SceneModel, Provenance]:
-    """The model, ready to predict, of shipped weights or of a file, and what made it.
+    """The model of shipped weights or of a file of weights, ready to predict, and the provenance of the weights.
 
     Raises:
-        InputError: the file is missing, is damaged, or holds no weights of a model that is known here.
+        InputError: the file is missing, is damaged, or does not contain weights of a known model.
     """
     weights = read_weights(name)
     model = build(weights.provenance.model, weights.provenance.parameters, str(weights.path))
