@@ -98,12 +98,13 @@ def _is_validation_due(training: Training) -> bool:
 
 
 def _begin_validation(training: Training, validation: Driving, out: Path) -> Callable[[], None]:
-    """Begin to validate the policy as it is now, behind the episodes that have begun.
+    """Begin to validate a copy of the present policy; its episodes are queued after those that have begun.
 
-    Processes that are done with those thus have something to do, also while the policy learns from them.
+    Processes that have finished those thus do not idle, even while the policy learns from them.
 
     Returns:
-        what waits for it, adds it to the entry of the last iteration, and keeps the best weights.
+        a function that waits for the validation, adds its results to the entry of the last iteration, and saves the
+        weights if they are the best so far.
     """
     policy, about, entry = deepcopy(training.policy), training.about, training.history[-1]
     episodes = begin_validation(validation, policy, training.config)
@@ -126,7 +127,7 @@ def _iterate(
 ) -> dict[str, float]:
     """Make one iteration: drive `episodes`, train the critic on `recorded`, reward, and update the policy.
 
-    The policy is also kept near what it is `shown`.
+    The update also keeps the policy near the demonstrations `shown`.
 
     Returns:
         entry of the history: rates of :func:`litsim_policy.learning.rollout.collect`, means of critic and update.

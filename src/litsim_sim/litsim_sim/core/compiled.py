@@ -5,11 +5,11 @@ A kernel is a function of numbers and arrays, decorated with its types::
     @kernel(float64(FLOATS, FLOATS))
     def dot(a, b): ...
 
-It is compiled for these types alone. The machine code is kept on disk: only the first process on a machine compiles
-(``ros2 run litsim_sim compile`` does it ahead of time), all others load it, before the first step of a run.
+It is compiled for these types only. The machine code is cached on disk: only the first process on a machine compiles
+(``ros2 run litsim_sim compile`` does so ahead of time); all others load the code before the first step of a run.
 
-Kernels compute in the order that is written, in one thread, without fused or reassociated operations. The same inputs
-give the same bits in every process of a machine.
+Kernels compute in the order in which they are written, in one thread, without fused or reassociated operations. Equal
+inputs give equal bits in every process of a machine.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ import numpy as np
 from litsim_sim.core.garbage import without_collection
 from litsim_sim.core.imports import left_out
 
-with left_out("coverage", "scipy"):  # a fifth of what importing numba takes, where they are installed
+with left_out("coverage", "scipy"):  # where they are installed, a fifth of the time of importing numba
     import numba
 from llvmlite import binding
 from numba import types
@@ -43,19 +43,19 @@ from numba.extending import typeof_impl
 
 from litsim_sim.core import machine_code
 
-MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # in the source of every module that holds kernels
+MARK = re.compile(r"^@kernel\(", re.MULTILINE)  # occurs in the source of every module with kernels
 NUMBA_ARRAYS, SCIPY_BLAS = "numba.np.arraymath", "scipy.linalg"
 OPTIONS = {
     "error_model": "numpy",
-    "forceinline": True,  # into kernels that call it: a call costs more than most kernels do
+    "forceinline": True,  # into calling kernels: a call costs more than most kernels
 }
 F = TypeVar("F", bound=Callable[..., Any])
 
-_kernels: list[Kernel] = []  # all that are defined
+_kernels: list[Kernel] = []  # all kernels defined so far
 
 
 def read_array(dtype: types.Type, ndim: int) -> types.Array:
-    """Type of an array that a kernel only reads: read-only ones are taken, too, and with one dimension strided ones."""
+    """Type of an array that a kernel only reads: also accepts read-only arrays, and strided ones of one dimension."""
     return types.Array(dtype, ndim, "A" if ndim == 1 else "C", readonly=True)
 
 
@@ -86,7 +86,7 @@ OUT_BOOLS, OUT_BOOLS2, OUT_BOOLS3 = (written_array(boolean, ndim) for ndim in (1
 
 
 class Kernel:
-    """A compiled function; its machine code is loaded when it is called first, or by :func:`load_kernels`."""
+    """A compiled function; its machine code is loaded by :func:`load_kernels`, or when it is first called."""
 
     def __init__(self, function: FunctionType, signature: Any, *, outer: bool = False) -> None:
         update_wrapper(self, function)
@@ -94,10 +94,10 @@ class Kernel:
         self.stamp, self.uses = _stamp(function), _kernels_of(function)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the machine code; arguments that do not fit the signature are a TypeError.
+        """Call the machine code; arguments that do not fit the signature raise a TypeError.
 
-        Once it is loaded, a call goes to numba's dispatcher at once: a function in between costs as much as a small
-        kernel. Python looks for `__call__` in the class alone, so the kernel gets one of its own.
+        Later calls go directly to numba's dispatcher, since a function in between costs as much as a small kernel.
+        Python looks up `__call__` in the class only, so each kernel gets a class of its own.
         """
         loaded = self.loaded
         self.__class__ = type(type(self).__name__, (type(self),), {"__call__": staticmethod(loaded)})
@@ -105,7 +105,7 @@ class Kernel:
 
     @cached_property
     def loaded(self) -> Any:
-        """Numba's dispatcher of the function, to be called: its machine code is loaded, or made."""
+        """Numba's dispatcher of the function, for calls; its machine code is loaded from disk, or compiled and kept."""
         directory = cache_directory(self._file)
         kept = None if directory is None else directory / self._name
         found = machine_code.load(kept, self._function, self._signature, OPTIONS) if kept else None
@@ -117,10 +117,10 @@ class Kernel:
 
     @cached_property
     def compiled(self) -> Any:
-        """Numba's dispatcher of the function, with all that others need to be compiled that call it.
+        """Numba's dispatcher of the function, compiled with all that is needed to compile kernels that call it.
 
         Raises:
-            TypeError: it uses what is defined after it, changes of which would go unnoticed by what is kept on disk.
+            TypeError: the function uses something that is defined after it; the cache would not notice its changes.
         """
         if _stamp(self._function) != self.stamp:
             raise TypeError(f"kernel {self._function.__name__} uses what is defined after it")
@@ -138,33 +138,33 @@ class Kernel:
 
     @property
     def _file(self) -> Path:
-        """The file of its source."""
+        """The source file of the function."""
         return Path(self._function.__code__.co_filename)
 
     @property
     def _name(self) -> str:
-        """Name of the file of its machine code; no other kernel, and no other version of this one, has the same."""
+        """Name of the file of its machine code, unique among all kernels and their versions."""
         line, python = self._function.__code__.co_firstlineno, sys.implementation.cache_tag
         return f"{self._file.stem}.{self._function.__name__}-{line}-{self.stamp}.{python}.kernel"
 
 
 @typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
 def _type_of_called(called: Kernel, _context: object) -> Any:
-    """What numba takes a kernel for that another one calls, which has to be compiled."""
+    """Numba's type of a kernel that another kernel calls; it has to be compiled for this."""
     return numba.typeof(called.compiled)
 
 
 def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
     """Return a decorator that makes a function a kernel for one signature of numba's types.
 
-    One that other kernels call is loaded before a run only where it is said to be `outer`: called from Python as well.
+    A kernel that other kernels call is loaded before a run only if it is `outer`, that is, called from Python as well.
 
-    Of its module, the function may use numbers, enumerations, arrays, other kernels, and intrinsics of numba's; of
-    others, `math` and numpy.
-    Arguments that do not fit the signature are a TypeError. Numbers divided by zero give what numpy gives.
+    Of the globals of its module, the function may use numbers, enumerations, arrays, kernels, intrinsics and types of
+    numba's, `math` and numpy. Arguments that do not fit the signature raise a TypeError. Division by zero gives the
+    same result as in numpy.
 
     Raises:
-        TypeError: the function uses something else, changes of which would go unnoticed by what is kept on disk.
+        TypeError: the function uses something else; the cache would not notice its changes.
     """
 
     def compiled(function: F) -> F:
@@ -176,7 +176,7 @@ def kernel(signature: Any, *, outer: bool = False) -> Callable[[F], F]:
 
 
 def load_kernels() -> None:
-    """Load, or compile, all kernels that are defined so far, but for those that only others call, which have them.
+    """Load or compile all kernels defined so far, except those that only other kernels call, whose code contains them.
 
     To be called before the first step of a run: loading takes as long as several steps.
     """
@@ -184,11 +184,11 @@ def load_kernels() -> None:
     with without_collection():
         for each in _kernels:
             if each.outer or id(each) not in inner:
-                each.loaded  # noqa: B018 - it is kept
+                each.loaded  # noqa: B018 - the property is cached
 
 
 def compile_package(name: str) -> list[str]:
-    """Compile the kernels of package `name` that are not on disk yet; return the names of the modules with kernels."""
+    """Compile the kernels of package `name` that are not on disk yet; return the names of its modules with kernels."""
     found = []
     for module in pkgutil.walk_packages(import_module(name).__path__, f"{name}."):
         spec = find_spec(module.name)
@@ -200,10 +200,10 @@ def compile_package(name: str) -> list[str]:
 
 
 def cache_directory(source: Path) -> Path | None:
-    """Where kernels of the file `source` are kept: the first of these that can be written to, None if none can.
+    """Directory for the machine code of kernels of the file `source`: the first writable one of these, else None.
 
-    `NUMBA_CACHE_DIR`, where it is set; `__pycache__` beside `source`; `litsim/kernels` in the user's cache directory,
-    for installations that are read-only.
+    `NUMBA_CACHE_DIR`, if set; `__pycache__` beside `source`; and `litsim/kernels` in the user's cache directory, for
+    read-only installations.
     """
     user = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     named = [Path(numba.config.CACHE_DIR)] if numba.config.CACHE_DIR else []
@@ -211,11 +211,11 @@ def cache_directory(source: Path) -> Path | None:
 
 
 class KernelLocator:
-    """Says to numba where it keeps a kernel, and under which name: see numba's `NUMBA_CACHE_LOCATOR_CLASSES`.
+    """Tells numba where to cache a kernel, and under which name; see numba's `NUMBA_CACHE_LOCATOR_CLASSES`.
 
-    The name holds all that the machine code depends on, so that a file is never stale and never another's, however
-    many processes compile at once. (numba's own locators know a function's file alone, not the kernels and constants
-    that it takes from others.)
+    The name depends on everything that the machine code depends on, so that a file is never stale or that of another
+    kernel, however many processes compile at once. Numba's own locators only know the file of a function, not the
+    kernels and constants that it uses from other files.
     """
 
     def __init__(self, directory: Path, stamp: str) -> None:
@@ -223,30 +223,30 @@ class KernelLocator:
 
     @classmethod
     def from_function(cls, function: FunctionType, file: str) -> KernelLocator | None:
-        """Return the locator of a function, None where nothing can be kept."""
+        """Return the locator of a function; None if no cache directory is writable."""
         directory = cache_directory(Path(file))
         return None if directory is None else cls(directory, _stamp(function))
 
     def ensure_cache_path(self) -> None:
-        """Make the directory in which machine code is kept."""
+        """Make the cache directory."""
         self._directory.mkdir(parents=True, exist_ok=True)
 
     def get_cache_path(self) -> str:
-        """Return the directory in which machine code is kept."""
+        """Return the cache directory."""
         return str(self._directory)
 
     def get_source_stamp(self) -> str:
-        """Return what must be equal for machine code to be used."""
+        """Return the stamp, which must be equal for machine code to be used."""
         return self._stamp
 
     def get_disambiguator(self) -> str:
-        """Return what distinguishes files of functions of one name."""
+        """Return the stamp, which distinguishes files of functions with the same name."""
         return self._stamp
 
 
 @cache
 def _writable(directory: Path) -> bool:
-    """Whether files can be made in `directory`, which is made where it is missing."""
+    """Whether files can be made in `directory`, which is made if it is missing."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -256,36 +256,37 @@ def _writable(directory: Path) -> bool:
 
 @cache
 def _spare_blas() -> None:
-    """Have numba not import scipy's linear algebra, which takes half as long as all kernels: they may not use it.
+    """Prevent numba from importing scipy's linear algebra, which takes half as long as loading all kernels.
 
-    numba looks once whether it is there, when it learns what numpy's functions are, to compile products of matrices.
+    Numba looks for it once, when it registers numpy's functions, to compile products of matrices. Kernels must not use
+    these.
     """
-    if NUMBA_ARRAYS not in sys.modules:  # else it has been looked for
+    if NUMBA_ARRAYS not in sys.modules:  # otherwise numba has already looked for it
         with left_out(SCIPY_BLAS):
             import_module(NUMBA_ARRAYS)
 
 
 @cache
 def _announce() -> None:
-    """Say once in a process why it takes a while."""
+    """Print once per process why it takes a while."""
     print("litsim: compiling kernels, once for this machine (some seconds)", file=sys.stderr, flush=True)
 
 
 @cache
 def _source_and_machine(file: str) -> bytes:
-    """Hash of a source file, and of :func:`_machine`."""
+    """Hash of a source file and :func:`_machine`."""
     return hashlib.sha256(Path(file).read_bytes() + _machine()).digest()
 
 
 @cache
 def _machine() -> bytes:
-    """What machine code depends on beside its source: numba's version, how it compiles, and this processor."""
+    """What machine code depends on beside its source: numba's version, options, form of the code, and processor."""
     processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
     return f"{numba.__version__} {OPTIONS} {machine_code.FORM} {processor}".encode()
 
 
 def _stamp(function: FunctionType) -> str:
-    """16 hexadecimal digits over all that the machine code of `function` depends on."""
+    """Hash of everything that the machine code of `function` depends on, as 16 hexadecimal digits."""
     code, known = function.__code__, function.__globals__
     found = hashlib.sha256(_source_and_machine(code.co_filename))
     for name in code.co_names:
@@ -301,17 +302,21 @@ def _kernels_of(function: FunctionType) -> tuple[Kernel, ...]:
 
 
 def _constant(name: str, value: object) -> str:
-    """What a kernel sees of a global `value`, which is frozen into its machine code."""
+    """Text that identifies a global `value`, which is frozen into the machine code of kernels that use it.
+
+    Raises:
+        TypeError: a kernel cannot use such a value.
+    """
     if isinstance(value, Kernel):
         return value.stamp
     if value is math or value is np:
         return ""
     if isinstance(value, EnumMeta):
         return repr(list(value))
-    if isinstance(value, Intrinsic):  # all that it is made of is in its file
+    if isinstance(value, Intrinsic):  # taken to depend on its file only
         return _source_and_machine(value._defn.__code__.co_filename).hex()  # noqa: SLF001 - numba has no other way to it
     if isinstance(value, np.ndarray):
         return f"{value.dtype}{value.shape}{value.tobytes().hex()}"
-    if isinstance(value, bool | int | float | Enum | types.Type):  # a type: of a name that numpy has, too
+    if isinstance(value, bool | int | float | Enum | types.Type):  # types: numpy has attributes of their names
         return repr(value)
     raise TypeError(f"a kernel cannot use {name}: no number, enumeration, array, kernel or intrinsic")

@@ -16,19 +16,19 @@ from litsim_sim.core.quantities import Acceleration, Curvature, Number, Positive
 from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, FloatArray
 
-SPEED_MIN = 1e-3  # [m/s] up to which the bound on lateral acceleration is that of this speed
+SPEED_MIN = 1e-3  # [m/s] least speed in the bound on lateral acceleration
 
 
 @configuration
 class VehicleLimits:
-    """What a controlled vehicle can do; commands beyond are cut.
+    """Limits of a controlled vehicle; commands beyond them are cut.
 
     Attributes:
         acceleration_max: strongest acceleration.
         deceleration_max: strongest braking, dry asphalt.
-        lateral_acceleration_max: yaw rate times speed.
+        lateral_acceleration_max: largest yaw rate times speed.
         curvature_max: inverse of the smallest turning radius.
-        speed_max: up to which it accelerates; one that is faster already may keep its speed.
+        speed_max: speed up to which it accelerates; a vehicle that is faster already may keep its speed.
         rear_axle: distance of the rear axle behind the box centre, as a share of the length.
     """
 

@@ -63,7 +63,7 @@ def overlapping_pairs(
     width: FloatArray,
     scene: IntArray | None = None,
 ) -> IntArray:
-    """Pairs (m, 2) of positions i < j whose boxes overlap, among boxes (n,), and which are in the same `scene` (n,)."""
+    """Pairs (m, 2) of indices i < j of boxes (n,) that overlap and are in the same `scene` (n,); None for one scene."""
     order = x.argsort(kind="stable") if scene is None else np.lexsort((x, scene))
     scene = np.zeros(len(x), np.int64) if scene is None else scene
     x, y, yaw, length, width = (np.ascontiguousarray(v, np.float64) for v in (x, y, yaw, length, width))
@@ -81,9 +81,9 @@ def _overlapping(
     width: FloatArray,
     order: IntArray,
 ) -> IntArray:
-    """Pairs (m, 2) of positions, the lower one first, of boxes (n,) that overlap.
+    """Pairs (m, 2) of indices of overlapping boxes (n,), the lower index first.
 
-    `order` (n,) has scenes ascend, and `x` in each.
+    `order` (n,) sorts the boxes by scene, and by `x` within each.
     """
     reach = np.empty(len(x))
     for i in range(len(x)):

@@ -14,7 +14,7 @@ class History:
     """Some columns of the last `length` tables.
 
     Args:
-        length: steps that are kept.
+        length: number of steps that are kept.
         fields: names of the columns; see :class:`.scene.AgentTable`.
     """
 
@@ -87,11 +87,12 @@ class History:
 def copy_window(
     values: FloatArray, there: BoolArray, rows: IntArray, columns: IntArray, out: FloatArray, valid: BoolArray
 ) -> None:
-    """Write to `out` (m, h, f) and `valid` (m, h) what is `there` (s, a) of `values` (s, a, f).
+    """Copy the values of m agents at h steps to `out` (m, h, f), and set `valid` (m, h) where there are any.
 
     Args:
-        values, there: values and mask of all steps and agents that are kept.
-        rows, columns: (h,) of the steps and (m,) of the agents, below 0 for none, whose places are left as they are.
+        values, there: (s, a, f) and (s, a) values of all steps and agents that are kept, and the mask of existing ones.
+        rows, columns: (h,) rows of the steps and (m,) columns of the agents; below 0 for none.
+        out, valid: not changed where there is no value.
     """
     for i in range(len(columns)):
         for t in range(len(rows)):

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 @contextmanager
 def left_out(*modules: str) -> Iterator[None]:
-    """Make imports of `modules` fail in the context, unless imported before: libraries that can, do without them."""
+    """Make imports of `modules` fail in the context, unless already imported; for libraries that work without them."""
     absent = [name for name in modules if name not in sys.modules]
     sys.modules.update(dict.fromkeys(absent, cast(Any, None)))
     try:

@@ -22,8 +22,8 @@ class Gate:
     Attributes:
         run_id: answers of other runs are dropped.
         required: names of the answers to every step.
-        stale: number of answers that came late, twice, or to another run, by name. Another answer to a step that was
-            asked for again is none of them, however late it comes.
+        stale: number of answers that came late, twice, or to another run, by name. Answers to repeated requests
+            for a step are not counted, however late they come.
     """
 
     run_id: str
@@ -31,20 +31,20 @@ class Gate:
     stale: dict[str, int] = field(default_factory=dict)
     _step: int = -1
     _newest: dict[str, tuple[int, Any]] = field(default_factory=dict)
-    _asked: dict[int, int] = field(default_factory=dict)  # times, of the step at hand and those asked for again
-    _repeated: dict[tuple[str, int], int] = field(default_factory=dict)  # answers to a step beyond the first
+    _asked: dict[int, int] = field(default_factory=dict)  # how often the current step and repeated ones were asked for
+    _repeated: dict[tuple[str, int], int] = field(default_factory=dict)  # answers after the first, by name and step
 
     def open(self, step: int) -> None:
-        """Begin `step`: from now on its answers are waited for."""
+        """Begin `step`, to which answers are required from now on."""
         self._asked = {k: times for k, times in self._asked.items() if times > 1}
         self._step = step
 
     def ask(self) -> None:
-        """The step at hand is asked for, maybe again."""
+        """Count a request for the current step, the first or a repeated one."""
         self._asked[self._step] = self._asked.get(self._step, 0) + 1
 
     def offer(self, name: str, run_id: str, step: int, answer: Any) -> None:
-        """Take an answer; a late one counts as stale, and is kept where it is the newest so far."""
+        """Take an answer; a late one is counted as stale, but kept if it is the newest so far."""
         newer = run_id == self.run_id and self._answered(name) < step <= self._step
         if newer:
             self._newest[name] = (step, answer)
@@ -61,17 +61,17 @@ class Gate:
 
     @property
     def missing(self) -> list[str]:
-        """The required names whose answer to the current step has not come yet."""
+        """The required names without an answer to the current step."""
         return [name for name in self.required if self._answered(name) != self._step]
 
     @property
     def answers(self) -> dict[str, Any]:
-        """The answers to the current step that have come so far, by name."""
+        """The answers to the current step so far, by name."""
         return {name: answer for name, (step, answer) in self._newest.items() if step == self._step}
 
     @property
     def newest(self) -> dict[str, Any]:
-        """The newest answer under every name: what is held where the one to the current step is missing."""
+        """The newest answer by name, which is held if the one to the current step is missing."""
         return {name: answer for name, (_, answer) in self._newest.items()}
 
     def _answered(self, name: str) -> int:
@@ -106,10 +106,10 @@ class Joiner:
         return held
 
     def too_late(self, name: str, run_id: str, step: int) -> bool:
-        """Whether this input asks for a step of a run that has begun without this stage, and so with another."""
+        """Whether this input asks for a step of a run that has begun without this stage, and so with another one."""
         asks = name == self.inputs[0] and run_id == self.run_id
         return asks and self.answered < 0 < step and 0 not in self._pending
 
     def asked_again(self, name: str, run_id: str, step: int) -> bool:
-        """Whether this input asks once more for the step that was answered last."""
+        """Whether this input asks again for the step that was answered last."""
         return name == self.inputs[0] and run_id == self.run_id and step == self.answered

@@ -1,8 +1,8 @@
-"""Machine code of a function that numba has compiled, kept on disk so that it is loaded without the compiler.
+"""Machine code of functions compiled by numba, kept on disk so that it can be loaded without the compiler.
 
-What numba keeps itself is made to be compiled with: before it is read, a process learns all functions that numba knows
-(0.12 s), and it brings the code of what it calls in another form as well (4 ms a function). This is the machine code
-alone (0.5 ms).
+Numba's own cache also serves to compile further functions: before it is read, numba registers all functions that it
+supports (0.12 s), and it contains the code of called functions in another form as well (4 ms per function). Here only
+the machine code is kept (0.5 ms).
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from numba.core.compiler import compile_result
 from numba.core.registry import cpu_target
 from numba.core.runtime import _nrt_python
 
-FORM = "arrays boxed quickly"  # of machine code: what was compiled in another is not used
+FORM = "arrays boxed quickly"  # form of the machine code; code that was compiled in another form is not used
 
-_environments: dict[str, Any] = {}  # of machine code that is loaded, which refers to them by their addresses
+_environments: dict[str, Any] = {}  # environments of loaded machine code, which refers to them by address
 
 
 def box_arrays_quickly() -> None:
-    """Have what is compiled from now on return arrays without asking Python which class they are of.
+    """Make functions compiled from now on return arrays without a lookup of their class in Python.
 
-    numba keeps the class among a function's code, pickled, and looks it up by a function of Python for every array that
-    is returned: half of what that costs. Here it is one of the function's constants, as the type of its elements is. So
-    no Python runs in a kernel either, where Ctrl-C would be raised as an error of numba's.
+    Numba stores the class in a function's code, pickled, and looks it up by a Python function for every returned array,
+    which takes half of the time of returning it. Here the class is one of the function's constants, like the type of
+    the elements. Thus no Python code runs within a kernel, where Ctrl-C would be raised as an error of numba.
     """
-    from numba.core import boxing  # which a process that compiles nothing does not need
+    from numba.core import boxing  # a process that compiles nothing does not need it
 
     def box_array(array: Any, value: Any, context: Any) -> Any:
         api, known = context.pyapi, context.env_manager
         found = known.read_const(known.add_const(array.box_type))
-        api.unserialize = lambda _: found  # of this object alone, and no longer
+        api.unserialize = lambda _: found  # for this object only, and restored below
         try:
             return boxing.box_array(array, value, context)
         finally:
@@ -51,14 +51,14 @@ def box_arrays_quickly() -> None:
 
 
 def keep(path: Path, dispatcher: Any, signature: Any) -> None:
-    """Keep at `path` what numba's cache has of a function for a signature; nothing where it has nothing.
+    """Write to `path` the machine code of a function for a signature from numba's cache, if it is there.
 
     Args:
         path: the file, in an existing folder.
-        dispatcher: numba's, of the function, with a cache.
-        signature: numba's, of one of the types that it is compiled for.
+        dispatcher: numba's dispatcher of the function, with a cache.
+        signature: numba's signature, for which the function has been compiled.
     """
-    cached = dispatcher._cache  # noqa: SLF001 - numba has no other way to it
+    cached = dispatcher._cache  # noqa: SLF001 - numba has no public access to it
     found = cached._cache_file.load(cached._index_key(signature, cpu_target.target_context.codegen()))  # noqa: SLF001
     if found is None:
         return
@@ -69,14 +69,14 @@ def keep(path: Path, dispatcher: Any, signature: Any) -> None:
     kept = (str(signature), code[0], described.llvm_cpython_wrapper_name, environments)
     made = path.with_name(f"{path.name}.{os.getpid()}")
     made.write_bytes(pickle.dumps(kept))
-    made.replace(path)  # at once: others may be reading, or compiling the same
+    made.replace(path)  # atomically: other processes may be reading it, or compiling the same function
 
 
 def load(path: Path, function: FunctionType, signature: Any, options: dict[str, Any]) -> Any:
-    """Numba's dispatcher of `function`, of what is kept at `path`: it can be called, and nothing compiled with it.
+    """Load the machine code at `path` into a numba dispatcher of `function`, for calls only, not for compiling callers.
 
     Returns:
-        the dispatcher, None where nothing is kept for `signature`.
+        the dispatcher; None if `path` does not exist or is for another signature.
     """
     try:
         text, code, entry, environments = pickle.loads(path.read_bytes())  # noqa: S301 - as numba's own cache
@@ -100,7 +100,7 @@ def load(path: Path, function: FunctionType, signature: Any, options: dict[str, 
 
 
 def _environment(name: str, constants: list[Any], function: FunctionType) -> Any:
-    """What machine code finds objects of Python in; of a function that several have in theirs, there is one."""
+    """The environment in which machine code finds Python objects; one per name, shared by all code that contains it."""
     if name not in _environments:
         made = _environments[name] = _dynfunc.Environment(function.__globals__)
         made.consts[:] = constants
@@ -109,8 +109,8 @@ def _environment(name: str, constants: list[Any], function: FunctionType) -> Any
 
 @cache
 def _engine() -> Any:
-    """What links machine code, in this process, with all that it may call."""
-    cpu_target.target_context  # noqa: B018 - makes Python's functions, those of mathematics and numba's own known
+    """The engine that links machine code in this process with the functions that it may call."""
+    cpu_target.target_context  # noqa: B018 - registers Python's functions, mathematical ones and numba's own
     for name, address in _nrt_python.c_helpers.items():
         binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
     machine = binding.Target.from_triple(binding.get_process_triple()).create_target_machine()

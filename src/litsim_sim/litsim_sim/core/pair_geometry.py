@@ -52,23 +52,23 @@ def wrapped(angle: float) -> float:
 def within(value: float, low: float, high: float) -> float:
     """`value` clipped to [`low`, `high`], like :func:`numpy.clip` with arrays of bounds.
 
-    It is `high` where the bounds exclude each other, and the bound where it is equal to one: zeros have signs, and
-    digests of runs know them.
+    The result is `high` if `low` is above it. If `value` equals a bound, the result is the bound: zeros have signs, on
+    which digests of runs depend.
     """
-    return min(high, max(low, value))  # of equal numbers, the first
+    return min(high, max(low, value))  # min and max return the first of equal numbers
 
 
 @kernel(int64(INTS, int64))
 def behind_scene(scene: IntArray, row: int) -> int:
-    """The row after the last of the scene of the agent in `row`; `scene` (n,) as in :func:`within_scenes`."""
+    """End row (exclusive) of the scene of the agent in `row`; `scene` (n,) as in :func:`within_scenes`."""
     return int(np.searchsorted(scene, scene[row], "right"))
 
 
 @kernel(UniTuple(OUT_INTS, 2)(INTS, INTS))
 def within_scenes(scene: IntArray, rows: IntArray) -> tuple[IntArray, IntArray]:
-    """The first row (m,), and the row after the last (m,), of the scenes of the agents in `rows` (m,).
+    """First rows (m,) and end rows (m,), exclusive, of the scenes of the agents in `rows` (m,).
 
-    `scene` (n,) is that of everybody; it ascends, as ids do.
+    `scene` (n,) are the scenes of all agents, ascending like their ids.
     """
     begin, end = np.empty(len(rows), np.int64), np.empty(len(rows), np.int64)
     for i in range(len(rows)):

@@ -58,15 +58,15 @@ class Controller(IntEnum):
     BASELINE = 3
 
 
-_LOG, _POLICY, _EGO, _BASELINE = (int(controller) for controller in Controller)  # plain numbers likewise
+_LOG, _POLICY, _EGO, _BASELINE = (int(controller) for controller in Controller)  # plain numbers, as above
 
 
 @kernel(OUT_INTS(INTS, INTS))
 def places(ids: IntArray, agents: IntArray) -> IntArray:
-    """Place of each of `agents` (m,) among `ids` (n,), which ascend (m,); -1 for those that are not there."""
+    """Indices (m,) of `agents` (m,) in the ascending `ids` (n,); -1 for those that are not there."""
     found, at = np.full(len(agents), -1, np.int64), 0
     for k in range(len(agents)):
-        if at == len(ids) or ids[at] != agents[k]:  # it does not follow the one before in both
+        if at == len(ids) or ids[at] != agents[k]:  # the agent is not the next of the ids
             at = np.searchsorted(ids, agents[k])
         if at < len(ids) and ids[at] == agents[k]:
             found[k] = at
@@ -155,12 +155,12 @@ class AgentTable:
 
     @cached_property
     def scene(self) -> IntArray:
-        """(n,) number of the scene that each agent is in: agents of different scenes do not meet. Here there is one."""
+        """(n,) number of the scene of each agent; agents of different scenes do not interact. Here there is one."""
         return np.zeros(len(self), np.int64)
 
     @classmethod
     def merged(cls, step: int, tables: Sequence[AgentTable]) -> Self:
-        """The agents of several tables, no two of which hold the same one, as one table of `step`."""
+        """The agents of several tables, which have no agent in common, as one table of `step`."""
         columns = [np.concatenate(parts) for parts in zip(*map(COLUMNS, tables), strict=True)]
         order = columns[ARRAY_FIELDS.index("id")].argsort(kind="stable")
         return cls(step, *[values[order] for values in columns])
@@ -184,10 +184,10 @@ DTYPES: dict[str, type[np.generic]] = dict.fromkeys(ARRAY_FIELDS, np.float64) | 
 @quickly_made
 @dataclass(frozen=True)
 class ControlTable:
-    """What the policy answers to one step; agents that are not listed follow their log. Arrays (m,), ids ascend.
+    """The policy's answer to one step; agents that are not listed follow their logs. Arrays (m,), ids ascending.
 
     Attributes:
-        step: the step that is answered.
+        step: the step to which it is the answer.
         id: agents.
         acceleration: along the heading [m/s2].
         lateral_acceleration: to the left [m/s2].
@@ -212,9 +212,9 @@ class ControlTable:
     def without_slip(
         cls, table: AgentTable, rows: IntArray, acceleration: FloatArray, yaw_rate: FloatArray, source: ByteArray
     ) -> ControlTable:
-        """The answer to the step of `table` for the agents in `rows` (m,): no more to the side than a turn takes.
+        """The answer to the step of `table` for the agents in `rows` (m,), which move without lateral slip.
 
-        The other arguments are (m,), as in the attributes.
+        Their lateral acceleration is speed times yaw rate; the other arguments are arrays (m,), as in the attributes.
         """
         return cls(table.step, table.id[rows], acceleration, table.speed[rows] * yaw_rate, yaw_rate, source)
 
@@ -222,7 +222,7 @@ class ControlTable:
     def of_policy(
         cls, table: AgentTable, rows: IntArray, acceleration: FloatArray, yaw_rate: FloatArray
     ) -> ControlTable:
-        """Controls without slip, as :meth:`without_slip` makes them, all of which are what a policy says."""
+        """Controls as by :meth:`without_slip`, all with the policy as their source."""
         source = np.full(len(rows), ControlSource.POLICY, np.uint8)
         return cls.without_slip(table, rows, acceleration, yaw_rate, source)
 
@@ -238,7 +238,7 @@ class ControlSource(IntEnum):
 
 
 class EgoMode(IntEnum):
-    """What the ego's answer asks for, numbered as in ``litsim_msgs/EgoControl``."""
+    """Mode of the ego's answer, numbered as in ``litsim_msgs/EgoControl``."""
 
     CONTROL = 0
     FOLLOW_LOG = 1
@@ -247,7 +247,7 @@ class EgoMode(IntEnum):
 @quickly_made
 @dataclass(frozen=True)
 class EgoCommand:
-    """What the ego answers to one step: acceleration [m/s2] and yaw rate [rad/s], or to follow its log."""
+    """The ego's answer to one step: an acceleration [m/s2] and a yaw rate [rad/s], or that it follows its log."""
 
     step: int
     acceleration: float = 0.0

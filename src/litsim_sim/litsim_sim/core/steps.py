@@ -20,7 +20,8 @@ class StackedTable(AgentTable):
     """The agents of several steps as one table of (m,) rows, those of the first step first; ids ascend in each step.
 
     Attributes:
-        number: (m,) number of the step of each row. Steps are scenes of it: agents of different steps do not meet.
+        number: (m,) index of the step of each row. Steps are the scenes of the table: there is no interaction between
+            them.
     """
 
     number: IntArray
@@ -137,7 +138,7 @@ class Steps(Sequence[AgentTable]):
         return self.once(_after, step)
 
     def once(self, function: Callable[..., T], *arguments: Hashable) -> T:
-        """The result of `function` for these steps and `arguments`, computed once and kept as long as these steps.
+        """The result of `function` for these steps and `arguments`, computed once and kept with the steps.
 
         For intermediate results of several measures, and for those of the log, whose steps are shared by all runs of a
         scenario; see :meth:`litsim_sim.scenario.log.Log.replay`.

@@ -1,4 +1,4 @@
-"""The ego's vehicle: what it can do, and how its actuators follow a command."""
+"""The ego's vehicle: its limits, and how its actuators follow a command."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class VehicleModel(VehicleLimits):
 
     @classmethod
     def of(cls, values: dict[str, float]) -> VehicleModel:
-        """The default vehicle but for `values`, by the names of the fields.
+        """The default vehicle with `values`, by the names of the fields, in place of defaults.
 
         Raises:
             ValueError: a name is unknown, or a value is out of range.
@@ -61,7 +61,7 @@ class VehicleModel(VehicleLimits):
 
     @property
     def reaction_s(self) -> float:
-        """Dead time and lag together [s]: about what a controller has to look ahead."""
+        """Sum of dead time and lag [s]: about how far a controller has to look ahead."""
         return self.delay_s + self.lag_s
 
     def within(self, acceleration: float, yaw_rate: float, speed: float) -> tuple[float, float]:
@@ -85,7 +85,7 @@ class Actuators:
         self._now: tuple[float, float] | None = None
 
     def reset(self) -> None:
-        """Forget commands that have not taken effect, and the lag: the vehicle is not driven any more."""
+        """Forget commands that have not taken effect, and the state of the lag: the vehicle is no longer driven."""
         self._queue.clear()
         self._now = None
 
