@@ -1,4 +1,4 @@
-"""A model run eagerly by torch, for weights of models without a shipped graph."""
+"""A model run eagerly by torch, for weights that neither the kernels nor a shipped graph can run."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class TrainingConfig(BaseModel):
         agents_per_batch: approximate number of agents in a batch of whole scenes.
         stride: frames between the scenes of an epoch.
         learning_rate: initial learning rate of AdamW. It is multiplied by `decay` every `decay_every` epochs, or, if
-            that is 0, follows a cosine to zero.
+            that is 0, follows a cosine towards zero.
         weight_decay: of AdamW; 0 is Adam.
         averaging: decay rate, per optimiser step, of the exponential moving average (EMA) of the weights, which is
             validated and saved; 0 for the weights themselves.
@@ -188,7 +188,7 @@ class Training:
         """Train for the remaining epochs; after Ctrl-C the files of the completed epochs can be used and resumed from.
 
         Raises:
-            InputError: the training diverges.
+            InputError: the training diverges, or no vehicle for validation has a complete history and future.
         """
         bar = tqdm(total=self._config.epochs, initial=len(self.history), unit="epoch", disable=not progress)
         with bar, suppress(KeyboardInterrupt):

@@ -1,1 +1,1 @@
-"""From recordings to batches: tracks, scenes, features, rasters."""
+"""Data for training and evaluation: sources, tracks, and batches of scenes."""

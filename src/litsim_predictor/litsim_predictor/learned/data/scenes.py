@@ -217,8 +217,9 @@ def _varied(tracks: Tracks, frame: int, augmentation: Augmentation, random: np.r
 def _stretched(scene: _Scene, factor: float) -> _Scene:
     """The scene with all lengths along the road multiplied by `factor`, except those of vehicles and of the map.
 
-    Speeds, gaps and accelerations along the road are scaled as well; time headways and lateral speeds do not change. A
-    scene whose vehicles drive in different directions is returned unchanged, since it has no common road direction.
+    Speeds, accelerations and distances between centres along the road are scaled as well; time headways and lateral
+    speeds do not change. A scene whose vehicles drive in different directions is returned unchanged, since it has no
+    common road direction.
     """
     inputs = scene.inputs
     heading = inputs.frame[:, 2]

@@ -51,7 +51,7 @@ class Tracks:
         All rows are targets if `target` (R,), in the order of `table`, is None.
 
         Raises:
-            InputError: `net` is not a readable net.
+            InputError: `net` is not a readable net, or is too large.
         """
         lane_map, raster = (None, MapRaster(None)) if net is None else raster_of_net(net)
         order = np.lexsort([table["frame"], table["vehicle_id"]])
@@ -89,7 +89,8 @@ class Tracks:
     def learned_of(self, fraction: float, random: np.random.Generator) -> Tracks:
         """The tracks with a `fraction` of the target vehicles, at least one, as targets; all other rows are context.
 
-        These vehicles have consecutive ids from a `random` one on, as in a shorter recording.
+        These vehicles have consecutive ids from a `random` one on, as in a shorter recording; after the last comes the
+        first.
         """
         ids = np.unique(self.vehicle[self.target])
         kept = np.roll(ids, -int(random.integers(max(1, len(ids)))))[: max(1, round(fraction * len(ids)))]

@@ -18,7 +18,7 @@ DRIVE_KINDS: tuple[DriveKind, ...] = get_args(DriveKind)
 
 DECELERATION = 2.0  # [m/s2]
 BRAKING_S = 2.5
-BRAKES = 2  # number of drives in which an ego brakes, each at its own time; in a further one it keeps its speed
+BRAKES = 2  # number of drives in which an ego brakes, each at a random time; in a further one it keeps its speed
 
 
 @dataclass(frozen=True)

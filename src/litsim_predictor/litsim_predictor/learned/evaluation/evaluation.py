@@ -44,7 +44,7 @@ def load_models(names: Sequence[str], device: str, *, along_lanes: bool = True) 
     Forecasts of learned models follow lanes that bend if `along_lanes`.
 
     Raises:
-        InputError: there is no model of a name, or no such device.
+        InputError: there is no model of a name, its weights cannot be used, or there is no such device.
     """
     check_device(device)
     ordered = dict.fromkeys([REFERENCE, *names])

@@ -10,7 +10,7 @@ Targets whose whole history and future are known are scored. The definitions are
 - joint ADE: ADE in the best of :data:`SCENE_SAMPLES` samples of the scene, the same one for all its agents. It is a
   mean over agents like the others, so that minADE <= joint ADE <= ADE.
 - calibration: share of truths inside the ellipses that contain 50 % and 90 % of the most probable manoeuvre's Gaussian.
-- overlap rate: share of agents whose forecast box overlaps that of another agent of the scene at any instant.
+- overlap rate: share of scored agents whose forecast box overlaps that of another agent of the scene at any instant.
 """
 
 from __future__ import annotations
