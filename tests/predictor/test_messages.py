@@ -37,6 +37,7 @@ def assert_same(one: Forecast, other: Forecast, but: tuple[str, ...] = ()) -> No
 
 def made(count: int, steps: int, maneuvers: int, dt: float = 0.2, seed: int = 0) -> Forecast:
     rng = np.random.default_rng(seed)
+    shares = rng.random((count, maneuvers))
     return Forecast(
         step=41,
         dt=dt,
@@ -44,7 +45,7 @@ def made(count: int, steps: int, maneuvers: int, dt: float = 0.2, seed: int = 0)
         mean=rng.normal(0, 100, (count, steps, 2)),
         yaw=rng.normal(0, 2, (count, steps)).astype(np.float32),
         covariance=rng.random((count, steps, 3)).astype(np.float32),
-        maneuver_probability=rng.random((count, maneuvers)).astype(np.float32),
+        maneuver_probability=(shares / shares.sum(axis=1, keepdims=True)).astype(np.float32),
         valid=rng.random(count) < 0.5,
         modes=made_modes(count, steps, rng),
     )
@@ -147,6 +148,8 @@ def test_a_forecast_that_came_is_sound_or_refused(message: JointForecast) -> Non
     assert (np.diff(forecast.id) > 0).all()
     for values in (forecast.mean, forecast.yaw, forecast.covariance):
         assert np.isfinite(values[forecast.valid]).all()
+    if forecast.maneuver_probability.shape[1]:
+        assert np.allclose(forecast.maneuver_probability[forecast.valid].sum(axis=1), 1.0, atol=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -157,6 +160,20 @@ def test_a_forecast_that_came_is_sound_or_refused(message: JointForecast) -> Non
         ("yaw", [0.0], "yaw has 1 values, expected 12: of 3 agents at 4 steps 1 each"),
         ("valid", [True], "valid has 1 values, expected 3, as many as id"),
         ("maneuver_probability", [0.5] * 4, "maneuver_probability has 4 values, expected equally many of each of 3"),
+        ("maneuver_probability", [0.5] * 5 + [float("nan")], "maneuver_probability of agent "),
+        (
+            "maneuver_probability",
+            [0.5] * 4 + [1.5, -0.5],
+            "maneuver_probability of agent 729496560983 is [1.5, -0.5]",
+        ),
+        ("maneuver_probability", [0.5] * 4 + [0.5, 0.4], "maneuver_probability of agent 729496560983 is [0.5, 0.4"),
+        ("covariance", [1.0, -1.0, 0.0] * 12, "covariance of agent 543624991465 has 1.0, -1.0, 0.0, expected two"),
+        ("covariance", [1.0, 2.0, 1.5] * 12, "covariance of agent 543624991465 has 1.0, 2.0, 1.5, expected two"),
+        (
+            "mode_covariance",
+            [1.0, 2.0, 1.5] * 12,
+            "mode_covariance of agent 543624991465 has 1.0, 2.0, 1.5, ",
+        ),
         ("mode_row", [0, 1], "mode_probability has 3 values, expected 2: 1 of each mode"),
         ("mode_row", [2, 1, 0], "mode_row is [2, 1, 0], expected positions of the 3 agents, ascending"),
         ("mode_row", [0, 1, 3], "mode_row is [0, 1, 3], expected positions of the 3 agents, ascending"),

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 from litsim_msgs.msg import JointForecast
 
-from litsim_predictor.forecast import Forecast, Modes
+from litsim_predictor.forecast import Float32Array, Forecast, Modes
 from litsim_sim.core import topic_names
 from litsim_sim.core.columns import check_columns
+from litsim_sim.core.scene import IntArray
 from litsim_sim.ros.messages import from_array, header, refused, to_array
 
 DT_MIN_S, HORIZON_MAX_S = 1e-3, 3600.0  # [s] beyond which a forecast is none
+ROUNDING = 1e-3
+"""By which sums of probabilities, and correlations, may exceed 1."""
 
 
 def forecast_to_message(forecast: Forecast, run_id: str) -> JointForecast:
@@ -62,7 +65,8 @@ def received_forecast(message: JointForecast) -> Forecast:
     """The forecast of a ``JointForecast`` that has come to a stage.
 
     Raises:
-        InputError: its arrays are not n agents by T steps, its ids do not ascend, or valid entries are not finite.
+        InputError: its arrays are not n agents by T steps, its ids do not ascend, or valid entries are not finite, are
+            no shares of 1, or no standard deviations and correlations.
     """
     with refused(topic_names.FORECASTS):
         if not (message.dt >= DT_MIN_S and 0.0 <= message.horizon <= HORIZON_MAX_S):
@@ -87,9 +91,42 @@ def received_forecast(message: JointForecast) -> Forecast:
         _check_modes(message, count, steps)
         forecast = forecast_from_message(message)
         check_columns({"id": forecast.id})
-        used = {name: getattr(forecast, name)[forecast.valid] for name in ("id", "mean", "yaw", "covariance")}
+        names = ("id", "mean", "yaw", "covariance", "maneuver_probability")
+        used = {name: getattr(forecast, name)[forecast.valid] for name in names}
         check_columns(used)
+        _check_shares(used["maneuver_probability"], used["id"])
+        _check_spread("covariance", used["covariance"], used["id"])
+        _check_spread("mode_covariance", forecast.modes.covariance, forecast.id[forecast.modes.row])
     return forecast
+
+
+def _check_shares(probability: Float32Array, ids: IntArray) -> None:
+    """Refuse probabilities (n, K) of the manoeuvres of the agents `ids` (n,) that are negative or do not add up to 1.
+
+    Raises:
+        ValueError: they are refused; the text names the agent.
+    """
+    wrong = (probability < 0.0).any(axis=1) | (np.abs(probability.sum(axis=1) - 1.0) > ROUNDING)
+    if probability.shape[1] and wrong.any():
+        k = int(wrong.argmax())
+        raise ValueError(
+            f"maneuver_probability of agent {ids[k]} is {probability[k].tolist()}, expected shares that add up to 1"
+        )
+
+
+def _check_spread(name: str, covariance: Float32Array, ids: IntArray) -> None:
+    """Refuse `covariance` (n, T, 3) of the agents `ids` (n,) that is of no Gaussian, such as variances and covariances.
+
+    Raises:
+        ValueError: it is refused; the text gives it `name`, and names the agent.
+    """
+    wrong = (covariance[..., :2] < 0.0).any(axis=-1) | (np.abs(covariance[..., 2]) > 1.0 + ROUNDING)
+    if wrong.any():
+        k, t = np.argwhere(wrong)[0]
+        raise ValueError(
+            f"{name} of agent {ids[k]} has {', '.join(map(str, covariance[k, t].tolist()))}, expected two standard "
+            "deviations of at least 0 m and a correlation from -1 to 1"
+        )
 
 
 def _check_modes(message: JointForecast, count: int, steps: int) -> None:
@@ -108,7 +145,7 @@ def _check_modes(message: JointForecast, count: int, steps: int) -> None:
     if (np.diff(row) < 0).any() or (row >= count).any():
         raise ValueError(f"mode_row is {row.tolist()}, expected positions of the {count} agents, ascending")
     total = np.bincount(row, probability, count) if len(row) else np.zeros(count)
-    if (probability <= 0.0).any() or (total > 1.0 + 1e-3).any():
+    if (probability <= 0.0).any() or (total > 1.0 + ROUNDING).any():
         raise ValueError(
             "mode_probability has values that are no shares of 1, expected more than 0 and in all at most 1"
         )
