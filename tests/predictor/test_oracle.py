@@ -42,3 +42,8 @@ def test_who_was_gone_by_then_has_no_forecast(oracle: OraclePredictor, agent_tab
     found = oracle.forecast(agent_table(20, {"id": 1, "x": 5.0, "y": 0.0}, {"id": 2, "x": 20.0, "y": 3.5}))
     assert found.valid.tolist() == [True, False]
     assert found.rows(np.array([1, 2])).tolist() == [0, -1]
+
+
+def test_who_was_never_there_has_no_forecast(oracle: OraclePredictor, agent_table: Callable[..., Any]) -> None:
+    found = oracle.forecast(agent_table(3, {"id": 0, "x": 4.0, "y": 0.0}, {"id": 1, "x": 3.0}, {"id": 9, "x": 5.0}))
+    assert found.valid.tolist() == [False, True, False]

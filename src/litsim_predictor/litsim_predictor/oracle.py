@@ -6,7 +6,7 @@ import numpy as np
 
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.selection import Egos, Wanted, selected
-from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray
+from litsim_sim.core.scene import STEP_S, AgentTable, FloatArray, places
 from litsim_sim.scenario.happened import Happened
 
 STEPS = 50
@@ -48,9 +48,9 @@ class OraclePredictor:
         """(n, T, 3) poses from the next step on, and (n,) whether an agent's are known."""
         there, pose = self._happened.there, self._happened.pose
         poses, valid = np.zeros((len(agents), STEPS, 3)), np.zeros(len(agents), np.bool_)
-        for k, row in enumerate(np.searchsorted(self._ids, agents.id).tolist()):
+        for k, row in enumerate(places(self._ids, agents.id).tolist()):
             now = agents.step
-            if now >= there.shape[1] or not there[row, now]:
+            if row < 0 or now >= there.shape[1] or not there[row, now]:
                 continue
             known = int(np.argmin(np.append(there[row, now:], False)))  # steps in a row, this one included
             ahead = np.minimum(np.arange(1, STEPS + 1), known - 1)
