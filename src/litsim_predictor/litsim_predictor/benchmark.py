@@ -77,7 +77,7 @@ def _eager(model: str, scenario: Scenario) -> Predictor:
     from litsim_predictor.learned.eager import EagerNetwork
     from litsim_predictor.learned.models.weights import load_model
 
-    network = EagerNetwork(load_model(model)[0])
+    network = EagerNetwork(load_model(model)[0], model)
     return LearnedPredictor(network, scenario.ego_id, scenario.roi_m, *raster_of_net(scenario.net_path))
 
 

@@ -157,4 +157,4 @@ def _network(model: str, modified: int) -> Network:
     from litsim_predictor.learned.eager import EagerNetwork
     from litsim_predictor.learned.models.weights import load_model
 
-    return EagerNetwork(load_model(model)[0])
+    return EagerNetwork(load_model(model)[0], model)

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from safetensors import safe_open
+from safetensors.numpy import save_file
 
 from litsim_predictor.forecast import Forecast
 from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import HORIZON, MANEUVERS
 from litsim_predictor.inference.predictor import LearnedPredictor
 from litsim_predictor.inference.raster import MapRaster, raster_of_net
-from litsim_predictor.models import network
+from litsim_predictor.inference.weights import weights_path
+from litsim_predictor.models import make_predictor, network
 from litsim_predictor.selection import Wanted
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import AgentTable, Kind
 from litsim_sim.scenario.scenario import Scenario
 
@@ -104,6 +109,17 @@ def test_traffic_beyond_the_region_of_interest_is_read_and_not_forecast(agent_ta
     assert reached[1] < reached[0] - 3.0 and reached[2] < reached[0] - 3.0
     people = driven(ROI, *({**each, "kind": Kind.PEDESTRIAN} for each in jam))
     assert np.array_equal(people.mean, free.mean)
+
+
+def test_weights_that_overflow_are_named(tmp_path: Path) -> None:
+    file = tmp_path / "mine.safetensors"
+    with safe_open(weights_path("default"), "np") as shipped:
+        huge = {key: np.float32(1e18) * shipped.get_tensor(key) for key in shipped.keys()}  # noqa: SIM118 - no mapping
+        save_file(huge, file, shipped.metadata())
+    scenario = Scenario.load("demo")
+    with pytest.raises(InputError) as raised:
+        make_predictor(str(file), scenario).forecast(scenario.log.table(0))
+    assert str(raised.value).startswith(f"{file}: none of the forecasts of 3 agents at step 0 is finite")
 
 
 def test_covariances_turn_with_the_scene(agent_table: Build) -> None:

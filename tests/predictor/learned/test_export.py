@@ -13,9 +13,10 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from onnx import TensorProto, helper, numpy_helper
 
 from litsim_predictor.inference import GRAPHS, SHIPPED
-from litsim_predictor.inference.compiled import CompiledNetwork
+from litsim_predictor.inference.compiled import FORMAT, CompiledNetwork
 from litsim_predictor.inference.contract import AgentInputs, Network
 from litsim_predictor.inference.features import agent_inputs
 from litsim_predictor.inference.joint_network import JointNetwork
@@ -26,6 +27,7 @@ from litsim_predictor.learned.eager import EagerNetwork
 from litsim_predictor.learned.export import write_graph
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import load_model, save_model
+from litsim_sim.core.errors import InputError
 from litsim_sim.scenario.scenario import Scenario
 
 WITHIN_M = 1e-4
@@ -66,7 +68,9 @@ def assert_answers_agree(a: Network, b: Network, scenario: Scenario, apart: floa
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_graphs_answer_as_torch_does(name: str) -> None:
-    assert_answers_agree(compiled_network(name), EagerNetwork(load_model(name)[0]), Scenario.load("demo"), APART[name])
+    assert_answers_agree(
+        compiled_network(name), EagerNetwork(load_model(name)[0], name), Scenario.load("demo"), APART[name]
+    )
 
 
 @pytest.mark.data
@@ -75,7 +79,7 @@ def test_graphs_answer_as_torch_does_on_real_traffic(name: str) -> None:
     if not WINDOW.is_file():
         pytest.skip("LITSIM_DATA names no folder with the US-101 windows")
     assert_answers_agree(
-        compiled_network(name), EagerNetwork(load_model(name)[0]), Scenario.load("us101_0750"), APART[name]
+        compiled_network(name), EagerNetwork(load_model(name)[0], name), Scenario.load("us101_0750"), APART[name]
     )
 
 
@@ -119,6 +123,44 @@ def test_models_of_ones_own_run_by_kernels_or_torch_or_as_a_graph_of_their_own(
         assert network is None  # no graph of that shape is shipped
     else:
         assert isinstance(network, JointNetwork)
-        assert_answers_agree(network, EagerNetwork(model), Scenario.load("demo"))
+        assert_answers_agree(network, EagerNetwork(model, "mine"), Scenario.load("demo"))
     write_graph(*load_model(str(weights)), tmp_path / "mine.onnx", weights=True)
-    assert_answers_agree(CompiledNetwork(tmp_path / "mine.onnx"), EagerNetwork(model), Scenario.load("demo"))
+    assert_answers_agree(CompiledNetwork(tmp_path / "mine.onnx"), EagerNetwork(model, "mine"), Scenario.load("demo"))
+
+
+OWN = {"maneuver": (9,), "mean": (25, 2), "scale": (25, 2), "correlation": (25,)}
+
+
+def own_graph(path: Path, asked: int = TensorProto.INT64, **shapes: tuple[int, ...]) -> Path:
+    """A graph that answers zeros, of the shapes of an exported one unless told otherwise."""
+    nodes, constants = [helper.make_node("Shape", ["asked"], ["many"])], []
+    for name, shape in (OWN | shapes).items():
+        constants.append(numpy_helper.from_array(np.array(shape, np.int64), f"rest of {name}"))
+        nodes.append(helper.make_node("Concat", ["many", f"rest of {name}"], [f"shape of {name}"], axis=0))
+        nodes.append(helper.make_node("ConstantOfShape", [f"shape of {name}"], [name]))
+    given = [helper.make_tensor_value_info("asked", asked, ["n"])]
+    found = [helper.make_tensor_value_info(name, TensorProto.FLOAT, None) for name in (OWN | shapes)]
+    graph = helper.make_graph(nodes, "own", given, found, constants)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(model, {"format": FORMAT})
+    onnx.save(model, path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        ({"mean": (25, 3)}, "output mean is float32 of shape (1, 25, 3), expected float32 of shape (1, 25, 2)"),
+        ({"maneuver": (5, 2)}, "output maneuver is float32 of shape (1, 5, 2), expected float32 of shape (1, 9)"),
+        ({"asked": TensorProto.INT32}, "ONNX Runtime cannot run it: "),
+        ({"codes": (7, 8)}, "output codes has shape ["),
+        ({"speed": (1,)}, "outputs are maneuver, mean, scale, correlation, speed, expected maneuver, mean, scale, "),
+    ],
+)
+def test_what_is_wrong_with_a_graph_of_ones_own_is_named(wrong: dict[str, Any], expected: str, tmp_path: Path) -> None:
+    inputs = next(scenes(Scenario.load("demo")))
+    CompiledNetwork(own_graph(tmp_path / "right.onnx"))(inputs, np.arange(1))
+    file = own_graph(tmp_path / "wrong.onnx", **wrong)
+    with pytest.raises(InputError) as raised:
+        CompiledNetwork(file)(inputs, np.arange(1))
+    assert str(raised.value).startswith(f"{file}: {expected}") and "\n" not in str(raised.value)

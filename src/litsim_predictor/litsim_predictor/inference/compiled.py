@@ -14,7 +14,14 @@ import onnxruntime
 from onnxruntime.capi import onnxruntime_pybind11_state as failures
 
 from litsim_predictor.inference import SHIPPED
-from litsim_predictor.inference.contract import NO_MODES, AgentFutures, AgentInputs, ModeChoice
+from litsim_predictor.inference.contract import (
+    HORIZON,
+    MANEUVERS,
+    NO_MODES,
+    AgentFutures,
+    AgentInputs,
+    ModeChoice,
+)
 from litsim_predictor.inference.map_memory import MapMemory
 from litsim_predictor.inference.weights import Weights
 from litsim_sim.core.errors import InputError
@@ -26,6 +33,8 @@ INPUTS = ("position", "heading", "history", "observed", "state", "traffic", "ask
 rows to answer for; and the map, see :class:`.map_memory.MapCodes`."""
 OUTPUTS = ("maneuver", "mean", "scale", "correlation")
 """Outputs of a graph: the fields of :class:`.contract.AgentFutures`."""
+SHAPES = ((len(MANEUVERS),), (HORIZON, 2), (HORIZON, 2), (HORIZON,))
+"""Their shapes for one agent, all of single precision."""
 CODES = "codes"
 """Further output of a graph that sees the map: its encodings of the rasters, to be cached."""
 PARAMETER = "network."
@@ -49,6 +58,9 @@ class CompiledNetwork:
 
     Raises:
         InputError: the file is missing or damaged, or is not a graph of a learned predictor.
+
+    Attributes:
+        source: see :class:`.contract.Network`.
     """
 
     def __init__(self, path: Path, weights: Weights | None = None) -> None:
@@ -66,18 +78,34 @@ class CompiledNetwork:
             self._session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
         except _BROKEN as error:
             raise InputError(f"{path}: ONNX Runtime refuses it: {_first_line(error)}; expected an ONNX file") from error
+        self.source = str(path if weights is None else weights.path)
         kind = self._session.get_modelmeta().custom_metadata_map.get("format")
-        self._asks = [node.name for node in self._session.get_inputs()]
-        answers = {node.name: node.shape for node in self._session.get_outputs()}
-        if kind != FORMAT or tuple(answers)[: len(OUTPUTS)] != OUTPUTS or not set(self._asks) <= set(INPUTS):
+        if kind != FORMAT:
             raise InputError(
                 f"{path}: metadata format is {kind!r}, expected {FORMAT!r}: a file written by litsim_predictor export"
             )
+        self._asks = [node.name for node in self._session.get_inputs()]
+        answers = {node.name: node.shape for node in self._session.get_outputs()}
         self._outputs = list(answers)
-        self._maps = MapMemory(answers[CODES][1]) if CODES in answers else None
+        if self._outputs not in ([*OUTPUTS], [*OUTPUTS, CODES]):
+            raise InputError(
+                f"{path}: outputs are {', '.join(answers)}, expected {', '.join(OUTPUTS)}, and {CODES} if it sees maps"
+            )
+        if odd := sorted(set(self._asks) - set(INPUTS)):
+            raise InputError(f"{path}: inputs {', '.join(odd)} are unknown, expected some of {', '.join(INPUTS)}")
+        self._maps = None
+        if CODES in answers:
+            width = answers[CODES][-1]
+            if len(answers[CODES]) != 2 or not isinstance(width, int):
+                raise InputError(f"{path}: output {CODES} has shape {answers[CODES]}, expected ['new', a fixed width]")
+            self._maps = MapMemory(width)
 
     def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:  # noqa: ARG002 - of the protocol
-        """See :class:`.contract.Network`."""
+        """See :class:`.contract.Network`.
+
+        Raises:
+            InputError: the graph does not take these inputs, or its outputs are not of the contract's shapes and type.
+        """
         place = inputs.frame[:, :2] - inputs.frame[:1, :2]
         given = {
             "position": place.astype(np.float32),
@@ -91,9 +119,18 @@ class CompiledNetwork:
         if self._maps is not None:
             maps = self._maps.look_up(inputs.raster)
             given |= {"raster": maps.new, "known": maps.known, "code_of": maps.code_of}
-        answer = self._session.run(self._outputs, {name: given[name] for name in self._asks})
+        try:
+            answer = self._session.run(self._outputs, {name: given[name] for name in self._asks})
+        except _BROKEN as error:
+            raise InputError(f"{self.source}: ONNX Runtime cannot run it: {_first_line(error)}") from error
         if self._maps is not None:
             self._maps.keep(maps, answer.pop())
+        for name, values, shape in zip(OUTPUTS, answer, SHAPES, strict=True):
+            if values.dtype != np.float32 or values.shape != (len(asked), *shape):
+                raise InputError(
+                    f"{self.source}: output {name} is {values.dtype} of shape {values.shape}, expected float32 of "
+                    f"shape {(len(asked), *shape)}"
+                )
         return AgentFutures(*answer)
 
 

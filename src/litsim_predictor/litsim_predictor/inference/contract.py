@@ -127,7 +127,13 @@ class AgentFutures:
 
 
 class Network(Protocol):
-    """A trained model, independent of what runs it."""
+    """A trained model, independent of what runs it.
+
+    Attributes:
+        source: the file of its weights, for errors.
+    """
+
+    source: str
 
     def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:
         """Predict the agents of a scene in the rows `asked` (m,), at least one, in that order; it sees all agents.

@@ -203,7 +203,7 @@ class JointNetwork:
     def __init__(self, weights: Weights) -> None:
         parameters = weights.parameters(JointParameters)
         weights.check(shapes(parameters))
-        arrays = weights.arrays
+        arrays, self.source = weights.arrays, str(weights.path)
         self._neighbours, self._reach, self._traffic = parameters.neighbours, parameters.reach, parameters.traffic
         self._maps, self._histories = MapEncoder(arrays), HistoryEncoder(arrays)
         units = STATE_UNITS + TRAFFIC_UNITS * (TRAFFIC_PLACES * self._traffic)

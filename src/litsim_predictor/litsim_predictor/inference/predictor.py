@@ -26,6 +26,7 @@ from litsim_predictor.inference.raster import MapRaster
 from litsim_predictor.inference.traffic import Traffic
 from litsim_predictor.inference.ways import NO_WAYS, LaneWays, Ways, along_ways
 from litsim_predictor.selection import Egos, Wanted, selected
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.history import History
 from litsim_sim.core.scene import AgentTable, FloatArray, IntArray
 from litsim_sim.maps.lane_map import LaneMap
@@ -71,7 +72,11 @@ class LearnedPredictor:
         self._history.push(table)
 
     def forecast(self, table: AgentTable) -> Forecast:
-        """Forecast those that are wanted of `table`; see :class:`litsim_predictor.forecast.Forecast`."""
+        """Forecast those that are wanted of `table`; see :class:`litsim_predictor.forecast.Forecast`.
+
+        Raises:
+            InputError: no forecast is finite, so that nobody could go by any of them.
+        """
         self.see(table)
         agents, asked = selected(table, self._ego_id, self._roi_m, self._wanted)
         if not len(asked):
@@ -79,7 +84,13 @@ class LearnedPredictor:
         heading, ways = self._frames(agents, asked)
         inputs = self._inputs(agents, heading, Traffic.of_table(table, self._history))
         futures = along_ways(self._answer(inputs, asked, agents.scene), ways)
-        return forecast_in_map(futures, inputs.frame[asked], agents.take(asked))
+        forecast = forecast_in_map(futures, inputs.frame[asked], agents.take(asked))
+        if not forecast.valid.any():
+            raise InputError(
+                f"{self._network.source}: none of the forecasts of {len(asked)} agents at step {table.step} is finite, "
+                "expected a trained model in which no number overflows"
+            )
+        return forecast
 
     def _frames(self, agents: AgentTable, asked: IntArray) -> tuple[FloatArray, Ways]:
         """Headings (n,) of the frames of `agents`, and the ways of those `asked` (m,), numbered as these are."""

@@ -11,12 +11,12 @@ from litsim_sim.core.scene import IntArray
 
 
 class EagerNetwork:
-    """Runs `model` on one scene at a time."""
+    """Runs `model` on one scene at a time; `source` is the file of its weights, for errors."""
 
-    def __init__(self, model: SceneModel) -> None:
+    def __init__(self, model: SceneModel, source: str) -> None:
         # Rounding depends on the number of threads, which compiled networks fix to one as well.
         torch.set_num_threads(1)
-        self._model = model.eval()
+        self._model, self.source = model.eval(), source
 
     def __call__(self, inputs: AgentInputs, asked: IntArray, modes: ModeChoice = NO_MODES) -> AgentFutures:  # noqa: ARG002 - of the protocol
         """See :class:`litsim_predictor.inference.contract.Network`."""
