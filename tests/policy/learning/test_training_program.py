@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import resource
 from argparse import Namespace
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import torch
 from pydantic import BaseModel
 
-from litsim_policy.learning.checkpoint import CHECKPOINT, keep_state, read_state
+from litsim_policy.driving.observation import ObservationConfig
+from litsim_policy.learning import network, simnet_network
+from litsim_policy.learning.checkpoint import CHECKPOINT, keep_state, read_state, write_history
+from litsim_policy.learning.imitation import network as imitation_network
+from litsim_policy.learning.plots import plot_curves
 from litsim_policy.learning.training_program import training_program
 from litsim_sim.core.errors import InputError
 
@@ -67,3 +73,30 @@ def test_a_full_disk_is_said_and_leaves_the_checkpoint_before(tmp_path: Path, mo
         keep_state(path, Config(), {"part": part}, {"done": 2})
     monkeypatch.undo()
     assert read_state(path, Config(), {"part": part})["done"] == 1
+
+
+ENTRIES = [{"validation_score": 0.5}] * 50
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: write_history(ENTRIES, path),
+        lambda path: plot_curves(ENTRIES, path.with_suffix(".png")),
+        lambda path: network.save(network.GaussianPolicy(ObservationConfig()), path),
+        lambda path: imitation_network.save(imitation_network.TrafficPolicy(), path, {}),
+        lambda path: simnet_network.save(simnet_network.SimNet("small"), path, {}),
+    ],
+    ids=["history", "curves", "policy C", "imitation", "simnet"],
+)
+def test_what_cannot_be_written_whole_leaves_what_was_there(write: Callable[[Path], None], tmp_path: Path) -> None:
+    for name in ("made.file", "made.png"):
+        (tmp_path / name).write_text("before")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, before[1]))
+    try:
+        with pytest.raises(InputError, match=r"made\.(file|png): cannot be written: File too large"):
+            write(tmp_path / "made.file")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"made.file": "before", "made.png": "before"}

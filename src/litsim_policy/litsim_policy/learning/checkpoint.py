@@ -70,13 +70,17 @@ class AdversarialTraining:
         return {name: getattr(self, name) for name in names}
 
     def keep(self, out: Path) -> None:
-        """Write a checkpoint to the folder `out`."""
+        """Write a checkpoint to the folder `out`; see :func:`keep_state`."""
         more = {"history": self.history, "best": float(self.best)} | {name: getattr(self, name) for name in self.more}
         keep_state(out / CHECKPOINT, self.config, self._parts, more)
 
     def write(self, out: Path) -> None:
-        """Write the history, its curves and the weights of the last iteration to the folder `out`."""
-        (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
+        """Write the history, its curves and the weights of the last iteration to the folder `out`.
+
+        Raises:
+            Unwritable: a file cannot be written; what was there is kept.
+        """
+        write_history(self.history, out / HISTORY)
         self.save(out / LAST)
         plot_curves(self.history, out / CURVES, self.panels)
 
@@ -117,6 +121,16 @@ class Training(AdversarialTraining):
     def save(self, path: Path) -> None:
         """See :meth:`AdversarialTraining.save`."""
         save(self.policy, path, self.about)
+
+
+def write_history(history: list[dict[str, float]], path: Path) -> None:
+    """Write the measured values of a training, one entry per iteration or validation.
+
+    Raises:
+        Unwritable: the file cannot be written; what was there is kept.
+    """
+    with replacing(path) as new:
+        new.write_text(json.dumps(history, indent=1) + "\n", encoding="utf-8")
 
 
 def keep_state(path: Path, config: BaseModel, parts: Mapping[str, Any], more: Mapping[str, Any]) -> None:

@@ -10,6 +10,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
 from litsim_sim.recordings.load import load_recording
 from litsim_sim.recordings.segments import MANIFEST_FILE, Manifest
 from litsim_sim.scenario.scenario import DATA_VARIABLE, Scenario
@@ -159,6 +160,6 @@ def _real(window: RealWindow, folder: Path) -> Scenario:
     if not egos:
         raise InputError(f"data: field real: no vehicle of frames {window.frames} stays for {REAL_STAYS} steps")
     path = folder / f"{name}.yaml"
-    folder.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump(file | {"ego": egos[0], "egos": egos}, sort_keys=False))
+    with replacing(path) as new:
+        new.write_text(yaml.safe_dump(file | {"ego": egos[0], "egos": egos}, sort_keys=False), encoding="utf-8")
     return Scenario.load(path)

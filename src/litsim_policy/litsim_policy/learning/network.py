@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
+from safetensors.torch import save as to_bytes
 from scipy.special import log_ndtr
 from torch import Tensor, nn
 
@@ -17,6 +18,7 @@ from litsim_policy.driving.policy_c import FORMAT, HIDDEN, PolicyNetwork
 from litsim_policy.driving.safety import LIMITS_ONLY
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import STEP_S, FloatArray
+from litsim_sim.io.files import replacing
 
 LOG_STD_START = (-1.2, -2.5, -2.5)  # of the actions before tanh: accelerations vary more than steering
 LOG_STD_MIN, LOG_STD_MAX = -4.0, 0.0
@@ -148,10 +150,15 @@ def driving_network(policy: GaussianPolicy) -> PolicyNetwork:
 
 
 def save(policy: GaussianPolicy, path: Path, about: dict[str, str] | None = None) -> None:
-    """Write the weights for :meth:`PolicyNetwork.load`, with `about` as metadata on their origin."""
+    """Write the weights for :meth:`PolicyNetwork.load`, with `about` as metadata on their origin.
+
+    Raises:
+        Unwritable: the file cannot be written; what was there is kept.
+    """
     tensors = {name: tensor.detach().contiguous() for name, tensor in policy.state_dict().items()}
     observation = {f"observation.{field}": str(value) for field, value in vars(policy.observation).items()}
-    save_file(tensors, str(path), {"format": FORMAT, **observation, **(about or {})})
+    with replacing(path) as new:
+        new.write_bytes(to_bytes(tensors, {"format": FORMAT, **observation, **(about or {})}))
 
 
 def restore(policy: GaussianPolicy, path: Path) -> None:

@@ -9,6 +9,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
+from litsim_sim.io.files import replacing
+
 Lines = Mapping[str, str]
 """The lines of a panel: labels by the names of the history's entries."""
 
@@ -64,6 +66,9 @@ def plot_curves(
         panels: lines that are drawn together, by title.
         along: name of the entry on the horizontal axis; None for the number of the entry.
         log: whether vertical axes are logarithmic.
+
+    Raises:
+        Unwritable: the picture cannot be written; what was there is kept.
     """
     mpl.use("Agg")
     from matplotlib import pyplot as plt
@@ -84,5 +89,6 @@ def plot_curves(
             axis.legend(fontsize=8)
     for axis in axes[-1]:
         axis.set_xlabel("iteration" if along is None else along)
-    figure.savefig(path, dpi=110)
+    with replacing(path) as new:
+        figure.savefig(new, dpi=110)
     plt.close(figure)

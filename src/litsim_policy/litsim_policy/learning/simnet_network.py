@@ -9,13 +9,14 @@ from typing import Literal
 
 import numpy as np
 import torch
-from safetensors.torch import save_file
+from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
 from litsim_policy.driving.simnet_output import FORMAT, OUTPUTS, SMALL_HIDDEN, SMALL_WIDTHS
 from litsim_policy.driving.simnet_raster import CHANNELS, PAPER, SMALL, RasterShape
 from litsim_policy.learning.resnet50 import ResNet50
 from litsim_sim.core.scene import FloatArray
+from litsim_sim.io.files import replacing
 
 Backbone = Literal["small", "resnet50"]
 SHAPES: dict[Backbone, RasterShape] = {"small": SMALL, "resnet50": PAPER}
@@ -85,13 +86,17 @@ def save(network: SimNet, path: Path, about: dict[str, str]) -> None:
         network: trained.
         path: of the file, with the suffix from :func:`ending`.
         about: metadata on the origin of the weights.
+
+    Raises:
+        Unwritable: the file cannot be written; what was there is kept.
     """
     network = copy.deepcopy(network).cpu().eval()
     told = {"format": FORMAT, "backbone": network.backbone_name, **about}
-    if network.backbone_name == "small":
-        save_file(_small_tensors(network), str(path), told)
-    else:
-        _export(network, path, told)
+    with replacing(path) as new:
+        if network.backbone_name == "small":
+            new.write_bytes(to_bytes(_small_tensors(network), told))
+        else:
+            _export(network, new, told)
 
 
 def ending(backbone: Backbone) -> str:

@@ -23,7 +23,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from litsim_policy.driving.simnet_output import FUTURE
-from litsim_policy.learning.checkpoint import CHECKPOINT, CURVES, HISTORY, keep_state, read_state
+from litsim_policy.learning.checkpoint import CHECKPOINT, CURVES, HISTORY, keep_state, read_state, write_history
 from litsim_policy.learning.data import DataConfig, prepare
 from litsim_policy.learning.plots import SIMNET_PANELS, plot_curves
 from litsim_policy.learning.simnet_data import Moments, PerturbationConfig, Samples
@@ -32,7 +32,6 @@ from litsim_policy.learning.training_program import training_parser, training_pr
 from litsim_predictor.learned.device import check_device
 from litsim_sim.cli.program import program
 from litsim_sim.core.scene import FloatArray
-from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import Scenario
 
@@ -154,15 +153,20 @@ class SimnetTraining:
         return said - torch.from_numpy(futures).float().to(self._device)
 
     def write(self, out: Path) -> None:
-        """Write a checkpoint, the history and its curves, and the weights if the last validation was the best."""
-        keep_state(out / CHECKPOINT, self.config, self._parts, {"history": self.history, "done": self.done})
-        (out / HISTORY).write_text(json.dumps(self.history, indent=1) + "\n")
-        plot_curves(self.history, out / CURVES, SIMNET_PANELS, along="batches", log=True)
+        """Write the weights if the last validation was the best, a checkpoint, the history and its curves.
+
+        The checkpoint comes after the weights, so that a training that is resumed has those of its best validation.
+
+        Raises:
+            Unwritable: a file cannot be written; those before it are kept.
+        """
         last = self.history[-1]
         if last["batches"] > self.config.near_batches and last["validation"] <= self.best:
             about = {"config": self.config.model_dump_json(), "figures": json.dumps(last)}
-            with replacing(self.weights(out)) as new:
-                save(self.network, new, about)
+            save(self.network, self.weights(out), about)
+        keep_state(out / CHECKPOINT, self.config, self._parts, {"history": self.history, "done": self.done})
+        write_history(self.history, out / HISTORY)
+        plot_curves(self.history, out / CURVES, SIMNET_PANELS, along="batches", log=True)
 
     def weights(self, out: Path) -> Path:
         """File of the best weights in the folder `out`."""

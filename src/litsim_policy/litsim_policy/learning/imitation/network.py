@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.torch import save_file
+from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
 from litsim_policy.driving.imitation_policy import BOUNDS, FORMAT, HIDDEN, LAYERS
 from litsim_policy.driving.traffic_observation import SIZE
+from litsim_sim.io.files import replacing
 
 LOG_STD_START = -1.0
 LOG_STD_MIN, LOG_STD_MAX = -3.0, 0.0
@@ -65,7 +66,12 @@ def perceptron(inputs: int, dropout: float = 0.0) -> nn.Sequential:
 
 
 def save(policy: TrafficPolicy, path: Path, about: dict[str, str]) -> None:
-    """Write the weights for :meth:`litsim_policy.driving.imitation_policy.ImitationNetwork.load`."""
+    """Write the weights for :meth:`litsim_policy.driving.imitation_policy.ImitationNetwork.load`.
+
+    Raises:
+        Unwritable: the file cannot be written; what was there is kept.
+    """
     tensors = {name: tensor.detach().contiguous() for name, tensor in policy.state_dict().items()}
     tensors["log_std"] = torch.log(policy.std()).detach()
-    save_file(tensors, str(path), {"format": FORMAT, **about})
+    with replacing(path) as new:
+        new.write_bytes(to_bytes(tensors, {"format": FORMAT, **about}))
