@@ -273,7 +273,7 @@ def test_bad_configurations_are_named(
         ("--epochs", "0", "error: command line: field epochs"),
         ("--fraction", "0", "error: command line: field fraction"),
         ("--device", "abacus", "error: --device abacus"),
-        ("--threads", "-1", "error: --threads -1: expected 1 or more"),
+        ("--threads", "-1", "argument --threads: '-1', expected a whole number of at least 1"),
     ],
 )
 def test_wrong_options_are_named(

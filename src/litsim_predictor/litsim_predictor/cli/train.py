@@ -8,8 +8,8 @@ from importlib import resources
 from pathlib import Path
 
 from litsim_sim.cli.arguments import Parser
-from litsim_sim.cli.program import program, training_folder
-from litsim_sim.core.errors import EXIT_INTERRUPTED, InputError
+from litsim_sim.cli.program import at_least_one, program, training_folder
+from litsim_sim.core.errors import EXIT_INTERRUPTED
 from litsim_sim.io.yaml_input import read_yaml, validate_yaml
 
 DATA_HELP = "Recordings are searched in the current folder, beside the configuration, and in LITSIM_DATA."
@@ -28,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--epochs", type=int, metavar="N", help="replaces the configuration's")
     p.add_argument("--seed", type=int, metavar="N", help="replaces the configuration's")
     p.add_argument("--device", default="auto", help="device of torch: cpu, cuda, cuda:1 (default: cuda if available)")
-    p.add_argument("--threads", type=int, metavar="N", help="threads of torch on the CPU (default: all cores)")
+    p.add_argument("--threads", type=at_least_one, metavar="N", help="threads of torch on the CPU (default: all cores)")
     return p
 
 
@@ -52,8 +52,6 @@ def _train(arguments: argparse.Namespace) -> int:
     from litsim_predictor.learned.device import check_device
     from litsim_predictor.learned.training import CHECKPOINT, CURVES, WEIGHTS, Locator, Training, TrainingConfig
 
-    if arguments.threads is not None and arguments.threads < 1:
-        raise InputError(f"--threads {arguments.threads}: expected 1 or more")
     file = packaged_configs().get(arguments.config, Path(arguments.config))
     chosen = {name: getattr(arguments, name) for name in ("fraction", "epochs", "seed")}
     chosen = {name: value for name, value in chosen.items() if value is not None}
