@@ -236,6 +236,13 @@ def test_wrong_words_end_the_program(
     assert expected in capsys.readouterr().err
 
 
+def test_a_graph_is_no_weights(write: Write, tmp_path: Path) -> None:
+    graph = tmp_path / "mine.onnx"
+    graph.touch()
+    with pytest.raises(InputError, match=r"mine\.onnx: a graph, expected the file \*\.safetensors of the weights"):
+        measure("--models", graph, "--recording", write(0.0))
+
+
 def test_a_recording_of_less_than_eight_seconds_is_refused(write: Write) -> None:
     assert measure("--recording", write(0.0, last=80))["kinematic"]["scenes"] == 1
     with pytest.raises(InputError, match=r"made\.parquet: the recording is too short: 80 frames"):
@@ -255,12 +262,16 @@ def test_a_part_without_vehicles_is_refused(write: Write) -> None:
         measure("--recording", write(0.0), "--split", "val")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("option", ["--json", "--plot"])
 def test_results_that_cannot_be_written_are_an_error(
-    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    option: str, write: Write, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     with pytest.raises(SystemExit):
-        run(monkeypatch, "--models", *NAMES, "--recording", write(0.0), "--json", tmp_path / "no" / "out.json")
-    assert "cannot be written" in capsys.readouterr().err
+        run(monkeypatch, "--models", *NAMES, "--recording", write(0.0), option, "/dev/full")
+    printed = capsys.readouterr()
+    assert printed.err.endswith("error: /dev/full: cannot be written: No space left on device\n")
+    assert "RMSE@5 s" in printed.out, "what was measured is not lost"
 
 
 @pytest.mark.data

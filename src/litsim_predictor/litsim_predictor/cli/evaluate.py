@@ -13,7 +13,6 @@ import json
 import logging
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +25,7 @@ from litsim_predictor.inference.contract import SECONDS
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
+from litsim_sim.io.files import replacing
 from litsim_sim.io.yaml_input import read_yaml
 from litsim_sim.scenario.scenario import Scenario
 
@@ -224,24 +224,25 @@ def main() -> None:
         _learning_curve(arguments)
         return
     result = evaluate(arguments)
-    _write(result, arguments)
     if arguments.csv:
         print_csv(result)
-        return
-    measures = next(iter(result.values()))
-    where = ", ".join(measures["protocol"]["sources"])
-    print_table(f"{where}: {measures['samples']} forecasts in {measures['scenes']} scenes", result)
+    else:
+        measures = next(iter(result.values()))
+        where = ", ".join(measures["protocol"]["sources"])
+        print_table(f"{where}: {measures['samples']} forecasts in {measures['scenes']} scenes", result)
+    _write(result, arguments)
 
 
 def _write(result: dict[str, dict[str, Any]], arguments: argparse.Namespace) -> None:
     """Write the files that the arguments ask for."""
-    with _written():
-        if arguments.json:
-            arguments.json.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        if arguments.plot:
-            from litsim_predictor.learned.evaluation.plot import draw
+    if arguments.json:
+        with replacing(arguments.json) as new:
+            new.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    if arguments.plot:
+        from litsim_predictor.learned.evaluation.plot import draw
 
-            draw(result, arguments.plot)
+        with replacing(arguments.plot) as new:
+            draw(result, new)
 
 
 def _learning_curve(arguments: argparse.Namespace) -> None:
@@ -251,8 +252,8 @@ def _learning_curve(arguments: argparse.Namespace) -> None:
     if not arguments.models:
         raise InputError("--learning-curve: expected --models FILE ..., weights that were trained with --fraction")
     curves = learning_curves(Path(name) for name in arguments.models)
-    with _written():
-        draw(curves, arguments.learning_curve)
+    with replacing(arguments.learning_curve) as new:
+        draw(curves, new)
     table = Table(title="validation, best epoch", title_justify="left")
     for column in ("configuration", "vehicles trained on %", *MEASURES.values()):
         table.add_column(column, justify="right")
@@ -260,15 +261,6 @@ def _learning_curve(arguments: argparse.Namespace) -> None:
         for share, measured in shares.items():
             table.add_row(name, f"{100.0 * share:g}", *(f"{measured[key]:.3f}" for key in MEASURES))
     Console().print(table)
-
-
-@contextmanager
-def _written() -> Iterator[None]:
-    """Report files that cannot be written as :class:`InputError`."""
-    try:
-        yield
-    except OSError as error:
-        raise InputError(f"{error.filename}: cannot be written: {error.strerror or error}") from error
 
 
 if __name__ == "__main__":

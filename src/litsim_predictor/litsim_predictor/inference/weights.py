@@ -105,12 +105,14 @@ def read_weights(name: str) -> Weights:
     """Shipped weights, or those of a file.
 
     Raises:
-        InputError: the file is missing or damaged, is of another format, or holds values that are not finite numbers
-            of single precision.
+        InputError: the file is missing or damaged, is a graph or of another format, or holds values that are not
+            finite numbers of single precision.
     """
     path = weights_path(name)
     if not path.is_file():
         raise InputError(f"{path}: no such weights; shipped are {', '.join(SHIPPED)}")
+    if path.suffix == ".onnx":
+        raise InputError(f"{path}: a graph, expected the file *.safetensors of the weights that it was exported from")
     try:
         with safe_open(path, framework="np") as file:
             metadata = file.metadata() or {}
