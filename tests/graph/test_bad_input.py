@@ -111,7 +111,7 @@ def test_choices_of_the_command_line(graph: Any) -> None:
         (
             ("litsim_policy", "conflict"),
             ("-p", "horizon:=-1"),
-            "conflict: parameter horizon is -1, expected a number of at least 0.1 [s]",
+            "conflict: parameter horizon is -1, expected a number of at least 0.1 and at most 60 [s]",
         ),
         (
             ("litsim_policy", "ego_perturbed"),

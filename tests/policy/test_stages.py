@@ -50,7 +50,19 @@ def test_parameters_of_every_stage_are_taken() -> None:
             r"no stage of this run: conflct \(near: conflict\); expected bridge, conflict, ego, ",
         ),
         ("conflict", "horizn", 2.0, r"conflict: unknown parameter horizn \(near: horizon\); expected approach_time, "),
-        ("conflict", "horizon", -1, r"conflict: parameter horizon is -1, expected a number of at least 0.1 \[s\]"),
+        (
+            "conflict",
+            "horizon",
+            -1,
+            r"conflict: parameter horizon is -1, expected a number of at least 0.1 and at most ",
+        ),
+        (
+            "predictor",
+            "kinematic.dt",
+            1e-9,
+            r"parameter kinematic.dt is 1e-09, expected a number of at least 0.001 \[s\]",
+        ),
+        ("predictor", "kinematic.rate_window", 10**12, r"expected a whole number of more than 0 and at most 36000 "),
         (
             "policy",
             "safety.road_horizon",

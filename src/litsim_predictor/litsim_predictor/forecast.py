@@ -12,6 +12,8 @@ from litsim_sim.core.quickly_made import quickly_made
 from litsim_sim.core.scene import STEP_S, AgentTable, BoolArray, FloatArray, IntArray, places
 
 Float32Array = npt.NDArray[np.float32]
+DT_MIN_S = 1e-3
+"""Least time between two steps of a forecast [s]."""
 
 
 @quickly_made

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
-from litsim_predictor.forecast import Forecast, Modes
+from litsim_predictor.forecast import DT_MIN_S, Forecast, Modes
 from litsim_predictor.selection import Egos, Wanted, selected
 from litsim_sim.core.history import History
 from litsim_sim.core.quantities import (
@@ -42,7 +42,7 @@ class KinematicConfig:
     """
 
     horizon: Horizon = 5.0
-    dt: Positive[Duration] = 0.2
+    dt: Annotated[Duration, Field(ge=DT_MIN_S)] = 0.2
     rate_window: Positive[Steps] = 10
     rate_dead_band: NonNegative[AngularRate] = 0.03
     rate_decay: Positive[Duration] = 1.5

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from litsim_msgs.msg import JointForecast
 
-from litsim_predictor.forecast import Float32Array, Forecast, Modes
+from litsim_predictor.forecast import DT_MIN_S, Float32Array, Forecast, Modes
 from litsim_sim.core import topic_names
 from litsim_sim.core.columns import check_columns
 from litsim_sim.core.scene import IntArray
 from litsim_sim.ros.messages import from_array, header, refused, to_array
 
-DT_MIN_S, HORIZON_MAX_S = 1e-3, 3600.0  # [s] beyond which a forecast is none
+HORIZON_MAX_S = 3600.0  # [s] beyond which a forecast is none
 ROUNDING = 1e-3
 """By which sums of probabilities, and correlations, may exceed 1."""
 

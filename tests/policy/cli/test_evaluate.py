@@ -59,7 +59,7 @@ def results(out: Path) -> dict[str, Any]:
         ),
         (
             ["--policy", "yield", "--set", "conflict.horizon=2,-1"],
-            "conflict: parameter horizon is -1, expected a number of at least 0.1 [s]",
+            "conflict: parameter horizon is -1, expected a number of at least 0.1 and at most 60 [s]",
         ),
         (["--set", "conflict.handback=jump"], "conflict: parameter handback is 'jump'"),
         (["--egos", "2,99999"], "99999"),

@@ -450,7 +450,7 @@ def test_whoever_is_off_its_log_stays_in_conflict_down_to_the_lower_threshold(lo
 @pytest.mark.parametrize(
     ("config", "problem"),
     [
-        ({"horizon": 0.0}, r"horizon is 0.0, expected a number of at least 0.1 \[s\]"),
+        ({"horizon": 0.0}, r"horizon is 0.0, expected a number of at least 0.1 and at most 60 \[s\]"),
         ({"probability_threshold": 1.0}, "threshold is 1.0, expected a number of more than 0 and less than 1"),
         (
             {"probability_clear": 0.5, "probability_threshold": 0.4},

@@ -41,11 +41,11 @@ class Plain:
     [
         (Positive[Duration], "a number of more than 0 [s]", "s"),
         (Length, "a number [m]", "m"),
-        (Positive[Steps], "a whole number of more than 0 [steps]", "steps"),
+        (Positive[Steps], "a whole number of more than 0 and at most 36000 [steps]", "steps"),
         (Annotated[Whole, Field(ge=-1)], "a whole number of at least -1", ""),
         (Share, "a number of at least 0 and at most 1", ""),
         (OpenShare, "a number of more than 0 and less than 1", ""),
-        (Horizon, f"a number of at least {STEP_S:g} [s]", "s"),
+        (Horizon, f"a number of at least {STEP_S:g} and at most 60 [s]", "s"),
         (Flag, "true or false", ""),
         (str, "a text", ""),
         (Literal["stop", "hold"], "one of stop, hold", ""),
@@ -62,12 +62,21 @@ def test_types_in_words(annotation: object, words: str, symbol: str) -> None:
 def test_types_of_fields_keep_bounds_and_units() -> None:
     assert expected(field_type(Plain, "horizon")) == expected(Horizon)
     assert expected(field_type(Plain, "kind")) == "one of a, b"
-    assert expected(field_type(Plain, "pair")) == "a list of 2, each a whole number of more than 0 [steps]"
+    assert expected(field_type(Plain, "pair")) == f"a list of 2, each {expected(Positive[Steps])}"
 
 
 @pytest.mark.parametrize(
     "values",
-    [{"horizon": 0.05}, {"horizon": "1"}, {"kind": "c"}, {"pair": (0, 1)}, {"pair": (1, 2, 3)}, {"hrizon": 1.0}],
+    [
+        {"horizon": 0.05},
+        {"horizon": 1e12},
+        {"horizon": "1"},
+        {"kind": "c"},
+        {"pair": (0, 1)},
+        {"pair": (1, 10**12)},
+        {"pair": (1, 2, 3)},
+        {"hrizon": 1.0},
+    ],
 )
 def test_what_does_not_fit_makes_no_configuration(values: dict[str, object]) -> None:
     with pytest.raises(ValidationError):

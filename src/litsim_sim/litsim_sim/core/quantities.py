@@ -44,8 +44,8 @@ Flag = Annotated[bool, Strict()]
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 """A finite number without unit."""
 Whole = Annotated[int, Strict()]
-Steps = Annotated[Whole, Unit("steps")]
-"""Steps of the simulation, 0.1 s each."""
+Steps = Annotated[Whole, Field(le=36_000), Unit("steps")]
+"""Steps of the simulation, 0.1 s each; at most an hour, for which memory is there."""
 
 Duration = Annotated[Number, Unit("s")]
 Length = Annotated[Number, Unit("m")]
@@ -68,8 +68,8 @@ Share = Annotated[Number, Field(ge=0, le=1)]
 OpenShare = Annotated[Number, Field(gt=0, lt=1)]
 """A probability other than 0 and 1."""
 
-Horizon = Annotated[Duration, Field(ge=STEP_S)]
-"""A horizon of at least one step of the simulation."""
+Horizon = Annotated[Duration, Field(ge=STEP_S, le=60.0)]
+"""A horizon of at least one step of the simulation; at most a minute, for which memory is there."""
 
 _KINDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
 _BOUNDS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
