@@ -16,11 +16,11 @@ from tqdm import tqdm
 from litsim_policy.conflict.detection import ConflictConfig
 from litsim_policy.run.conflict_calibration import COSTS, Curve, costs, draw_calibration, recall_curve, threshold_for
 from litsim_policy.run.conflict_recall import SECONDS
-from litsim_predictor.inference.contract import ModeChoice
 from litsim_predictor.models import DEFAULT_MODEL, PredictorConfig
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
 from litsim_sim.cli.program import program
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import ParameterOverrides
 from litsim_sim.io.files import replacing
 from litsim_sim.scenario.scenario import Scenario
 
@@ -69,14 +69,14 @@ def main() -> None:
     for name, values in (("--thresholds", thresholds), ("--cost", np.array(arguments.cost))):
         if (values <= 0.0).any() or (values >= 1.0).any():
             raise InputError(f"{name}: {values.tolist()}, expected probabilities above 0 and below 1")
+    choices = [ParameterOverrides("--modes", {"most": most})(PredictorConfig().modes) for most in arguments.modes]
+    configs = [ParameterOverrides("--spread", {"sigma_scale": scale})(ConflictConfig()) for scale in arguments.spread]
     scenarios = [Scenario.load(name) for name in arguments.scenario]
     curves = []
     with tqdm(unit="ego", dynamic_ncols=True) as bar:
-        for most in arguments.modes:
-            for spread in arguments.spread:
-                name = f"{arguments.predictor}, {most} further manoeuvres, spread x {spread:g}"
-                config = ConflictConfig(sigma_scale=spread)
-                modes = ModeChoice(most=most, share=PredictorConfig().modes.share)
+        for modes in choices:
+            for config in configs:
+                name = f"{arguments.predictor}, {modes.most} further manoeuvres, spread x {config.sigma_scale:g}"
                 curves.append(
                     recall_curve(
                         name, scenarios, arguments.predictor, modes, config, arguments.horizon, thresholds, bar.update
