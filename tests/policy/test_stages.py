@@ -62,6 +62,8 @@ def test_parameters_of_every_stage_are_taken() -> None:
             1e-9,
             r"parameter kinematic.dt is 1e-09, expected a number of at least 0.001 \[s\]",
         ),
+        ("conflict", "lane_change.change_time", 1e9, r"expected a number of more than 0 and at most 60 \[s\]"),
+        ("ego", "lane_change_time", 1e9, r"lane_change_time is 1000000000.0, expected a number of more than 0 and "),
         ("predictor", "kinematic.rate_window", 10**12, r"expected a whole number of more than 0 and at most 36000 "),
         (
             "policy",

@@ -15,7 +15,7 @@ from litsim_policy.motion.path_kernels import nearest
 from litsim_policy.motion.route import Router
 from litsim_sim.core.compiled import BOOLS, FLOATS, FLOATS3, INTS, OUT_BOOLS2, OUT_INTS, float64, int64, kernel
 from litsim_sim.core.quantities import (
-    Duration,
+    ChangeTime,
     Length,
     NonNegative,
     Positive,
@@ -49,7 +49,7 @@ class PassingConfig:
     slower: Positive[Speed] = 0.5
     patience: Positive[Steps] = 1
     again: NonNegative[Steps] = 40
-    change_time: Positive[Duration] = 3.5
+    change_time: ChangeTime = 3.5
     look: NonNegative[Length] = 150.0
     mobil: LaneChangeConfig = field(default_factory=LaneChangeConfig)
 

@@ -11,7 +11,16 @@ from litsim_policy.ego.following import Following, FollowingEgo
 from litsim_policy.motion.car_following import IdmConfig
 from litsim_policy.motion.reference_path import ReferencePath, lane_change_path, logged_path
 from litsim_sim.core.geometry import to_body
-from litsim_sim.core.quantities import Acceleration, Duration, Length, NonNegative, Positive, Rate, configuration
+from litsim_sim.core.quantities import (
+    Acceleration,
+    ChangeTime,
+    Duration,
+    Length,
+    NonNegative,
+    Positive,
+    Rate,
+    configuration,
+)
 from litsim_sim.core.scene import STEP_S, AgentTable, EgoCommand, EgoMode
 from litsim_sim.maps.net_lanes import Lane
 from litsim_sim.scenario.scenario import Scenario
@@ -41,7 +50,7 @@ class PerturbedConfig:
     time: tuple[NonNegative[Duration], NonNegative[Duration]] = (0.0, 4.0)
     deceleration: NonNegative[Acceleration] = 2.0
     duration: NonNegative[Duration] = 2.5
-    lane_change_time: Positive[Duration] = 3.0
+    lane_change_time: ChangeTime = 3.0
     lane_gap: NonNegative[Length] = 2.0
     patience: NonNegative[Duration] = 4.0
     speed_gain: Positive[Rate] = 1.0

@@ -253,7 +253,7 @@ class JointNetwork:
         m = len(agents)
         maneuver, best = np.empty((m, len(MANEUVERS)), np.float32), np.empty(m, np.int64)
         choose_maneuvers(self._logits(self._hidden(agents)), maneuver, best)
-        row, other = further_maneuvers(maneuver, best, modes.most, modes.share)
+        row, other = further_maneuvers(maneuver, best, min(modes.most, len(MANEUVERS)), modes.share)
         rows, chosen = np.concatenate([np.arange(m), row]), np.concatenate([best, other])
         raw = agents[rows] + self._maneuvers[chosen]
         for layer in self._decoder:

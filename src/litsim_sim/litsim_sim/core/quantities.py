@@ -70,6 +70,8 @@ OpenShare = Annotated[Number, Field(gt=0, lt=1)]
 
 Horizon = Annotated[Duration, Field(ge=STEP_S, le=60.0)]
 """A horizon of at least one step of the simulation; at most a minute, for which memory is there."""
+ChangeTime = Annotated[Duration, Field(gt=0, le=60.0)]
+"""The duration of a lane change, of at most a minute: its path has points as far as that takes."""
 
 _KINDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
 _BOUNDS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
