@@ -83,13 +83,29 @@ def test_what_is_wrong_is_said_before_the_first_run(
     ("more", "said"),
     [
         ("", "line 2, field cases.0: egos: 99999 not there at the start of "),
-        ("parameters: {conflict.horizon: -1}", "row idm, litsim: conflict: parameter horizon is -1, expected a number"),
+        (
+            "parameters: {conflict.horizon: [2, -1]}",
+            "line 5, field parameters.conflict.horizon: row idm, litsim, horizon=-1: conflict: parameter horizon is",
+        ),
+        (
+            "policies: [replay, {name: a, kind: litsim,\nparameters: {conflict.horizn: 1}}]",
+            "line 5, field policies.1.parameters.conflict.horizn: row idm, litsim, a: conflict: unknown parameter",
+        ),
+        (
+            "policies: [replay]\nparameters:\n  predictor.model: cv\n  ego.kind: brake",
+            "line 7, field parameters.ego.kind: row idm, replay: ego: unknown parameter kind",
+        ),
+        (
+            "egos:\n- {name: own, kind: external, command: [no_such_stack], parameters: {bridge.patience: 1}}",
+            "row own, litsim: bridge: unknown parameter patience",
+        ),
     ],
 )
 def test_what_is_wrong_in_a_suite_is_told_with_its_file(capsys, tmp_path, scenario, more: str, said: str) -> None:
     suite = tmp_path / "suite.yaml"
     entry = f"{{scenario: {scenario}, ego_id: {1 if more else 99999}}}"
-    suite.write_text(f"name: some\ncases: [{entry}]\negos: [idm]\npolicies: [litsim]\n{more}\n")
+    usual = [line for line in ("egos: [idm]", "policies: [litsim]") if line.split(":")[0] not in more]
+    suite.write_text("\n".join(["name: some", f"cases: [{entry}]", *usual, more, ""]))
     assert called("--suite", suite, "--out", tmp_path / "out") == 2
     assert capsys.readouterr().err.startswith(f"error: {suite}: {said}")
     assert not (tmp_path / "out").exists()

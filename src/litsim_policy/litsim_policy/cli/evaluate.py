@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from litsim_policy.cli.suite_arguments import add_suite_arguments, suite_of
 from litsim_policy.run.campaign import LocalRuns, conclude
-from litsim_policy.run.case_run import TIME_LIMIT_S, check_cases
+from litsim_policy.run.case_run import TIME_LIMIT_S, CaseRefused, check_cases
 from litsim_policy.run.ray_runs import LOCAL, RayRuns
 from litsim_policy.run.summary_table import print_summary
 from litsim_sim.campaign.case import Case, cases_of, code_versions
@@ -22,6 +22,7 @@ from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult
 from litsim_sim.campaign.row_summary import row_summary
+from litsim_sim.campaign.suite import place_of
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
 from litsim_sim.cli.program import at_least_one, interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError, print_error
@@ -68,8 +69,9 @@ def evaluate(arguments: argparse.Namespace) -> int:
     cases = cases_of(suite, graph=arguments.graph, with_versions=versions)
     try:
         check_cases(cases)
-    except InputError as error:  # a parameter that only its stage can check
-        raise InputError(f"{arguments.suite}: {error}" if arguments.suite else str(error)) from error
+    except CaseRefused as error:  # for a parameter that only its stage can check
+        where = f"{place_of(arguments.suite, error.setting)}: " if arguments.suite else ""
+        raise InputError(f"{where}{error}") from error
     try:
         suite.criteria.check_counts(len(cases))
     except ValueError as error:

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,19 @@ TIME_LIMIT_S = 1800.0  # [s] default time limit of a run over DDS
 
 class RunFailed(Exception):
     """A run has no metrics; the message gives the reason in one line."""
+
+
+class CaseRefused(InputError):
+    """A case cannot be run; the message names its row.
+
+    Attributes:
+        setting: `stage.name` and value of the first of its parameters that is the reason by itself; None if none is.
+    """
+
+    def __init__(self, case: Case, error: InputError) -> None:
+        super().__init__(f"row {case.row}: {error}")
+        given = () if _is_refused(case, None) else (case.ego.parameters | dict(case.parameters)).items()
+        self.setting = next((setting for setting in given if _is_refused(case, setting)), None)
 
 
 class RunStopped(Exception):
@@ -83,13 +96,23 @@ def check_cases(cases: Iterable[Case]) -> None:
     """Check one case of each row before the first run.
 
     Raises:
-        InputError: see :func:`check_case`; the message names the row.
+        CaseRefused: see :func:`check_case`.
     """
     for case in {(each.row, each.shell): each for each in cases}.values():
         try:
             check_case(case)
         except InputError as error:
-            raise InputError(f"row {case.row}: {error}") from error
+            raise CaseRefused(case, error) from error
+
+
+def _is_refused(case: Case, setting: tuple[str, Any] | None) -> bool:
+    """Whether `case` is refused with this parameter alone, or none, and all others at their defaults."""
+    ego = case.ego.model_copy(update={"parameters": {}})
+    try:
+        check_case(replace(case, ego=ego, parameters=() if setting is None else (setting,)))
+    except InputError:
+        return True
+    return False
 
 
 def check_case(case: Case) -> None:

@@ -235,6 +235,23 @@ class Suite(BaseModel):
         return suite.model_copy(update={"include": [], "cases": cases})
 
 
+def place_of(name: str | Path, setting: tuple[str, Any] | None) -> str:
+    """Where a suite, by its name or file, gives a parameter, `stage.name`, this value: by file, line and field.
+
+    The suite alone if it does not, or without a `setting`.
+    """
+    if setting is None:
+        return str(name)
+    suite, (parameter, value) = Suite.load(name), setting
+    given: list[tuple[tuple[str | int, ...], Any]]
+    given = [(("parameters", parameter), each) for each in suite.parameters.get(parameter, [])]
+    for field, entries in (("policies", suite.policies), ("egos", suite.egos)):
+        setups = [(number, each) for number, each in enumerate(entries) if not isinstance(each, str)]
+        given += [((field, number, "parameters", parameter), each.parameters.get(parameter)) for number, each in setups]
+    place = next((place for place, each in given if each == value), None)
+    return place_in(_suite_file(name), *place) if place else str(name)
+
+
 def packaged_suites() -> tuple[str, ...]:
     """Names of the packaged suites, sorted."""
     return tuple(sorted(path.stem for path in packaged(SUITES).glob("*.yaml")))
