@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from litsim_sim.core.scene import OBSTACLE_KINDS, STEP_S, Kind
 from litsim_sim.core.signals import SignalState
-from litsim_sim.mining.events import Event, EventKind
+from litsim_sim.mining.events import Event, EventKind, Situation
 from litsim_sim.mining.junction_events import encounters, turn_events
 from litsim_sim.mining.signals import WaySignals
-from made_traffic import STREET, Vehicle, on_path, situation, times
+from made_traffic import STREET, Vehicle, mirrored_lanes, mirrored_log, on_path, situation, times
 
 EGO, OTHER = 1, 2
 EAST, NORTHWARD = ("WA_0", "AB_0"), ("ASA_0", "AAN_0")  # straight on, from the west and from the south
@@ -87,13 +87,24 @@ def test_a_left_turn_across_oncoming_traffic() -> None:
     assert later.severity < turning.severity
 
 
+def test_where_traffic_keeps_left_it_is_right_turns_that_cross_oncoming_traffic() -> None:
+    there = situation(on_path(EGO, LEFT, 80.0, SPEED), on_path(OTHER, ONCOMING, 130.0, SPEED), lane_map=STREET)
+    mirrored = list(encounters(Situation.of(mirrored_log(there.log), mirrored_lanes(STREET))))
+    assert {event.kind for event in mirrored} == {EventKind.RIGHT_TURN}
+    assert [(each.numbers["role"], each.numbers["way"]) for each in mirrored] == [
+        ("turning", "right"),
+        ("oncoming", "straight"),
+    ]
+    assert [each.severity for each in mirrored] == [each.severity for each in encounters(there)]
+
+
 def test_a_left_turn_far_behind_oncoming_traffic_is_only_a_crossing() -> None:
     events = met(on_path(EGO, LEFT, 50.0, SPEED), on_path(OTHER, ONCOMING, 130.0, SPEED))
     assert {event.kind for event in events} == {EventKind.CROSSING}
     assert 3.0 < float(str(events[0].numbers["pet_s"])) <= 5.0
 
 
-TOGETHER, ALONE = ({LEFT: ("g", own), ONCOMING: ("G", "r")} for own in ("r", "G"))  # letters by phase
+TOGETHER, ALONE = ({LEFT: (f"g{own}",), ONCOMING: ("Gr",)} for own in ("r", "G"))  # letters by phase
 
 
 def shown(oncoming: SignalState) -> WaySignals:

@@ -58,6 +58,6 @@ def test_streets_of_generated_traffic_have_what_streets_have() -> None:
 def test_the_plans_of_a_net_are_by_lanes() -> None:
     plans = signal_plans(packaged("nets/urban_like.net.xml"))
     assert len(plans) == 2 * 14  # ways through two junctions
-    assert {len(states) for states in plans.values()} == {6}  # phases
+    assert {tuple(map(len, programs)) for programs in plans.values()} == {(6,)}  # phases of the only program
     assert set("".join(plans["WA_2", "AAN_0"])) <= set("Ggyr")
     assert signal_plans(packaged("nets/us101_like.net.xml")) == {}

@@ -49,6 +49,7 @@ class EventKind(StrEnum):
     TURN = "turn"
     CROSSING = "crossing"
     LEFT_TURN = "left_turn"
+    RIGHT_TURN = "right_turn"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Events at junctions: turns, crossing and merging paths, and left turns across oncoming traffic."""
+"""Events at junctions: turns, crossing and merging paths, and turns across oncoming traffic."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from litsim_sim.mining.lane_tracks import TURN_RAD
 from litsim_sim.mining.passages import MARGIN, Passage, boxes
 from litsim_sim.mining.signals import Protection, Way
 
-LEFT_TURN_PET_S = 3.0  # [s] largest post-encroachment time of a left turn across oncoming traffic
+TURN_PET_S = 3.0  # [s] largest post-encroachment time of a turn across oncoming traffic
 
 
 def turn_events(situation: Situation) -> Iterator[Event]:
@@ -36,7 +36,8 @@ def encounters(situation: Situation) -> Iterator[Event]:
     """Two vehicles that enter a junction from two roads use one place of it within 5 s of each other.
 
     Left turn: one turns left across the path of an oncoming vehicle that goes straight, within 3 s, without a protected
-    signal. Merge: they leave in the same lane. Crossing: all others. Each gives one event per vehicle, with its role.
+    signal. Right turn: the same to the right, where traffic keeps to the left. Merge: they leave in the same lane.
+    Crossing: all others. Each gives one event per vehicle, with its role.
     """
     by_junction: dict[str, list[Passage]] = {}
     for each in situation.passages:
@@ -79,7 +80,7 @@ def _encounter(situation: Situation, a: Passage, b: Passage) -> Iterator[Event]:
             "other_way": _way(other),
         }
         if signal is not None:
-            numbers |= {"role": "turning" if own.is_left_turn else "oncoming", "signal": str(signal)}
+            numbers |= {"role": "oncoming" if own.is_straight else "turning", "signal": str(signal)}
         ids = situation.id_of(own.agent), situation.id_of(other.agent)
         yield Event(kind, *ids, min(own.first, step), step, max(own.last, step), size, numbers)
 
@@ -90,16 +91,16 @@ def _speed(situation: Situation, row: int, step: int) -> float | None:
 
 
 def _kind(situation: Situation, a: Passage, b: Passage, pet: float) -> tuple[EventKind, Protection | None]:
-    """Kind of an encounter with post-encroachment time `pet` [s], and the protection of a left turn."""
+    """Kind of an encounter with post-encroachment time `pet` [s], and the protection of one that turns."""
     if a.to_lane == b.to_lane:
         return EventKind.MERGE, None
     for turning, straight in ((a, b), (b, a)):
         opposite = np.pi - abs(float(wrap_angle(np.asarray(turning.heading - straight.heading)))) <= TURN_RAD
-        if turning.is_left_turn and straight.is_straight and opposite and pet <= LEFT_TURN_PET_S:
+        if not turning.is_straight and straight.is_straight and opposite and pet <= TURN_PET_S:
             ways = _lanes(situation, turning), _lanes(situation, straight)
             signal = situation.signals.protection(*ways, turning.first)
             if signal != Protection.PROTECTED:
-                return EventKind.LEFT_TURN, signal
+                return EventKind.LEFT_TURN if turning.is_left_turn else EventKind.RIGHT_TURN, signal
     return EventKind.CROSSING, None
 
 

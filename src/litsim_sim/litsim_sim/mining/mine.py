@@ -21,7 +21,7 @@ FINDERS: tuple[tuple[Callable[[Situation], Iterator[Event]], tuple[EventKind, ..
     (following_events.stop_and_go, (EventKind.STOP_AND_GO,)),
     (following_events.steady_following, (EventKind.FOLLOWING,)),
     (junction_events.turn_events, (EventKind.TURN,)),
-    (junction_events.encounters, (EventKind.CROSSING, EventKind.LEFT_TURN, EventKind.MERGE)),
+    (junction_events.encounters, (EventKind.CROSSING, EventKind.LEFT_TURN, EventKind.RIGHT_TURN, EventKind.MERGE)),
 )
 """Functions that find events, and the kinds that each finds."""
 

@@ -27,9 +27,10 @@ class Protection(StrEnum):
     """How a turn is protected from the traffic whose way it crosses."""
 
     PROTECTED = "protected"
-    """The crossed traffic had red; if unknown, some phase gives green to the turn only."""
+    """The crossed traffic had red; if unknown, every program that lets the turn go has a phase for it alone."""
     PERMISSIVE = "permissive"
-    """The crossed traffic did not have red, or has no signal; if unknown, no phase gives green to the turn only."""
+    """The crossed traffic did not have red, or has no signal; if unknown, some program lets the turn go only with it.
+    """
     NONE = "none"
     """The turn has no signal."""
 
@@ -39,7 +40,7 @@ class WaySignals:
     """Signals of ways through junctions.
 
     Attributes:
-        plans: SUMO's letter in each phase of the traffic light, by way that the net controls.
+        plans: SUMO's letters in the phases of each program of the traffic light, by way that the net controls.
         shown: (steps,) states, by way whose signals the scenario knows.
     """
 
@@ -62,10 +63,17 @@ class WaySignals:
         own, theirs = self.plans.get(turning, ()), self.plans.get(crossed, ())
         if not (own and theirs):  # traffic without a signal never has red
             return Protection.PERMISSIVE
-        # Two lights with different numbers of phases are not synchronised: at some time only one shows green.
-        apart = len(own) != len(theirs)
-        alone = apart or any(a in GREEN and b not in GREEN for a, b in zip(own, theirs, strict=True))
-        return Protection.PROTECTED if alone else Protection.PERMISSIVE
+        # Which program ran is not known. Only those of one light belong together, by their place.
+        alone = [_goes_alone(a, b) for a, b in zip(own, theirs, strict=False) if GREEN & {*a}]
+        return Protection.PROTECTED if alone and all(alone) else Protection.PERMISSIVE
+
+
+def _goes_alone(own: str, theirs: str) -> bool:
+    """Whether one of two ways has green while the other has not, by their letters in the phases of a program.
+
+    Two lights with different numbers of phases are not synchronised: at some time only one shows green.
+    """
+    return len(own) != len(theirs) or any(a in GREEN and b not in GREEN for a, b in zip(own, theirs, strict=True))
 
 
 def signal_plans(net: Path) -> dict[Way, tuple[str, ...]]:
@@ -73,9 +81,11 @@ def signal_plans(net: Path) -> dict[Way, tuple[str, ...]]:
     read: Any = sumolib.net.readNet(str(net), withPrograms=True, lxml=False)
     plans = {}
     for light in read.getTrafficLights():
-        phases = [phase.state for program in light.getPrograms().values() for phase in program.getPhases()]
+        programs = [[phase.state for phase in program.getPhases()] for program in light.getPrograms().values()]
         for before, after, index in light.getConnections():
-            plans[before.getID(), after.getID()] = tuple(state[index] for state in phases if index < len(state))
+            plans[before.getID(), after.getID()] = tuple(
+                "".join(state[index] for state in phases if index < len(state)) for phases in programs
+            )
     return plans
 
 
