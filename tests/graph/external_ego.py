@@ -26,7 +26,7 @@ class ExternalEgo(Node):
     def on_agents(self, agents: AgentStates) -> None:
         options = self.options
         if agents.step == options.die_at:
-            sys.exit(options.status)
+            sys.exit(3)
         if agents.step in options.skip:
             return
         while agents.step == options.hold_at and not options.until.exists():
@@ -47,7 +47,6 @@ def steps(text: str) -> range:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--die-at", type=int, default=-1)
-    parser.add_argument("--status", type=int, default=3, help="of its exit at the step --die-at")
     parser.add_argument("--nan-at", type=int, default=-1)
     parser.add_argument("--skip", type=steps, default=range(0), metavar="FIRST-LAST")
     parser.add_argument("--late", type=steps, default=range(0), metavar="FIRST-LAST")

@@ -52,15 +52,6 @@ def test_one_that_ends_before_the_run_fails_it(graph: Any, stack: tuple[object, 
     assert (graph.folder / "run" / FAILURE_FILE).read_text().strip() in error
 
 
-def test_one_that_leaves_in_mid_run_as_if_all_were_well_is_told_before_its_answer_is_missed(graph: Any) -> None:
-    options = ("--answer-timeout", 10, "--set", "bridge.external_timeout_s=100.0")
-    done = launch(graph, *STACK, "--die-at", 12, "--status", 0, options=options)
-    assert done.returncode == 1
-    assert done.stderr.startswith("error: the stack (") and "ended with exit status 0" in done.stderr
-    assert "no answer" not in done.stderr
-    assert compute_metrics(read_run(graph.folder / "run"))["why"].startswith("the stack (")
-
-
 def test_why_it_has_ended_is_told_by_what_the_run_leaves(graph: Any) -> None:
     run = graph.folder / "run"
     script = f"import runpy, sys\nsys.argv[0] = 'mine'\ntry: runpy.run_path({STACK[1]!r}, run_name='__main__')\n"

@@ -99,17 +99,16 @@ def test_a_stack_is_in_an_enclave_of_its_own_where_runs_are_secured(
     assert found["true"][ENCLAVE] == "/litsim/ads"
 
 
-@pytest.mark.parametrize("status", [0, 6])
-def test_a_stack_that_ends_on_hearing_that_the_run_has_failed_did_not_quit(tmp_path: Path, status: int) -> None:
-    wait = "until [ -e {0} ]; do sleep 0.01; done"
-    heard, gone = tmp_path / "heard", tmp_path / "gone"
-    say = f"{sys.executable} -c \"import time; print('failed at', time.monotonic(), 's')\""
-    failing = f"{say}; touch {heard}; {wait.format(gone)}; sleep 0.5; echo 'error: no answer' >&2; exit 1"
-    graph = Graph(tmp_path / "out", 7)
+WAIT = "until [ -e {0} ]; do sleep 0.01; done"
+
+
+def failure(folder: Path, stack: str, bridge: str) -> str:
+    """Why a run fails, by the scripts of its stack and of its bridge."""
+    graph = Graph(folder / "out", 7)
     try:
-        graph.start_stack(["sh", "-c", f"{wait.format(heard)}; echo bye; touch {gone}; exit {status}"])
-        for name, script in ((BRIDGE, failing), (RECORDER, "sleep 600")):
-            program = tmp_path / name
+        graph.start_stack(["sh", "-c", stack])
+        for name, script in ((BRIDGE, bridge), (RECORDER, "sleep 600")):
+            program = folder / name
             program.write_text(f"#!/bin/sh\n{script}\n")
             program.chmod(0o755)
             graph.start(name, program, {})
@@ -117,9 +116,32 @@ def test_a_stack_that_ends_on_hearing_that_the_run_has_failed_did_not_quit(tmp_p
             graph.watch(quiet=True)
     finally:
         graph.stop()
-    said = str(found.value)
+    return str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("stack", "how"),
+    [
+        ("echo bye; touch {}; exit 0", ") was running, and said last: bye"),
+        ("echo over: no answer; touch {}; exit 0", ") was running"),
+        ("echo bye; touch {}; exit 6", ") ended with exit status 6: bye"),
+    ],
+)
+def test_a_stack_that_ends_on_hearing_that_the_run_has_failed_did_not_quit(
+    tmp_path: Path, stack: str, how: str
+) -> None:
+    heard, gone = tmp_path / "heard", tmp_path / "gone"
+    say = f"{sys.executable} -c \"import time; print('failed at', time.monotonic(), 's')\""
+    failing = f"{say}; touch {heard}; {WAIT.format(gone)}; sleep 1.5; echo 'error: no answer' >&2; exit 1"
+    said = failure(tmp_path, f"{WAIT.format(heard)}; {stack.format(gone)}", failing)
     assert said.startswith("no answer; the stack (sh -c ")
-    assert said.endswith(") was running, and said last: bye" if status == 0 else ") ended with exit status 6: bye")
+    assert said.endswith(how)
+
+
+@pytest.mark.parametrize("status", [0, 6])
+def test_a_stack_that_quits_is_told_before_the_bridge_misses_its_answers(tmp_path: Path, status: int) -> None:
+    said = failure(tmp_path, f"echo bye; exit {status}", "sleep 15; echo 'error: no answer' >&2; exit 1")
+    assert said == f"the stack (sh -c 'echo bye; exit {status}') ended with exit status {status}: bye"
 
 
 HELD_BACK = """

@@ -26,9 +26,9 @@ from litsim_sim.launch.domain_ports import EMPTY, is_known_empty
 from litsim_sim.launch.forked import ForkedProcess
 from litsim_sim.launch.middleware import RANGE, enclave_setting
 
-TOLD_S = 1.0  # [s] for a bridge to end a run that a node or the stack has left
 KILL_S = 3.0  # [s] between SIGINT, SIGTERM and SIGKILL
 QUIET_S = 120.0  # [s] longest time without a sign of life of a running bridge, which may be loading or computing
+TOLD_S = 1.0  # [s] for the bridge to end the run after a node has told it that it ends
 STOPPED_TIMEOUTS = 2.0  # the same for a stopped one, as a multiple of the time limit for the answers to a step
 LOG_FOLDER = "log"  # folder of the logs in that of a recording
 STACK = "ads"
@@ -121,10 +121,10 @@ class Graph:
         while bridge.running:
             dead = [c for c in self.children.values() if not c.running and c is not bridge and not self._may_leave(c)]
             if dead:
-                if not self._heard_of_failure(dead) and all(child.process.returncode >= 0 for child in dead):
-                    _wait([bridge], TOLD_S)  # a node has told it why it ends, or its own word is not read yet
+                if all(child.process.returncode >= 0 for child in dead):
+                    _wait([bridge], TOLD_S)  # a node has told it why it ends
                 if self._heard_of_failure(dead):
-                    _wait([bridge], GRACE_S)  # the recorder is still writing
+                    _wait([bridge], GRACE_S)  # it has told them that the run is over; the recorder is still writing
                 if bridge.running and not all(map(self._may_leave, dead)):
                     raise GraphFailed("; ".join(child.obituary() for child in dead))
             self._check_alive(bridge, self._progress)
@@ -133,7 +133,7 @@ class Graph:
         if bridge.process.returncode == EXIT_FAILED and bridge.errors:
             stopped = [str(child) for child in self.children.values() if child.running and child.stopped]
             why = f"; stopped, by a signal or a debugger: {', '.join(stopped)}" if stopped else ""
-            raise GraphFailed(bridge.errors[-1] + why + self._about_the_stack())
+            raise GraphFailed(bridge.errors[-1] + why + self._about_the_stack(bridge.errors[-1]))
         for child in (bridge, recorder):
             if child.process.returncode != 0:
                 raise GraphFailed(child.obituary())
@@ -160,8 +160,8 @@ class Graph:
         failed = self._progress.failed if self._progress else None
         return failed is not None and all(child.ended_at > failed for child in dead)
 
-    def _about_the_stack(self) -> str:
-        """Text to add to the bridge's reason: how the stack ended before that, or its last output."""
+    def _about_the_stack(self, why: str) -> str:
+        """Text to add to the bridge's reason `why`: how the stack ended before that, or its last output, if another."""
         stack = self.children.get(STACK)
         if stack is None:
             return ""
@@ -169,7 +169,8 @@ class Graph:
             self._progress.join(timeout=1.0)  # what the bridge has printed last
         if not stack.running and not (stack.process.returncode == 0 and self._heard_of_failure([stack])):
             return f"; {stack.obituary()}"
-        return f"; {stack} was running, and said last: {stack.last_line or 'nothing'}"
+        said = stack.last_line or "nothing"
+        return f"; {stack} was running" + ("" if why in said else f", and said last: {said}")
 
     def stop(self) -> None:
         """End what still runs: first the bridge, which tells the recorder to close its file, then the rest."""
