@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -35,12 +37,34 @@ def good(ego_id: int = 7) -> Any:
 
 def test_a_process_whose_parent_is_gone_when_it_answers_ends_without_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
     ours, theirs = multiprocessing.Pipe()
-    monkeypatch.setattr(module, "begin_child", lambda: None)
+    monkeypatch.setattr(module, "begin_copy", lambda: None)
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     monkeypatch.setattr(module, "run_batch", lambda *_: ours.close())
     ours.send(([], []))
     module._serve(theirs)
     assert ours.closed
+
+
+ORPHANED = """
+import os, signal, time
+from litsim_policy.run.workers import Workers
+from litsim_sim.launch import forked
+
+def late():
+    while os.getppid() == parent:
+        time.sleep(0.01)
+    begin()
+
+parent, begin = os.getpid(), forked.begin_child
+forked.begin_child = late
+with Workers(2):
+    os.kill(parent, signal.SIGKILL)
+"""
+
+
+def test_none_outlives_a_parent_that_is_killed_while_it_starts_them() -> None:
+    done = subprocess.run([sys.executable, "-c", ORPHANED], capture_output=True, timeout=100, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGKILL, b"")  # its output is open for as long as any of them is
 
 
 def test_a_case_comes_to_the_same_as_in_this_process(tmp_path: Path) -> None:

@@ -17,8 +17,8 @@ from pathlib import Path
 from litsim_policy.run.case_batch import Found, run_batch
 from litsim_policy.run.case_run import RunFailed, RunOutcome
 from litsim_sim.campaign.case import Case
-from litsim_sim.launch.child import begin_child, how_it_ended
-from litsim_sim.launch.forked import forget_signals
+from litsim_sim.launch.child import how_it_ended
+from litsim_sim.launch.forked import begin_copy, forget_signals
 from litsim_sim.launch.processes import held_back
 
 _FORK, _SPAWN = multiprocessing.get_context("fork"), multiprocessing.get_context("spawn")
@@ -123,7 +123,7 @@ def _serve(pipe: Connection) -> None:
     """Main function of a worker's process: run the batches received, and send their results."""
     forget_signals()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the parent ends this one
-    begin_child()
+    begin_copy()
     with suppress(EOFError, ConnectionError):  # the parent is gone
         while True:
             cases, folders = pipe.recv()

@@ -116,12 +116,17 @@ def _end_of(wanted: IO[str] | int) -> tuple[IO[str] | None, IO[str] | Connection
         return os.fdopen(os.dup(read.fileno())), write
 
 
+def begin_copy() -> None:
+    """In a process of :mod:`multiprocessing` before its work: end when its parent is gone; hear signals."""
+    begin_child()
+    parent = multiprocessing.parent_process()
+    if parent is None or os.getppid() != parent.pid:  # it was gone before that could be arranged
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
 def _run_as_child(*given: Any) -> None:
     """Like :func:`_run_program`, but ends when the process that this is a copy of is gone."""
-    begin_child()
-    copied = multiprocessing.parent_process()
-    if copied is None or os.getppid() != copied.pid:  # it was gone before that could be arranged
-        os.kill(os.getpid(), signal.SIGTERM)
+    begin_copy()
     _run_program(*given)
 
 
