@@ -19,7 +19,7 @@ from litsim_policy.ads_check.session import Check, observe
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, number, positive
 from litsim_sim.cli.program import interrupt_on_signals, program
 from litsim_sim.core.errors import EXIT_FAILED, InputError
-from litsim_sim.io.files import replacing
+from litsim_sim.io.files import make_folder, replacing
 from litsim_sim.launch.domain import graph_domain
 from litsim_sim.scenario.scenario import Scenario
 
@@ -138,10 +138,7 @@ def _writable(out: Path) -> Path:
     """Create the folder `out` for the record, or fail before anything is started."""
     if any(out.glob("*.mcap")):
         raise InputError(f"{out}: holds a recording already; give another --out")
-    try:
-        (out / "log").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror}") from error
+    make_folder(out / "log")
     return out
 
 

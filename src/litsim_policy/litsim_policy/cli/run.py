@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from tqdm import tqdm
@@ -10,7 +11,7 @@ from tqdm import tqdm
 from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.metrics import compute_metrics, write_metrics
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser
-from litsim_sim.cli.program import RUN_STATUS_HELP, program, run_status
+from litsim_sim.cli.program import RUN_STATUS_HELP, interrupt_on_signals, program, run_status
 from litsim_sim.cli.run_arguments import add_run_arguments, plan_of
 from litsim_sim.report.terminal import print_metrics
 from litsim_sim.scenario.run_info import OWN_EGOS
@@ -25,10 +26,12 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-@program
-def main(argv: list[str] | None = None) -> int:
-    """Entry point of ``ros2 run litsim_policy run``."""
-    arguments = parser().parse_args(argv)
+def run(arguments: argparse.Namespace) -> int:
+    """Make the run, show its metrics, and return the exit status.
+
+    Raises:
+        InputError: an argument or a file cannot be used.
+    """
     plan = plan_of(arguments)
     scenario = plan.scenario
     runner = Runner(plan, SumoMirror(scenario.net_path, scenario.seed, scenario.signals))
@@ -38,6 +41,18 @@ def main(argv: list[str] | None = None) -> int:
         write_metrics(metrics, arguments.json)
     print_metrics(metrics)
     return run_status(metrics, plan.scenario.name)
+
+
+@program
+def main(argv: list[str] | None = None) -> int:
+    """Entry point of ``ros2 run litsim_policy run``."""
+    arguments = parser().parse_args(argv)
+    interrupt_on_signals()
+    try:
+        return run(arguments)
+    except KeyboardInterrupt:
+        print("\ninterrupted: the run is not measured", file=sys.stderr)
+        raise
 
 
 if __name__ == "__main__":
