@@ -20,6 +20,7 @@ RUN, OTHER = "run", "another run"
 STAGES = ("predictor", "conflict", "policy", "ego", "recorder")
 EGO_ID = 7
 CONTROLS, CONTROL = "/litsim/controls", "/litsim/ego/control"
+TWIST = "/litsim/ego/twist"
 
 
 def controls(*ids: int, acceleration: float = -1.0) -> ControlTable:
@@ -289,6 +290,7 @@ def test_controls_of_nobody_and_of_some_are_fine() -> None:
 
 HERE = EgoPublisher(CONTROL, "/mine", reliable=True)
 DEAF = EgoPublisher(CONTROL, "/mine", reliable=False)
+ELSEWHERE = EgoPublisher(TWIST, "/mine", reliable=True)
 NAMELESS = EgoPublisher(CONTROL, "", reliable=True)
 STALE = f"/mine: it does not answer this step: {CONTROL}: the answer to step 3, at step 5, is stale"
 
@@ -299,7 +301,10 @@ STALE = f"/mine: it does not answer this step: {CONTROL}: the answer to step 3, 
         ((), (), (), f"no node publishes on {CONTROL}; is it running in here?"),
         ((), (DEAF,), (), f"/mine: its publisher on {CONTROL} is BEST_EFFORT and cannot be heard, expected RELIABLE"),
         ((), (HERE,), (), f"/mine: it publishes on {CONTROL}, but no message has been received"),
+        ((), (ELSEWHERE,), (), f"/mine: it publishes on {TWIST}, expected {CONTROL}"),
+        ((), (ELSEWHERE, HERE), (), f"/mine: it publishes on {CONTROL}, but no message has been received"),
         ((3, 4), (), ("/mine",), "/mine: it has answered until step 4; its publisher has left"),
+        ((3, 4), (ELSEWHERE,), (), "/mine: it has answered until step 4; its publisher has left"),
         ((3, 4), (HERE,), (), "/mine: it has answered until step 4; its publisher is still announced, so it hangs, or"),
         ((3, 4), (NAMELESS,), ("/mine",), "/mine: it has answered until step 4; its publisher is still announced"),
         ((3, 4), (NAMELESS,), (), "it has answered until step 4; its publisher is still announced"),

@@ -170,7 +170,11 @@ def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], 
     """
     name = ", ".join(dict.fromkeys([each.node for each in there if each.node] or known))
     prefix = f"{name}: " if name else ""
+    elsewhere = ", ".join(dict.fromkeys(each.topic for each in there if each.topic not in port.topics))
+    there = [each for each in there if each.topic in port.topics]
     deaf = [each for each in there if not each.reliable]
+    if elsewhere and not there and port.answered < 0:
+        return f"{prefix}it publishes on {elsewhere}, expected {port.topics[0]}"
     if port.unfit:
         return f"{prefix}it does not answer this step: {port.unfit}"
     if not port.heard and deaf:
@@ -179,10 +183,8 @@ def absence(port: EgoPort, there: Sequence[EgoPublisher], known: Sequence[str], 
         return f"{prefix}no node publishes on {' or '.join(port.topics)}; is it running in {domain}?"
     if not port.heard:
         return f"{prefix}it publishes on {there[0].topic}, but no message has been received"
-    until = f"{prefix}it has answered until step {port.answered}"
-    if not there:
-        return f"{until}; its publisher has left"
-    return f"{until}; its publisher is still announced, so it hangs, or has died without leaving"
+    end = "is still announced, so it hangs, or has died without leaving" if there else "has left"
+    return f"{prefix}it has answered until step {port.answered}; its publisher {end}"
 
 
 class Answers:

@@ -16,7 +16,7 @@ from litsim_sim.core.compiled import load_kernels
 from litsim_sim.core.errors import EXIT_FAILED, print_error, reason
 from litsim_sim.core.scene import AgentTable, EgoCommand
 from litsim_sim.core.stages import BRIDGE, StageState
-from litsim_sim.ego_port.answer import Interface
+from litsim_sim.ego_port.answer import INPUTS, Interface
 from litsim_sim.ego_port.port import EgoPort, Level
 from litsim_sim.launch.domain import held_domain
 from litsim_sim.launch.domain_ports import EMPTY
@@ -196,7 +196,7 @@ class BridgeNode(Node):
         """The announced publishers on the ego port's topics; the names of their nodes are remembered."""
         found = [
             EgoPublisher(name, node_of(info), _is_reliable(info))
-            for name in self._port.topics
+            for name in INPUTS.values()
             for info in self.get_publishers_info_by_topic(self.resolve_topic_name(name))
         ]
         self._ego_nodes = list(dict.fromkeys(each.node for each in found if each.node)) or self._ego_nodes
