@@ -143,8 +143,8 @@ def test_a_world_is_mirrored_throughout(make_scenario: Callable[..., Scenario], 
 
 
 def test_one_simulation_follows_the_other(agent_table: Build) -> None:
-    for speed in (5.0, 10.0):
-        mirror = SumoMirror(NET, seed=3)
+    for speed, seed in ((5.0, 3), (10.0, 2**64 - 1)):  # the greatest that a run can have
+        mirror = SumoMirror(NET, seed)
         table = agent_table(0, {"id": 1, "x": 100.0, "y": -5.49, "speed": speed})
         mirror.show(table)
         assert present() == {"1"}

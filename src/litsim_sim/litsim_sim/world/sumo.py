@@ -28,10 +28,11 @@ class SumoMirror:
         Raises:
             InputError: SUMO cannot load the net.
         """
+        own = str(seed % 2**31)  # SUMO's are 32 bits wide
         try:
             libsumo.start(
                 [
-                    *("sumo", "--net-file", str(net_path), "--step-length", str(STEP_S), "--seed", str(seed)),
+                    *("sumo", "--net-file", str(net_path), "--step-length", str(STEP_S), "--seed", own),
                     *("--default.action-step-length", _NEVER, "--collision.action", "none", "--time-to-teleport", "-1"),
                     *("--no-step-log", "true", "--no-warnings", "true"),
                 ]
