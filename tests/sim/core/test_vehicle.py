@@ -72,6 +72,7 @@ def test_reset_forgets() -> None:
         ({"speed_max": inf}, "speed_max is inf, expected a number of more than 0"),
         ({"jerk_max": nan}, "jerk_max is nan, expected a number of more than 0"),
         ({"rear_axle": 0.6}, "rear_axle is 0.6, expected a number of at least 0 and at most 0.5"),
+        ({"delay_s": 1e12}, r"delay_s is 1000000000000.0, expected a number of at least 0 and at most 60 \[s\]"),
         ({"delay_s": 0.25}, "delay_s is 0.25, expected a multiple of 0.1 s"),
     ],
 )

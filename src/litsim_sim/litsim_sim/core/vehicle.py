@@ -26,12 +26,12 @@ class VehicleModel(VehicleLimits):
 
     Attributes:
         jerk_max: bound on the change of the acceleration; infinite for none.
-        delay_s: dead time of acceleration and yaw rate, whole steps of 0.1 s.
+        delay_s: dead time of acceleration and yaw rate, whole steps of 0.1 s, at most a minute.
         lag_s: time constant of their first-order lag.
     """
 
     jerk_max: Annotated[float, Strict(), Field(gt=0, allow_inf_nan=True), Unit("m/s3")] = inf
-    delay_s: NonNegative[Duration] = 0.0
+    delay_s: Annotated[Duration, Field(ge=0, le=60.0)] = 0.0
     lag_s: NonNegative[Duration] = 0.0
 
     @model_validator(mode="after")
