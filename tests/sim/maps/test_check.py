@@ -76,6 +76,20 @@ def test_tracks_beside_their_net(aside: Path, tmp_path: Path, capsys: pytest.Cap
     assert min(shown.values()) > 50, shown
 
 
+def test_a_recording_elsewhere_is_brought_to_the_net(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = load_recording(EMBEDDED).table
+    table = table[table["frame"] <= 100].assign(x=lambda rows: rows["x"] + 800.0, y=lambda rows: rows["y"] - 300.0)
+    Recording.of_table(RecordingHeader("far", net="us101_like.net.xml"), table).write(tmp_path / "far.parquet")
+    with pytest.raises(SystemExit, match="1"):
+        main(["map", "--check", "us101_like", "--recording", str(tmp_path / "far.parquet")])
+    said = capsys.readouterr().out
+    assert "recording: no motion of about 10 m and 3 degrees puts more than 0.0% of it on lanes" in said
+    assert "in place" not in said
+    found = re.search(r"as a mapping's transform: {yaw_deg: 0\.000, x: (.*), y: (.*)}", said)
+    assert found is not None
+    assert [float(value) for value in found.groups()] == pytest.approx([-800.0, 300.0], abs=60.0)
+
+
 def test_coverage_by_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str], aside: Path) -> None:
     scenario = tmp_path / "aside.yaml"
     scenario.write_text("name: aside\nrecording: aside.parquet\nnet: us101_like\nego: 7\nsimulation_s: 4.0\n")

@@ -32,6 +32,7 @@ UNDETERMINED = 1e-3  # of the largest eigenvalue, below which a direction is not
 FACING = math.radians(45.0)  # by which a vehicle on a lane may head elsewhere than the lane
 
 IN_PLACE_M, IN_PLACE_RAD = 0.3, math.radians(0.1)  # largest motion that is not a misplacement but drivers' preference
+FOUND_MIN = 0.5  # smallest share of positions on lanes with which tracks are on the net at all
 GAIN_MIN = 0.01  # smallest share of positions that a reported motion brings onto lanes
 CONVERGENCE_MAX = math.radians(3.6)  # of UTM, at the edge of a zone of 6 degrees, near the poles; more is another cause
 CONVERGENCE_MATCH = math.radians(0.15)  # by which a turn may differ from the convergence that explains it
@@ -47,6 +48,7 @@ class Alignment:
         turn: counter-clockwise [rad].
         before, after: share of the positions that are on a lane which leads where they head, without and with it.
         determined: whether the lanes determine all of it; on a straight road they do not say how far along it.
+        net_centre: (x, y) of the middle of the net [m].
     """
 
     centre: tuple[float, float]
@@ -55,6 +57,12 @@ class Alignment:
     before: float
     after: float
     determined: bool
+    net_centre: tuple[float, float]
+
+    @property
+    def lost(self) -> bool:
+        """Whether most positions are on no lane even then: they belong farther away, or lanes are missing."""
+        return max(self.before, self.after) < FOUND_MIN
 
     @property
     def in_place(self) -> bool:
@@ -90,7 +98,10 @@ def align(lane_map: LaneMap, table: pd.DataFrame) -> Alignment:
         share = _share(lane_map, *_moved(x, y, found, centre), yaw + found[2])
         if share > after + BETTER:
             best, after, determined = found, share, known
-    return Alignment(centre, (float(best[0]), float(best[1])), float(best[2]), before, after, determined)
+    points = np.concatenate([lane.centerline for lane in lane_map.lanes])
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    shift, net_centre = (float(best[0]), float(best[1])), (float(middle[0]), float(middle[1]))
+    return Alignment(centre, shift, float(best[2]), before, after, determined, net_centre)
 
 
 def grid_convergence(latitude: float, longitude: float) -> float:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from litsim_sim.maps.alignment import Alignment, explained
+from litsim_sim.maps.alignment import START_SHIFTS, START_TURNS, Alignment, explained
 from litsim_sim.maps.check import NetCheck
 from litsim_sim.maps.connectivity import Connectivity
 from litsim_sim.maps.placement import Placement
@@ -58,6 +58,16 @@ def _alignment(
     name: str, found: Alignment, transform: Mapping[str, Any] | None, origin: tuple[float, float] | None
 ) -> list[str]:
     degrees, far = math.degrees(found.turn), math.hypot(*found.shift)
+    before = transform or {}
+    yaw_deg, x, y = (float(before.get(key, 0.0)) for key in ("yaw_deg", "x", "y"))
+    if found.lost:
+        reach = f"{START_SHIFTS[-1]:.0f} m and {math.degrees(START_TURNS[-1]):.0f} degrees"
+        most = f"{max(found.before, found.after):.1%}"
+        x, y = x + found.net_centre[0] - found.centre[0], y + found.net_centre[1] - found.centre[1]
+        return [
+            f"{name}: no motion of about {reach} puts more than {most} of it on lanes of its direction",
+            f"  for another check with the middle of both together, {_as_field(before, yaw_deg, x, y)}",
+        ]
     if found.in_place:
         return [f"{name}: in place; the best fit is {far:.2f} m and {degrees:+.2f} degrees off"]
     centre, shift = (
@@ -68,11 +78,13 @@ def _alignment(
     lines.append(f"  then {found.after:.1%} of the positions are on a lane of their direction, now {found.before:.1%}")
     if why := explained(found.turn, origin):
         lines.append(f"  {why}")
-    before = transform or {}
-    yaw_deg, x, y = found.transform(*(float(before.get(key, 0.0)) for key in ("yaw_deg", "x", "y")))
-    mirrored = "mirror_y: true, " if before.get("mirror_y") else ""
-    lines.append(f"  as a mapping's transform: {{{mirrored}yaw_deg: {yaw_deg:.3f}, x: {x:.2f}, y: {y:.2f}}}")
+    lines.append(f"  {_as_field(before, *found.transform(yaw_deg, x, y))}")
     return lines
+
+
+def _as_field(before: Mapping[str, Any], yaw_deg: float, x: float, y: float) -> str:
+    mirrored = "mirror_y: true, " if before.get("mirror_y") else ""
+    return f"as a mapping's transform: {{{mirrored}yaw_deg: {yaw_deg:.3f}, x: {x:.2f}, y: {y:.2f}}}"
 
 
 def _connectivity(lanes: int, found: Connectivity) -> list[str]:
