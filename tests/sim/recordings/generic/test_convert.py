@@ -99,7 +99,7 @@ def test_speeds_by_their_components(tmp_path: Path) -> None:
     source = straight().assign(vx=43.2 * np.cos(0.3), vy=43.2 * np.sin(0.3))
     table = made(tmp_path, source, BOX | {"columns": columns, "units": {"speed": "km/h"}}).table
     np.testing.assert_allclose(table["speed"], 12.0)
-    with pytest.raises(InputError, match=r"line 9: column 'vy' is 'nan', .*; without field columns\.speed"):
+    with pytest.raises(InputError, match=r"line 9: column 'vy' is empty or nan, .*; without field columns\.speed"):
         made(tmp_path, source.assign(vy=lambda rows: rows["vy"].where(rows["n"] != 7)), BOX | {"columns": columns})
 
 
@@ -205,7 +205,7 @@ def test_noise_is_cleaned_where_asked(tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"px": "twelve"}, r"in.csv: line 12: column 'px' is 'twelve', expected a number; 1 such rows"),
-        ({"px": np.nan}, r"in.csv: line 12: column 'px' is 'nan', expected a number"),
+        ({"px": np.nan}, r"in.csv: line 12: column 'px' is empty or nan, expected a number"),
         ({"id": None}, r"in.csv: line 12: no vehicle id; 1 such rows"),
         ({"n": 9}, r"in.csv: lines 11 and 12: vehicle 1 occurs twice at 0.900 s, with other values; 1 such"),
     ],
@@ -353,7 +353,7 @@ def test_dates_are_times(tmp_path: Path, name: str) -> None:
         recording = made(tmp_path, straight().assign(t=times), BOX, name)
         pd.testing.assert_frame_equal(recording.table, plain, atol=1e-3, rtol=0.0)
         assert recording.header.notes["time_of_frame_0_s"] == pytest.approx(1715934600.0)
-    with pytest.raises(InputError, match=r"(line 6|row 5): column 't' is 'nan', expected a number; 1 such rows"):
+    with pytest.raises(InputError, match=r"(line 6|row 5): column 't' is empty or nan, expected a number; 1 such rows"):
         made(tmp_path, straight().assign(t=stamps.where(stamps.index != 4)), BOX, name)
 
 
@@ -378,7 +378,7 @@ def test_who_reverses_has_no_speed(tmp_path: Path) -> None:
 
 def test_cells_that_a_file_need_not_have(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match=r"column 'h' is 'nan', .*; without field columns\.yaw it is derived from the mo"
+        InputError, match=r"column 'h' is empty or nan, .*; without field columns\.yaw it is derived from the mo"
     ):
         made(tmp_path, straight().assign(h=lambda rows: rows["h"].where(rows["n"] != 7)), BOX)
 

@@ -16,6 +16,7 @@ from litsim_sim.recordings.generic.draft import draft
 from litsim_sim.recordings.generic.mapping import Mapping
 
 Traffic = Callable[..., pd.DataFrame]
+OPTIONAL = {"heading": "yaw", "speed": "speed"}
 
 
 def drafted(path: Path) -> Mapping:
@@ -35,6 +36,11 @@ def drafted(path: Path) -> Mapping:
         lambda table: table.assign(timestamp=(1e6 * table["timestamp"]).round().astype(int)).rename(
             columns={"timestamp": "timestamp_micros", "x": "center_x", "y": "center_y", "track_id": "object_id"}
         ),
+        lambda table: (
+            table.assign(timestamp=(1e9 * table["timestamp"]).round().astype(int), v=3.6 * table["speed"])
+            .drop(columns="speed")
+            .rename(columns={"track_id": "agent_uuid", "timestamp": "stamp_ns", "v": "speed_kph"})
+        ),
         lambda table: table.assign(length=100.0 * table["length"], width=180.0).rename(
             columns={
                 "heading": "Course_rad",
@@ -53,6 +59,35 @@ def test_units_and_conventions_are_found(tmp_path: Path, traffic: Traffic, chang
     plain = convert(tmp_path / "plain.csv", drafted(tmp_path / "plain.csv"))[0].table
     assert plain["speed"].max() == pytest.approx(11.0)
     pd.testing.assert_frame_equal(made, plain, atol=0.02, rtol=0.0)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("km/h", 3.6), ("ft/s", 1.0 / 0.3048)])
+def test_units_that_are_close_are_told_apart_in_noisy_positions(
+    tmp_path: Path, traffic: Traffic, unit: str, factor: float
+) -> None:
+    noise = np.random.default_rng(3).normal(0.0, 0.03, (2, 1500))  # 1 m/s from row to row at 25 Hz
+    table = traffic(speed=factor).drop(columns="heading")
+    slow = np.repeat(np.linspace(0.1, 1.0, 5), 300)  # times as fast, from car to car
+    table["speed"] *= slow
+    table["x"], table["y"] = (
+        100.0 + (table[axis] - 100.0) * slow + each for axis, each in zip("xy", noise, strict=True)
+    )
+    table.to_csv(tmp_path / "case.csv", index=False)
+    mapping = drafted(tmp_path / "case.csv")
+    assert mapping.units.speed == unit
+    convert(tmp_path / "case.csv", mapping)
+    other = mapping.units.model_copy(update={"speed": {"km/h": "ft/s", "ft/s": "km/h"}[unit]})
+    with pytest.raises(InputError, match=rf"fastest quarter\); units.speed {unit} would fit better than {other.speed}"):
+        convert(tmp_path / "case.csv", mapping.model_copy(update={"units": other}))
+
+
+def test_columns_with_empty_cells_are_used_only_where_they_must_be(tmp_path: Path, traffic: Traffic) -> None:
+    table = traffic().assign(lane=1.0)
+    table.loc[[3, 700], ["heading", "lane"]] = np.nan
+    table.to_csv(tmp_path / "case.csv", index=False)
+    assert "# heading has empty cells, and is not used; lane has empty" in draft(tmp_path / "case.csv")
+    made = convert(tmp_path / "case.csv", drafted(tmp_path / "case.csv"))[0].table
+    assert len(made) == 5 * 120 and (made["lane"] == -1).all()
 
 
 def test_kinds_clips_and_what_is_missing(tmp_path: Path, traffic: Traffic) -> None:
@@ -138,12 +173,13 @@ def test_corners_of_boxes_in_a_picture_and_components_of_speed(tmp_path: Path, t
 
 @pytest.mark.parametrize("column", ["timestamp", "x", "heading", "speed", "width"])
 def test_cells_that_are_no_numbers(tmp_path: Path, traffic: Traffic, column: str) -> None:
-    """An empty cell is no matter for a draft; text, such as numbers with decimal commas, is."""
+    """A draft does without an optional column with an empty cell; text, such as decimal commas, is refused."""
     table = traffic()
     table.assign(**{column: table[column].where(table.index != 2)}).to_csv(tmp_path / "in.csv", index=False)
     with_gap = drafted(tmp_path / "in.csv")
     table.to_csv(tmp_path / "in.csv", index=False)
-    assert with_gap == drafted(tmp_path / "in.csv")
+    whole = drafted(tmp_path / "in.csv")
+    assert with_gap.columns == whole.columns.model_copy(update={OPTIONAL[column]: None} if column in OPTIONAL else {})
     table.astype({column: object}).assign(**{column: "1,5"}).to_csv(tmp_path / "in.csv", index=False)
     with pytest.raises(InputError, match=f"in.csv: line 2: column '{column}' is '1,5', expected a number; 1500 such"):
         draft(tmp_path / "in.csv")

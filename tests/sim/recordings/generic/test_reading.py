@@ -134,6 +134,60 @@ def test_tracks_are_cut_where_the_vehicle_is_another_one(converted: Callable[...
         assert np.hypot(np.diff(rows["x"]), np.diff(rows["y"])).max() < 2.0
 
 
+@pytest.mark.parametrize("shift", [3.0, -4.0])
+def test_leaps_aside_are_told(converted: Callable[..., Any], traffic: Traffic, shift: float) -> None:
+    table = traffic()
+    table.loc[(table["track_id"] == 2) & (table["timestamp"] > 5.01), "y"] += shift
+    recording, counts = converted(table)
+    assert (counts.jumps, counts.leaps, counts.left_out) == (0, 1, {})
+    lines = 2 + 300 + 125, 3 + 300 + 125  # of the head, and of the first vehicle's rows
+    assert f"at most by {abs(shift):.1f} m within 0.04 s (" in counts.text()
+    assert f"in.csv: lines {lines[0]} and {lines[1]})" in counts.text()
+    assert recording.header.notes["leaps"] == 1
+    table.loc[(table["track_id"] == 2) & (table["timestamp"] > 5.01), "y"] += shift
+    with pytest.raises(InputError, match=rf"; 1 leaps, at most by .* \(.*in.csv: lines {lines[0]} and"):
+        converted(table)
+
+
+def test_what_vehicles_do_is_no_leap(converted: Callable[..., Any], traffic: Traffic) -> None:
+    """One brakes to a stop with 10 m/s2, rows are missing, and tracks are cut and begin anew."""
+    table = traffic()
+    mine = table["track_id"] == 5
+    angle = np.interp(table["timestamp"][mine], [0.0, 5.0, 6.0, 12.0], [0.0, 0.5, 0.55, 0.55])
+    table.loc[mine, "x"], table.loc[mine, "y"] = 100.0 + 100.0 * np.sin(angle), 20.0 - 100.0 * np.cos(angle)
+    table.loc[mine, "heading"] = angle
+    table.loc[(table["track_id"] == 2) & (table["timestamp"] > 5.0), "x"] += 500.0
+    held = table[~table["timestamp"].between(3.0, 3.4)]
+    _, counts = converted(held, columns={name: each for name, each in COLUMNS.items() if name != "speed"})
+    assert (counts.jumps, counts.leaps) == (1, 0)
+    assert "leaps" not in counts.text()
+
+
+def test_vehicles_of_unknown_kind_are_told(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic()
+    table.loc[table["track_id"] < 3, "agent_type"] = "tram"
+    columns = COLUMNS | {"kind": "agent_type"}
+    _, counts = converted(table, columns=columns, kinds={"car": "car", "tram": "unknown"})
+    assert "unknown    2 vehicles are of a kind that field kinds of the mapping calls unknown: tram 2" in counts.text()
+    _, counts = converted(table, columns=columns, kinds={"car": "car", "tram": "truck"})
+    assert "unknown" not in counts.text() and "unknown" not in converted(table)[1].text()
+
+
+def test_kinds_that_are_missing_are_written_for_the_user(converted: Callable[..., Any], traffic: Traffic) -> None:
+    table = traffic()
+    table.loc[table["track_id"] == 3, "agent_type"] = "truck_bus"
+    columns = COLUMNS | {"kind": "agent_type"}
+    said = (
+        r"in.csv: line 2: kind 'car' is not in field kinds of the mapping, which needs an entry for each value of "
+        r"column 'agent_type', one of car, truck, .*: for those that are missing, probably kinds: "
+        r"\{'car': car, 'truck_bus': truck\}"
+    )
+    with pytest.raises(InputError, match=said):
+        converted(table, columns=columns)
+    with pytest.raises(ValueError, match=r"kinds without columns\.kind"):
+        converted(table, kinds={"car": "car"})
+
+
 def test_ids_that_vehicles_share_are_refused(converted: Callable[..., Any], traffic: Traffic) -> None:
     table = traffic()
     table.loc[(table["track_id"] == 1) & (table.index % 10 == 5), "x"] += 500.0
@@ -157,7 +211,7 @@ def test_places_are_those_that_people_see(
 ) -> None:
     table = traffic()
     table.loc[10, "x"] = None
-    with pytest.raises(InputError, match=rf"{name}: {place}: column 'x' is 'nan', expected a number; 1 such rows"):
+    with pytest.raises(InputError, match=rf"{name}: {place}: column 'x' is empty or nan, expected a number; 1 such"):
         converted(table, name=name)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -16,17 +16,18 @@ from litsim_sim.core.scene import RATE_HZ, STEP_S, FloatArray, IntArray, Kind
 from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
 from litsim_sim.recordings.cleaning.cleaning import smoothed
 from litsim_sim.recordings.generic.counts import Counts
-from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
+from litsim_sim.recordings.generic.draft import likely_kind
+from litsim_sim.recordings.generic.mapping import FACTORS, KindName, Mapping
 from litsim_sim.recordings.generic.obstacles import NAMES as OBSTACLES
 from litsim_sim.recordings.generic.obstacles import obstacle_rows, with_usual_sizes, without_unused
 from litsim_sim.recordings.generic.plausibility import check_plausible, heading
 from litsim_sim.recordings.generic.reading import plain, read_rows, texts
-from litsim_sim.recordings.generic.resampling import in_order, resampled, split, without_outliers
+from litsim_sim.recordings.generic.resampling import count_leaps, in_order, resampled, split, without_outliers
 from litsim_sim.recordings.ngsim.tracks import DIRECTION_MIN, PIECE, direction_of_motion
 from litsim_sim.recordings.recording import BOUNDS, COLUMNS, Recording, RecordingHeader
 
 IDS_KEPT = 5000  # most renumbered vehicle ids that the header lists
-DROP = "drop"
+DROP, UNKNOWN = "drop", "unknown"
 CREEPING = 1.0  # [m] travel within a second below which a vehicle keeps its direction: noise would turn it
 HARSH = 5.0  # [m/s2] magnitude that accelerations of vehicles hardly ever exceed
 FAR = 1.0  # [m] displacement by cleaning beyond which a vehicle is reported
@@ -51,6 +52,7 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
     check_plausible(table[~obstacle_rows(table)], mapping, str(source))
     table = with_usual_sizes(_never_backwards(table, counts), mapping, counts)
     table = without_outliers(table, source, counts)
+    count_leaps(table[~obstacle_rows(table)], source, counts)
     table = resampled(split(table, counts), source, counts)
     moving = _with_motion(table, mapping)
     _check_walking(moving[obstacle_rows(moving)], names.get("ids", {}), source)
@@ -65,10 +67,11 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
         harsh = np.abs(moving["acceleration"].to_numpy()[~obstacle_rows(moving)]) > HARSH
         counts.harsh = float(harsh.mean())
         if not (np.abs(moving["acceleration"]) <= BOUNDS["acceleration"][1]).all() and "acceleration" not in table:
+            leap = f"; {counts.leaps} leaps, at most {counts.farthest_leap}, it would not" if counts.leaps else ""
             raise InputError(
                 f"{source}: accelerations derived from the file reach "
                 f"{np.abs(moving['acceleration']).max():.3g} m/s2, beyond {HARSH:g} m/s2 in {counts.harsh:.1%} of the "
-                f"rows: field clean of the mapping, set to true, smooths such positions"
+                f"rows: field clean of the mapping, set to true, smooths such positions{leap}"
             )
     header = RecordingHeader(
         name=mapping.name,
@@ -94,9 +97,11 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[p
             at = int(np.argmax(bad))
             ours = name.removesuffix("_x").removesuffix("_y")
             without = f"; without field columns.{ours} it is derived from the motion" if ours in DERIVED else ""
+            cell = given[name].iloc[at]
+            found = "empty or nan" if pd.isna(cell) else repr(str(cell))
             raise InputError(
-                f"{source.at(row[at])}: column {columns.named()[name]!r} is {str(given[name].iloc[at])!r}, expected a "
-                f"number; {int(bad.sum())} such rows{without}"
+                f"{source.at(row[at])}: column {columns.named()[name]!r} is {found}, expected a number; "
+                f"{int(bad.sum())} such rows{without}"
             )
         return values * FACTORS[unit]
 
@@ -180,16 +185,19 @@ def _without_dropped_kinds(given: pd.DataFrame, mapping: Mapping, source: TableF
     if "kind" not in given:
         return given
     said, kinds = texts(given["kind"]), {plain(name): ours for name, ours in mapping.kinds.items()}
-    unknown = sorted(set(said.unique()) - set(kinds))
-    if unknown:
-        row = given["row"][said == unknown[0]].iloc[0]
+    if missing := sorted(set(said.unique()) - set(kinds)):
+        row = given["row"][said == missing[0]].iloc[0]
+        entries = ", ".join(f"{name!r}: {likely_kind(name)}" for name in missing)
         raise InputError(
-            f"{source.at(row)}: kind {unknown[0]!r} is not in field kinds of the mapping, {sorted(mapping.kinds)}; "
-            f"others missing there: {', '.join(unknown[1:]) or 'none'}"
+            f"{source.at(row)}: kind {missing[0]!r} is not in field kinds of the mapping, which needs an entry for "
+            f"each value of column {mapping.columns.kind!r}, one of {', '.join(get_args(KindName))}: for those that "
+            f"are missing, probably kinds: {{{entries}}}"
         )
     ours = said.map(kinds)
     for kind in sorted(set(said[ours == DROP])):
         counts.leave_out(f"kind {kind}", int((said == kind).sum()))
+    for kind in sorted(set(said[ours == UNKNOWN])):
+        counts.unknown[kind] = int(given["vehicle_id"][said == kind].nunique())
     if ours.isin([DROP, *OBSTACLES]).all() and not (ours == DROP).all():
         raise InputError(f"{source}: only pedestrians and cyclists are left; the kinds are {sorted(set(said))}")
     if (ours == DROP).all():

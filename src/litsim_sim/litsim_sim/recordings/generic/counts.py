@@ -16,12 +16,15 @@ class Counts:
     Attributes:
         read: rows of the file.
         left_out: rows left out, by reason.
+        unknown: vehicles of each kind of the file that the mapping calls unknown.
         tracks: vehicles of the remaining rows.
         jumps: jumps at which tracks were cut.
         pieces: tracks after cutting at long holes and jumps.
         too_short: pieces that contain no frame at 10 Hz.
         usual_sizes: pedestrians and cyclists without a size that got a default one.
         backwards: rows with negative speeds, set to 0.
+        leaps: steps between rows of vehicles that depart from the motion around as no vehicle does.
+        farthest_leap: how far and where one of them does most.
         harsh: share of the rows of vehicles with implausibly hard accelerations.
         moved: largest displacement by cleaning [m], by vehicle, of those moved by more than a metre.
         rows: rows of the recording, one per vehicle and frame at 10 Hz.
@@ -29,12 +32,15 @@ class Counts:
 
     read: int = 0
     left_out: dict[str, int] = field(default_factory=dict)
+    unknown: dict[str, int] = field(default_factory=dict)
     tracks: int = 0
     jumps: int = 0
     pieces: int = 0
     too_short: int = 0
     usual_sizes: int = 0
     backwards: int = 0
+    leaps: int = 0
+    farthest_leap: str = ""
     harsh: float = 0.0
     moved: dict[int, float] = field(default_factory=dict)
     rows: int = 0
@@ -55,6 +61,7 @@ class Counts:
             "tracks_too_short": self.too_short,
             **({"tracks_of_usual_size": self.usual_sizes} if self.usual_sizes else {}),
             **({"rows_backwards": self.backwards} if self.backwards else {}),
+            **({"leaps": self.leaps} if self.leaps else {}),
             **({"moved_by_cleaning_m": {str(k): round(way, 2) for k, way in self.moved.items()}} if self.moved else {}),
             "rows_at_10_hz": self.rows,
         }
@@ -67,10 +74,19 @@ class Counts:
         where = f"long holes and {self.jumps} jumps" if self.jumps else "long holes"
         cut = f", {self.pieces} after {where} were cut" if self.pieces > self.tracks else ""
         short = f", {self.too_short} of them left out: seen between two frames of 10 Hz only" if self.too_short else ""
+        if self.unknown:
+            told = ", ".join(f"{name or 'empty'} {vehicles}" for name, vehicles in self.unknown.items())
+            vehicles = f"{sum(self.unknown.values())} vehicles are of a kind"
+            lines.append(f"unknown    {vehicles} that field kinds of the mapping calls unknown: {told}")
         if self.usual_sizes:
             lines.append(f"sizes      {self.usual_sizes} pedestrians or cyclists without a size got a usual one")
         if self.backwards:
             lines.append(f"speeds     {self.backwards} rows below 0, of reversing or standing vehicles, became 0")
+        if self.leaps:
+            lines.append(
+                f"leaps      {self.leaps} times a vehicle departs from its motion before and after as none drives, at "
+                f"most {self.farthest_leap}: speeds and headings there may be wrong, too"
+            )
         if self.harsh > HARSH_MAX:
             share = f"{self.harsh:.0%} of the accelerations are beyond 5 m/s2"
             lines.append(f"rough      {share}: field clean of the mapping, set to true, smooths positions")

@@ -25,20 +25,21 @@ from litsim_sim.recordings.generic.plausibility import (
     WIDTH_RANGE,
     ZEROS,
     heading,
+    pace,
 )
 from litsim_sim.recordings.generic.reading import NEEDED, texts
 from litsim_sim.recordings.generic.sides import MOVING
 
 NAMES: dict[str, str] = {
-    "vehicle_id": r"(vehicle|track|agent|object|car|obj|veh)?_?id",
-    "time": r"(global_?)?(time|timestamp)(_?(s|ms|us|ns|sec|seconds|micros|millis|nanos))?|t|stamp",
+    "vehicle_id": r"(vehicle|track|agent|object|car|obj|veh)?_?(id|uuid)",
+    "time": r"(global_?)?(time|timestamp|stamp)(_?(s|ms|us|ns|sec|seconds|micros|millis|nanos))?|t",
     "frame": r"frame(_?(id|number|num|no))?|(time_?)?step",
     "x": r"((local|pos(ition)?|utm|map|cent(er|re))_?)?x(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?east(ing)?",
     "y": r"((local|pos(ition)?|utm|map|cent(er|re))_?)?y(_?(center|centre|m|ft|pos|position|utm))?|(utm_?)?north(ing)?",
     "length": r"(v_?|vehicle_?)?length(_?(m|ft|cm))?",
     "width": r"(v_?|vehicle_?)?width(_?(m|ft|cm))?",
     "yaw": r"(yaw|heading|course|psi|theta|orientation|angle)(_?(rad|deg))?",
-    "speed": r"speed|velocity|v|v_?vel|lon_?velocity|speed_?(ms|mps|kmh|mph|m_s)",
+    "speed": r"speed|velocity|v|v_?vel|lon_?velocity|speed_?(ms|mps|kmh|kph|km_h|mph|m_s)",
     "speed_x": r"v(el|elocity)?_?x|x_?v(el|elocity)|speed_?x",
     "speed_y": r"v(el|elocity)?_?y|y_?v(el|elocity)|speed_?y",
     "acceleration": r"(lon_?)?(acceleration|accel|acc)(_?(mps2|m_?s2))?|v_?acc",
@@ -70,6 +71,8 @@ COMPONENTS = ("speed_x", "speed_y")
 HEIGHT = "height"
 """Column of image boxes with their extent across the road; column width is their extent along it."""
 NUMBERS = {"time", "frame", "x", "y", "length", "width", "yaw", "speed", "speed_x", "speed_y"}
+OPTIONAL = ("yaw", "speed", "acceleration", "lane")
+"""Columns of numbers that a file need not have; in one that it has, every cell is one."""
 IDENTITY = ("vehicle_id", "x", "y")
 
 
@@ -96,16 +99,20 @@ def draft(paths: Path | Sequence[Path]) -> str:
         table["time"] = since_1970(table["time"])
     for name in sorted(NUMBERS & {*columns}):
         table[name] = _numbers(table[name], raw["row"], columns[name], source)
+    empty = [name for name in (*OPTIONAL, *COMPONENTS) if name in columns and table[name].isna().any()]
+    held = [columns.pop(name) for name in empty]
+    table = table.drop(columns=empty)
     components = [columns.pop(name) for name in COMPONENTS if name in columns]
-    if components and "speed" not in columns:
+    if len(components) == 2 and "speed" not in columns:
         table["speed"] = np.hypot(table["speed_x"], table["speed_y"])
     made = _Draft({"name": re.sub(r"\W+", "_", source.files[0].path.stem), "source": "", "licence": "", "net": ""})
     made.remarks["source"] = "data set, site and period, as in a citation"
     made.remarks["net"] = "name of the SUMO net in whose frame the positions are"
     sizes = {name: size for name, size in USUAL_SIZE.items() if name not in columns}
     made.fields["columns"] = columns | sizes | ({"speed": components} if "speed" in table and components else {})
-    if sizes:
-        made.remarks["columns"] = f"the file has no {' and '.join(sizes)}: those of a usual car, in metres"
+    remarks = [f"{name} has empty cells, and is not used" for name in held]
+    remarks += [f"the file has no {' and '.join(sizes)}: those of a usual car, in metres"] if sizes else []
+    made.remarks["columns"] = "; ".join(remarks)
     made.fields["reference"] = "box_centre"
     made.remarks["reference"] = "a guess: box_centre, front_centre or rear_axle"
     if columns.get("width") == HEIGHT:
@@ -124,7 +131,7 @@ def draft(paths: Path | Sequence[Path]) -> str:
     _motion(made, steps)
     if "kind" in columns:
         _kinds(made, table["kind"])
-    unused = [name for name in source.columns if name not in used]
+    unused = [name for name in source.columns if name not in used or name in held]
     text = _written(made, f"Drafted from the columns of {source.name}; not used: {', '.join(unused) or 'none'}.")
     Mapping.model_validate(yaml.safe_load(text))  # else this is wrong, not the user
     return text
@@ -232,7 +239,7 @@ def _motion(made: _Draft, steps: _Steps) -> None:
     moving = driven > MOVING
     if "speed" in steps.begin and moving.any():
         said = np.abs(steps.begin["speed"].to_numpy(np.float64)[moving])
-        ratio = float(np.median(said / driven[moving]))
+        ratio = 1.0 / pace(said, driven[moving])
         rates = {0.0: 1.0}
         if by_frame:  # the file does not give the rate: choose that of a camera by which speeds agree
             rates = {rate: rate / made.fields["rate_hz"] for rate in CAMERA_RATES_HZ}
@@ -269,12 +276,14 @@ def _angles(made: _Draft, angle: FloatArray, motion: FloatArray) -> None:
     made.remarks["angles"] = f"headings are then {off:.2g} degrees off the direction of motion (median)"
 
 
+def likely_kind(said: str) -> str:
+    """What a file most probably means by a kind, as field `kinds` of a mapping has it."""
+    return next((ours for ours, like in KINDS.items() if re.fullmatch(like, said.lower())), "unknown")
+
+
 def _kinds(made: _Draft, kinds: pd.Series) -> None:
     counts = texts(kinds).value_counts()
-    found = {
-        str(said): next((ours for ours, like in KINDS.items() if re.fullmatch(like, str(said).lower())), "unknown")
-        for said in counts.index
-    }
+    found = {str(said): likely_kind(str(said)) for said in counts.index}
     if made.fields["columns"]["kind"].lower() == "v_class":
         found = {said: NUMBERED.get(said, ours) for said, ours in found.items()}
     made.fields["kinds"] = found

@@ -197,6 +197,12 @@ class Mapping(_Strict):
     accept: list[Check] = []
     clean: bool = False
 
+    @model_validator(mode="after")
+    def _kinds_of_a_column(self) -> Mapping:
+        if self.kinds and self.columns.kind is None:
+            raise ValueError("kinds without columns.kind, expected the column with the kinds of vehicles there")
+        return self
+
 
 def read_mapping(path: Path) -> Mapping:
     """Read a mapping file.

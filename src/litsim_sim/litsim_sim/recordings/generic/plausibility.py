@@ -22,6 +22,7 @@ from litsim_sim.recordings.generic.sides import MOVING
 STEP_RANGE_S = (0.005, 0.5)  # time between rows of a vehicle: 200 to 2 rows per second
 SPEED_MAX = 70.0  # [m/s] bound on the 90 % quantile of speeds
 AGREEMENT = 1.15  # largest ratio between speeds and those of the positions; 1.01 in NGSIM's files
+CLOSE, CLOSER = 1.05, 0.25  # ratio beyond which another unit, in which a quarter of its logarithm is left, is suggested
 HEADING_MAX = 0.35  # [rad] bound on the median angle between heading and direction of motion
 MISREAD = 0.005  # share of moving rows off by more above which a convention that halves it is suggested
 TURNED_MAX = np.deg2rad(3.0)  # bound on the median offset of headings of vehicles that go straight; NGSIM: 0
@@ -108,7 +109,7 @@ def _speed(table: pd.DataFrame, mapping: Mapping) -> str:
         return ""
     ratio = float(np.median(driven[moving] / np.abs(said[moving])))
     if 1.0 / AGREEMENT <= ratio <= AGREEMENT:
-        return ""
+        return _closer_unit(said[moving], driven[moving], mapping)
     fits = [
         f"{field} {unit}"
         for field, given, units in (
@@ -122,6 +123,29 @@ def _speed(table: pd.DataFrame, mapping: Mapping) -> str:
         fits.append(f"rate_hz {mapping.rate_hz / ratio:.3g}")
     would = f"; {' or '.join(fits)} would fit" if fits else _degrees(table, mapping)
     return f"positions change {ratio:.3g} times as fast as column {mapping.columns.speed!r} says (median){would}"
+
+
+def _closer_unit(said: FloatArray, driven: FloatArray, mapping: Mapping) -> str:
+    """Check that speeds (n,) do not agree better in a unit close to that of the mapping: km/h is 0.91 ft/s."""
+    ratio = pace(said, driven)
+    off = abs(np.log(ratio))
+    for unit in ("m/s", "km/h", "mph", "ft/s"):
+        would = abs(np.log(ratio * FACTORS[mapping.units.speed] / FACTORS[unit]))
+        if off > np.log(CLOSE) and would < CLOSER * off:
+            return (
+                f"positions change {ratio:.3g} times as fast as column {mapping.columns.speed!r} says (median of the "
+                f"fastest quarter); units.speed {unit} would fit better than {mapping.units.speed}"
+            )
+    return ""
+
+
+def pace(said: FloatArray, driven: FloatArray) -> float:
+    """How many times as fast as speeds (n,) say positions change: the median of the fastest quarter by what is said.
+
+    Noise of positions a few hundredths of a second apart makes slow vehicles seem faster, but hardly fast ones.
+    """
+    fast = np.abs(said) >= np.quantile(np.abs(said), 0.75)
+    return float(np.median(driven[fast] / np.maximum(np.abs(said[fast]), 1e-9)))
 
 
 def _acceleration(table: pd.DataFrame, mapping: Mapping) -> str:

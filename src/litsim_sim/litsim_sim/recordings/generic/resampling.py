@@ -16,6 +16,8 @@ from litsim_sim.recordings.ngsim.tracks import JUMP_MAX, PIECE
 HOLE_MAX_S = 0.5  # [s] longest hole that is interpolated; a longer one splits the track
 EDGE = 1e-4  # [frames] tolerance of times at frames; above the rounding of seconds since 1970
 AWAY_MAX_S = 0.5  # [s] shorter stretches between two jumps are errors and left out
+LEAP, LEAP_ACCELERATION = 2.0, 15.0  # [m], [m/s2] by which no vehicle departs between two rows from its motion around
+AROUND = 3  # steps before and after that this motion is the median of
 JUMPS_MAX = 0.01  # share of rows left out or following a jump above which the file is refused
 
 
@@ -118,6 +120,34 @@ def resampled(table: pd.DataFrame, source: TableFiles, counts: Counts) -> pd.Dat
     made = pd.concat(pieces, ignore_index=True)
     counts.rows = len(made)
     return made
+
+
+def count_leaps(table: pd.DataFrame, source: TableFiles, counts: Counts) -> None:
+    """Count the steps of vehicles, rows in order, that are no jumps but depart from the motion around as none drives.
+
+    A step counts if it ends farther than LEAP from where the median velocity of the steps around it leads, and farther
+    than LEAP_ACCELERATION explains: a vehicle that is pushed aside by a lane's width, say, and goes on.
+    """
+    vehicle, t = table["vehicle_id"].to_numpy(), table["t"].to_numpy()
+    step = np.diff(t)
+    known = (vehicle[1:] == vehicle[:-1]) & (step <= HOLE_MAX_S + STEP_S) & ~_jumps(table)[1:]
+    way = np.where(known, np.diff(table[["x", "y"]].to_numpy(), axis=0).T, np.nan)
+    velocity = way / step
+    change = np.hypot(*np.diff(velocity))
+    near = np.fmax(np.r_[0.0, change], np.r_[change, 0.0]) * step > LEAP  # only these need a closer look
+    at = np.flatnonzero(near & known)
+    around = at[:, None] + np.r_[-AROUND:0, 1 : AROUND + 1]
+    same = (around >= 0) & (around < len(step)) & (vehicle[np.clip(around, 0, len(step))] == vehicle[at, None])
+    others = np.where(same, velocity[:, np.clip(around, 0, len(step) - 1)], np.nan)
+    enough = np.isfinite(others[0]).sum(axis=1) >= AROUND
+    at, others = at[enough], others[:, enough]
+    off = np.hypot(*(velocity[:, at] - np.nanmedian(others, axis=2))) * step[at]
+    is_leap = off > LEAP + LEAP_ACCELERATION * step[at] ** 2
+    counts.leaps = int(is_leap.sum())
+    if counts.leaps:
+        worst = int(np.argmax(np.where(is_leap, off, 0.0)))
+        rows = table["row"].to_numpy()[at[worst] : at[worst] + 2]
+        counts.farthest_leap = f"by {off[worst]:.1f} m within {step[at[worst]]:.3g} s ({source.at(*rows)})"
 
 
 def _jumps(table: pd.DataFrame) -> BoolArray:
