@@ -33,6 +33,19 @@ def test_a_closed_net_has_no_way_in_and_lacks_nothing() -> None:
     assert connectivity(LaneMap([there, back])) == Connectivity()
 
 
+def test_lanes_beside_those_that_turn_around_at_the_ends_of_a_net_lack_nothing() -> None:
+    lanes = [
+        made_lane("a_0", (0, -5), (100, -5), ("b_0",), left="a_1"),
+        made_lane("a_1", (0, -2), (100, -2), ("b_1",), right="a_0"),
+        made_lane("b_0", (100, -5), (200, -5), left="b_1"),
+        made_lane("b_1", (100, -2), (200, -2), ("c_0",), right="b_0"),
+        made_lane("c_0", (200, 2), (0, 2), ("a_1",)),
+    ]
+    found = connectivity(LaneMap(lanes))
+    assert (found.beginning, found.ending, found.failures) == (("a_0",), ("b_0",), [])
+    assert connectivity(LaneMap([*lanes, made_lane("d_0", (100, 60), (100, 2), ("c_0",))])).stuck == ("d_0",)
+
+
 def test_a_lane_that_begins_late_is_changed_onto() -> None:
     lanes = [
         made_lane("a_0", (0, -5.25), (100, -5.25), ("b_0",)),

@@ -50,7 +50,8 @@ class Connectivity:
 
     Attributes:
         stuck: lanes on which vehicles come in (nothing leads to them) and from which no exit is reached by following
-            the lanes, where one changes lanes only off a lane that ends early.
+            the lanes, where one changes lanes only off a lane that ends early; in a closed net, none of an edge that
+            others lead to.
         ending: lanes that end early: they lead nowhere while their edge goes on.
         unreached: lanes that cannot be reached from where vehicles come in, where one changes lanes only onto a lane
             that begins late; none in a closed net, which has no way in.
@@ -99,7 +100,11 @@ def connectivity(lane_map: LaneMap) -> Connectivity:
     leads_out = _closure({lane.id for lane in lanes if lane.edge_id not in onwards}, lanes, after, ending)
     comes_in = _closure({lane.id for lane in lanes if lane.edge_id not in entered}, lanes, before, beginning)
     return Connectivity(
-        stuck=tuple(lane.id for lane in lanes if not before[lane.id] and lane.id not in leads_out),
+        stuck=tuple(
+            lane.id
+            for lane in lanes
+            if not before[lane.id] and lane.id not in leads_out and (leads_out or lane.edge_id not in entered)
+        ),
         ending=ending,
         unreached=tuple(lane.id for lane in lanes if comes_in and lane.id not in comes_in),
         beginning=beginning,

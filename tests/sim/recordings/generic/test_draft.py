@@ -139,6 +139,26 @@ def test_a_table_without_places(tmp_path: Path, traffic: Traffic) -> None:
     traffic().drop(columns=["x", "timestamp"]).to_csv(tmp_path / "case.csv", index=False)
     with pytest.raises(InputError, match=r"no column looks like x, time or frame; the file has \['track_id', 'y'"):
         draft(tmp_path / "case.csv")
+    traffic().rename(columns={"x": "lon", "y": "Latitude"}).to_csv(tmp_path / "case.csv", index=False)
+    with pytest.raises(InputError, match=r"like x, y; .*\]; lon and Latitude have to be projected to metres first;"):
+        draft(tmp_path / "case.csv")
+
+
+@pytest.mark.parametrize(
+    ("factors", "units", "said"),
+    [
+        ({"x": 100.0, "y": 100.0, "speed": 3.6}, ("cm", "km/h"), "speed agrees with no change of positions in m"),
+        ({"speed": 40.0}, ("m", "km/h"), "with the change of positions in this unit, but is off by a factor of 11"),
+    ],
+)
+def test_a_unit_of_positions_by_which_speeds_agree(
+    tmp_path: Path, traffic: Traffic, factors: dict[str, float], units: tuple[str, str], said: str
+) -> None:
+    traffic(**factors).to_csv(tmp_path / "case.csv", index=False)
+    text = draft(tmp_path / "case.csv")
+    mapping = Mapping.model_validate(yaml.safe_load(text))
+    assert (mapping.units.position, mapping.units.speed) == units
+    assert said in text
 
 
 def test_corners_of_boxes_in_a_picture_and_components_of_speed(tmp_path: Path, traffic: Traffic) -> None:

@@ -19,6 +19,7 @@ from litsim_sim.core.scene import FloatArray
 from litsim_sim.io.table_input import TableFiles, is_stamped, since_1970
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.plausibility import (
+    AGREEMENT,
     ANGLE_UNITS,
     POSITIVES,
     STEP_RANGE_S,
@@ -43,7 +44,7 @@ NAMES: dict[str, str] = {
     "speed_x": r"v(el|elocity)?_?x|x_?v(el|elocity)|speed_?x",
     "speed_y": r"v(el|elocity)?_?y|y_?v(el|elocity)|speed_?y",
     "acceleration": r"(lon_?)?(acceleration|accel|acc)(_?(mps2|m_?s2))?|v_?acc",
-    "kind": r"(agent|object|vehicle|track|v)?_?(type|class|kind|category)|classification",
+    "kind": r"(agent|object|obj|vehicle|track|v)?_?(type|class|kind|category)|classification",
     "lane": r"lane(_?id)?",
     "clip": r"(case|clip|recording|scenario|scene|sequence|file|log)_?(id|no|number)?",
 }
@@ -67,6 +68,10 @@ HINTS = (
     "# transform: {yaw_deg: 0, x: 0, y: 0}  # onto the net, in degrees and metres; data map --check says what fits",
     "# signals: signals.yaml  # what signals of the net showed (docs/signals.md)",
 )
+POSITIONS = ("m", "cm", "ft")
+"""Units of positions, the more usual ones first."""
+GEOGRAPHIC = r"lat(itude)?|lon(gitude)?|lng"
+"""Pattern of column names, in lower case, of positions that no mapping reads."""
 COMPONENTS = ("speed_x", "speed_y")
 HEIGHT = "height"
 """Column of image boxes with their extent across the road; column width is their extent along it."""
@@ -172,8 +177,10 @@ def _named(source: TableFiles) -> dict[str, str]:
     missing = [name for name in IDENTITY if name not in found]
     missing += [] if "time" in found or "frame" in found else ["time or frame"]
     if missing:
+        angles = [name for name in source.columns if re.fullmatch(GEOGRAPHIC, name.strip().lower())]
+        degrees = f"{' and '.join(angles)} have to be projected to metres first; " if angles else ""
         raise InputError(
-            f"{source}: no column looks like {', '.join(missing)}; the file has {list(source.columns)}; "
+            f"{source}: no column looks like {', '.join(missing)}; the file has {list(source.columns)}; {degrees}"
             f"write the mapping by hand (docs/data.md)"
         )
     return found
@@ -243,13 +250,21 @@ def _motion(made: _Draft, steps: _Steps) -> None:
         rates = {0.0: 1.0}
         if by_frame:  # the file does not give the rate: choose that of a camera by which speeds agree
             rates = {rate: rate / made.fields["rate_hz"] for rate in CAMERA_RATES_HZ}
-        choices = {
-            (unit, rate): abs(float(np.log(max(ratio, 1e-9) * FACTORS[unit] / faster)))
+        given, agrees = units["position"], _agrees(columns["speed"])
+        off = {
+            (place, unit, rate): abs(float(np.log(max(ratio, 1e-9) * FACTORS[unit] / faster * FACTORS[given] / scale)))
+            for place, scale in ((place, FACTORS[place]) for place in ([given] if by_frame else POSITIONS))
             for unit in ("m/s", "km/h", "mph", "ft/s")
             for rate, faster in rates.items()
         }
-        units["speed"], rate = min(choices, key=lambda choice: round(choices[choice], 2))
-        made.remarks["units.speed"] = f"{_agrees(columns['speed'])} best with the change of positions in this unit"
+        agreeing = [choice for choice in off if choice[0] == given and off[choice] <= np.log(AGREEMENT)]
+        best = min(agreeing or off, key=lambda choice: round(off[choice], 2))
+        units["position"], units["speed"], rate = best
+        made.remarks["units.speed"] = f"{agrees} best with the change of positions in this unit"
+        if off[best] > np.log(AGREEMENT):
+            made.remarks["units.speed"] += f", but is off by a factor of {np.exp(off[best]):.2g}"
+        if units["position"] != given:
+            made.remarks["units.position"] = f"a guess: {agrees} with no change of positions in {given}"
         if by_frame:
             made.fields["rate_hz"] = rate
             made.remarks["rate_hz"] = "a guess by the change of positions: frames per second of the camera"
