@@ -284,6 +284,10 @@ def test_frames_of_signals_are_those_of_the_table(tmp_path: Path, capsys: pytest
         ),
         (["convert", "in.csv", "m.yaml", "--draft", "--mapping", "m2.yaml", "--raw"], "goes without --mapping, --raw"),
         (["convert", "in.csv", "m.yaml", "--draft", "--crop", "x", "0", "1"], "--draft goes without --crop"),
+        (
+            ["convert", "in.csv", "m.yaml", "--draft", "--vehicles", "v.csv"],
+            "--draft goes without --vehicles: it reads IN alone; fields vehicles, clip and rows of the",
+        ),
         (["convert", "cut.txt", "out"], "line 2: the file ends within this line"),
         (["info", "cut.txt"], "line 2: the file ends within this line"),
         (["plot", str(EMBEDDED), "out.gif"], "expected a name that ends with .png or .html"),

@@ -139,7 +139,10 @@ def _draft(arguments: argparse.Namespace) -> None:
 
     given = [name for name in NOT_DRAFTED if getattr(arguments, name) not in (None, False)]
     if given:
-        raise InputError(f"--draft goes without {', '.join(f'--{name}' for name in given)}")
+        raise InputError(
+            f"--draft goes without {', '.join(f'--{name}' for name in given)}: it reads IN alone; fields vehicles, clip"
+            " and rows of the mapping that it writes say the rest"
+        )
     out = _file(arguments.out)
     if out.exists():
         raise InputError(f"{out}: exists already; --draft does not overwrite")
