@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +16,7 @@ from litsim_sim.mining.signals import signal_plans
 from litsim_sim.scenario.scenario import Scenario, packaged
 from made_traffic import Vehicle, changing, straight
 
+STREET = packaged("nets/urban_like.net.xml")
 CHANGE = [(0.0, 2.0), (3.0, 2.0), (6.0, 1.0), (12.0, 1.0)]  # crosses at 4.5 s
 
 
@@ -55,9 +58,13 @@ def test_streets_of_generated_traffic_have_what_streets_have() -> None:
     assert {event.numbers["signal"] for event in found if event.kind == EventKind.LEFT_TURN} == {"permissive"}
 
 
-def test_the_plans_of_a_net_are_by_lanes() -> None:
-    plans = signal_plans(packaged("nets/urban_like.net.xml"))
+def test_the_plans_of_a_net_are_by_lanes(tmp_path: Path) -> None:
+    plans = signal_plans(STREET)
     assert len(plans) == 2 * 14  # ways through two junctions
     assert {tuple(map(len, programs)) for programs in plans.values()} == {(6,)}  # phases of the only program
     assert set("".join(plans["WA_2", "AAN_0"])) <= set("Ggyr")
     assert signal_plans(packaged("nets/us101_like.net.xml")) == {}
+    net = tmp_path / "imported.net.xml"  # with the names of the map that it was made from, as of OpenDRIVE
+    named = re.sub(r'(<lane id=":[^>]*)/>', r'\1><param key="origId" value="7_-1"/></lane>', text := STREET.read_text())
+    net.write_text(named)
+    assert named != text and signal_plans(net) == plans

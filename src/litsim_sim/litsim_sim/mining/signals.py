@@ -78,7 +78,8 @@ def _goes_alone(own: str, theirs: str) -> bool:
 
 def signal_plans(net: Path) -> dict[Way, tuple[str, ...]]:
     """The signal plans of a SUMO net, by way; see :class:`WaySignals`."""
-    read: Any = sumolib.net.readNet(str(net), withPrograms=True, lxml=False)
+    # Of internal lanes that it skips, sumolib takes the parameters for those of a program, and fails.
+    read: Any = sumolib.net.readNet(str(net), withPrograms=True, withInternal=True, lxml=False)
     plans = {}
     for light in read.getTrafficLights():
         programs = [[phase.state for phase in program.getPhases()] for program in light.getPrograms().values()]
