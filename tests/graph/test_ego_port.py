@@ -160,6 +160,15 @@ def test_a_publisher_that_cannot_be_heard_is_named(graph: Any) -> None:
     graph.finish(recorder)
 
 
+def test_a_publisher_on_another_topic_than_the_one_chosen_is_told_while_the_run_waits_for_it(graph: Any) -> None:
+    done = launch(graph, launcher=("--ego-interface", "trajectory", "--set", "bridge.external_timeout_s=20"))
+    assert done.returncode == 1
+    why = "/standard_ego: it publishes on /litsim/ego/twist, expected /litsim/ego/trajectory"
+    told, error = done.stderr.splitlines()
+    assert told == f"step 0: waiting for /litsim/ego/trajectory: {why}"
+    assert f" within 20 s; silent: the external ego ({why})" in error
+
+
 @pytest.mark.parametrize("interface", ["twist", "trajectory"])
 def test_an_ego_that_died_is_held(graph: Any, interface: str) -> None:
     fault = ("--interface", interface, "--fault", "death", "--at", 34)

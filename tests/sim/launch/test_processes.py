@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import socket
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import pytest
 from litsim_sim.core.stages import BRIDGE, RECORDER
 from litsim_sim.launch.domain_ports import DOMAIN_PORTS, EMPTY, FIRST_PORT
 from litsim_sim.launch.middleware import ENCLAVE, PROFILES, RANGE, SECURITY
-from litsim_sim.launch.processes import STACK, Graph, GraphFailed
+from litsim_sim.launch.processes import STACK, Graph, GraphFailed, Progress
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -142,6 +143,13 @@ def test_a_stack_that_ends_on_hearing_that_the_run_has_failed_did_not_quit(
 def test_a_stack_that_quits_is_told_before_the_bridge_misses_its_answers(tmp_path: Path, status: int) -> None:
     said = failure(tmp_path, f"echo bye; exit {status}", "sleep 15; echo 'error: no answer' >&2; exit 1")
     assert said == f"the stack (sh -c 'echo bye; exit {status}') ended with exit status {status}: bye"
+
+
+@pytest.mark.parametrize(("quiet", "said"), [(False, "waiting for Godot\nwaiting for one\n"), (True, "")])
+def test_what_the_bridge_waits_for_is_said_once(capsys: pytest.CaptureFixture[str], quiet: bool, said: str) -> None:
+    lines = ("note waiting for Godot", "alive at step 0", "note waiting for Godot", "note waiting for one")
+    Progress(io.StringIO("".join(f"{line}\n" for line in lines)), quiet).run()
+    assert capsys.readouterr().err == said
 
 
 HELD_BACK = """

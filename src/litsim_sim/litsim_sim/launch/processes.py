@@ -194,8 +194,9 @@ class Graph:
 
 
 class Progress(threading.Thread):
-    """Reads the bridge's lines: `step K of N` is shown as a bar, unless `quiet`; every line is a sign of life.
+    """Reads the bridge's lines; every line is a sign of life.
 
+    Unless `quiet`, `step K of N` is shown as a bar, and `note TEXT`, what the run has been waiting for, printed once.
     With `failed at T s` the bridge announces that the run has failed, before it tells the nodes and the stack.
 
     Attributes:
@@ -216,10 +217,13 @@ class Progress(threading.Thread):
 
     def run(self) -> None:
         """See :class:`threading.Thread`."""
-        bar = None
+        bar, noted = None, ""
         for line in self._lines:
             self.heard = time.monotonic()
             words = line.split()
+            if words[:1] == ["note"] and line != noted and not self._quiet:
+                noted = line
+                tqdm.write(line.removeprefix("note ").rstrip(), file=sys.stderr)
             if words[:1] == ["alive"]:
                 self.step = int(words[-1])
             if words[:1] == ["failed"]:

@@ -161,14 +161,15 @@ class BridgeNode(Node):
         self._listen(TIMING, lambda m: self._attendance.take_timing(m.run_id, m.stage, m.step))
 
     def waiting(self, step: int, text: str) -> None:
-        self.note(f"step {step}: {text}")
-        if EGO_APPLIED in self._to:
-            self._ego_publishers()
+        about = self.silent_ego() if EGO_APPLIED in self._to else ""  # which also remembers the ego's nodes
+        self.note(f"step {step}: {text}" + (f": {about}" if about and step == 0 and self._port.missing else ""))
         self._diagnostics.say(step, diagnostics.RUNNING, Level.WARN, text)
 
     def note(self, text: str) -> None:
         last, when = self._noted
         if text != last or time.monotonic() > when + NOTE_PERIOD:
+            if text == last:
+                self._pulse.note(text)
             self._noted = (text, time.monotonic())
             self.get_logger().info(text)
 

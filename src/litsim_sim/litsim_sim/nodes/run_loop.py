@@ -314,6 +314,11 @@ class Pulse:
             self._last = time.monotonic()
             print(f"alive at step {max(0, step)}", flush=True)
 
+    def note(self, text: str) -> None:
+        """Print what the run has been waiting for, for the user."""
+        if self._wanted:
+            print(f"note {text}", flush=True)
+
     def fail(self) -> None:
         """Print when the run has failed, before the stages learn of it: the launcher then knows why they end."""
         if self._wanted:
