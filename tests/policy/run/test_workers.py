@@ -92,6 +92,21 @@ def test_a_run_that_fails_takes_no_other_along(changes: dict[str, Any], why: str
         assert workers.run(good(3)).metrics is not None
 
 
+class Interrupted(Workers):
+    """Processes that get Ctrl-C as soon as they exist."""
+
+    def _started(self, context: Any) -> Any:
+        worker = super()._started(context)
+        os.kill(worker.process.pid, signal.SIGINT)
+        return worker
+
+
+@pytest.mark.parametrize("forked", [1, 0])
+def test_ctrl_c_is_left_to_the_parent_also_while_a_process_loads(forked: int) -> None:
+    with Interrupted(forked) as workers:
+        assert workers.run(good()).failure == ""
+
+
 def test_what_runs_ends_with_them() -> None:
     with Workers(1) as workers:
         assert workers.run(good()).metrics is not None

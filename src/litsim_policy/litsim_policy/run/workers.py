@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkContext, SpawnContext
 from multiprocessing.process import BaseProcess
@@ -96,7 +97,7 @@ class Workers:
             with self._starting:
                 if self._closed:
                     raise RunFailed("its process was closed before it began")
-                self._mine.worker = self._idle.pop() if self._idle else self._started(_SPAWN)
+                self._mine.worker = self._idle.pop() if self._idle else self._replacement()
         worker: Worker = self._mine.worker
         try:
             worker.pipe.send((cases, folders))
@@ -108,6 +109,15 @@ class Workers:
             del self._mine.worker
             raise RunFailed(f"its process {how_it_ended(status)}") from None
         return found
+
+    def _replacement(self) -> Worker:
+        """A spawned process. Ctrl-C is blocked for it until it ignores it: it would show a traceback as it loads."""
+        resource_tracker.ensure_running()  # else it is started with the first such process, and unblocks Ctrl-C
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return self._started(_SPAWN)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def _started(self, context: ForkContext | SpawnContext) -> Worker:
         """A new process."""
