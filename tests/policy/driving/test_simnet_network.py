@@ -94,3 +94,20 @@ def test_a_graph_of_something_else(tmp_path: Path) -> None:
     other.write_bytes((packaged("graphs") / f"{GRAPHS[0]}.onnx").read_bytes())
     with pytest.raises(InputError, match=r"other.onnx: "):
         load_network(other)
+
+
+@pytest.mark.parametrize(("rows", "outputs"), [(8, OUTPUTS), (PAPER.rows, 1)])
+def test_a_graph_of_other_shapes_is_refused(tmp_path: Path, rows: int, outputs: int) -> None:
+    """One output would otherwise be taken for all of them."""
+    from onnx import TensorProto, helper, save
+
+    shapes = {"raster": [1, CHANNELS, rows, PAPER.columns], "future": [1, outputs]}
+    raster, future = (helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in shapes.items())
+    said = helper.make_tensor("said", TensorProto.FLOAT, [1, outputs], [0.0] * outputs)
+    graph = helper.make_graph([helper.make_node("Constant", [], ["future"], value=said)], "g", [raster], [future])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(model, {"format": FORMAT})
+    path = tmp_path / "other.onnx"
+    save(model, path)
+    with pytest.raises(InputError, match=r"other\.onnx: inputs and outputs are .*, expected \[\('raster', "):
+        load_network(path)

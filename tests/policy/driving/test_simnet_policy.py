@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ SPEED, GAP = 10.0, 15.0
 class Says:
     """A network that says the same of everybody, and keeps what it was shown."""
 
-    shape = SMALL
+    shape, source = SMALL, Path("says.safetensors")
 
     def __init__(self, ahead: float, turn: float) -> None:
         self._said = np.zeros(OUTPUTS, np.float32)
@@ -73,6 +74,12 @@ def test_at_the_first_step_there_is_no_history(scenario: Any) -> None:
     network = Says(1.0, 0.0)
     SimnetPolicy(scenario, network).act(scenario.log.table(0), takeovers_in_region(0, 2))
     assert network.shown[0, OWN + FRAMES - 1].any() and not network.shown[0, OWN : OWN + FRAMES - 1].any()
+
+
+def test_what_is_no_finite_number_ends_the_run_by_the_name_of_the_file(scenario: Any) -> None:
+    policy = SimnetPolicy(scenario, Says(1.0, float("nan")))
+    with pytest.raises(InputError, match=r"says\.safetensors: not all poses predicted at step 0 are finite"):
+        policy.act(scenario.log.table(0), takeovers_in_region(0, 2))
 
 
 def test_an_empty_answer_to_no_takeovers(scenario: Any) -> None:

@@ -20,6 +20,11 @@ from litsim_sim.core.compiled import OUT_SINGLES2, SINGLES, SINGLES2, SINGLES3, 
 from litsim_sim.core.errors import InputError
 
 KERNEL = 3  # cells along each side of a convolution's kernel; its stride is two
+ENDS = [
+    ("raster", "tensor(float)", [1, CHANNELS, PAPER.rows, PAPER.columns]),
+    ("future", "tensor(float)", [1, OUTPUTS]),
+]
+"""Names, types and shapes of the input and the output of a graph."""
 
 
 class SimnetNetwork(Protocol):
@@ -27,9 +32,11 @@ class SimnetNetwork(Protocol):
 
     Attributes:
         shape: of its rasters.
+        source: its file, for errors.
     """
 
     shape: RasterShape
+    source: Path
 
     def __call__(self, rasters: Rasters) -> Float32Array:
         """Outputs (m, OUTPUTS) for rasters (m, CHANNELS, rows, columns), see :data:`.simnet_output.OUTPUTS`."""
@@ -40,11 +47,13 @@ class SmallNetwork:
 
     Args:
         arrays: weights, as :func:`litsim_policy.learning.simnet_network.save` writes them.
+        source: their file.
     """
 
     shape = SMALL
 
-    def __init__(self, arrays: Mapping[str, Float32Array]) -> None:
+    def __init__(self, arrays: Mapping[str, Float32Array], source: Path) -> None:
+        self.source = source
         rows, columns = self.shape.rows, self.shape.columns
         self._convolutions: list[tuple[Float32Array, Float32Array, Float32Array, Float32Array]] = []
         for number in range(len(SMALL_WIDTHS)):
@@ -119,6 +128,7 @@ class GraphNetwork:
     def __init__(self, path: Path) -> None:
         import onnxruntime
 
+        self.source = path
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1  # rounding depends on their number
         options.log_severity_level = 4  # errors are raised, and need not be printed
@@ -130,6 +140,11 @@ class GraphNetwork:
         kind = self._session.get_modelmeta().custom_metadata_map.get("format")
         if kind != FORMAT:
             raise InputError(f"{path}: metadata format is {kind!r}, expected {FORMAT!r}: a file of train_simnet")
+        ends = [
+            (node.name, node.type, node.shape) for node in (*self._session.get_inputs(), *self._session.get_outputs())
+        ]
+        if ends != ENDS:
+            raise InputError(f"{path}: inputs and outputs are {ends}, expected {ENDS}: a file of train_simnet")
 
     def __call__(self, rasters: Rasters) -> Float32Array:
         """See :class:`SimnetNetwork`."""
@@ -164,7 +179,7 @@ def load_network(path: Path) -> SimnetNetwork:
             raise InputError(f"{path}: tensor {name} is {said}, expected float32 {shape}")
         if not np.isfinite(found).all():
             raise InputError(f"{path}: tensor {name} holds non-finite numbers, expected finite ones")
-    return SmallNetwork(arrays)
+    return SmallNetwork(arrays, path)
 
 
 def shapes() -> dict[str, tuple[int, ...]]:

@@ -11,6 +11,7 @@ import numpy as np
 from litsim_policy.driving.simnet_network import SimnetNetwork
 from litsim_policy.driving.simnet_raster import FRAMES, Motions, Painter
 from litsim_predictor.inference.raster import raster_of_net
+from litsim_sim.core.errors import InputError
 from litsim_sim.core.history import History
 from litsim_sim.core.scene import STEP_S, AgentTable, ControlTable
 from litsim_sim.core.takeover import TakeoverTable
@@ -37,7 +38,11 @@ class SimnetPolicy:
         self._history = History(FRAMES, POSE)
 
     def act(self, table: AgentTable, takeovers: TakeoverTable) -> ControlTable:
-        """See :class:`litsim_policy.driving.registry.Policy`."""
+        """See :class:`litsim_policy.driving.registry.Policy`.
+
+        Raises:
+            InputError: the network predicts something that is no finite number.
+        """
         self._history.push(table)
         listed = takeovers.takeovers
         if not listed:
@@ -46,6 +51,11 @@ class SimnetPolicy:
         everybody = Motions(pose, there, np.stack([table.length, table.width], axis=-1), table.scene)
         rows = table.rows(np.array([t.agent for t in listed], np.int64))
         future = self._network(self._painter.draw(table.step, everybody, rows)).astype(np.float64)
+        if not np.isfinite(future).all():
+            raise InputError(
+                f"{self._network.source}: not all poses predicted at step {table.step} are finite, expected a trained "
+                "network in which no number overflows"
+            )
         # The predicted distance, divided by the step, is taken as the speed at its end. If it were taken as the mean
         # speed, small errors of the network would oscillate from step to step with growing amplitude.
         acceleration = (future[:, 0] / STEP_S - table.speed[rows]) / STEP_S
