@@ -40,6 +40,7 @@ from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
 from litsim_sim.recordings.segments import Part
 from litsim_sim.scenario.scenario import packaged
+from litsim_sim.scenario.scenario_file import SEEDS
 
 WINDOWS, TRACKS = "ngsim/us101_0750_frames_0126_1149.parquet", "ngsim/us101_vehicle_tracks.parquet"
 TEST_FRAMES = (316, 543)
@@ -100,8 +101,8 @@ class TrainingConfig(BaseModel):
     epochs: Annotated[int, Field(ge=1)] = 20
     warm_epochs: Annotated[int, Field(ge=0)] = 2
     agents_per_batch: Annotated[int, Field(ge=1)] = 512
-    stride: Annotated[int, Field(ge=1)] = 5
-    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    stride: Annotated[int, Field(ge=1, le=36_000)] = 5
+    learning_rate: Annotated[float, Field(gt=0, le=1e30)] = 1e-3
     decay: Annotated[float, Field(gt=0, le=1)] = 0.1
     decay_every: Annotated[int, Field(ge=0)] = 0
     weight_decay: Annotated[float, Field(ge=0)] = 0.0
@@ -111,7 +112,7 @@ class TrainingConfig(BaseModel):
     predicted_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     forcing_epochs: Annotated[int, Field(ge=0)] = 0
     augmentation: Augmentation = Augmentation()
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
 
 
 class Locator:

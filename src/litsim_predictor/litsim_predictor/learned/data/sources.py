@@ -38,7 +38,7 @@ PERIOD_IDS, PERIOD_FRAMES = 100_000, 100_000  # offsets of ids and frames from o
 
 class _Source(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
-    share: Annotated[float, Field(gt=0)] = 1.0
+    share: Annotated[float, Field(gt=0, le=1000)] = 1.0
 
 
 class RecordingSource(_Source):
