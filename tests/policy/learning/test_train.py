@@ -109,6 +109,7 @@ def test_drivers_are_imitated(file: Path) -> None:
     [
         ("iterations: 0\ndata: {}\n", "field iterations: .*greater than 0"),
         ("data: {}\nlearning_rat: 1\n", "field learning_rat"),
+        ("data: {}\nseed: 100000000000000\n", "field seed: .*less than 4294967296"),
         ("data: {}\nppo: {epochs: 0}\n", "field ppo.epochs: .*greater than 0"),
         ("data: {}\ncritic: {updates: 0}\n", "field critic.updates: .*greater than 0"),
         ("iterations: [\n", "malformed YAML"),

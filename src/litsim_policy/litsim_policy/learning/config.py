@@ -31,7 +31,7 @@ class TrainConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, lt=2**32)
     iterations: int = Field(200, gt=0)
     transitions: int = Field(3072, gt=0)
     start: str = ""

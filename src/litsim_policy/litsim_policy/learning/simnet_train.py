@@ -61,7 +61,7 @@ class SimnetConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     backbone: Backbone = "small"
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, lt=2**32)
     batches: int = Field(10_000, gt=0)
     moments: int = Field(16, gt=0)
     agents: int = Field(8, gt=0)

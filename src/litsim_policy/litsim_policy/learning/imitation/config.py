@@ -38,7 +38,7 @@ class ImitationTraining(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, lt=2**32)
     iterations: int = Field(30, gt=0)
     transitions: int = Field(16_000, gt=0)
     horizon: int = Field(100, gt=0)
