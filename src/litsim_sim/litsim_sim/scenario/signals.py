@@ -6,7 +6,7 @@ docs/signals.md has an example of every kind.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -232,7 +232,7 @@ def shown(
     Raises:
         InputError: a connection is not in the net, or is in two groups; or a group of a change is unknown.
     """
-    members = _members(given.groups, every, f"{where}: field signals.groups")
+    members = _members(given.groups, every, f"{where}: signals, field groups")
     groups = tuple(sorted(set(members.values())))
     links = tuple(link for link in every if link.name in members)
     changes = given.changes if given.changes is not None else _cycle(given, start_frame, steps, where)
@@ -241,7 +241,7 @@ def shown(
     return Signals(groups, links, link_group, states)
 
 
-def _members(groups: Mapping[str, Sequence[str]], links: Iterable[SignalLink], where: str) -> dict[str, str]:
+def _members(groups: Mapping[str, Sequence[str]], links: Sequence[SignalLink], where: str) -> dict[str, str]:
     """The group of each controlled connection, by its name."""
     by_name: dict[str, list[str]] = {}
     for link in links:
@@ -253,10 +253,11 @@ def _members(groups: Mapping[str, Sequence[str]], links: Iterable[SignalLink], w
         for name in names:
             plain = ARROW.join(part.strip() for part in name.split(ARROW.strip()))
             if plain not in by_name:
-                near = difflib.get_close_matches(plain, by_name, 3, 0.4)
+                edges = sorted({link.from_lane.rpartition("_")[0] for link in links})
+                near = difflib.get_close_matches(plain, by_name, 3, 0.4) or edges
                 raise InputError(
-                    f"{where}.{group}: {name}: the net has no such controlled connection, lane or edge; near: "
-                    f"{', '.join(near) or 'none: has it traffic lights?'}"
+                    f"{where}.{group}: {name}: the net has no such controlled connection, lane or edge; "
+                    + (f"near: {', '.join(near)}" if near else "it has no traffic lights")
                 )
             for member in by_name[plain]:
                 if members.setdefault(member, group) != group:
@@ -272,7 +273,7 @@ def _cycle(given: SignalsFile, start_frame: int, steps: int, where: str) -> list
     assert program is not None  # SignalsFile has checked
     unknown = sorted({group for phase in program.phases for group in phase.states} - set(given.groups))
     if unknown:
-        raise InputError(f"{where}: field signals.program: group {', '.join(unknown)} is not among groups")
+        raise InputError(f"{where}: signals, field program: group {', '.join(unknown)} is not among groups")
     cycle = sum(phase.duration_s for phase in program.phases)
     first = start_frame * STEP_S
     begin = program.offset_s + cycle * np.floor((first - program.offset_s) / cycle)
@@ -299,11 +300,11 @@ def _states(
     for begin, group, state in changes:
         if group not in known:
             raise InputError(
-                f"{where}: field signals.changes: group {group} is not among groups, {', '.join(sorted(known))}"
+                f"{where}: signals, field changes: group {group} is not among groups, {', '.join(sorted(known))}"
             )
         if begin < last.get(group, -np.inf):
             raise InputError(
-                f"{where}: field signals.changes: group {group}: {begin:g} s after {last[group]:g} s, not ascending"
+                f"{where}: signals, field changes: group {group}: {begin:g} s after {last[group]:g} s, not ascending"
             )
         last[group] = begin
         if group in rows:
