@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import multiprocessing
 import os
 import signal
@@ -129,3 +130,11 @@ def test_they_are_copies_of_this_process_and_those_that_replace_them_are_new(mon
         lost = workers.run(replace(good(), scenario=Fatal(os._exit, 7)))
         assert lost.failure == "its process ended with exit status 7"
         assert workers.run(good()).metrics is not None
+
+
+def test_none_keeps_a_file_open_that_was_open_when_they_began(tmp_path: Path) -> None:
+    for _ in range(20):
+        with (tmp_path / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # refused for as long as a copy has it
+            with Workers(2):
+                pass

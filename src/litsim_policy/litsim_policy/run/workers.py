@@ -55,6 +55,8 @@ class Workers:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+        for worker in self._all:
+            worker.process.join()  # else files that this process had open, such as locks, would still be open in copies
 
     def close(self) -> None:
         """Terminate all processes, and start no further ones."""
