@@ -14,7 +14,7 @@ from litsim_sim.launch.child import SIGNALS
 
 @pytest.fixture
 def _handlers() -> Iterator[None]:
-    before = {number: signal.getsignal(number) for number in SIGNALS}
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in SIGNALS}  # also where nohup ignores one
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
