@@ -22,6 +22,7 @@ from litsim_sim.recordings.generic.plausibility import (
     AGREEMENT,
     ANGLE_UNITS,
     POSITIVES,
+    SPEED_UNITS,
     STEP_RANGE_S,
     WIDTH_RANGE,
     ZEROS,
@@ -246,15 +247,15 @@ def _motion(made: _Draft, steps: _Steps) -> None:
     moving = driven > MOVING
     if "speed" in steps.begin and moving.any():
         said = np.abs(steps.begin["speed"].to_numpy(np.float64)[moving])
-        ratio = 1.0 / pace(said, driven[moving])
+        ratio = max(1.0 / pace(said, driven[moving]), 1e-9)
         rates = {0.0: 1.0}
         if by_frame:  # the file does not give the rate: choose that of a camera by which speeds agree
             rates = {rate: rate / made.fields["rate_hz"] for rate in CAMERA_RATES_HZ}
         given, agrees = units["position"], _agrees(columns["speed"])
         off = {
-            (place, unit, rate): abs(float(np.log(max(ratio, 1e-9) * FACTORS[unit] / faster * FACTORS[given] / scale)))
-            for place, scale in ((place, FACTORS[place]) for place in ([given] if by_frame else POSITIONS))
-            for unit in ("m/s", "km/h", "mph", "ft/s")
+            (place, unit, rate): abs(float(np.log(ratio * FACTORS[unit] / faster * FACTORS[given] / FACTORS[place])))
+            for place in ([given] if by_frame else POSITIONS)
+            for unit in SPEED_UNITS
             for rate, faster in rates.items()
         }
         agreeing = [choice for choice in off if choice[0] == given and off[choice] <= np.log(AGREEMENT)]

@@ -36,6 +36,7 @@ CHANGES = (0.32, 1.6)  # ratio of accelerations to those of the positions; NGSIM
 SAME_SIGN = 0.8  # smallest share of changes with the same sign; 0.95 in NGSIM's files
 LENGTH_RANGE, WIDTH_RANGE = (1.5, 25.0), (0.5, 3.2)  # [m] bounds on the medians
 ROWS_MIN = 20  # moving rows that a comparison needs
+SPEED_UNITS = ("m/s", "km/h", "mph", "ft/s")
 ANGLE_UNITS, ZEROS, POSITIVES = ("rad", "deg"), ("x", "y"), ("counterclockwise", "clockwise")
 
 
@@ -114,7 +115,7 @@ def _speed(table: pd.DataFrame, mapping: Mapping) -> str:
         f"{field} {unit}"
         for field, given, units in (
             ("units.position", mapping.units.position, ("m", "ft", "cm")),
-            ("units.speed", mapping.units.speed, ("m/s", "km/h", "mph", "ft/s")),
+            ("units.speed", mapping.units.speed, SPEED_UNITS),
         )
         for unit in units
         if unit != given and _agrees(ratio, FACTORS[unit] / FACTORS[given], field == "units.speed")
@@ -129,7 +130,7 @@ def _closer_unit(said: FloatArray, driven: FloatArray, mapping: Mapping) -> str:
     """Check that speeds (n,) do not agree better in a unit close to that of the mapping: km/h is 0.91 ft/s."""
     ratio = pace(said, driven)
     off = abs(np.log(ratio))
-    for unit in ("m/s", "km/h", "mph", "ft/s"):
+    for unit in SPEED_UNITS:
         would = abs(np.log(ratio * FACTORS[mapping.units.speed] / FACTORS[unit]))
         if off > np.log(CLOSE) and would < CLOSER * off:
             return (
