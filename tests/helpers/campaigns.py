@@ -32,6 +32,49 @@ def metrics(at_fault: int = 0, **values: Any) -> dict[str, Any]:
     return {"valid": True, "why": "", "collision": {"ego_at_fault": at_fault}} | values
 
 
+def summarised_metrics(**changes: Any) -> dict[str, Any]:
+    """Metrics of a run as `compute_metrics` would give them, as far as `summarise` reads them."""
+    usual: dict[str, Any] = {
+        "valid": True,
+        "agents": 10,
+        "reactive": True,
+        "takeovers": 2,
+        "ledger": [
+            {"released_step": 80, "held_s": 3.0, "outcome": "back_on_log"},
+            {"released_step": None, "held_s": 3.5, "outcome": None},
+            {"released_step": None, "held_s": 2.0, "outcome": "outlived_log"},
+        ],
+        "detection": {"bound_hits": 1, "max_rounds": 3},
+        "false_alarms": 1,
+        "comfort": {
+            "controlled": {
+                "hard_brakes": 4,
+                "hard_brakes_log": 3,
+                "guarded": {"count": 5, "commands": 50, "share": 0.1},
+            }
+        },
+        "off_road_controlled": 0.1,
+        "relevant_ratio": 0.2,
+        "ade_controlled_m": {"5": 1.0},
+        "ade_all_m": {"5": 0.5},
+        "replay_error_max_m": 0.0,
+        "progress_m": 100.0,
+        "collision": {
+            "agents": 0,
+            "excess": 0,
+            "ego_contacts": [],
+            "by_fault": {"background": 0, "ego_avoidable": 0, "ego_unavoidable": 0},
+            "rate_all": 0.0,
+            "rate_controlled": 0.0,
+        },
+        "handback": {"max_position_jump_m": 0.01, "max_residual_m": 0.4},
+        "timing": {"realtime_factor": 20.0},
+    }
+    for name, value in changes.items():
+        usual[name] = {**usual[name], **value} if isinstance(value, dict) else value
+    return usual
+
+
 def scenario_file(folder: Path, name: str = "own", **values: Any) -> str:
     """Copy the demo with its recording beside it; return the path of its file."""
     folder.mkdir(parents=True, exist_ok=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -142,6 +143,15 @@ def test_a_count_of_more_runs_than_there_are_is_refused(capsys, tmp_path, scenar
 def test_the_table_tells_of_takeovers_where_there_can_be_any(capsys, tmp_path, scenario, policy: str) -> None:
     called("--scenario", scenario, "--policy", policy, "--egos", "1", "--out", tmp_path / "out")
     assert ("takeovers per run" in capsys.readouterr().out) == (policy == "yield")
+
+
+def test_intervals_stand_behind_the_figures_on_demand(capsys, tmp_path) -> None:
+    words = ["--policy", "replay", "--egos", "7", "20", "24", "--out", tmp_path / "out"]
+    called(*words, "--intervals")
+    found = re.search(r"colliding agents +(\d+) \[(\d+), (\d+)\]", capsys.readouterr().out)
+    assert found is not None and int(found[2]) < int(found[1]) < int(found[3])
+    called(*words)
+    assert re.search(r"colliding agents +\d+ *\n", capsys.readouterr().out)
 
 
 def test_two_files_of_one_name_would_be_one_run_and_are_refused(capsys, tmp_path, scenario) -> None:

@@ -30,9 +30,9 @@ def rows(count: int) -> dict[str, dict[str, Any]]:
     return {names[i % 6] + (f", horizon={i}" if i > 5 else ""): row(runs=10 + i) for i in range(count)}
 
 
-def printed(summary: dict[str, dict[str, Any]], width: int = WIDTH, *, replayed: bool = False) -> list[str]:
+def printed(summary: dict[str, dict[str, Any]], width: int = WIDTH, **options: Any) -> list[str]:
     console = Console(file=io.StringIO(), width=width)
-    print_summary("the suite", summary, console, replayed=replayed)
+    print_summary("the suite", summary, console, **options)
     lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     assert max(map(cell_len, lines)) <= width
     return [line.rstrip() for line in lines]
@@ -98,3 +98,12 @@ def test_horizons_that_no_run_reaches_are_left_out() -> None:
     lines = printed({"a": row(ade_controlled_m=ade, ade_all_m=ade | {"5": None}), "b": row(ade_all_m=ade)})
     assert cells(lines, "ADE@5 s m, controlled") == ["1.25", "0.000868"]
     assert cells(lines, "ADE@5 s m, all") == ["-", "1.25"] and not cells(lines, "ADE@10 s m, all")
+
+
+def test_bounds_stand_behind_the_figures_that_have_them() -> None:
+    bounds = {"a": {"takeovers": (36.025, 95.0), "reactive": (0.9, 1.0), "ade_all_m.10": (0.1, 0.25)}}
+    lines = printed({"a": row(takeovers=61), "b": row(takeovers=55)}, bounds=bounds)
+    assert cells(lines, "takeovers")[:4] == ["61", "[36,", "95]", "55"]
+    assert cells(lines, "reactive %") == ["100.00", "[90.00,", "100.00]", "100.00"]
+    assert cells(lines, "ADE@10 s m, all") == ["0.000868", "[0.1,", "0.25]", "0.000868"]
+    assert cells(lines, "ADE@5 s m, all") == ["0.000868", "0.000868"]

@@ -21,6 +21,7 @@ from litsim_sim.campaign.case import Case, cases_of, code_versions
 from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.campaign.folder import CampaignFolder
 from litsim_sim.campaign.results import EXPERIMENT_REPORT_FILE, RESULTS_FILE, Campaign, RunResult
+from litsim_sim.campaign.row_bounds import row_bounds
 from litsim_sim.campaign.row_summary import row_summary
 from litsim_sim.campaign.suite import place_of
 from litsim_sim.cli.arguments import DefaultsFormatter, Parser, positive
@@ -55,6 +56,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--dry-run", action="store_true", help="only list the runs to do and the runs done")
     p.add_argument("--retry-errors", action="store_true", help="repeat runs that could not be judged")
     p.add_argument("--overwrite", action="store_true", help="replace the campaign in the folder")
+    p.add_argument(
+        "--intervals",
+        action="store_true",
+        help="print 95 %% intervals behind the figures, by the bootstrap over the vehicles that are the ego",
+    )
     return p
 
 
@@ -98,7 +104,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
             print_error("the campaign ended before all runs were done; the same command resumes it")
             raise
         campaign = conclude(folder)
-    _print(campaign)
+    _print(campaign, intervals=arguments.intervals)
     print(f"report: {campaign.folder / EXPERIMENT_REPORT_FILE}")
     return 0 if campaign.passes else EXIT_FAILED
 
@@ -149,10 +155,12 @@ def _counted(results: Collection[RunResult]) -> str:
     return ", ".join(f"{counts[verdict]} {name}" for verdict, name in TOLD_AS.items())
 
 
-def _print(campaign: Campaign) -> None:
+def _print(campaign: Campaign, *, intervals: bool) -> None:
     """Print the table, the criteria that the campaign fails, and the runs that have not passed, with reasons."""
     summary = {row: row_summary(results) for row, results in campaign.rows.items()}
-    print_summary(campaign.name, summary, Console(), replayed=all(case.policy == REPLAY for case in campaign.cases))
+    replayed = all(case.policy == REPLAY for case in campaign.cases)
+    bounds = {row: row_bounds(results) for row, results in campaign.rows.items()} if intervals else None
+    print_summary(campaign.name, summary, Console(), replayed=replayed, bounds=bounds)
     print(f"{_counted(campaign.results)}; every run: {campaign.folder / RESULTS_FILE}")
     for criterion in campaign.judged:
         if not criterion.passed:

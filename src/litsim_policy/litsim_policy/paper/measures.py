@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from litsim_sim.campaign.bootstrap import drawn_units, percentile_bounds, ratios
 from litsim_sim.campaign.case import Case
-from litsim_sim.campaign.comparison import LEVEL, RESAMPLES, SEED
 from litsim_sim.campaign.results import RunResult
 from litsim_sim.core.scene import FloatArray, IntArray
 
@@ -148,23 +148,18 @@ def figure(parts: Parts) -> Figure | None:
 
 
 def interval(ours: Parts, theirs: Parts) -> tuple[float, float] | None:
-    """Interval at :data:`LEVEL` of theirs minus ours, by paired bootstrap over cases; None for fewer than two cases."""
+    """95 % interval of theirs minus ours, by paired bootstrap over cases; None for fewer than two cases."""
     keys = [key for key in ours if key in theirs]
     if len(keys) < 2:
         return None
-    drawn = np.random.default_rng(SEED).integers(len(keys), size=(RESAMPLES, len(keys)))
-    difference = _drawn(theirs, keys, drawn) - _drawn(ours, keys, drawn)
-    known = difference[np.isfinite(difference)]
-    if not len(known):
-        return None
-    low, high = np.quantile(known, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return float(low), float(high)
+    drawn = drawn_units(len(keys))
+    return percentile_bounds(_drawn(theirs, keys, drawn) - _drawn(ours, keys, drawn))
 
 
 def _drawn(parts: Parts, keys: Sequence[Key], drawn: IntArray) -> FloatArray:
     above = np.array([parts[key].above for key in keys])[drawn].sum(axis=1)
     below = np.array([parts[key].below for key in keys])[drawn].sum(axis=1)
-    return np.divide(above, below, out=np.full(len(above), np.nan), where=below > 0)
+    return ratios(above, below)
 
 
 def _ratio(parts: Any) -> float | None:

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from litsim_sim.analysis.displacement import HORIZONS_S
+from litsim_sim.campaign.row_bounds import Bounds
 
 MEASURES = {
     "runs": "runs",
@@ -31,6 +32,7 @@ MEASURES = {
     "takeovers": "takeovers",
     "takeovers per run": "takeovers_per_run",
     "of them released": "releases",
+    "of them released, %": "released_share",
     "not, though their logs continue": "releases_missing",
     "time under control s": "held_s",
     "bound of iterations hit": "bound_hits",
@@ -52,6 +54,7 @@ OF_CONTROL = (
     "takeovers",
     "takeovers_per_run",
     "releases",
+    "released_share",
     "releases_missing",
     "held_s",
     "bound_hits",
@@ -68,12 +71,18 @@ OF_CONTROL = (
 """Measures of agents under control, which are meaningless under replay."""
 
 MARK = "*"
-PERCENT = ("rate_all", "rate_controlled", "reactive", "relevant_ratio", "guarded", "off_road")
+PERCENT = ("rate_all", "rate_controlled", "reactive", "released_share", "relevant_ratio", "guarded", "off_road")
 DISPLACEMENTS = (("ade_controlled_m", "controlled"), ("ade_all_m", "all"))
+BOUNDS = "bounds"  # key of a row's bounds, beside its measures
 
 
 def print_summary(
-    title: str, summary: Mapping[str, Mapping[str, Any]], console: Console, *, replayed: bool = False
+    title: str,
+    summary: Mapping[str, Mapping[str, Any]],
+    console: Console,
+    *,
+    replayed: bool = False,
+    bounds: Mapping[str, Bounds] | None = None,
 ) -> None:
     """Print rows of runs side by side.
 
@@ -85,10 +94,14 @@ def print_summary(
         summary: by name of the row, the result of :func:`litsim_sim.analysis.summary.summarise`, and verdicts.
         console: to print to.
         replayed: whether the background is replayed in all rows; measures of agents under control are left out.
+        bounds: of the figures, by row, printed behind them.
     """
     rows = list(summary)
     left_out = OF_CONTROL if replayed else ()
-    summary = {row: {key: v for key, v in each.items() if key not in left_out} for row, each in summary.items()}
+    summary = {
+        row: {key: v for key, v in each.items() if key not in left_out} | {BOUNDS: (bounds or {}).get(row, {})}
+        for row, each in summary.items()
+    }
     named = _table({row: row for row in rows}, summary)
     if _fits(named, console):
         parts: list[RenderableType] = [named]
@@ -129,11 +142,15 @@ def _table(headings: Mapping[str, str], summary: Mapping[str, Mapping[str, Any]]
     mine = [summary[row] for row in headings]
     for name, key in MEASURES.items():
         if all(key in row for row in mine):
-            table.add_row(name, *(_cell(key, row[key]) + _mark(key, row) for row in mine))
+            table.add_row(name, *(_cell(key, row[key]) + _mark(key, row) + _between(key, key, row) for row in mine))
     for horizon in map(str, HORIZONS_S):
         if any(row["ade_all_m"][horizon] is not None for row in summary.values()):
             for key, whose in ((key, whose) for key, whose in DISPLACEMENTS if key in mine[0]):
-                cells = (_cell(key, row[key][horizon]) + _mark(key, row) + _reached(key, horizon, row) for row in mine)
+                cells = (
+                    f"{_cell(key, row[key][horizon])}{_mark(key, row)}{_between(key, f'{key}.{horizon}', row)}"
+                    f"{_reached(key, horizon, row)}"
+                    for row in mine
+                )
                 table.add_row(f"ADE@{horizon} s m, {whose}", *cells)
     return table
 
@@ -147,6 +164,14 @@ def _reached(key: str, horizon: str, row: Mapping[str, Any]) -> str:
     """The number of runs that last to `horizon`, in brackets, as a suffix of their ADE; empty if all of them do."""
     runs, every = row["ade_runs"][horizon], row["measured"]
     return f" ({runs} of {every})" if runs < every and row[key][horizon] is not None else ""
+
+
+def _between(key: str, name: str, row: Mapping[str, Any]) -> str:
+    """The bounds `name` of the measure `key`, in brackets, as a suffix of its figure; empty if there are none."""
+    if name not in row[BOUNDS]:
+        return ""
+    low, high = (round(bound) if isinstance(row[key], int) else bound for bound in row[BOUNDS][name])
+    return f" [{_cell(key, low)}, {_cell(key, high)}]"
 
 
 def _cell(key: str, value: float | None) -> str:

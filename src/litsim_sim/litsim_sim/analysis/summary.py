@@ -2,15 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from litsim_sim.analysis.displacement import HORIZONS_S
 
+Metrics = Mapping[str, Any]
+Figure = Callable[[Metrics], float | None]
+"""A number of one run from its metrics; None where the run has none."""
 
-def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]:
+SUMS: dict[str, Figure] = {
+    "agents": lambda run: run["agents"],
+    "colliding_agents": lambda run: run["collision"]["agents"],
+    "colliding_runs": lambda run: not run["reactive"],
+    "excess_pairs": lambda run: run["collision"]["excess"],
+    "ego_contacts": lambda run: len(run["collision"]["ego_contacts"]),
+    "background_faults": lambda run: run["collision"].get("by_fault", {}).get("background"),
+    "ego_faults_avoidable": lambda run: run["collision"].get("by_fault", {}).get("ego_avoidable"),
+    "ego_faults_unavoidable": lambda run: run["collision"].get("by_fault", {}).get("ego_unavoidable"),
+    "takeovers": lambda run: run["takeovers"],
+    "releases": lambda run: sum(each["released_step"] is not None for each in run["ledger"]),
+    "releases_missing": lambda run: sum(
+        each["released_step"] is None and each["outcome"] is None for each in run["ledger"]
+    ),
+    "held_s": lambda run: sum(each["held_s"] for each in run["ledger"]),
+    "bound_hits": lambda run: run["detection"]["bound_hits"],
+    "false_alarms": lambda run: run["false_alarms"],
+    "hard_brakes": lambda run: run["comfort"]["controlled"]["hard_brakes"],
+    "hard_brakes_log": lambda run: run["comfort"]["controlled"].get("hard_brakes_log"),
+}
+"""Sums over the measured runs; none is known if one run lacks it, since an older version measured that run."""
+
+MEANS: dict[str, Figure] = {
+    "rate_all": lambda run: run["collision"]["rate_all"],
+    "rate_controlled": lambda run: run["collision"]["rate_controlled"],
+    "takeovers_per_run": lambda run: float(run["takeovers"]),
+    "relevant_ratio": lambda run: run["relevant_ratio"],
+    "off_road": lambda run: run["off_road_controlled"],
+    "progress_m": lambda run: run["progress_m"],
+    "realtime_factor": lambda run: run["timing"]["realtime_factor"],
+}
+"""Means over those of the measured runs that have the number."""
+
+LARGEST: dict[str, Figure] = {
+    "replay_error_max_m": lambda run: run["replay_error_max_m"],
+    "max_position_jump_m": lambda run: run["handback"]["max_position_jump_m"],
+    "max_residual_m": lambda run: run["handback"]["max_residual_m"],
+}
+"""Maxima over those of the measured runs that have the number."""
+
+DISPLACEMENTS = ("ade_controlled_m", "ade_all_m")
+"""Means likewise, by horizon: see :func:`displacement`."""
+
+RATIOS: dict[str, tuple[Figure, Figure]] = {
+    "released_share": (SUMS["releases"], SUMS["takeovers"]),
+    "guarded": (
+        lambda run: run["comfort"]["controlled"]["guarded"]["count"],
+        lambda run: run["comfort"]["controlled"]["guarded"].get("commands"),
+    ),
+}
+"""Sums of the first number over sums of the second: released takeovers; commands of the policy that a guard changed."""
+
+
+def displacement(name: str, horizon: str) -> Figure:
+    """The figure `name` of :data:`DISPLACEMENTS` up to `horizon` [s]."""
+    return lambda run: run[name].get(horizon)
+
+
+def summarise(runs: Iterable[Metrics], failed: int = 0) -> dict[str, Any]:
     """One row of the table: sums, means and maxima over the measured runs; None where there are no values.
 
     Args:
@@ -21,68 +82,39 @@ def summarise(runs: Iterable[dict[str, Any]], failed: int = 0) -> dict[str, Any]
     """
     runs = list(runs)
     every = len(runs) + failed
-    ade = {h: _mean(r["ade_controlled_m"].get(h) for r in runs) for h in map(str, HORIZONS_S)}
+    horizons = [str(horizon) for horizon in HORIZONS_S]
     return {
         "runs": every,
         "failed": failed,
         "measured": len(runs),
-        "invalid": sum(not r["valid"] for r in runs),
-        "agents": _known_sum(r["agents"] for r in runs),
-        "colliding_agents": _known_sum(r["collision"]["agents"] for r in runs),
-        "colliding_runs": _known_sum(not r["reactive"] for r in runs),
-        "excess_pairs": _known_sum(r["collision"]["excess"] for r in runs),
-        "ego_contacts": _known_sum(len(r["collision"]["ego_contacts"]) for r in runs),
-        "background_faults": _faults(runs, "background"),
-        "ego_faults_avoidable": _faults(runs, "ego_avoidable"),
-        "ego_faults_unavoidable": _faults(runs, "ego_unavoidable"),
-        "rate_all": _mean(r["collision"]["rate_all"] for r in runs),
-        "rate_controlled": _mean(r["collision"]["rate_controlled"] for r in runs),
-        "reactive": sum(r["reactive"] for r in runs) / every if every else None,
-        "takeovers": _known_sum(r["takeovers"] for r in runs),
-        "takeovers_per_run": _mean(float(r["takeovers"]) for r in runs),
-        "releases": _known_sum(sum(e["released_step"] is not None for e in r["ledger"]) for r in runs),
-        "releases_missing": _known_sum(
-            sum(e["released_step"] is None and e["outcome"] is None for e in r["ledger"]) for r in runs
-        ),
-        "held_s": _known_sum(sum(e["held_s"] for e in r["ledger"]) for r in runs),
-        "bound_hits": _known_sum(r["detection"]["bound_hits"] for r in runs),
-        "false_alarms": _known_sum(r["false_alarms"] for r in runs),
-        "relevant_ratio": _mean(r["relevant_ratio"] for r in runs),
-        "ade_controlled_m": ade,
-        "ade_all_m": {h: _mean(r["ade_all_m"].get(h) for r in runs) for h in ade},
-        "ade_runs": {h: sum(h in r["ade_all_m"] for r in runs) for h in ade},
-        "replay_error_max_m": max((far for r in runs if (far := r["replay_error_max_m"]) is not None), default=None),
-        "hard_brakes": _known_sum(r["comfort"]["controlled"]["hard_brakes"] for r in runs),
-        "hard_brakes_log": _known_sum(r["comfort"]["controlled"].get("hard_brakes_log") for r in runs),
-        "guarded": _guarded(runs),
-        "off_road": _mean(r["off_road_controlled"] for r in runs),
-        "progress_m": _mean(r["progress_m"] for r in runs),
-        "max_position_jump_m": max((r["handback"]["max_position_jump_m"] for r in runs), default=None),
-        "max_residual_m": max(
-            (far for r in runs if (far := r["handback"]["max_residual_m"]) is not None), default=None
-        ),
-        "realtime_factor": _mean(r["timing"]["realtime_factor"] for r in runs),
+        "invalid": sum(not run["valid"] for run in runs),
+        "reactive": sum(run["reactive"] for run in runs) / every if every else None,
+        "ade_runs": {horizon: sum(horizon in run["ade_all_m"] for run in runs) for horizon in horizons},
+        **{name: _known_sum(map(figure, runs)) for name, figure in SUMS.items()},
+        **{
+            name: _ratio(_known_sum(map(above, runs)), _known_sum(map(below, runs)))
+            for name, (above, below) in RATIOS.items()
+        },
+        **{name: _mean(map(figure, runs)) for name, figure in MEANS.items()},
+        **{name: max(_known(map(figure, runs)), default=None) for name, figure in LARGEST.items()},
+        **{name: {h: _mean(map(displacement(name, h), runs)) for h in horizons} for name in DISPLACEMENTS},
     }
 
 
-def _faults(runs: list[dict[str, Any]], whose: str) -> float | None:
-    """Number of contacts by fault; None if an older version measured a run without it."""
-    return _known_sum(r["collision"].get("by_fault", {}).get(whose) for r in runs)
-
-
-def _guarded(runs: list[dict[str, Any]]) -> float | None:
-    """Share of the policy's commands that a guard changed; None if an older version measured a run without it."""
-    found = [r["comfort"]["controlled"]["guarded"] for r in runs]
-    commands = _known_sum(each.get("commands") for each in found)
-    return sum(each["count"] for each in found) / commands if commands else None
-
-
 def _known_sum(values: Iterable[float | None]) -> float | None:
-    """Sum of `values`; None if there are none, or if one is None since an older version measured the run without it."""
+    """Sum of `values`; None if there are none, or if one is None."""
     found = list(values)
     return None if None in found or not found else sum(value for value in found if value is not None)
 
 
+def _ratio(above: float | None, below: float | None) -> float | None:
+    return above / below if above is not None and below else None
+
+
 def _mean(values: Iterable[float | None]) -> float | None:
-    known = [v for v in values if v is not None]
+    known = _known(values)
     return float(np.mean(known)) if known else None
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]

@@ -11,14 +11,12 @@ import numpy as np
 from scipy.stats import bootstrap
 
 from litsim_sim.analysis.compare import OF_AN_EXECUTION, leaves
+from litsim_sim.campaign.bootstrap import LEVEL, RESAMPLES, SEED
 from litsim_sim.campaign.case import Case
 from litsim_sim.campaign.criteria import CriterionResult, Verdict
 from litsim_sim.campaign.results import RUNS_FOLDER, Campaign, RunResult
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import FloatArray
-
-LEVEL, RESAMPLES, SEED = 0.95, 2000, 0
-"""Bootstrap of all reported bounds: share of the draws within them, number of draws, and seed."""
 
 PASSED = "passed"
 NOT_RUN = "not run"

@@ -7,16 +7,8 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from litsim_sim.campaign.comparison import (
-    LEVEL,
-    NOT_RUN,
-    PASSED,
-    RESAMPLES,
-    CampaignComparison,
-    Change,
-    Pair,
-    report_of,
-)
+from litsim_sim.campaign.bootstrap import LEVEL, RESAMPLES
+from litsim_sim.campaign.comparison import NOT_RUN, PASSED, CampaignComparison, Change, Pair, report_of
 from litsim_sim.campaign.results import Campaign, RunResult
 
 WIDTH = 100  # characters per line if the output is not a terminal

@@ -1,0 +1,29 @@
+"""What all bootstraps over runs have in common: number of draws, their seed, and the share within the bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from litsim_sim.core.scene import FloatArray, IntArray
+
+LEVEL, RESAMPLES, SEED = 0.95, 2000, 0
+"""Bootstrap of all reported bounds: share of the draws within them, number of draws, and seed."""
+
+
+def drawn_units(count: int) -> IntArray:
+    """(RESAMPLES, count) positions of `count` units, drawn with replacement, the same at every call."""
+    return np.random.default_rng(SEED).integers(count, size=(RESAMPLES, count))
+
+
+def percentile_bounds(figures: FloatArray) -> tuple[float, float] | None:
+    """Bounds of a figure from its values in the draws (Efron 1979), without those that are nan; None if all are."""
+    known = figures[np.isfinite(figures)]
+    if not len(known):
+        return None
+    low, high = np.quantile(known, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return float(low), float(high)
+
+
+def ratios(above: FloatArray, below: FloatArray) -> FloatArray:
+    """`above` over `below` by draw; nan where `below` is 0."""
+    return np.divide(above, below, out=np.full(len(above), np.nan), where=below > 0)
