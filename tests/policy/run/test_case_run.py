@@ -17,6 +17,7 @@ from litsim_policy.run.runner import Runner, record
 from litsim_sim.analysis.metrics import compute_metrics
 from litsim_sim.campaign.criteria import Verdict
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.parameters import setting
 from litsim_sim.record.failure import read_failure
 from litsim_sim.report.thumbnails import read_thumbnail
 from litsim_sim.scenario.run_info import RunPlan
@@ -129,6 +130,13 @@ def test_over_dds_a_run_is_measured_and_its_files_are_named(launcher: Any) -> No
     assert "--scenario demo --ego external --policy replay --ego-id 7 --ego-interface twist" in line
     assert "--seed 4 --end-after-contact 0.5" in line
     assert "--set bridge.answer_timeout_s=9.5 bridge.external_timeout_s=30.0 -- my_stack --fast" in line
+
+
+def test_small_numbers_reach_the_launcher_as_numbers(launcher: Any) -> None:
+    folder = launcher(f"echo '{json.dumps(campaigns.metrics())}' > $out/metrics.json")
+    over_graph(case("idm", policy="yield", parameters={"conflict.release_speed": [0.00001]}), folder)
+    words = (folder / "words").read_text().split("\n")
+    assert setting(words[words.index("--set") + 1]) == ("conflict", "release_speed", [0.00001])
 
 
 @pytest.mark.parametrize(

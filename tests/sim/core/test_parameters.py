@@ -98,6 +98,7 @@ def test_settings_of_command_lines() -> None:
     assert setting("conflict.handback=catch_up,time_shift") == ("conflict", "handback", ["catch_up", "time_shift"])
     assert setting("ego.time=[0, 1]") == ("ego", "time", [(0, 1)])
     assert one_setting("policy.safety.contact=false") == ("policy", "safety.contact", False)
+    assert setting("ego.deceleration=1e-05,2e0") == ("ego", "deceleration", [1e-05, 2.0])
     settings = [("ego", "kind", "brake"), ("ego", "duration", 1.0), ("ego", "kind", "mixed")]
     assert by_stage(settings) == {"ego": {"kind": "mixed", "duration": 1.0}}
 

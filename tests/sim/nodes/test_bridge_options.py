@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
@@ -40,6 +41,11 @@ def test_ego_seed_and_vehicle_replace_those_of_the_scenario() -> None:
 
 def test_whole_seconds_are_taken_as_numbers() -> None:
     assert options(answer_timeout_s=2).answer_timeout_s == 2.0
+
+
+def test_small_numbers_of_stages_are_numbers_as_json_writes_them() -> None:
+    made = options(stage_parameters=json.dumps({"conflict": {"release_speed": 1e-05}}))
+    assert made.plan().parameters == {"conflict": {"release_speed": 1e-05}}
 
 
 @pytest.mark.parametrize(

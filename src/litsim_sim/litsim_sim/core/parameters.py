@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.quantities import expected, field_type
+from litsim_sim.core.yaml_loader import YamlLoader
 
 Config = TypeVar("Config")
 
@@ -126,7 +127,7 @@ def setting(text: str) -> tuple[str, str, list[Any]]:
     where, equals, value = text.partition("=")
     stage, dot, name = where.partition(".")
     try:
-        values = yaml.safe_load(f"[{value}]")
+        values = yaml.load(f"[{value}]", YamlLoader)  # noqa: S506 - a SafeLoader
     except yaml.YAMLError:
         values = []
     if not (equals and dot and stage and name and values) or None in values:

@@ -12,11 +12,11 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from litsim_sim.core.errors import InputError
+from litsim_sim.core.yaml_loader import YamlLoader
 
 SHOWN = 5  # most problems that one message lists
 FOUND_MAX = 60  # most characters of a wrong value that a message repeats
 DEEPEST = 50  # most levels of nested lists and mappings; usual files have two or three
-NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 STREAM_NAME = re.compile(r' in "<(?:unicode|byte) string>",')  # PyYAML's for a text without a file
 MISNAMED = ("missing", "extra_forbidden")  # pydantic's types of problems with names, not values
 
@@ -96,21 +96,10 @@ def place_in(path: Path, *place: int | str) -> str:
     return f"{path}: {f'line {line}, ' if line else ''}field {'.'.join(map(str, named))}"
 
 
-def _without_underscores(tag: str, pattern: re.Pattern[str]) -> re.Pattern[str]:
-    return re.compile(f"(?!.*_){pattern.pattern}", pattern.flags) if tag in NUMBERS else pattern
-
-
-class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, which refuses equal keys and deep nesting, and reads 12_0 as text, not as the number 120.
-
-    Lanes have such names in nets of numbered edges; YAML 1.2 has no underscores in numbers either.
-    """
+class _Loader(YamlLoader):
+    """The loader of YAML from users, which also refuses equal keys and deep nesting."""
 
     _depth = 0
-    yaml_implicit_resolvers = {  # noqa: RUF012 - as PyYAML declares it
-        first: [(tag, _without_underscores(tag, pattern)) for tag, pattern in resolvers]
-        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-    }
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         self._depth += 1
