@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +19,16 @@ COLUMNS = {"vehicle_id": "id", "time": "t", "x": "x", "y": "y", "yaw": "yaw", "l
 TURN = 0.7  # [rad] of the whole road
 
 
-def road(lanes_right: int, lanes_back: int, mirrored: bool = False) -> pd.DataFrame:
-    """Traffic that keeps to the right on a road that turns by TURN, at 25 Hz; lane 1 is the left one of each way."""
+def road(lanes_right: int, lanes_back: int, mirrored: bool = False, strip: float = 0.0) -> pd.DataFrame:
+    """Traffic that keeps to the right on a road that turns by TURN, at 25 Hz; lane 1 is the left one of each way.
+
+    The two ways are `strip` metres apart.
+    """
     cars, t = [], np.arange(0.0, 10.0, 0.04)
     for back, lanes in ((False, lanes_right), (True, lanes_back)):
         for lane in range(1, lanes + 1):
             for number in range(4):
-                along, right = 9.0 * t + 25.0 * number + 3.0 * lane, 1.75 + 3.5 * (lane - 1)
+                along, right = 9.0 * t + 25.0 * number + 3.0 * lane, 1.75 + 3.5 * (lane - 1) + 0.5 * strip
                 u, v, yaw = (100.0 - along, right, np.pi) if back else (along, -right, 0.0)
                 x, y = np.cos(TURN) * u - np.sin(TURN) * v, np.sin(TURN) * u + np.cos(TURN) * v
                 name = 100 * back + 10 * lane + number
@@ -55,6 +59,25 @@ def test_oncoming_traffic_on_the_right(tmp_path: Path) -> None:
     assert "transform.mirror_y corrects" in said and "(check side)" in said and "nothing was written" in said
     accepted = converted(tmp_path, road(1, 1, mirrored=True), accept=["side"])
     assert accepted["vehicle_id"].nunique() == 8, "they may keep to the left there"
+
+
+def test_carriageways_apart(tmp_path: Path) -> None:
+    assert converted(tmp_path, road(2, 2, strip=10.0))["vehicle_id"].nunique() == 16
+    with pytest.raises(InputError, match=r"pass on the right, 17\.0 m beside, in 100% of"):
+        converted(tmp_path, road(2, 2, mirrored=True, strip=10.0))
+    narrow = road(1, 1).assign(id=lambda table: table["id"] + 1000, y=lambda table: table["y"] - 300.0)
+    both = pd.concat([narrow, road(3, 3, mirrored=True, strip=10.0)])
+    assert converted(tmp_path, both)["vehicle_id"].nunique() == 32, "those that pass close by each other decide"
+
+
+def test_many_vehicles_at_a_time_take_little_time() -> None:
+    number, instants = np.arange(5000), np.arange(0.0, 2.0, 0.1)
+    table = pd.DataFrame({"vehicle_id": np.repeat(number, len(instants)), "t": np.tile(instants, len(number))})
+    table["x"], table["y"], table["lane"] = 12.0 * table["t"] + 50.0 * (table["vehicle_id"] % 100), 0.0, -1
+    table["y"] = 50.0 * (table["vehicle_id"] // 100)
+    begin = time.process_time()
+    assert not len(Sides.of(table).oncoming)
+    assert time.process_time() - begin < 5.0, "all pairs of them take longer"
 
 
 def test_lanes_that_grow_to_the_left(tmp_path: Path) -> None:

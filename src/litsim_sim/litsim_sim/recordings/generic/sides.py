@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import KDTree
 
 from litsim_sim.core.geometry import to_body, wrap_angle
 from litsim_sim.core.scene import FloatArray, IntArray
@@ -20,10 +21,12 @@ MOVING = 2.0  # [m/s] smallest speed at which the direction of motion is reliabl
 WAY_MIN = 0.05  # [m] smallest distance between two rows, likewise
 ABREAST = 10.0  # [m] largest longitudinal distance of vehicles that pass each other
 BESIDE = (2.0, 9.0)  # [m] range of lateral distances
+APART = 25.0  # [m] largest lateral distance of oncoming vehicles, which counts only where too few are within BESIDE
 ALONG = 30.0  # [m] largest longitudinal distance of vehicles in adjacent lanes
 SAME_WAY, ONCOMING = np.deg2rad(15.0), np.deg2rad(165.0)
 PAIRS_MIN = 6  # fewest pairs of vehicles that are conclusive
 DOWN = "y points down, which transform.mirror_y corrects"
+NEAR = float(max(np.hypot(ALONG, BESIDE[1]), np.hypot(ABREAST, APART)))  # [m] no pair is farther apart
 SHARE = 0.8  # smallest share of pairs that is conclusive
 
 
@@ -49,7 +52,7 @@ class Sides:
         moving = moving.assign(instant=instant)[instant % every == 0].drop_duplicates(["vehicle_id", "instant"])
         found: dict[str, list[pd.DataFrame]] = {"oncoming": [], "next_lane": []}
         for _, rows in moving.groupby("instant", sort=True):
-            one, other = np.triu_indices(len(rows), 1)
+            one, other = KDTree(rows[["x", "y"]]).query_pairs(NEAR, output_type="ndarray").T
             for name, pairs in _pairs(rows, one, other).items():
                 found[name].append(pairs)
         return cls(*(_medians(found[name]) for name in ("oncoming", "next_lane")))
@@ -58,10 +61,12 @@ class Sides:
 def problems(table: pd.DataFrame) -> str:
     """Evidence that a table is mirrored, with figures; empty for none."""
     sides, said = Sides.of(table), []
-    right = sides.oncoming < 0.0
+    near = sides.oncoming[np.abs(sides.oncoming) < BESIDE[1]]
+    oncoming = near if len(near) >= PAIRS_MIN else sides.oncoming
+    right = oncoming < 0.0
     if len(right) >= PAIRS_MIN and right.mean() >= SHARE:
         said.append(
-            f"oncoming vehicles pass on the right, {-np.median(sides.oncoming):.1f} m beside, in {right.mean():.0%} of "
+            f"oncoming vehicles pass on the right, {-np.median(oncoming):.1f} m beside, in {right.mean():.0%} of "
             f"{len(right)} encounters: {DOWN}, or traffic keeps to the left there"
         )
     left = sides.next_lane > 0.0
@@ -93,8 +98,9 @@ def _pairs(rows: pd.DataFrame, one: IntArray, other: IntArray) -> dict[str, pd.D
     ahead, left = to_body(x[other] - x[one], y[other] - y[one], course[one])
     turn = np.abs(wrap_angle(course[other] - course[one]))
     beside = (np.abs(left) > BESIDE[0]) & (np.abs(left) < BESIDE[1])
+    apart = (np.abs(left) > BESIDE[0]) & (np.abs(left) < APART)
     chosen = {
-        "oncoming": (turn > ONCOMING) & (np.abs(ahead) < ABREAST) & beside,
+        "oncoming": (turn > ONCOMING) & (np.abs(ahead) < ABREAST) & apart,
         "next_lane": (turn < SAME_WAY)
         & (np.abs(ahead) < ALONG)
         & beside
