@@ -8,9 +8,10 @@ the earth a scene is.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
+from pydantic import Field
 
 from litsim_predictor.forecast import Float32Array
 from litsim_sim.core.quantities import NonNegative, OpenShare, Whole, configuration
@@ -38,6 +39,8 @@ LATERAL = ("keep", "left", "right")
 LONGITUDINAL = ("keep", "accelerate", "brake")
 MANEUVERS = tuple(f"{lateral}/{longitudinal}" for lateral in LATERAL for longitudinal in LONGITUDINAL)
 """Manoeuvre m is LATERAL[m // 3] with LONGITUDINAL[m % 3]."""
+LayerWidth = Annotated[Whole, Field(gt=0, le=1024)]
+"""Outputs of a layer of a network, in configurations; no network of such layers exceeds the memory."""
 
 
 @quickly_made

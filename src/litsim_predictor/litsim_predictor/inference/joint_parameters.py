@@ -6,8 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from litsim_predictor.inference.contract import HISTORY_CHANNELS
-from litsim_sim.core.quantities import Flag, Length, NonNegative, Positive, Share, Whole, configuration
+from litsim_predictor.inference.contract import HISTORY_CHANNELS, LayerWidth
+from litsim_sim.core.quantities import Flag, Length, Share, Whole, configuration
 
 Kind = Literal["direct", "recurrent"]
 """Whether steps are read or written all at once, or one after the other as in the paper."""
@@ -36,20 +36,20 @@ class JointParameters:
         dropout: probability with which a value is hidden from the decoder in training.
     """
 
-    map_width: Positive[Whole] = 64
-    map_channels: Positive[Whole] = 16
-    history_width: Positive[Whole] = 64
+    map_width: LayerWidth = 64
+    map_channels: LayerWidth = 16
+    history_width: LayerWidth = 64
     history: Kind = "recurrent"
     history_channels: Annotated[Whole, Field(ge=1, le=HISTORY_CHANNELS)] = HISTORY_CHANNELS
-    state_width: Positive[Whole] = 32
+    state_width: LayerWidth = 32
     traffic: Flag = False
-    heads: Positive[Whole] = 8
+    heads: LayerWidth = 8
     relative: Flag = True
-    layers: Positive[Whole] = 2
-    neighbours: NonNegative[Whole] = 12
-    reach: Positive[Length] = 80.0
+    layers: Annotated[Whole, Field(gt=0, le=8)] = 2
+    neighbours: Annotated[Whole, Field(ge=0, le=1024)] = 12
+    reach: Annotated[Length, Field(gt=0, le=10_000)] = 80.0
     decoder: Kind = "direct"
-    hidden: Positive[Whole] = 128
+    hidden: LayerWidth = 128
     dropout: Share = 0.1
 
     @model_validator(mode="after")

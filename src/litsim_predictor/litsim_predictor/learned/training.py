@@ -98,7 +98,7 @@ class TrainingConfig(BaseModel):
     teacher_weight: Annotated[float, Field(ge=0)] = 0.5
     data: tuple[Source, ...] = DEVELOPMENT_DATA
     fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
-    epochs: Annotated[int, Field(ge=1)] = 20
+    epochs: Annotated[int, Field(ge=1, le=100_000)] = 20
     warm_epochs: Annotated[int, Field(ge=0)] = 2
     agents_per_batch: Annotated[int, Field(ge=1)] = 512
     stride: Annotated[int, Field(ge=1, le=36_000)] = 5

@@ -22,7 +22,15 @@ import torch
 from pydantic import model_validator
 from torch import Tensor, nn
 
-from litsim_predictor.inference.contract import DT, HORIZON, LATERAL, LONGITUDINAL, MANEUVERS, STATE_CHANNELS
+from litsim_predictor.inference.contract import (
+    DT,
+    HORIZON,
+    LATERAL,
+    LONGITUDINAL,
+    MANEUVERS,
+    STATE_CHANNELS,
+    LayerWidth,
+)
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.centrality import CENTRALITIES, centralities, mean_rates, proximity_graph
 from litsim_predictor.learned.models.decoder import ManeuverDecoder
@@ -41,7 +49,7 @@ from litsim_predictor.learned.models.model import (
     rows_of,
     same_agent,
 )
-from litsim_sim.core.quantities import Length, Positive, Whole, configuration
+from litsim_sim.core.quantities import Length, Positive, configuration
 
 GRID_ROWS, GRID_COLUMNS = 27, 3
 CELL_LENGTH, CELL_WIDTH = 4.57, 3.66  # [m]: 15 feet, as is usual on NGSIM, and a lane
@@ -107,11 +115,11 @@ class BatParameters:
     """
 
     radius: Positive[Length] = 10.0
-    embedding: Positive[Whole] = 32
-    motion_units: Positive[Whole] = 64
-    behaviour_units: Positive[Whole] = 8
-    decoder_units: Positive[Whole] = 128
-    heads: Positive[Whole] = 4
+    embedding: LayerWidth = 32
+    motion_units: LayerWidth = 64
+    behaviour_units: LayerWidth = 8
+    decoder_units: LayerWidth = 128
+    heads: LayerWidth = 4
 
     @model_validator(mode="after")
     def _fit(self) -> Self:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from litsim_predictor.inference.contract import DT, HISTORY_CHANNELS, LATERAL, LONGITUDINAL
+from litsim_predictor.inference.contract import DT, HISTORY_CHANNELS, LATERAL, LONGITUDINAL, LayerWidth
 from litsim_predictor.learned.data.batch import Prediction, SceneBatch
 from litsim_predictor.learned.models.decoder import ManeuverDecoder
 from litsim_predictor.learned.models.model import (
@@ -34,7 +34,7 @@ from litsim_predictor.learned.models.model import (
     rows_of,
     same_agent,
 )
-from litsim_sim.core.quantities import Positive, Whole, configuration
+from litsim_sim.core.quantities import configuration
 
 UNITS = (20.0, 2.0, 0.1, 10.0)  # [m, m, rad, m/s] by which the channels of histories are scaled
 RELATIVE_UNIT = 2.5  # [m/s] by which relative velocities are scaled
@@ -52,11 +52,11 @@ class CsLstmParameters:
         convolution, second: channels of the two convolutions of the social pooling.
     """
 
-    encoder: Positive[Whole] = 64
-    decoder: Positive[Whole] = 128
-    embedding: Positive[Whole] = 32
-    convolution: Positive[Whole] = 64
-    second: Positive[Whole] = 16
+    encoder: LayerWidth = 64
+    decoder: LayerWidth = 128
+    embedding: LayerWidth = 32
+    convolution: LayerWidth = 64
+    second: LayerWidth = 16
 
 
 class CsLstm(SceneModel):

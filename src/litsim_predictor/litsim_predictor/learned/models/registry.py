@@ -25,13 +25,9 @@ def build(kind: str, parameters: dict[str, Any], where: str) -> SceneModel:
     """An untrained model of this kind; `where` names the origin of `kind` and `parameters` in errors.
 
     Raises:
-        InputError: unknown kind or parameters, or a model that is too large for the memory.
+        InputError: the kind or a parameter is unknown, or a parameter is out of its bounds.
     """
     if kind not in KINDS:
         raise InputError(f"{where}: field model is {kind!r}, expected one of {', '.join(KINDS)}")
     config, model = KINDS[kind]
-    try:
-        return model(configured(config, parameters, where))
-    except RuntimeError as error:  # torch has no error of its own for this
-        first = str(error).partition("\n")[0]
-        raise InputError(f"{where}: field parameters: a model of this size cannot be built: {first}") from error
+    return model(configured(config, parameters, where))
