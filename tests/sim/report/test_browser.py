@@ -184,12 +184,57 @@ def test_names_that_look_like_html_are_text(
     none = np.zeros(0, np.int64)
     forecasts = Forecasts(none, none, np.zeros(12), np.zeros((0, 12, 2)), np.zeros((0, 12, 3)))
     monkeypatch.setattr(run_report, "read_forecasts", lambda run: forecasts)
-    run = without(info=replace(small_run.info, scenario=name, run_id=name))
+    run = without(info=replace(small_run.info, scenario=name, run_id=name, ego=name))
     path = tmp_path / "report.html"
     path.write_text(run_report.render(run, compute_metrics(run)))
     chromium.open(path)
+    chromium.run("litsim.select(0)")  # the ego, whose state names its driver
+    assert chromium.run("document.querySelector('#state dd').textContent") == name
     assert chromium.run("document.querySelector('h1').textContent") == name
     assert chromium.run("document.title").startswith(name)
     assert chromium.run("[document.images.length, document.scripts.length]") == [0, 2]
     assert chromium.problems == []
     assert chromium.requests == [path.resolve().as_uri()]
+
+
+def test_places_far_from_the_origin_are_exact(
+    chromium: Browser, without: Callable[..., Run], small_run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    far = np.array([513_250.0, 5_429_125.0])  # of UTM, where numbers of single precision are half a metre apart
+    mean, overlap = np.array([[[40.0 + k, -1.83] for k in range(12)]]) + far, np.array([50.0, -1.83]) + far
+    forecasts = Forecasts(
+        np.ones(1, np.int64), np.array([30]), 0.4 * np.arange(1, 13), mean, np.tile([0.5, 0.2, 0.0], (1, 12, 1))
+    )
+    monkeypatch.setattr(run_report, "read_forecasts", lambda run: forecasts)
+    tables, log = (
+        [replace(table, x=table.x + far[0], y=table.y + far[1]) for table in steps]
+        for steps in (small_run.tables, small_run.log)
+    )
+    takeovers = {
+        step: [replace(each, conflict_pose=(*overlap, 0.0)) for each in found]
+        for step, found in small_run.takeovers.items()
+    }
+    run = without(tables=tables, log=log, takeovers=takeovers, net_xml=b"")
+    path = tmp_path / "report.html"
+    path.write_text(run_report.render(run, compute_metrics(run)))
+    chromium.open(path)
+    chromium.run("litsim.seek(30); litsim.select(0)")
+    origin = chromium.run("litsim.scene.origin")
+    assert origin == [513_000.0, 5_429_000.0]
+    here = f"{run.tables[30].x[0]:.1f}, {run.tables[30].y[0]:.1f} m"
+    assert chromium.run("document.querySelector('#state dl').textContent").count(here) == 1
+    for found, expected in (
+        ("litsim.scene.pose(0, 30)", (run.tables[30].x[0], run.tables[30].y[0])),
+        ("litsim.scene.ghost(1, 30)", (run.log[30].x[0], run.log[30].y[0])),
+        ("litsim.scene.forecastsAt(30)[0].points[11]", mean[0, 11]),
+        ("(([x, y]) => ({x, y}))(litsim.scene.takeoversAt(30)[0].pose)", overlap),
+    ):
+        place = chromium.run(f"(({{x, y}}) => [x, y])({found})")
+        assert np.add(place, origin) == pytest.approx(np.array(expected), abs=0.03, rel=0)
+    assert chromium.problems == []
+
+
+def test_the_address_names_a_step(browser: Browser) -> None:
+    browser.run("location.hash = 't=2.9'")  # 2.9 / 0.1 is less than 29
+    browser.wait("litsim.time === 29")
+    assert browser.run("document.getElementById('clock').title") == "step 29"

@@ -33,11 +33,15 @@ LIGHTS = {
     SignalState.FLASHING_AMBER: "amber",
 }
 SURROUNDINGS = 150.0  # [m] of road beyond where agents drive
+ORIGIN_GRID = 1000.0  # [m]
+IN_MAP = np.zeros(2)
+"""Origin of places in frame map."""
 
 
 def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int) -> str:
     """The run as a container of :mod:`litsim_sim.report.packing`; `every` is the distance between forecasts [steps]."""
     tracks, ghosts = tracks_of(run), ghosts_of(run)
+    origin = origin_of(tracks)
     packer = Packer(
         {
             "run": {
@@ -48,32 +52,43 @@ def pack_run(run: Run, metrics: dict[str, Any], forecasts: Forecasts, every: int
                 "first": tracks.first,
                 "frames": tracks.frames,
                 "history": run.info.history_steps,
+                "origin": origin.tolist(),
             },
             "agents": _identities(tracks),
             "ghosts": ghosts.id.tolist(),
-            "road": road(run, tracks),
-            "signals": signals(run, tracks),
-            **_takeovers(run, tracks),
+            "road": road(run, tracks, origin),
+            "signals": signals(run, tracks, origin),
+            **_takeovers(run, tracks, origin),
             "contacts": metrics["collision"]["contacts"],
             "series": _series(run, tracks, ghosts),
             "forecast": {"time": np.round(forecasts.time, 3).tolist(), "every": every},
         }
     )
     packer.add("mode", tracks.mode, differences=1)
-    _add_motion(packer, "", tracks, ("x", "y", "yaw", "speed", "acceleration"))
+    _add_motion(packer, "", tracks, ("x", "y", "yaw", "speed", "acceleration"), origin)
     packer.add("ghost_present", ghosts.present, differences=1)
-    _add_motion(packer, "ghost_", ghosts, ("x", "y", "yaw", "speed"))
+    _add_motion(packer, "ghost_", ghosts, ("x", "y", "yaw", "speed"), origin)
     packer.add("forecast_agent", np.searchsorted(tracks.id, forecasts.agent), differences=1)
     packer.add("forecast_step", forecasts.step, differences=1)
     for axis, name in enumerate("xy"):
-        packer.add(f"forecast_{name}", forecasts.mean[..., axis], 5.0 * METRE, differences=2)
+        packer.add(f"forecast_{name}", forecasts.mean[..., axis] - origin[axis], 5.0 * METRE, differences=2)
     for axis, name in enumerate(("sigma_x", "sigma_y", "rho")):
         packer.add(f"forecast_{name}", forecasts.spread[..., axis], SIGMA, differences=1)
     return packer.pack()
 
 
-def road(run: Run, tracks: Tracks) -> dict[str, Any]:
-    """Surfaces and painted lines of the lanes near the agents: flat lists x0, y0, x1, y1, ... in frame map [m]."""
+def origin_of(tracks: Tracks) -> FloatArray:
+    """Place (2,) in frame map from which the page measures all others: the whole kilometres nearest to the agents [m].
+
+    Browsers draw in single precision, which is half a metre 5000 km from the origin, as UTM's northings are.
+    """
+    seen = tracks.present
+    middle = np.array([np.median(tracks.x[seen]), np.median(tracks.y[seen])]) if seen.any() else IN_MAP
+    return np.asarray(np.round(middle / ORIGIN_GRID) * ORIGIN_GRID)
+
+
+def road(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> dict[str, Any]:
+    """Surfaces and painted lines of the lanes near the agents: flat lists x0, y0, x1, y1, ... from `origin` [m]."""
     lane_map = lane_map_of(run)
     seen = tracks.present
     if lane_map is None or not seen.any():
@@ -81,12 +96,12 @@ def road(run: Run, tracks: Tracks) -> dict[str, Any]:
     x, y = tracks.x[seen], tracks.y[seen]
     area = shapely.box(*(v - SURROUNDINGS for v in (x.min(), y.min())), *(v + SURROUNDINGS for v in (x.max(), y.max())))
     near = [lane for lane in lane_map.lanes if area.intersects(shapely.LineString(lane.centerline))]
-    lanes = [{"width": lane.width, "line": _flat(shapely.LineString(lane.centerline))} for lane in near]
-    return {"lanes": lanes, "lines": [line for lane in near if not lane.is_internal for line in _lines(lane)]}
+    lanes = [{"width": lane.width, "line": _flat(shapely.LineString(lane.centerline), origin)} for lane in near]
+    return {"lanes": lanes, "lines": [line for lane in near if not lane.is_internal for line in _lines(lane, origin)]}
 
 
-def signals(run: Run, tracks: Tracks) -> list[dict[str, Any]]:
-    """Stop lines: for each controlled connection its part of the line, and its signal by frame.
+def signals(run: Run, tracks: Tracks, origin: FloatArray = IN_MAP) -> list[dict[str, Any]]:
+    """Stop lines: for each controlled connection its part of the line, from `origin` [m], and its signal by frame.
 
     The connections of a lane share its line from left to right, as they turn. `shown` lists [frame, light] of every
     change; lights are those of LIGHTS, or empty if unknown.
@@ -103,26 +118,26 @@ def signals(run: Run, tracks: Tracks) -> list[dict[str, Any]]:
         )
         left = np.array([-np.sin(link.heading), np.cos(link.heading)])
         place = [other.name for other in lane].index(link.name)
-        ends = [link.stop + left * link.width * (0.5 - (place + side) / len(lane)) for side in (0.05, 0.95)]
+        ends = [link.stop - origin + left * link.width * (0.5 - (place + side) / len(lane)) for side in (0.05, 0.95)]
         lights = [LIGHTS.get(SignalState(state), "") for state in run.signals.states[group, frames].tolist()]
         shown = [[k, light] for k, light in enumerate(lights) if k == 0 or light != lights[k - 1]]
         found.append({"line": np.round(np.concatenate(ends), 2).tolist(), "shown": shown})
     return found
 
 
-def _lines(lane: Lane) -> list[dict[str, Any]]:
+def _lines(lane: Lane, origin: FloatArray) -> list[dict[str, Any]]:
     """The right border, dashed where a lane of the same edge lies beyond, and the left one where none does."""
     sides = [(-0.5, lane.right is not None)] + ([(0.5, False)] if lane.left is None else [])
     found = []
     for side, dashed in sides:
         border = shapely.LineString(lane.centerline).offset_curve(side * lane.width)
         parts = [part for part in shapely.get_parts(border) if part.geom_type == "LineString" and not part.is_empty]
-        found += [{"dashed": dashed, "line": _flat(part)} for part in parts]
+        found += [{"dashed": dashed, "line": _flat(part, origin)} for part in parts]
     return found
 
 
-def _flat(line: shapely.LineString) -> list[float]:
-    points: FloatArray = np.asarray(line.simplify(SIMPLIFY).coords)[:, :2]
+def _flat(line: shapely.LineString, origin: FloatArray) -> list[float]:
+    points: FloatArray = np.asarray(line.simplify(SIMPLIFY).coords)[:, :2] - origin
     return [float(v) for v in np.round(points, 2).ravel()]
 
 
@@ -135,14 +150,15 @@ def _identities(tracks: Tracks) -> list[dict[str, Any]]:
     ]
 
 
-def _add_motion(packer: Packer, prefix: str, tracks: Tracks, names: tuple[str, ...]) -> None:
+def _add_motion(packer: Packer, prefix: str, tracks: Tracks, names: tuple[str, ...], origin: FloatArray) -> None:
+    zero = dict(zip("xy", origin.tolist(), strict=True))
     form = {"x": (METRE, 2), "y": (METRE, 2), "yaw": (RADIAN, 1), "speed": (SPEED, 1), "acceleration": (SPEED, 1)}
     for name in names:
         resolution, differences = form[name]
-        packer.add(prefix + name, getattr(tracks, name), resolution, differences)
+        packer.add(prefix + name, getattr(tracks, name) - zero.get(name, 0.0), resolution, differences)
 
 
-def _takeovers(run: Run, tracks: Tracks) -> dict[str, Any]:
+def _takeovers(run: Run, tracks: Tracks, origin: FloatArray) -> dict[str, Any]:
     """Agents off their logs by frame, and the reference paths, which the entries name by index."""
     paths: dict[bytes, int] = {}
     frames: list[list[dict[str, Any]]] = [[] for _ in range(tracks.frames)]
@@ -155,13 +171,13 @@ def _takeovers(run: Run, tracks: Tracks) -> dict[str, Any]:
             if key not in paths:
                 paths[key] = len(lines)
                 usable = len(record.reference_path) > 1 and np.isfinite(record.reference_path).all()
-                lines.append(_flat(shapely.LineString(record.reference_path)) if usable else [])
-            frames[step - tracks.first].append(_takeover(record, paths[key]))
+                lines.append(_flat(shapely.LineString(record.reference_path), origin) if usable else [])
+            frames[step - tracks.first].append(_takeover(record, paths[key], origin))
     return {"takeovers": frames, "paths": lines}
 
 
-def _takeover(record: Takeover, path: int) -> dict[str, Any]:
-    pose, goal = record.conflict_pose, record.goal_pose
+def _takeover(record: Takeover, path: int, origin: FloatArray) -> dict[str, Any]:
+    pose, goal = (np.array(place) - [*origin, 0.0] for place in (record.conflict_pose, record.goal_pose))
     return {
         "agent": record.agent,
         "opponent": record.opponent,

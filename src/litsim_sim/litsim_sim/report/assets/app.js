@@ -1,6 +1,12 @@
 // The player: time, buttons, keys, and what they move.
 
 const $$ = (id) => document.getElementById(id);
+// An element with children; strings become text, never markup, for some are from the record.
+const element = (tag, ...children) => {
+  const made = document.createElement(tag);
+  made.append(...children);
+  return made;
+};
 const SPEEDS = [0.25, 0.5, 1, 2, 4];
 const TOGGLES = ["ghosts", "forecasts", "conflicts"];
 
@@ -23,8 +29,15 @@ class Player {
     new ResizeObserver(() => this.#resize()).observe($$("view"));
     this.#resize();
     this.view.camera.scale = Math.min(Math.max(this.view.width / 110, 4), 12);
-    const start = /[#&]t=([\d.]+)/.exec(location.hash);
-    this.seek(start ? Number(start[1]) / scene.dt - scene.first : scene.frameOf(scene.history));
+    this.seek(scene.frameOf(scene.history));
+    this.#linked();
+    addEventListener("hashchange", () => this.#linked());
+  }
+
+  // To the step that the address names in seconds, as report.html#t=12.5.
+  #linked() {
+    const named = /[#&]t=([\d.]+)/.exec(location.hash);
+    if (named) this.seek(Math.round(Number(named[1]) / this.scene.dt) - this.scene.first);
   }
 
   seek(time) {
@@ -142,23 +155,24 @@ class Player {
   #state() {
     const { scene, time, view } = this;
     $$("state").hidden = view.selected === null;
-    if (view.selected !== null) $$("state").innerHTML = this.#describe(view.selected);
+    if (view.selected !== null) $$("state").replaceChildren(...this.#describe(view.selected));
     $$("tip").hidden = view.hovered === null || view.hovered === view.selected || !scene.pose(view.hovered, time);
-    if (!$$("tip").hidden) $$("tip").innerHTML = this.#describe(view.hovered);
+    if (!$$("tip").hidden) $$("tip").replaceChildren(...this.#describe(view.hovered));
   }
 
+  // What is known of an agent now, as elements.
   #describe(row) {
     const { scene, time } = this;
     const agent = scene.agents[row];
     const pose = scene.pose(row, time);
     const name = agent.id === scene.ego ? `Ego ${agent.id}` : `Agent ${agent.id}`;
-    if (!pose) return `<b>${name}</b><p>not on the road</p>`;
+    if (!pose) return [element("b", name), element("p", "not on the road")];
     const mode = scene.modeAt(row, time);
     const facts = [
       ["follows", this.drivers[mode]],
       ["speed", `${pose.speed.toFixed(1)} m/s`],
       ["acceleration", `${scene.acceleration(row, time).toFixed(1)} m/s²`],
-      ["at", `${pose.x.toFixed(1)}, ${pose.y.toFixed(1)} m`],
+      ["at", `${(pose.x + scene.origin[0]).toFixed(1)}, ${(pose.y + scene.origin[1]).toFixed(1)} m`],
       [agent.kind, `${agent.length.toFixed(1)} × ${agent.width.toFixed(1)} m`],
     ];
     const ghost = mode === 0 ? null : scene.ghost(agent.id, time);
@@ -170,7 +184,8 @@ class Player {
       facts.push([record.reason.replace("_", " "), `with ${opponent}`]);
       if (record.probability) facts.push(["predicted", `in ${record.ttc.toFixed(1)} s, p = ${record.probability.toFixed(2)}`]);
     }
-    return `<b>${name}</b><dl>${facts.map(([key, value]) => `<div><dt>${key}</dt><dd>${value}</dd></div>`).join("")}</dl>`;
+    const rows = facts.map(([key, value]) => element("div", element("dt", key), element("dd", value)));
+    return [element("b", name), element("dl", ...rows)];
   }
 
   // Takeovers and contacts above the time slider.
