@@ -95,6 +95,29 @@ def test_what_is_interrupted_ends_what_runs_and_stores_nothing_of_it(
     assert [result.case.ego_id for result in read_campaign(runs.folder.path).results] == [7]
 
 
+def test_a_run_that_the_same_signal_has_ended_just_before_the_campaign_is_no_error(
+    begun: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = threading.Event()
+
+    def run(case: Any, *_: Any) -> RunOutcome:
+        if case.ego_id == 7:
+            return RunOutcome(campaigns.metrics(agents=1))
+        ended.set()
+        return RunOutcome(None, "its process was ended by SIGTERM")
+
+    monkeypatch.setattr(campaign, "run_over_graph", run)
+    monkeypatch.setattr(campaign, "SIGNAL_S", 60.0)
+    external = {"kind": "external", "command": ["true"]}
+    cases, runs = begun(cases=[{"scenario": "demo", "egos": [7, 3]}], egos=[external], policies=["replay"])
+    results = runs.run(cases)
+    assert next(results).case.ego_id == 7
+    assert ended.wait(60.0)
+    with pytest.raises(KeyboardInterrupt):
+        results.throw(KeyboardInterrupt)
+    assert [result.case.ego_id for result in read_campaign(runs.folder.path).results] == [7]
+
+
 @pytest.mark.parametrize(("started", "most"), [({}, 1), ({"command": ["true"]}, 3)])
 def test_a_stack_that_runs_already_drives_in_one_run_at_a_time(
     begun: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, started: dict[str, Any], most: int

@@ -20,6 +20,7 @@ from litsim_sim.core.errors import reason
 from litsim_sim.launch.processes import without_interrupts
 from litsim_sim.report.experiment import write_experiment_report
 
+SIGNAL_S = 0.3  # [s] until a run that has failed is an error: a signal to all processes may reach its own first
 
 @dataclass
 class LocalRuns:
@@ -79,7 +80,8 @@ class LocalRuns:
             raise
         except Exception as error:  # noqa: BLE001 - any error: the other runs go on, and the table reports it
             outcomes = [RunOutcome(None, reason(error))] * len(cases)
-        if self._stopped.is_set():  # the process was terminated, so its outcomes do not count
+        failed = any(outcome.metrics is None for outcome in outcomes)
+        if self._stopped.wait(SIGNAL_S if failed else 0.0):  # what has ended the campaign has ended the runs
             raise RunStopped
         results = [outcome.judged(case, self.criteria) for case, outcome in zip(cases, outcomes, strict=True)]
         for result in results:
