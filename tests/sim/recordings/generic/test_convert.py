@@ -156,6 +156,17 @@ def test_kinds_and_lanes(tmp_path: Path) -> None:
         made(tmp_path, source, FRONT | {"columns": columns})
 
 
+def test_what_a_mapping_leaves_open_is_told(tmp_path: Path) -> None:
+    table = pd.concat([straight(), straight().assign(id="car 1", py=20.0, h=0.0, px=np.arange(31) * 1.2)])
+    path = tmp_path / "in.csv"
+    table.assign(what=table["id"].str[:-2]).to_csv(path, index=False)
+    said = convert(path, Mapping.model_validate(FRONT))[1].text()
+    assert "unknown    2 vehicles, as the mapping has no field columns.kind" in said and "size of all" not in said
+    known = {"columns": FRONT["columns"] | {"kind": "what"}, "kinds": {"truck": "truck", "car": "car"}}
+    said = convert(path, Mapping.model_validate(FRONT | known))[1].text()
+    assert "unknown" not in said and "sizes      1 trucks or motorcycles have the size of all vehicles" in said
+
+
 def test_short_holes_are_filled_long_ones_split(tmp_path: Path) -> None:
     source = straight(seconds=6.0)
     table = made(tmp_path, source[~source["n"].isin([10, 11, *range(30, 45)])], FRONT).table

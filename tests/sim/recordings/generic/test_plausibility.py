@@ -183,6 +183,22 @@ def test_swapped_sizes(tmp_path: Path, traffic: Traffic) -> None:
         converted(tmp_path, traffic().rename(columns={"length": "width", "width": "length"}))
 
 
+def test_half_sizes_and_small_vehicles(tmp_path: Path, traffic: Traffic) -> None:
+    with pytest.raises(InputError, match=r"longer than 2\.2 m and wider than 0\.9 m, .* half of the sizes"):
+        converted(tmp_path, traffic(length=0.5, width=0.5))
+    small = traffic().assign(length=1.9, width=0.5)
+    with pytest.raises(InputError, match="are most of them motorcycles or people"):
+        converted(tmp_path, small)
+    motorcycles = {"columns": FIELDS["columns"] | {"kind": "agent_type"}, "kinds": {"car": "motorcycle"}}
+    assert converted(tmp_path, small, **motorcycles)["width"].max() == pytest.approx(0.5)
+
+
+def test_two_rows_a_second(tmp_path: Path, traffic: Traffic) -> None:
+    table = traffic()
+    seldom = table[(table["timestamp"] * 25).round() % 13 == 0]
+    assert converted(tmp_path, seldom)["vehicle_id"].nunique() == 5, "key frames of 2 Hz are 0.5 s apart, or a bit more"
+
+
 def test_every_problem_is_told_and_those_accepted_are_not(tmp_path: Path, traffic: Traffic) -> None:
     table = traffic(speed=3.6, length=FOOT, width=FOOT)
     with pytest.raises(InputError) as caught:

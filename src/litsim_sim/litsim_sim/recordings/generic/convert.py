@@ -51,6 +51,7 @@ def convert(paths: Path | Sequence[Path], mapping: Mapping) -> tuple[Recording, 
     table = in_order(table, source, counts)
     check_plausible(table[~obstacle_rows(table)], mapping, str(source))
     table = with_usual_sizes(_never_backwards(table, counts), mapping, counts)
+    _count_assumptions(table, mapping, counts)
     table = without_outliers(table, source, counts)
     count_leaps(table[~obstacle_rows(table)], source, counts)
     table = resampled(split(table, counts), source, counts)
@@ -113,7 +114,7 @@ def _in_si(given: pd.DataFrame, mapping: Mapping, source: TableFiles) -> tuple[p
         given = given.assign(time=since_1970(given["time"])) if stamped else given
         time = numbers("time", "s" if stamped else units.time)
         zero = float(np.floor(time.min() * RATE_HZ) / RATE_HZ)
-        time, names = time - zero, {CLOCK: round(zero, 6)} | names
+        time, names = time - zero, {CLOCK: round(zero, 6) + 0.0} | names
     turn, mirror = np.deg2rad(mapping.transform.yaw_deg), -1.0 if mapping.transform.mirror_y else 1.0
     sizes = {}
     for name in ("length", "width"):
@@ -153,6 +154,16 @@ def _never_backwards(table: pd.DataFrame, counts: Counts) -> pd.DataFrame:
         return table
     counts.backwards = int((table["speed"] < 0.0).sum())
     return table.assign(speed=table["speed"].clip(lower=0.0))
+
+
+def _count_assumptions(table: pd.DataFrame, mapping: Mapping, counts: Counts) -> None:
+    """Count the vehicles whose kind nobody knows, and those whose size is that of other kinds."""
+    columns = mapping.columns
+    if columns.kind is None:
+        counts.kindless = int(table["vehicle_id"].nunique())
+    if not (isinstance(columns.length, str) and isinstance(columns.width, str)):
+        other = table["kind"].isin([Kind.TRUCK, Kind.MOTORCYCLE])
+        counts.of_one_size = int(table.loc[other, "vehicle_id"].nunique())
 
 
 def _ids(column: pd.Series, row: IntArray, source: TableFiles) -> tuple[IntArray, dict[str, Any]]:

@@ -17,6 +17,8 @@ class Counts:
         read: rows of the file.
         left_out: rows left out, by reason.
         unknown: vehicles of each kind of the file that the mapping calls unknown.
+        kindless: vehicles, if the mapping names no column of kinds.
+        of_one_size: trucks and motorcycles whose size is a number of the mapping, which holds for all vehicles.
         tracks: vehicles of the remaining rows.
         jumps: jumps at which tracks were cut.
         pieces: tracks after cutting at long holes and jumps.
@@ -33,6 +35,8 @@ class Counts:
     read: int = 0
     left_out: dict[str, int] = field(default_factory=dict)
     unknown: dict[str, int] = field(default_factory=dict)
+    kindless: int = 0
+    of_one_size: int = 0
     tracks: int = 0
     jumps: int = 0
     pieces: int = 0
@@ -78,6 +82,16 @@ class Counts:
             told = ", ".join(f"{name or 'empty'} {vehicles}" for name, vehicles in self.unknown.items())
             vehicles = f"{sum(self.unknown.values())} vehicles are of a kind"
             lines.append(f"unknown    {vehicles} that field kinds of the mapping calls unknown: {told}")
+        if self.kindless:
+            lines.append(
+                f"unknown    {self.kindless} vehicles, as the mapping has no field columns.kind: pedestrians and "
+                f"cyclists among them, too, are vehicles then"
+            )
+        if self.of_one_size:
+            lines.append(
+                f"sizes      {self.of_one_size} trucks or motorcycles have the size of all vehicles that fields "
+                f"columns.length and columns.width of the mapping give as numbers"
+            )
         if self.usual_sizes:
             lines.append(f"sizes      {self.usual_sizes} pedestrians or cyclists without a size got a usual one")
         if self.backwards:

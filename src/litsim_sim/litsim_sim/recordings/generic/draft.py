@@ -63,6 +63,7 @@ NUMBERED = {"1": "motorcycle", "2": "car", "3": "truck"}
 """Our names of NGSIM's numbers, whose column is `v_class`; numbers of other data sets mean something else."""
 
 USUAL_SIZE = {"length": 4.6, "width": 1.9}  # [m] of a passenger car, for files without sizes
+NARROW = 0.45  # [m] width of people, who may be most of those in a file
 CAMERA_RATES_HZ = (10.0, 12.5, 15.0, 20.0, 25.0, 29.97, 30.0, 50.0, 60.0)
 HINTS = (
     "# vehicles: {file: tracksMeta.csv, vehicle_id: id}  # a file with a row for each vehicle: classes, sizes",
@@ -230,7 +231,7 @@ def _sizes(made: _Draft, table: pd.DataFrame) -> None:
     if "width" not in table:
         return
     width = float(table.groupby("vehicle_id")["width"].median().median())
-    low, high = 0.9 * WIDTH_RANGE[0], WIDTH_RANGE[1]
+    low, high = NARROW, WIDTH_RANGE[1]
     units = made.fields.setdefault("units", {})
     units["size"] = next((u for u in ("m", "ft", "cm") if low <= width * FACTORS[u] <= high), "m")
     made.remarks["units.size"] = f"half of the vehicles are wider than {width:g}"

@@ -14,12 +14,12 @@ import pandas as pd
 
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.geometry import wrap_angle
-from litsim_sim.core.scene import FloatArray
+from litsim_sim.core.scene import FloatArray, Kind
 from litsim_sim.recordings.generic import sides
 from litsim_sim.recordings.generic.mapping import FACTORS, Mapping
 from litsim_sim.recordings.generic.sides import MOVING
 
-STEP_RANGE_S = (0.005, 0.5)  # time between rows of a vehicle: 200 to 2 rows per second
+STEP_RANGE_S = (0.005, 0.6)  # time between rows of a vehicle: 200 to 2 rows per second, and longer ones are holes
 SPEED_MAX = 70.0  # [m/s] bound on the 90 % quantile of speeds
 AGREEMENT = 1.15  # largest ratio between speeds and those of the positions; 1.01 in NGSIM's files
 CLOSE, CLOSER = 1.05, 0.25  # ratio beyond which another unit, in which a quarter of its logarithm is left, is suggested
@@ -34,7 +34,7 @@ CHANGE_S = 1.0  # [s] interval over which speeds are compared
 CHANGE_MIN = 0.5  # [m/s2] smallest change of speed that counts
 CHANGES = (0.32, 1.6)  # ratio of accelerations to those of the positions; NGSIM's files: 0.39 to 1
 SAME_SIGN = 0.8  # smallest share of changes with the same sign; 0.95 in NGSIM's files
-LENGTH_RANGE, WIDTH_RANGE = (1.5, 25.0), (0.5, 3.2)  # [m] bounds on the medians
+LENGTH_RANGE, WIDTH_RANGE = (2.5, 25.0), (1.2, 3.2)  # [m] bounds on the medians; motorcycles are smaller
 ROWS_MIN = 20  # moving rows that a comparison needs
 SPEED_UNITS = ("m/s", "km/h", "mph", "ft/s")
 ANGLE_UNITS, ZEROS, POSITIVES = ("rad", "deg"), ("x", "y"), ("counterclockwise", "clockwise")
@@ -45,7 +45,7 @@ def check_plausible(table: pd.DataFrame, mapping: Mapping, where: str) -> None:
 
     Args:
         table: rows in SI units and frame map, sorted by vehicle and time; columns vehicle_id, t, x, y, length, width,
-            lane, and yaw, speed and acceleration where the file has them.
+            kind, lane, and yaw, speed and acceleration where the file has them.
         mapping: the mapping; checks in its field `accept` are skipped.
         where: name of the file in errors.
 
@@ -293,8 +293,11 @@ def _turned_headings(table: pd.DataFrame, mapping: Mapping) -> str:
 
 
 def _size(table: pd.DataFrame, mapping: Mapping) -> str:
-    """Check that median length and width are those of vehicles."""
-    vehicles = table.groupby("vehicle_id")[["length", "width"]].median()
+    """Check that median length and width are those of vehicles; those known to be motorcycles do not count."""
+    wide = table[table["kind"] != Kind.MOTORCYCLE]
+    if wide.empty:
+        return ""
+    vehicles = wide.groupby("vehicle_id")[["length", "width"]].median()
     length, width = (float(vehicles[name].median()) for name in ("length", "width"))
     said = f"half of the vehicles are longer than {length:.3g} m and wider than {width:.3g} m"
     if width > length:
@@ -304,6 +307,10 @@ def _size(table: pd.DataFrame, mapping: Mapping) -> str:
     if mapping.units.size in fits:
         return ""
     would = f"; units.size {' or '.join(fits)} would fit" if fits else ""
+    if not fits and all(2.0 * size > low for size, (low, _) in zip((length, width), bounds, strict=True)):
+        would = "; are they half of the sizes, from the middle?"
+    elif not fits and width < WIDTH_RANGE[0]:
+        would = "; are most of them motorcycles or people, whom field columns.kind would tell apart?"
     expected = " and ".join(f"{low:g} to {high:g}" for low, high in bounds)
     return f"{said}, expected {expected}{would}"
 
