@@ -42,12 +42,13 @@ from litsim_predictor.learned.models.model import (
     gaussian,
     maneuver_logits,
     offsets,
+    other_agents,
     padded,
     places,
     present,
     rotate,
     rows_of,
-    same_agent,
+    velocities,
 )
 from litsim_sim.core.quantities import Length, Positive, configuration
 
@@ -146,16 +147,16 @@ class Bat(SceneModel):
 
     def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`."""
-        there = batch.agent
-        if not there.any():
-            logits = batch.state.new_zeros(*there.shape, len(MANEUVERS))
+        is_agent = batch.agent
+        if not is_agent.any():
+            logits = batch.state.new_zeros(*is_agent.shape, len(MANEUVERS))
             mean = batch.state.new_zeros(*decoded_maneuvers(logits, decode).shape, HORIZON, 2)
             return Prediction(logits, mean, torch.ones_like(mean), mean[..., 0])
         motions = motions_of(batch)
-        behaviour = present(self.behaviour(batch), there)
-        answered = rows_of(there, asked)
+        behaviour = present(self.behaviour(batch), is_agent)
+        answered = rows_of(is_agent, asked)
         targets = torch.arange(len(behaviour), device=behaviour.device) if asked is None else asked
-        known = torch.cat([behaviour[targets], present(batch.state, there)[targets] / SPEED_UNIT], dim=-1)
+        known = torch.cat([behaviour[targets], present(batch.state, is_agent)[targets] / SPEED_UNIT], dim=-1)
         target = self.target(polar(motions, targets, targets), known)
         pairs = neighbours(batch, asked).and_nobody()
         seen = polar(motions, targets[pairs.target], pairs.other)
@@ -260,15 +261,15 @@ class InteractionEncoder(nn.Module):
 
 def motions_of(batch: SceneBatch) -> Motions:
     """The motions of the agents of all scenes, in one list without padding."""
-    there = batch.agent
-    history, position, heading = (present(v, there) for v in (batch.history, batch.position, batch.heading))
+    is_agent = batch.agent
+    history, position, heading = (present(v, is_agent) for v in (batch.history, batch.position, batch.heading))
     direction = torch.stack([history[..., 2].cos(), history[..., 2].sin()], dim=-1)
     return Motions(
         position=position,
         heading=heading,
         path=rotate(history[..., :2], heading[:, None]) + position[:, None],
         velocity=rotate(history[..., 3, None] * direction, heading[:, None]),
-        observed=present(batch.observed, there),
+        observed=present(batch.observed, is_agent),
     )
 
 
@@ -300,9 +301,7 @@ def neighbours(batch: SceneBatch, asked: Tensor | None = None) -> Neighbours:
     Neighbours are ranked by the mean of two distances, the smallest first: the present one, and that of the closest
     approach within :data:`APPROACH_S` at present velocities. Targets are the agents `asked` of one scene, or all.
     """
-    speed, yaw = batch.state[..., 2], batch.heading + batch.state[..., 3]
-    velocity = speed[..., None] * torch.stack([yaw.cos(), yaw.sin()], dim=-1)
-    offset = rows_of(offsets(batch), asked)
+    velocity, offset = velocities(batch), rows_of(offsets(batch), asked)
     approach = velocity[:, None] - rows_of(velocity, asked)[:, :, None]
     squared = (approach**2).sum(dim=-1)
     when = (-(offset * approach).sum(dim=-1) / squared.clamp_min(1e-6)).clamp(0.0, APPROACH_S)
@@ -312,15 +311,14 @@ def neighbours(batch: SceneBatch, asked: Tensor | None = None) -> Neighbours:
     row = torch.floor(local[..., 0] / CELL_LENGTH + 0.5 * GRID_ROWS).long()
     column = torch.floor(local[..., 1] / CELL_WIDTH + 0.5 * GRID_COLUMNS).long()
     inside = (row >= 0) & (row < GRID_ROWS) & (column >= 0) & (column < GRID_COLUMNS)
-    itself = same_agent(batch)
-    apart = ~(itself if asked is None else itself[asked])
-    answered = rows_of(batch.agent, asked)
-    pair = inside & answered[:, :, None] & batch.agent[:, None, :] & apart
+    pair = inside & other_agents(batch, asked)
     rank = key.masked_fill(~pair, torch.inf).argsort(dim=-1).argsort(dim=-1)
 
     scene, target, other = pair.nonzero(as_tuple=True)
     cell = (row * GRID_COLUMNS + column)[pair]
-    return Neighbours(places(answered)[scene, target], places(batch.agent)[scene, other], cell, rank[pair])
+    return Neighbours(
+        places(rows_of(batch.agent, asked))[scene, target], places(batch.agent)[scene, other], cell, rank[pair]
+    )
 
 
 def slots_of(target: Tensor, count: int) -> tuple[Tensor, Tensor]:

@@ -27,12 +27,13 @@ from litsim_predictor.learned.models.model import (
     gaussian,
     maneuver_logits,
     offsets,
+    other_agents,
     padded,
     places,
     present,
     rotate,
     rows_of,
-    same_agent,
+    velocities,
 )
 from litsim_sim.core.quantities import configuration
 
@@ -83,10 +84,10 @@ class CsLstm(SceneModel):
 
     def forward(self, batch: SceneBatch, decode: Decode = "best", asked: Tensor | None = None) -> Prediction:
         """See :meth:`SceneModel.forward`."""
-        there, answered = batch.agent, rows_of(batch.agent, asked)
+        is_agent, answered = batch.agent, rows_of(batch.agent, asked)
         seen = batch.observed[..., None].to(batch.history.dtype)
         steps = torch.cat([batch.history / batch.history.new_tensor(UNITS), seen], dim=-1)
-        _, (hidden, _) = self.encoder(self.embed(present(steps, there)))
+        _, (hidden, _) = self.encoder(self.embed(present(steps, is_agent)))
         encoding = hidden[0]
         dynamics = self.dynamics(encoding if asked is None else encoding[asked])
         context = torch.cat([dynamics, self.social(social_grid(batch, encoding, asked))], dim=-1)
@@ -110,17 +111,14 @@ def social_grid(batch: SceneBatch, encoding: Tensor, asked: Tensor | None = None
     row = torch.round(ahead / CELL_AHEAD).long() + GRID[0] // 2
     column = torch.round(left / CELL_LEFT).long() + GRID[1] // 2
     inside = (row >= 0) & (row < GRID[0]) & (column >= 0) & (column < GRID[1])
-    itself, answered = same_agent(batch), rows_of(batch.agent, asked)
-    apart = ~(itself if asked is None else itself[asked])
-    pair = inside & apart & answered[:, :, None] & batch.agent[:, None]
+    pair = inside & other_agents(batch, asked)
     scene, target, other = torch.nonzero(pair, as_tuple=True)
 
-    speed, yaw = batch.state[..., 2], batch.heading + batch.state[..., 3]
-    velocity = speed[..., None] * torch.stack([yaw.cos(), yaw.sin()], dim=-1)
+    velocity = velocities(batch)
     relative = rotate(velocity[:, None] - rows_of(velocity, asked)[:, :, None], turn)[pair] / RELATIVE_UNIT
     values = torch.cat([encoding[places(batch.agent)[scene, other]], relative], dim=-1)
     targets = (encoding if asked is None else asked).shape[0]
     grid = values.new_zeros(targets * GRID[0] * GRID[1], values.shape[-1])
     cell = (row * GRID[1] + column)[pair]
-    grid.index_add_(0, places(answered)[scene, target] * (GRID[0] * GRID[1]) + cell, values)
+    grid.index_add_(0, places(rows_of(batch.agent, asked))[scene, target] * (GRID[0] * GRID[1]) + cell, values)
     return grid.view(targets, *GRID, -1).permute(0, 3, 1, 2)

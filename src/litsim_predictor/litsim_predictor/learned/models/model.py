@@ -77,6 +77,22 @@ def offsets(batch: SceneBatch) -> Tensor:
     return batch.position[:, None] - batch.position[:, :, None]
 
 
+def velocities(batch: SceneBatch) -> Tensor:
+    """Present velocities (B, N, 2) of all agents, in the axes of frame map [m/s]."""
+    speed, yaw = batch.state[..., 2], batch.heading + batch.state[..., 3]
+    return speed[..., None] * torch.stack([yaw.cos(), yaw.sin()], dim=-1)
+
+
+def other_agents(batch: SceneBatch, asked: Tensor | None) -> Tensor:
+    """Mask (B, M, N) of the pairs of a target and another agent, neither of which is padding.
+
+    The M targets are the agents `asked` of one scene, or all agents.
+    """
+    itself = same_agent(batch)
+    apart = ~(itself if asked is None else itself[asked])
+    return apart & rows_of(batch.agent, asked)[:, :, None] & batch.agent[:, None]
+
+
 def same_agent(batch: SceneBatch) -> Tensor:
     """Mask (N, N) of the pairs of an agent with itself."""
     return diagonal(batch.heading)
