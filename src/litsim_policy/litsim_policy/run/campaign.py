@@ -22,6 +22,7 @@ from litsim_sim.report.experiment import write_experiment_report
 
 SIGNAL_S = 0.3  # [s] until a run that has failed is an error: a signal to all processes may reach its own first
 
+
 @dataclass
 class LocalRuns:
     """Runs cases in processes of this machine, and over DDS in domains of their own.
