@@ -15,7 +15,7 @@ import torch
 from torch.optim.swa_utils import AveragedModel
 
 from litsim_predictor.cli import evaluate, train
-from litsim_predictor.learned import training
+from litsim_predictor.learned import training_data
 from litsim_predictor.learned.data.scenes import scene_batches
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import Provenance, load_model, save_model
@@ -25,11 +25,10 @@ from litsim_predictor.learned.training import (
     HISTORY_FILE,
     VALIDATION_STRIDE,
     WEIGHTS,
-    Locator,
     Training,
-    TrainingConfig,
-    load_parts,
 )
+from litsim_predictor.learned.training_config import TrainingConfig
+from litsim_predictor.learned.training_data import Locator, load_parts
 from litsim_sim.core.errors import InputError
 from litsim_sim.core.scene import Kind
 from litsim_sim.io.yaml_input import read_yaml
@@ -106,7 +105,7 @@ def test_equal_seeds_give_equal_weights_and_resuming_changes_nothing(
     whole = torch.load(tmp_path / "a" / CHECKPOINT, weights_only=True)
     cut = tmp_path / "cut"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("litsim_predictor.learned.training.Training._rate", interrupt_at(1))
+        patch.setattr("litsim_predictor.learned.training.Training._learning_rate", interrupt_at(1))
         run(config, cut)
     assert len(json.loads((cut / HISTORY_FILE).read_text())["epochs"]) == 1
     run(config, cut, "--resume")
@@ -161,14 +160,14 @@ def test_a_fraction_of_the_vehicles_makes_epochs_of_as_many_steps(config: Path, 
 def test_of_a_source_that_nobody_is_learned_of_no_fraction_is_taken(
     config: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = training.load
+    real = training_data.load
 
     def seen_only(*given: Any) -> Any:
         parts = real(*given)
         (tracks,) = parts["train"]
         return parts | {"train": [tracks, replace(tracks, target=np.zeros(len(tracks), np.bool_))]}
 
-    monkeypatch.setattr(training, "load", seen_only)
+    monkeypatch.setattr(training_data, "load", seen_only)
     some = read_yaml(config, TrainingConfig).model_copy(update={"fraction": 0.3})
     learned, seen = load_parts(some, Locator(config.parent))["train"]
     assert learned[0].target.sum() == 2 * 110
@@ -207,10 +206,10 @@ def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config
         one, other = (load_model(str(tmp_path / name))[0](batch).mean[:, :, 0] for name in names)
         wanted = (one + other) / 2
         assert (one - other)[batch.target].abs().max() > 0.01
-        assert training._apart(batch, wanted, batch.target) == pytest.approx(0.0, abs=1e-9)
+        assert training._distillation(batch, wanted, batch.target) == pytest.approx(0.0, abs=1e-9)
         beside = wanted + torch.tensor([3.0, 4.0])
-        assert training._apart(batch, beside, batch.target) == pytest.approx(25.0, abs=1e-3)
-        assert training._apart(batch, beside, torch.zeros_like(batch.target)) == 0.0
+        assert training._distillation(batch, beside, batch.target) == pytest.approx(25.0, abs=1e-3)
+        assert training._distillation(batch, beside, torch.zeros_like(batch.target)) == 0.0
     run(config, tmp_path / "taught")
     assert set(names) < set(load_model(str(tmp_path / "taught" / WEIGHTS))[1].manifest["files"])
     config.write_text(SMALL)
@@ -220,9 +219,7 @@ def test_a_training_with_teachers_learns_from_the_mean_of_their_forecasts(config
 
 def interrupt_at(epoch: int) -> Callable[..., float]:
     """A learning rate that is interrupted, as by Ctrl-C, when it is asked for at `epoch`."""
-    from litsim_predictor.learned.training import Training
-
-    rate = Training._rate
+    rate = Training._learning_rate
 
     def interrupted(self: Training, now: int) -> float:
         if now == epoch:

@@ -132,9 +132,9 @@ def _provenance(metadata: Mapping[str, str], path: Path) -> Provenance:
     if metadata.get("format") != FORMAT:
         raise InputError(f"{path}: metadata format is {metadata.get('format')!r}, expected {FORMAT!r}")
     try:
-        told = json.loads(metadata["provenance"])
-        return Provenance(**told)
+        fields = json.loads(metadata["provenance"])
+        return Provenance(**fields)
     except ValidationError as error:
-        raise InputError(f"{path}: metadata provenance: {'; '.join(problems(error, Provenance, told))}") from error
+        raise InputError(f"{path}: metadata provenance: {'; '.join(problems(error, Provenance, fields))}") from error
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: metadata provenance is unreadable: {error!r}") from error

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from pickle import UnpicklingError
-from typing import Annotated, Any, cast
+from typing import cast
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict, Field
 from torch import Tensor
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from tqdm import tqdm
@@ -21,136 +18,20 @@ from litsim_predictor.inference import SHIPPED
 from litsim_predictor.inference.contract import AT_SECONDS, MANEUVERS, SECONDS
 from litsim_predictor.inference.weights import Provenance, weights_path
 from litsim_predictor.learned.data.batch import SceneBatch
-from litsim_predictor.learned.data.scenes import Augmentation, scene_batches, training_batches
-from litsim_predictor.learned.data.sources import (
-    I80LaneSource,
-    RecordingSource,
-    Source,
-    Us101TrackSource,
-    Us101WindowSource,
-    digest_of,
-    files_of,
-    load,
-)
-from litsim_predictor.learned.data.tracks import Tracks
+from litsim_predictor.learned.data.scenes import scene_batches, training_batches
+from litsim_predictor.learned.data.sources import digest_of, files_of
 from litsim_predictor.learned.models.model import SceneModel, negative_log_likelihood
 from litsim_predictor.learned.models.registry import build
 from litsim_predictor.learned.models.weights import load_model, save_model
+from litsim_predictor.learned.training_config import TrainingConfig
+from litsim_predictor.learned.training_curves import plot_curves
+from litsim_predictor.learned.training_data import Locator, load_parts, targets_of
 from litsim_sim.core.errors import InputError
 from litsim_sim.io.files import replacing
-from litsim_sim.recordings.segments import Part
-from litsim_sim.scenario.scenario import packaged
-from litsim_sim.scenario.scenario_file import SEEDS
 
-WINDOWS, TRACKS = "ngsim/us101_0750_frames_0126_1149.parquet", "ngsim/us101_vehicle_tracks.parquet"
-TEST_FRAMES = (316, 543)
-"""First and last frame of the US-101 window on which results are reported: scenario us101_0750."""
-DEVELOPMENT_DATA: tuple[Source, ...] = (
-    Us101TrackSource(kind="us101_tracks", file=TRACKS, windows=WINDOWS, test_frames=TEST_FRAMES),
-    # Few, but the only real scenes in which every vehicle is seen.
-    Us101WindowSource(kind="us101_windows", file=WINDOWS, test_frames=TEST_FRAMES, share=4.0),
-    I80LaneSource(kind="i80_lanes", file="ngsim/i80_lanes_1_7_longitudinal.parquet", share=0.25),
-    RecordingSource(kind="recording", files=("us101_like.parquet",), share=0.5),  # the embedded recording
-)
 GRADIENT_LIMIT = 10.0
 VALIDATION_STRIDE = 10  # frames between scenes
 CHECKPOINT, CURVES, HISTORY_FILE, WEIGHTS = "checkpoint.pt", "curves.png", "training.json", "weights.safetensors"
-
-
-class TrainingConfig(BaseModel):
-    """A training configuration file.
-
-    Attributes:
-        model, parameters: see :func:`.registry.build`.
-        start: file of initial weights of the same model, such as from a training on other data, found like the files of
-            `data`; empty for random initial weights.
-        teachers: trained models of any kind, as names of shipped weights or files found like `start`; the model also
-            learns the mean of their forecasts (distillation).
-        teacher_weight: weight [1/m2] of the distillation loss: the squared distance from that mean, for agents trained
-            with their most probable manoeuvre (see `predicted_share`).
-        data: sources; names of files are looked for beside the configuration and under LITSIM_DATA.
-        fraction: share of the target vehicles of each source that are trained on; see :meth:`.Tracks.learned_of`. The
-            frames that are left are repeated, so that an epoch has about as many optimiser steps as with all vehicles.
-        epochs: number of epochs. In the first `warm_epochs`, the squared error replaces the likelihood in the loss.
-        agents_per_batch: approximate number of agents in a batch of whole scenes.
-        stride: frames between the scenes of an epoch.
-        learning_rate: initial learning rate of AdamW. It is multiplied by `decay` every `decay_every` epochs, or, if
-            that is 0, follows a cosine towards zero.
-        weight_decay: of AdamW; 0 is Adam.
-        averaging: decay rate, per optimiser step, of the exponential moving average (EMA) of the weights, which is
-            validated and saved; 0 for the weights themselves.
-        error_weight, maneuver_weight: weights of the squared error [1/m2] and of the cross-entropy of manoeuvres in the
-            loss, beside the likelihood.
-        predicted_share: share of the agents of a batch that are trained with the most probable manoeuvre, with which
-            forecasts are used and scored, instead of the true one, which teaches the decoder what manoeuvres mean.
-        forcing_epochs: epochs over which teacher forcing fades from all batches to none; 0 for no teacher forcing.
-            Decoders that read no positions ignore it.
-        augmentation: random variation of scenes.
-        seed: determines everything except rounding.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    model: str
-    parameters: dict[str, Any] = {}
-    start: str = ""
-    teachers: tuple[str, ...] = ()
-    teacher_weight: Annotated[float, Field(ge=0)] = 0.5
-    data: tuple[Source, ...] = DEVELOPMENT_DATA
-    fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
-    epochs: Annotated[int, Field(ge=1, le=100_000)] = 20
-    warm_epochs: Annotated[int, Field(ge=0)] = 2
-    agents_per_batch: Annotated[int, Field(ge=1)] = 512
-    stride: Annotated[int, Field(ge=1, le=36_000)] = 5
-    learning_rate: Annotated[float, Field(gt=0, le=1e30)] = 1e-3
-    decay: Annotated[float, Field(gt=0, le=1)] = 0.1
-    decay_every: Annotated[int, Field(ge=0)] = 0
-    weight_decay: Annotated[float, Field(ge=0)] = 0.0
-    averaging: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    error_weight: Annotated[float, Field(ge=0)] = 0.0
-    maneuver_weight: Annotated[float, Field(ge=0)] = 1.0
-    predicted_share: Annotated[float, Field(ge=0, le=1)] = 0.0
-    forcing_epochs: Annotated[int, Field(ge=0)] = 0
-    augmentation: Augmentation = Augmentation()
-    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
-
-
-class Locator:
-    """Finds files named in a configuration: as given, in `folder`, under LITSIM_DATA, or in the package."""
-
-    def __init__(self, folder: Path) -> None:
-        data = os.environ.get("LITSIM_DATA")
-        self._folders = [Path(), folder, *([Path(data)] if data else []), packaged("scenarios")]
-
-    def __call__(self, name: str) -> Path:
-        for folder in self._folders:
-            if (folder / name).is_file():
-                return folder / name
-        raise InputError(f"{name}: no such file here, beside the configuration, or under LITSIM_DATA")
-
-
-def load_parts(config: TrainingConfig, locate: Locator) -> dict[Part, list[tuple[Tracks, float]]]:
-    """Tracks of all sources by part, each with the share of its frames that an epoch takes; may be above 1.
-
-    Raises:
-        InputError: see :func:`.sources.load`; or no source has anything for training or for validation.
-    """
-    parts: dict[Part, list[tuple[Tracks, float]]] = {"train": [], "val": [], "test": []}
-    for source in config.data:
-        for part, pieces in load(source, locate).items():
-            parts[part] += [(tracks, source.share) for tracks in pieces if len(tracks)]
-    if config.fraction < 1.0:
-        random = np.random.default_rng(config.seed)
-        for k, (tracks, share) in enumerate(parts["train"]):
-            if not tracks.target.any():  # these have no targets, whatever the fraction
-                continue
-            fewer = tracks.learned_of(config.fraction, random)
-            left = np.isin(tracks.frame, fewer.target_frames).mean()  # share of rows in frames that still have a target
-            parts["train"][k] = fewer, share / float(left)
-    for part in ("train", "val"):
-        if not parts[part]:
-            raise InputError(f"training configuration: field data: no source has anything for part {part}")
-    return parts
 
 
 class Training:
@@ -176,12 +57,12 @@ class Training:
             self.model.parameters(), config.learning_rate, weight_decay=config.weight_decay
         )
         self._parts = load_parts(config, locate)
-        taught_by = [weights_path(name) if name in SHIPPED else locate(name) for name in config.teachers]
-        self._teachers = [load_model(str(path))[0].to(device) for path in taught_by]
+        teacher_paths = [weights_path(name) if name in SHIPPED else locate(name) for name in config.teachers]
+        self._teachers = [load_model(str(path))[0].to(device) for path in teacher_paths]
         names = [name for source in config.data for name in files_of(source)] + [config.start] * bool(config.start)
         files = {name: digest_of(locate(name)) for name in names}
-        files |= {name: digest_of(path) for name, path in zip(config.teachers, taught_by, strict=True)}
-        self._manifest = {"files": files, "rows": self._rows()}
+        files |= {name: digest_of(path) for name, path in zip(config.teachers, teacher_paths, strict=True)}
+        self._manifest = {"files": files, "rows": targets_of(self._parts)}
         self.history: list[dict[str, float]] = []
         self._best: dict[str, float] = {}
 
@@ -234,6 +115,7 @@ class Training:
         self.history, self._best = json.loads(state["history"]), json.loads(state["best"])
 
     def _first_model(self, locate: Locator) -> SceneModel:
+        """The model before the first epoch: with random weights, or with those of the file `start`."""
         config = self._config
         if not config.start:
             return build(config.model, config.parameters, "training configuration")
@@ -251,8 +133,9 @@ class Training:
         return self.model if self._averaged is None else cast(SceneModel, self._averaged.module)
 
     def _epoch(self, epoch: int, *, progress: bool) -> dict[str, float]:
+        """Train for `epoch`, counted from 0; returns its means over the training part, and those of the validation."""
         config = self._config
-        rate = self._rate(epoch)
+        rate = self._learning_rate(epoch)
         for group in self._optimizer.param_groups:
             group["lr"] = rate
         self.model.train()
@@ -262,11 +145,11 @@ class Training:
             self._parts["train"], config.agents_per_batch, config.stride, config.augmentation, self._random
         )
         for batch in tqdm(batches, desc=f"epoch {epoch + 1}", unit="batch", leave=False, disable=not progress):
-            *losses, apart = self._losses(batch.to(self._device))
+            *losses, distillation = self._losses(batch.to(self._device))
             nll, error, maneuver = losses
             warm = epoch < config.warm_epochs
             loss = error if warm else nll + config.error_weight * error
-            loss = loss + config.maneuver_weight * maneuver + config.teacher_weight * apart
+            loss = loss + config.maneuver_weight * maneuver + config.teacher_weight * distillation
             self._optimizer.zero_grad(set_to_none=True)
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_LIMIT)
@@ -280,7 +163,8 @@ class Training:
         figures = {"nll": nll_mean, "rmse": error_mean**0.5, "maneuver": maneuver_mean, "learning_rate": rate}
         return {"epoch": epoch + 1, "agents": count} | figures | self._validate()
 
-    def _rate(self, epoch: int) -> float:
+    def _learning_rate(self, epoch: int) -> float:
+        """The learning rate of `epoch`, counted from 0: in steps, or along a cosine; see :class:`TrainingConfig`."""
         config = self._config
         if config.decay_every:
             return config.learning_rate * config.decay ** (epoch // config.decay_every)
@@ -300,9 +184,9 @@ class Training:
         named = batch.target & (batch.maneuver >= 0)
         logits, truth = prediction.maneuver[named], batch.maneuver[named]
         maneuver = torch.nn.functional.cross_entropy(logits, truth, reduction="sum") / max(len(truth), 1)
-        return nll, error, maneuver, self._apart(batch, prediction.mean[:, :, 0], predicted & batch.target)
+        return nll, error, maneuver, self._distillation(batch, prediction.mean[:, :, 0], predicted & batch.target)
 
-    def _apart(self, batch: SceneBatch, mean: Tensor, compared: Tensor) -> Tensor:
+    def _distillation(self, batch: SceneBatch, mean: Tensor, compared: Tensor) -> Tensor:
         """Mean squared distance [m2] of forecasts `mean` (B, N, HORIZON, 2) from the mean of the teachers' forecasts.
 
         The mask `compared` (B, N) selects the agents; 0 without teachers or without such agents.
@@ -310,8 +194,8 @@ class Training:
         if not self._teachers:
             return mean.new_zeros(())
         with torch.no_grad():
-            taught = sum(teacher(batch).mean[:, :, 0] for teacher in self._teachers) / len(self._teachers)
-        squared = ((mean - taught) ** 2).sum(dim=-1)[compared]
+            teachers_mean = sum(teacher(batch).mean[:, :, 0] for teacher in self._teachers) / len(self._teachers)
+        squared = ((mean - teachers_mean) ** 2).sum(dim=-1)[compared]
         return squared.sum() / max(squared.numel(), 1)
 
     @torch.no_grad()
@@ -322,7 +206,8 @@ class Training:
         """
         model = self._result.eval()
         squared, nll, right, count = torch.zeros(len(SECONDS)), 0.0, 0, 0
-        for batch in self._validation():
+        validation = [tracks for tracks, _ in self._parts["val"]]
+        for batch in scene_batches(validation, stride=VALIDATION_STRIDE):
             moved = batch.to(self._device)
             prediction = model(moved)
             error = ((prediction.mean[:, :, 0] - moved.future) ** 2).sum(dim=-1)[moved.target]
@@ -336,17 +221,6 @@ class Training:
         figures = {f"val_rmse_{second}": value for second, value in zip(SECONDS, rmse, strict=True)}
         return figures | {"val_error": float(np.mean(rmse)), "val_nll": nll / count, "val_maneuver": right / count}
 
-    def _validation(self) -> Iterator[SceneBatch]:
-        return scene_batches([tracks for tracks, _ in self._parts["val"]], stride=VALIDATION_STRIDE)
-
-    def _rows(self) -> dict[str, dict[str, int]]:
-        rows: dict[str, dict[str, int]] = {}
-        for part, pieces in self._parts.items():
-            for tracks, _ in pieces:
-                mine = rows.setdefault(part, {})
-                mine[tracks.name] = mine.get(tracks.name, 0) + int(tracks.target.sum())
-        return rows
-
     def _provenance(self) -> Provenance:
         config = self._config
         return Provenance(
@@ -359,6 +233,7 @@ class Training:
         )
 
     def _save(self) -> None:
+        """Write the checkpoint, the history and the learning curves."""
         state = {
             "config": json.dumps(self._config.model_dump(mode="json")),
             "model": self.model.state_dict(),
@@ -376,28 +251,4 @@ class Training:
         with replacing(self._folder / HISTORY_FILE) as new:
             new.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
         with replacing(self._folder / CURVES) as new:
-            self._plot(new)
-
-    def _plot(self, path: Path) -> None:
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(10, 3.2), layout="constrained")
-        axes = figure.subplots(1, 3)
-        epochs = [entry["epoch"] for entry in self.history]
-
-        def draw(axis: Any, title: str, unit: str, lines: dict[str, str]) -> None:
-            for key, label in lines.items():
-                axis.plot(epochs, [entry[key] for entry in self.history], marker=".", label=label)
-            axis.set(title=title, xlabel="epoch", ylabel=unit)
-            axis.grid(visible=True, alpha=0.3)
-            axis.legend(fontsize=8)
-
-        draw(
-            axes[0],
-            "Error",
-            "RMSE [m]",
-            {"rmse": "training, all steps"} | {f"val_rmse_{k}": f"{k} s" for k in (1, 3, 5)},
-        )
-        draw(axes[1], "Likelihood", "negative log-likelihood [nats]", {"nll": "training", "val_nll": "validation"})
-        draw(axes[2], "Manoeuvres", "share right (validation)", {"val_maneuver": "predicted"})
-        figure.savefig(path, dpi=110)
+            plot_curves(self.history, new)
