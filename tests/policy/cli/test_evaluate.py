@@ -67,6 +67,7 @@ def results(out: Path) -> dict[str, Any]:
         (["--egos", "tuning"], "tuning"),
         (["--processes", "0"], "'0', expected a whole number of at least 1"),
         (["--ego", "external", "--", "no_such_stack"], "no_such_stack: no such program"),
+        (["--policy", "litsm"], "--policy litsm (near: litsim"),
         (["--scenario", "nowhere"], "nowhere"),
     ],
 )
@@ -152,6 +153,18 @@ def test_intervals_stand_behind_the_figures_on_demand(capsys, tmp_path) -> None:
     assert found is not None and int(found[2]) < int(found[1]) < int(found[3])
     called(*words)
     assert re.search(r"colliding agents +\d+ *\n", capsys.readouterr().out)
+
+
+def test_policies_and_egos_can_be_chosen_by_their_names_in_the_suite(tmp_path, scenario) -> None:
+    suite = tmp_path / "suite.yaml"
+    policies = ["replay", "yield", {"name": "short", "kind": "yield", "parameters": {"conflict.horizon": 1.5}}]
+    egos = ["idm", {"name": "brake", "kind": "perturbed", "parameters": {"ego.kind": "brake"}}]
+    cases = [{"scenario": str(scenario), "egos": [1]}]
+    suite.write_text(yaml.safe_dump({"name": "some", "cases": cases, "egos": egos, "policies": policies}))
+    called("--suite", suite, "--policy", "short", "replay", "--ego", "brake", "--out", tmp_path / "out")
+    found = [each["case"] for each in results(tmp_path / "out")["runs"]]
+    assert sorted(each["row"] for each in found) == ["brake, replay", "brake, yield, short"]
+    assert [each["parameters"] for each in found if each["policy"] == "yield"] == [{"conflict.horizon": 1.5}]
 
 
 def test_two_files_of_one_name_would_be_one_run_and_are_refused(capsys, tmp_path, scenario) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from litsim_sim.campaign.criteria import Criteria
-from litsim_sim.campaign.policy_setup import packaged_setups
+from litsim_sim.campaign.policy_setup import PolicySetup, packaged_setups, setup_of
 from litsim_sim.campaign.suite import CaseEntry, EgoChoice, EgoSetup, Suite, located, packaged_suites
 from litsim_sim.cli.run_arguments import END_AFTER_CONTACT
 from litsim_sim.core.errors import InputError
@@ -19,6 +19,9 @@ from litsim_sim.scenario.run_info import EGOS, EXTERNAL, POLICIES
 
 DEFAULTS: dict[str, Any] = {"scenario": ["demo"], "ego": ["idm"]}
 """Of a campaign without a suite file; all others are those of :class:`Suite`."""
+
+PACKAGED = (*POLICIES, *packaged_setups())
+"""Policies that need no suite, by name."""
 
 
 def add_suite_arguments(p: argparse.ArgumentParser) -> None:
@@ -34,8 +37,11 @@ def add_suite_arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--ego", nargs="+", help=f"what drives the ego: {', '.join(EGOS)}, or a name of the suite (default: idm)"
     )
-    policies = (*POLICIES, *packaged_setups())
-    p.add_argument("--policy", nargs="+", choices=policies, help="what moves the background (default: replay litsim)")
+    p.add_argument(
+        "--policy",
+        nargs="+",
+        help=f"what moves the background: {', '.join(PACKAGED)}, or a name of the suite (default: replay litsim)",
+    )
     p.add_argument("--predictor", nargs="+", metavar="MODEL", help="forecasting model; a row for each")
     p.add_argument("--seeds", nargs="+", type=int, help="a run for each seed; default: the scenario's")
     p.add_argument("--end-after-contact", **END_AFTER_CONTACT)
@@ -68,7 +74,7 @@ def suite_of(arguments: argparse.Namespace) -> Suite:
         names = arguments.scenario or DEFAULTS["scenario"]
         given["name"] = Path(names[0]).stem if len(names) == 1 else f"{len(names)} scenarios"
     asked = {
-        "policies": arguments.policy,
+        "policies": None if arguments.policy is None else _policies(arguments.policy, base),
         "seeds": arguments.seeds,
         "end_after_contact_s": arguments.end_after_contact,
     }
@@ -110,6 +116,14 @@ def _setups(arguments: argparse.Namespace, base: Suite | None) -> list[EgoSetup]
     if len(elsewhere := [setup.name for setup in external if not setup.command]) > 1:
         raise InputError(f"{', '.join(elsewhere)}: external egos without a command, expected at most one")
     return setups
+
+
+def _policies(names: Sequence[str], base: Suite | None) -> list[str | PolicySetup]:
+    """The policies of these names, as the suite has them where it has them."""
+    known = {setup_of(policy).name: policy for policy in (base.policies if base else [])}
+    if unknown := [name for name in names if name not in known and name not in PACKAGED]:
+        raise InputError(f"--policy {not_among(unknown, {*known, *PACKAGED})}")
+    return [known.get(name, name) for name in names]
 
 
 class _Egos(argparse.Action):
